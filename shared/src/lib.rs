@@ -1,0 +1,7 @@
+//! Everything between the serial port and the step pins.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod rig;

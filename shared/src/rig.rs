@@ -1,0 +1,118 @@
+//! Cameras as plain data, and the two projections everything else is written in.
+//!
+//! Ordinary image axes: x right, y down, z forward. Camera `k` sits at `(cx, cy, 0)` mm and sees the
+//! point `(X, Y, Z)` mm at the *normalised* coordinates
+//!
+//! ```text
+//! xi = (X - cx) / Z        eta = (Y - cy) / Z        (dimensionless)
+//! px = fx * xi + ppx       py  = fy * eta + ppy      (pixels, after lens distortion)
+//! ```
+//!
+//! Normalised coordinates divide each camera's own focal lengths out, so cameras with different focal
+//! lengths need no common mean.
+
+/// The most cameras a rig can have.
+pub const MAX_CAMERAS: usize = 8;
+
+/// One camera of a parallel rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Focal lengths along x and y, px.
+    pub focal_px: [f64; 2],
+    /// Principal point, px from the centre of the top left pixel.
+    pub principal_px: [f64; 2],
+    /// Position of the camera in the rig's plane, mm: right and down of the rig's origin.
+    pub offset_mm: [f64; 2],
+    /// OpenCV's k1 k2 p1 p2 k3 (Brown's model), dimensionless.
+    pub distortion: [f64; 5],
+}
+
+impl Camera {
+    /// A camera without lens distortion.
+    pub const fn ideal(focal_px: [f64; 2], principal_px: [f64; 2], offset_mm: [f64; 2]) -> Self {
+        Self {
+            focal_px,
+            principal_px,
+            offset_mm,
+            distortion: [0.0; 5],
+        }
+    }
+
+    /// Where the point `(X, Y, Z)` mm appears, px. `Z` must be positive.
+    pub fn project(&self, point_mm: [f64; 3]) -> [f64; 2] {
+        let [x, y, z] = point_mm;
+        self.denormalise([
+            (x - self.offset_mm[0]) / z,
+            (y - self.offset_mm[1]) / z,
+        ])
+    }
+
+    /// Normalised coordinates to pixels as seen, through the lens distortion.
+    pub fn denormalise(&self, normalised: [f64; 2]) -> [f64; 2] {
+        let seen = self.distort(normalised);
+        core::array::from_fn(|i| self.focal_px[i] * seen[i] + self.principal_px[i])
+    }
+
+    /// Pixels as seen to normalised coordinates, lens distortion removed.
+    ///
+    /// The distortion has no closed inverse: the fixed-point iteration used by OpenCV's `undistortPoints` runs
+    /// until it moves less than 1e-13, at most 50 times. Exact (to rounding) for cameras without distortion.
+    pub fn normalise(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let seen: [f64; 2] =
+            core::array::from_fn(|i| (pixel[i] - self.principal_px[i]) / self.focal_px[i]);
+        if self.distortion == [0.0; 5] {
+            return seen;
+        }
+        let mut guess = seen;
+        for _ in 0..50 {
+            let bent = self.distort(guess);
+            let step = [seen[0] - bent[0], seen[1] - bent[1]];
+            guess = [guess[0] + step[0], guess[1] + step[1]];
+            if step[0].abs() + step[1].abs() < 1e-13 {
+                break;
+            }
+        }
+        guess
+    }
+
+    /// Brown's model: radial k1 k2 k3, tangential p1 p2.
+    fn distort(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+    }
+}
+
+/// Parallel cameras in one plane, in the order their views come.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    /// Width and height of every camera's image, px.
+    pub image_size_px: [u32; 2],
+    /// The cameras. Rigs for the paper's two estimators have exactly left, middle, right, in this order.
+    pub cameras: heapless::Vec<Camera, MAX_CAMERAS>,
+}
+
+impl Rig {
+    /// The paper's rig: its Table 3 cameras, 70 mm left and 68 mm right of the middle one, 320 x 240 px.
+    pub fn paper() -> Self {
+        let cameras = [
+            Camera::ideal([533.16, 529.12], [154.43, 123.00], [-70.0, 0.0]),
+            Camera::ideal([538.14, 534.18], [170.59, 111.18], [0.0, 0.0]),
+            Camera::ideal([534.55, 530.76], [160.48, 117.76], [68.0, 0.0]),
+        ];
+        Self {
+            image_size_px: [320, 240],
+            cameras: cameras.into_iter().collect(),
+        }
+    }
+
+    /// Mean of all focal lengths, px: what turns normalised noise into pixels.
+    pub fn mean_focal_px(&self) -> f64 {
+        let sum: f64 = self.cameras.iter().map(|c| c.focal_px[0] + c.focal_px[1]).sum();
+        sum / (2.0 * self.cameras.len() as f64)
+    }
+}
