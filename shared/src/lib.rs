@@ -4,4 +4,8 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod estimate;
+pub mod fixed;
+pub mod frame;
 pub mod rig;
+pub mod sums;

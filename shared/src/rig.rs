@@ -41,10 +41,7 @@ impl Camera {
     /// Where the point `(X, Y, Z)` mm appears, px. `Z` must be positive.
     pub fn project(&self, point_mm: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = point_mm;
-        self.denormalise([
-            (x - self.offset_mm[0]) / z,
-            (y - self.offset_mm[1]) / z,
-        ])
+        self.denormalise([(x - self.offset_mm[0]) / z, (y - self.offset_mm[1]) / z])
     }
 
     /// Normalised coordinates to pixels as seen, through the lens distortion.
@@ -112,7 +109,11 @@ impl Rig {
 
     /// Mean of all focal lengths, px: what turns normalised noise into pixels.
     pub fn mean_focal_px(&self) -> f64 {
-        let sum: f64 = self.cameras.iter().map(|c| c.focal_px[0] + c.focal_px[1]).sum();
+        let sum: f64 = self
+            .cameras
+            .iter()
+            .map(|c| c.focal_px[0] + c.focal_px[1])
+            .sum();
         sum / (2.0 * self.cameras.len() as f64)
     }
 }

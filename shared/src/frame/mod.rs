@@ -1,0 +1,22 @@
+//! The wire.
+
+/// Two 32-bit integers at their full width.
+pub mod fixint2 {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes 2 x 4 bytes, little-endian.
+    ///
+    /// # Errors
+    /// The serializer's own.
+    pub fn serialize<S: Serializer>(value: &[i32; 2], to: S) -> Result<S::Ok, S::Error> {
+        value.map(i32::to_le_bytes).serialize(to)
+    }
+
+    /// Reads what [`serialize`] wrote.
+    ///
+    /// # Errors
+    /// The deserializer's own.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<[i32; 2], D::Error> {
+        <[[u8; 4]; 2]>::deserialize(from).map(|words| words.map(i32::from_le_bytes))
+    }
+}

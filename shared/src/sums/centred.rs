@@ -1,0 +1,255 @@
+//! The midpoint model's sums, centred: what the default estimator needs.
+//!
+//! For any finite displacement `T` of a point, with bars the mean of the two instants, camera `k` sees exactly
+//!
+//! ```text
+//! v_k = (T_xy - ξ_k T_z) / Z̄          ξ_k = the mean of the two normalised positions, per axis
+//! ```
+//!
+//! so with `g = 1/Z̄` each observation is a small linear equation `v/g = T_xy - ξ T_z` of weight `g²` (constant pixel noise).
+//! Depth comes from the views themselves: at each instant the views of one point satisfy `ξ_k = α - ρ c_k`, with `c_k` the
+//! camera's position and `ρ` the inverse depth; `ρ` is fitted by least squares over the cameras. `Z̄` is the mean of
+//! the two depths, thus `g = 2 ρ0 ρ1 / (ρ0 + ρ1)`. The ξ that are used are refitted to the rig, which removes most of their noise.
+//!
+//! Everything is accumulated as weighted deviations from running means (West 1979), never as raw sums: the raw form loses
+//! the residual in cancellation when the motion is large. All results are divided by `Σ g²`, which makes
+//! them independent of focal length, depth and number of points:
+//!
+//! | name | meaning | unit |
+//! |---|---|---|
+//! | `mean_mm` | weighted mean of `v/g`: `tx, ty` | mm |
+//! | `centroid` | weighted mean of `ξ, η` | - |
+//! | `spread` | weighted mean of `\|ξ - centroid\|²` | - |
+//! | `coupling_mm` | minus the weighted mean of `(ξ - centroid)·(v/g - mean)` | mm |
+//! | `scatter_mm2` | weighted mean of `\|v/g - mean\|²` | mm² |
+//!
+//! and then `T_z = coupling / spread`, `T_xy = mean + centroid T_z` (see [`crate::estimate::midpoint`]).
+
+use super::View;
+use crate::estimate::Refusal;
+use crate::fixed::quantise;
+use crate::rig::{MAX_CAMERAS, Rig};
+use serde::{Deserialize, Serialize};
+
+/// The centred sums in floating point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CentredSums {
+    /// Camera positions relative to their mean, mm.
+    arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS>,
+    /// `Σ |arm|²`, mm²: what inverse depth is divided by.
+    arms_squared_mm2: f64,
+    mean_focal_px: f64,
+    /// How many points were added.
+    pub points: u32,
+    /// `Σ g²` over points and cameras, 1/mm².
+    pub weight: f64,
+    /// Weighted mean of `v/g`, mm.
+    pub mean_mm: [f64; 2],
+    /// Weighted mean of the normalised mid positions.
+    pub centroid: [f64; 2],
+    /// `Σ g² |ξ - centroid|²`, 1/mm².
+    pub spread_sum: f64,
+    /// `-Σ g² (ξ - centroid)·(v/g - mean)`, 1/mm.
+    pub coupling_sum: f64,
+    /// `Σ g² |v/g - mean|²`.
+    pub scatter_sum: f64,
+}
+
+impl CentredSums {
+    /// Empty sums for a rig of 2 to 8 cameras in a plane.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
+    pub fn new(rig: &Rig) -> Result<Self, Refusal> {
+        let count = rig.cameras.len() as f64;
+        let mean: [f64; 2] = core::array::from_fn(|i| {
+            rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count
+        });
+        let arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS> = rig
+            .cameras
+            .iter()
+            .map(|c| [c.offset_mm[0] - mean[0], c.offset_mm[1] - mean[1]])
+            .collect();
+        let arms_squared_mm2 = arms_mm.iter().map(|[x, y]| x * x + y * y).sum();
+        if rig.cameras.len() < 2 || !(arms_squared_mm2 > 0.0) {
+            return Err(Refusal::WrongRig);
+        }
+        Ok(Self {
+            arms_mm,
+            arms_squared_mm2,
+            mean_focal_px: rig.mean_focal_px(),
+            points: 0,
+            weight: 0.0,
+            mean_mm: [0.0; 2],
+            centroid: [0.0; 2],
+            spread_sum: 0.0,
+            coupling_sum: 0.0,
+            scatter_sum: 0.0,
+        })
+    }
+
+    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all cameras.
+    fn fit(&self, positions: impl Iterator<Item = [f64; 2]> + Clone) -> (f64, [f64; 2]) {
+        let count = self.arms_mm.len() as f64;
+        let mut mean = [0.0; 2];
+        let mut lever = 0.0;
+        for (arm, at) in self.arms_mm.iter().zip(positions) {
+            mean = [mean[0] + at[0] / count, mean[1] + at[1] / count];
+            lever -= arm[0] * at[0] + arm[1] * at[1];
+        }
+        (lever / self.arms_squared_mm2, mean)
+    }
+
+    /// Inverse depth of one point at the reference instant and now, 1/mm: least squares over all cameras.
+    pub fn inverse_depths(&self, views: &[View]) -> [f64; 2] {
+        [
+            self.fit(views.iter().map(|v| v.start)).0,
+            self.fit(views.iter().map(|v| v.end)).0,
+        ]
+    }
+
+    /// Adds one point seen by every camera, views in the rig's order.
+    ///
+    /// Returns `false`, and adds nothing, if the point is not in front of the cameras at both instants, is not finite,
+    /// or has not one view per camera.
+    pub fn add(&mut self, views: &[View]) -> bool {
+        if views.len() != self.arms_mm.len() {
+            return false;
+        }
+        let (before, start) = self.fit(views.iter().map(|v| v.start));
+        let (after, end) = self.fit(views.iter().map(|v| v.end));
+        let inverse_depth = 2.0 * before * after / (before + after);
+        let in_front = before > 0.0 && after > 0.0 && inverse_depth.is_finite();
+        let finite = views.iter().all(|v| v.flow().iter().all(|c| c.is_finite()));
+        if !in_front || !finite {
+            return false;
+        }
+        self.points += 1;
+        let slope = 0.5 * (before + after);
+        for index in 0..views.len() {
+            let (arm, flow) = (self.arms_mm[index], views[index].flow());
+            let middle = core::array::from_fn(|i| 0.5 * (start[i] + end[i]) - arm[i] * slope);
+            let shift = [flow[0] / inverse_depth, flow[1] / inverse_depth];
+            self.observe(inverse_depth * inverse_depth, middle, shift);
+        }
+        true
+    }
+
+    /// One observation: West's update of weighted means and centred second moments.
+    fn observe(&mut self, weight: f64, position: [f64; 2], shift_mm: [f64; 2]) {
+        self.weight += weight;
+        let share = weight / self.weight;
+        for axis in 0..2 {
+            let position_off = position[axis] - self.centroid[axis];
+            let shift_off = shift_mm[axis] - self.mean_mm[axis];
+            self.centroid[axis] += share * position_off;
+            self.mean_mm[axis] += share * shift_off;
+            let position_now = position[axis] - self.centroid[axis];
+            let shift_now = shift_mm[axis] - self.mean_mm[axis];
+            self.spread_sum += weight * position_off * position_now;
+            self.coupling_sum -= weight * position_off * shift_now;
+            self.scatter_sum += weight * shift_off * shift_now;
+        }
+    }
+
+    /// Point-camera observations behind the sums.
+    pub fn observations(&self) -> u32 {
+        self.points * self.arms_mm.len() as u32
+    }
+
+    /// Degrees of freedom of the residual: `2 K N - 3`, negative when the fit is not determined.
+    pub fn freedom(&self) -> i64 {
+        2 * i64::from(self.observations()) - 3
+    }
+
+    /// Weighted mean of the squared distance from the centroid, dimensionless.
+    pub fn spread(&self) -> f64 {
+        self.spread_sum / self.weight
+    }
+
+    /// `Σ g²` in px²/mm²: what turns mm² into px².
+    pub fn weight_px2(&self) -> f64 {
+        self.weight * self.mean_focal_px * self.mean_focal_px
+    }
+
+    /// What the best fit leaves unexplained: weighted mean of the squared residual, mm².
+    pub fn residual_mm2(&self) -> f64 {
+        let explained = self.coupling_sum * self.coupling_sum / self.spread_sum;
+        ((self.scatter_sum - explained) / self.weight).max(0.0)
+    }
+
+    /// The sums as they cross the wire.
+    ///
+    /// # Errors
+    /// [`Refusal::TooFewPoints`] without a degree of freedom, [`Refusal::Degenerate`] if all points coincide,
+    /// [`Refusal::OutOfRange`] if a number is not finite or does not fit its format.
+    pub fn quantise(&self) -> Result<FixedCentredSums, Refusal> {
+        let freedom = self.freedom();
+        if freedom <= 0 {
+            return Err(Refusal::TooFewPoints);
+        }
+        let spread = self.spread();
+        if !(spread > 0.0) {
+            return Err(Refusal::Degenerate);
+        }
+        let (mantissa, exponent) = libm::frexp(spread); // spread = mantissa 2^exponent, mantissa in [0.5, 1)
+        let coupling_mm = libm::ldexp(self.coupling_sum / self.weight, -exponent);
+        let fit = |value: Option<i32>| value.ok_or(Refusal::OutOfRange);
+        let nanometre = |mm: f64| fit(quantise(mm * 1e6, 0));
+        // Rounding may carry the mantissa to 2^32: the largest word is then nearest.
+        let spread_word = libm::round(libm::ldexp(mantissa, 32)).min(f64::from(u32::MAX)) as u32;
+        let residual_nm = libm::round(libm::sqrt(self.residual_mm2()) * 1e6);
+        if !(residual_nm <= f64::from(u32::MAX)) {
+            return Err(Refusal::OutOfRange);
+        }
+        Ok(FixedCentredSums {
+            points: u16::try_from(self.points).map_err(|_| Refusal::OutOfRange)?,
+            freedom: u16::try_from(freedom).unwrap_or(u16::MAX),
+            mean_nm: [nanometre(self.mean_mm[0])?, nanometre(self.mean_mm[1])?],
+            centroid: [
+                fit(quantise(self.centroid[0], FixedCentredSums::CENTROID_BITS))?,
+                fit(quantise(self.centroid[1], FixedCentredSums::CENTROID_BITS))?,
+            ],
+            spread: spread_word,
+            exponent: i8::try_from(exponent).map_err(|_| Refusal::OutOfRange)?,
+            coupling: fit(quantise(coupling_mm * 1e6, FixedCentredSums::COUPLING_BITS))?,
+            residual_nm: residual_nm as u32,
+        })
+    }
+}
+
+/// The centred sums as integers. No scale depends on the rig.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FixedCentredSums {
+    /// How many points.
+    #[serde(with = "postcard::fixint::le")]
+    pub points: u16,
+    /// Degrees of freedom of the residual, `2 K N - 3`, at most 65535 (which only makes sigma larger). The sender may
+    /// state fewer where observations are not independent.
+    #[serde(with = "postcard::fixint::le")]
+    pub freedom: u16,
+    /// `tx, ty`, nm.
+    #[serde(with = "crate::frame::fixint2")]
+    pub mean_nm: [i32; 2],
+    /// `ξ, η` of the centroid, Q2.29 (±4).
+    #[serde(with = "crate::frame::fixint2")]
+    pub centroid: [i32; 2],
+    /// The spread's mantissa, Q0.32, always in `[2^31, 2^32)`: spread = `mantissa 2^exponent`.
+    #[serde(with = "postcard::fixint::le")]
+    pub spread: u32,
+    /// The spread's exponent.
+    pub exponent: i8,
+    /// The coupling divided by `2^exponent`, nm in Q28.3 (±268 mm): so `T_z = coupling / mantissa`.
+    #[serde(with = "postcard::fixint::le")]
+    pub coupling: i32,
+    /// Root of the weighted mean squared residual, nm.
+    #[serde(with = "postcard::fixint::le")]
+    pub residual_nm: u32,
+}
+
+impl FixedCentredSums {
+    /// Fraction bits of the centroid.
+    pub const CENTROID_BITS: i32 = 29;
+    /// Fraction bits of the coupling, which is in nm.
+    pub const COUPLING_BITS: i32 = 3;
+}

@@ -1,0 +1,100 @@
+//! Random point sets seen by a rig before and after a displacement, with optional pixel noise.
+
+use shared::rig::{Camera, Rig};
+use shared::sums::View;
+use shared::sums::centred::CentredSums;
+use shared::sums::pair::PairSums;
+
+/// Seeded random numbers (splitmix64): the same on every machine.
+#[derive(Clone, Debug)]
+pub struct Random(pub u64);
+
+impl Random {
+    /// The next 64 bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in `[low, high)`.
+    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Normal with mean 0 and standard deviation 1 (Box-Muller).
+    pub fn normal(&mut self) -> f64 {
+        let (u, v) = (self.uniform(f64::MIN_POSITIVE, 1.0), self.uniform(0.0, 1.0));
+        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+}
+
+/// A rig of ideal cameras with one focal length, principal point at the origin.
+pub fn ideal_rig(focal_px: f64, offsets_mm: &[[f64; 2]]) -> Rig {
+    let camera = |offset: &[f64; 2]| Camera::ideal([focal_px; 2], [0.0; 2], *offset);
+    Rig {
+        image_size_px: [320, 240],
+        cameras: offsets_mm.iter().map(camera).collect(),
+    }
+}
+
+/// A cloud of points in front of a rig, and how it moves.
+#[derive(Clone, Debug)]
+pub struct Cloud {
+    /// Nearest and farthest point, mm.
+    pub depth_mm: [f64; 2],
+    /// Largest direction from the axis, per axis: |X/Z|, |Y/Z|.
+    pub field: [f64; 2],
+    /// How many points.
+    pub points: usize,
+    /// Displacement, mm.
+    pub displacement_mm: [f64; 3],
+    /// Standard deviation of each pixel coordinate, px.
+    pub noise_px: f64,
+}
+
+impl Cloud {
+    /// The views of every point in every camera, normalised.
+    pub fn views(&self, rig: &Rig, random: &mut Random) -> Vec<Vec<View>> {
+        (0..self.points).map(|_| self.point(rig, random)).collect()
+    }
+
+    fn point(&self, rig: &Rig, random: &mut Random) -> Vec<View> {
+        let z = random.uniform(self.depth_mm[0], self.depth_mm[1]);
+        let x = z * random.uniform(-self.field[0], self.field[0]);
+        let y = z * random.uniform(-self.field[1], self.field[1]);
+        let start = [x, y, z];
+        let end = std::array::from_fn(|i| start[i] + self.displacement_mm[i]);
+        let mut seen = |camera: &Camera, point: [f64; 3]| {
+            let pixel = camera.project(point);
+            if self.noise_px == 0.0 {
+                return pixel;
+            }
+            pixel.map(|p| p + self.noise_px * random.normal())
+        };
+        rig.cameras
+            .iter()
+            .map(|camera| View::from_pixels(camera, seen(camera, start), seen(camera, end)))
+            .collect()
+    }
+}
+
+/// The midpoint's sums over `views`.
+pub fn centred(rig: &Rig, views: &[Vec<View>]) -> CentredSums {
+    let mut sums = CentredSums::new(rig).expect("a rig of two cameras or more");
+    for point in views {
+        assert!(sums.add(point), "every point is in front of the cameras");
+    }
+    sums
+}
+
+/// The paper's sums over `views`.
+pub fn pairs(rig: &Rig, views: &[Vec<View>]) -> PairSums {
+    let mut sums = PairSums::new(rig).expect("three cameras in a line");
+    for point in views {
+        sums.add([point[0], point[1], point[2]]);
+    }
+    sums
+}
