@@ -126,10 +126,9 @@ impl CentredSums {
         }
         self.points += 1;
         let slope = 0.5 * (before + after);
-        for index in 0..views.len() {
-            let (arm, flow) = (self.arms_mm[index], views[index].flow());
+        for (view, arm) in views.iter().zip(self.arms_mm.clone()) {
             let middle = core::array::from_fn(|i| 0.5 * (start[i] + end[i]) - arm[i] * slope);
-            let shift = [flow[0] / inverse_depth, flow[1] / inverse_depth];
+            let shift = view.flow().map(|flow| flow / inverse_depth);
             self.observe(inverse_depth * inverse_depth, middle, shift);
         }
         true
