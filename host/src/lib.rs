@@ -1,4 +1,7 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
 
+pub mod error;
 pub mod flow;
 pub mod images;
+pub mod points;
+pub mod rig_file;

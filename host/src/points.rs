@@ -1,0 +1,271 @@
+//! Matched points from a CSV file.
+//!
+//! ```csv
+//! id,camera,x0,y0,x1,y1
+//! 1,left,193.2,101.7,197.4,105.5
+//! 1,middle,159.9,101.7,163.8,105.5
+//! ```
+//!
+//! One row per point and camera: where the camera saw the point at the reference instant (`x0`, `y0`) and where
+//! it sees it now (`x1`, `y1`). Pixels as seen, from the centre of the top left pixel; principal point and lens
+//! distortion are the rig's business. Rows may come in any order; points keep the order of their first rows, so
+//! that the same file always gives the same sums.
+//!
+//! A byte order mark, CRLF, blank lines and spaces around fields are tolerated; everything else that is not as
+//! stated is refused with file, line and field, before any of it is used. Only a point that some camera has not
+//! seen is left out, and counted.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::fs;
+use std::path::Path;
+
+use crate::error::InputError;
+use crate::flow::Track;
+use crate::rig_file::RigFile;
+
+/// The columns, in this order.
+pub const HEADER: [&str; 6] = ["id", "camera", "x0", "y0", "x1", "y1"];
+
+/// The points of one file.
+#[derive(Clone, Debug)]
+pub struct Points {
+    /// The points that every camera has seen.
+    pub tracks: Vec<Track>,
+    /// Points that some camera has not seen.
+    pub rejected: usize,
+}
+
+/// Reads the CSV file at `path`, whose cameras are those of `rig`.
+pub fn read(path: &Path, rig: &RigFile) -> Result<Points, InputError> {
+    let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+    parse(path, &bytes, rig)
+}
+
+/// Reads the content of a CSV file; `file` is what errors name.
+pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let text = std::str::from_utf8(bytes)
+        .map_err(|error| not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default()))?;
+
+    let mut points = Collector::new(rig);
+    let mut header_seen = false;
+    let mut lines = LineCounter::new(text);
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .from_reader(text.as_bytes());
+    let mut record = csv::StringRecord::new();
+    loop {
+        let more = reader.read_record(&mut record).map_err(|error| {
+            InputError::line(file, lines.current, format!("not valid CSV: {error}"))
+        })?;
+        if !more {
+            break;
+        }
+        let start = record.position().map_or(0, csv::Position::byte);
+        let line = lines.at(usize::try_from(start).unwrap_or(usize::MAX));
+        let fields: Vec<&str> = record.iter().map(str::trim).collect();
+        if fields == [""] {
+            continue;
+        }
+        let refuse = |field: &str, reason: String| InputError::field(file, line, field, reason);
+        if header_seen {
+            points.row(line, &fields, &refuse)?;
+        } else {
+            header(&fields, &refuse)?;
+            header_seen = true;
+        }
+    }
+    if !header_seen {
+        let expected = HEADER.join(",");
+        return Err(InputError::line(
+            file,
+            1,
+            format!("the file is empty; expected the header {expected}"),
+        ));
+    }
+    points.finish(file, lines.current)
+}
+
+fn not_utf8(file: &Path, before: &[u8]) -> InputError {
+    let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+    let row = before.rsplit(|&byte| byte == b'\n').next();
+    let commas = row.unwrap_or_default().iter().filter(|&&b| b == b',');
+    let reason = "not UTF-8 text";
+    match HEADER.get(commas.count()) {
+        Some(field) => InputError::field(file, line, *field, reason),
+        None => InputError::line(file, line, reason),
+    }
+}
+
+/// Lines of the text by byte offset. The reader's own count stands before the blank lines it skips.
+struct LineCounter<'a> {
+    text: &'a [u8],
+    offset: usize,
+    current: usize,
+}
+
+impl<'a> LineCounter<'a> {
+    fn new(text: &'a str) -> Self {
+        Self {
+            text: text.as_bytes(),
+            offset: 0,
+            current: 1,
+        }
+    }
+
+    /// Line of the first text at or after `start`; offsets must not go down.
+    fn at(&mut self, start: usize) -> usize {
+        while let Some(&byte) = self.text.get(self.offset) {
+            let blank = matches!(byte, b'\n' | b'\r');
+            if self.offset >= start && !blank {
+                break;
+            }
+            self.offset += 1;
+            // CRLF counts once, by its line feed; a lone carriage return ends a line too.
+            if byte == b'\n' || (byte == b'\r' && self.text.get(self.offset) != Some(&b'\n')) {
+                self.current += 1;
+            }
+        }
+        self.current
+    }
+}
+
+/// Makes the error of the line at hand, from a field's name and a reason.
+type Refuse<'a> = dyn Fn(&str, String) -> InputError + 'a;
+
+fn header(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
+    for (i, expected) in HEADER.iter().enumerate() {
+        if fields.get(i) != Some(expected) {
+            let found = match fields.get(i) {
+                Some(found) => format!("found `{}`", found.escape_debug()),
+                None => "found the end of the line".to_owned(),
+            };
+            let header = HEADER.join(",");
+            return Err(refuse(
+                expected,
+                format!("the header must be {header}, {found} instead"),
+            ));
+        }
+    }
+    too_many(fields, refuse)
+}
+
+fn too_many(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
+    match fields.get(HEADER.len()) {
+        None => Ok(()),
+        Some(extra) => Err(refuse(
+            &extra.escape_debug().to_string(),
+            format!("one column too many: there are {}", HEADER.len()),
+        )),
+    }
+}
+
+/// What the rows have said so far.
+struct Collector<'a> {
+    rig: &'a RigFile,
+    /// Where in `seen` the point with this id is.
+    places: HashMap<String, usize>,
+    /// Per point, in order of first rows, and per camera: line and pixels.
+    seen: Vec<Vec<Option<(usize, [[f64; 2]; 2])>>>,
+}
+
+impl<'a> Collector<'a> {
+    fn new(rig: &'a RigFile) -> Self {
+        Self {
+            rig,
+            places: HashMap::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    fn row(&mut self, line: usize, fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
+        too_many(fields, refuse)?;
+        if let Some(missing) = HEADER.get(fields.len()) {
+            let found = fields.len();
+            let reason = format!("missing: {found} of {} columns found", HEADER.len());
+            return Err(refuse(missing, reason));
+        }
+        let &[id, name, x0, y0, x1, y1] = fields else {
+            return Err(refuse(HEADER[0], "wrong number of columns".to_owned()));
+        };
+        if id.is_empty() {
+            return Err(refuse("id", "must not be empty".to_owned()));
+        }
+        let camera = self.rig.names.iter().position(|known| known == name);
+        let camera = camera.ok_or_else(|| {
+            let known = self.rig.names.join(", ");
+            let reason = format!("`{name}` is none of the rig's cameras ({known})");
+            refuse("camera", reason)
+        })?;
+        let pixel = |i: usize, text: &str| {
+            coordinate(text, self.rig.rig.image_size_px[i % 2])
+                .map_err(|reason| refuse(HEADER[2 + i], reason))
+        };
+        let pixels = [
+            [pixel(0, x0)?, pixel(1, y0)?],
+            [pixel(2, x1)?, pixel(3, y1)?],
+        ];
+        let place = match self.places.entry(id.to_owned()) {
+            Entry::Occupied(entry) => *entry.get(),
+            Entry::Vacant(entry) => {
+                self.seen.push(vec![None; self.rig.names.len()]);
+                *entry.insert(self.seen.len() - 1)
+            }
+        };
+        let slot = &mut self.seen[place][camera];
+        if let Some((first, _)) = slot {
+            let reason = format!("point `{id}` of camera `{name}` stands in line {first} already");
+            return Err(refuse("id", reason));
+        }
+        *slot = Some((line, pixels));
+        Ok(())
+    }
+
+    /// `last_line` is where the rows ended.
+    fn finish(self, file: &Path, last_line: usize) -> Result<Points, InputError> {
+        for (camera, name) in self.rig.names.iter().enumerate() {
+            if self.seen.iter().all(|point| point[camera].is_none()) {
+                return Err(InputError::field(
+                    file,
+                    last_line,
+                    "camera",
+                    format!("the file ends without any row of camera `{name}`"),
+                ));
+            }
+        }
+        let count = self.seen.len();
+        let complete = self.seen.into_iter().filter_map(|point| {
+            let pixels: Option<Vec<_>> = point.into_iter().map(|s| s.map(|(_, p)| p)).collect();
+            pixels.map(|pixels| Track { pixels })
+        });
+        let tracks: Vec<Track> = complete.collect();
+        let rejected = count - tracks.len();
+        Ok(Points { tracks, rejected })
+    }
+}
+
+/// One coordinate, px. A point may have left the image, but not by more than the image's own size.
+fn coordinate(text: &str, size_px: u32) -> Result<f64, String> {
+    if text.is_empty() {
+        return Err("must not be empty".to_owned());
+    }
+    let value: f64 = text
+        .parse()
+        .map_err(|_| format!("`{}` is not a number", text.escape_debug()))?;
+    if !value.is_finite() {
+        return Err(format!("`{text}` is not a finite number"));
+    }
+    let size = f64::from(size_px);
+    if (-size..=2.0 * size).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!(
+            "{text} is farther outside the image than its own size ({size_px} px)"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests;

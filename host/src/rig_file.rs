@@ -1,0 +1,259 @@
+//! The rig file: cameras and stage as TOML, read strictly.
+//!
+//! ```toml
+//! image_size_px = [320, 240]            # every camera's image: columns, rows
+//!
+//! [[camera]]                            # 2 to 8 of them
+//! name = "left"                         # also the name of its folder of images
+//! focal_px = [533.16, 529.12]           # along x, along y
+//! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
+//! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
+//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, zero without
+//!
+//! [stage]                               # optional; see `Stage`
+//! ```
+//!
+//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but the
+//! distortion has a default: a rig that was guessed makes a stage run away.
+//!
+//! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
+//! its fields, and cameras named left, middle and right stand in this order.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::Path;
+
+use shared::rig::{Camera, MAX_CAMERAS, Rig};
+use toml::de::{DeTable, DeValue};
+
+use crate::error::InputError;
+use field::{Field, Source};
+
+mod field;
+mod stage;
+
+pub use stage::{Driver, Stage};
+
+/// The paper's three cameras, in the order its estimators need.
+pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
+
+/// Sides of an image that could be one, px.
+const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
+/// Longer focal lengths than this belong to telescopes.
+const LIMIT_FOCAL_PX: f64 = 1e6;
+/// A rig wider than 100 m is a slip of the unit.
+const LIMIT_OFFSET_MM: f64 = 1e5;
+/// Lens models beyond this fold the image over.
+const LIMIT_DISTORTION: f64 = 1e3;
+/// Cameras closer than this are the same camera twice, mm.
+const LEAST_BASELINE_MM: f64 = 1e-3;
+
+/// A rig with the names of its cameras, as a rig file holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RigFile {
+    /// The cameras' names in the rig's order: distinct, usable as names of folders.
+    pub names: Vec<String>,
+    /// The cameras, in the file's order; left, middle, right if they have these names.
+    pub rig: Rig,
+    /// The stage, if the file describes one.
+    pub stage: Option<Stage>,
+}
+
+impl RigFile {
+    /// The paper's rig (its Table 3 and section 4): left, middle, right; no stage.
+    pub fn paper() -> Self {
+        Self {
+            names: TRINOCULAR.map(String::from).to_vec(),
+            rig: Rig::paper(),
+            stage: None,
+        }
+    }
+
+    /// Whether the cameras are exactly left, middle and right.
+    pub fn is_trinocular(&self) -> bool {
+        self.names == TRINOCULAR
+    }
+
+    /// Reads and checks the rig file at `path`.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+        let text = std::str::from_utf8(&bytes).map_err(|error| {
+            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
+            let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+            InputError::line(path, line, "not UTF-8 text")
+        })?;
+        Self::parse(path, text)
+    }
+
+    /// Checks the text of a rig file; `file` is what errors name.
+    pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
+        let source = Source { file, text };
+        let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
+        let value = DeValue::Table(table.into_inner());
+        let root = Field::root(source, &value);
+        root.only(&["image_size_px", "camera", "stage"])?;
+        let image_size_px = root
+            .required("image_size_px")?
+            .each(|side| side.whole(IMAGE_SIDE_PX))?;
+        let (names, cameras) = cameras(&root.required("camera")?, image_size_px)?;
+        let stage = match root.optional("stage")? {
+            Some(section) => Some(Stage::read(&section)?),
+            None => None,
+        };
+        Ok(Self {
+            names,
+            rig: Rig {
+                image_size_px,
+                // `cameras` has let through no more than fit.
+                cameras: cameras.into_iter().collect(),
+            },
+            stage,
+        })
+    }
+
+    /// The file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
+    pub fn to_toml(&self) -> String {
+        let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
+        for (name, camera) in self.names.iter().zip(&self.rig.cameras) {
+            let name = toml::Value::from(name.as_str());
+            let _ = write!(text, "\n[[camera]]\nname = {name}\n");
+            let _ = writeln!(text, "focal_px = {:?}", camera.focal_px);
+            let _ = writeln!(text, "principal_px = {:?}", camera.principal_px);
+            let _ = writeln!(text, "offset_mm = {:?}", camera.offset_mm);
+            if camera.distortion != [0.0; 5] {
+                let _ = writeln!(text, "distortion = {:?}", camera.distortion);
+            }
+        }
+        if let Some(stage) = &self.stage {
+            stage.write_toml(&mut text);
+        }
+        text
+    }
+
+    /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is complete.
+    pub fn write(&self, path: &Path) -> Result<(), InputError> {
+        let fault = |cause: std::io::Error| InputError::io(path, "write", &cause);
+        let Some(name) = path.file_name() else {
+            return Err(InputError::file(
+                path,
+                "cannot write: not the name of a file",
+            ));
+        };
+        let mut draft_name = std::ffi::OsString::from(".");
+        draft_name.push(name);
+        draft_name.push(format!(".{}.draft", std::process::id()));
+        let draft = path.with_file_name(draft_name);
+        let written = fs::File::create(&draft).and_then(|mut file| {
+            file.write_all(self.to_toml().as_bytes())?;
+            file.sync_all()?;
+            fs::rename(&draft, path)
+        });
+        if written.is_err() {
+            // Best effort: the error that led here is the one to report.
+            let _ = fs::remove_file(&draft);
+        }
+        written.map_err(fault)
+    }
+}
+
+/// The `[[camera]]` tables: each by itself, then the rules between them, then their order.
+fn cameras(
+    list: &Field<'_>,
+    image_size_px: [u32; 2],
+) -> Result<(Vec<String>, Vec<Camera>), InputError> {
+    let tables = list.elements()?;
+    if !(2..=MAX_CAMERAS).contains(&tables.len()) {
+        let count = tables.len();
+        return Err(list.fault(format!(
+            "{count} given, but a rig has 2 to {MAX_CAMERAS} cameras"
+        )));
+    }
+    let mut read: Vec<(String, Camera)> = Vec::with_capacity(tables.len());
+    for table in &tables {
+        table.only(&[
+            "name",
+            "focal_px",
+            "principal_px",
+            "offset_mm",
+            "distortion",
+        ])?;
+        let name = table.required("name")?;
+        let given = folder_name(&name)?;
+        let camera = camera(table, image_size_px)?;
+        for (other, placed) in &read {
+            // Some file systems cannot tell folders apart that differ in case only.
+            if other.eq_ignore_ascii_case(given) {
+                return Err(name.fault(format!("another camera is named `{other}` already")));
+            }
+            let [dx, dy] = [0, 1].map(|i| camera.offset_mm[i] - placed.offset_mm[i]);
+            if dx.hypot(dy) < LEAST_BASELINE_MM {
+                return Err(table.required("offset_mm")?.fault(format!(
+                    "`{given}` is at the same place as camera `{other}`"
+                )));
+            }
+        }
+        read.push((given.to_owned(), camera));
+    }
+    let places = TRINOCULAR.map(|wanted| read.iter().position(|(name, _)| name == wanted));
+    if let [Some(left), Some(middle), Some(right)] = places {
+        for (low, high) in [(left, middle), (middle, right)] {
+            let [a, b] = [&read[low], &read[high]];
+            if a.1.offset_mm[0] >= b.1.offset_mm[0] {
+                return Err(tables[high].required("offset_mm")?.fault(format!(
+                    "x offsets must have left < middle < right, but `{}` is at {} and `{}` at {}",
+                    a.0, a.1.offset_mm[0], b.0, b.1.offset_mm[0]
+                )));
+            }
+        }
+        if read.len() == TRINOCULAR.len() {
+            read.sort_by_key(|(name, _)| TRINOCULAR.iter().position(|known| known == name));
+        }
+    }
+    Ok(read.into_iter().unzip())
+}
+
+fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputError> {
+    let principal = table.required("principal_px")?;
+    let principal_px: [f64; 2] = principal.each(|axis| axis.number(f64::MAX))?;
+    for ((axis, at), size) in principal
+        .elements()?
+        .iter()
+        .zip(principal_px)
+        .zip(image_size_px)
+    {
+        if !(0.0..f64::from(size)).contains(&at) {
+            return Err(axis.fault(format!("{at} is outside the image (0 to {size} px)")));
+        }
+    }
+    let distortion = match table.optional("distortion")? {
+        Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
+        None => [0.0; 5],
+    };
+    Ok(Camera {
+        focal_px: table
+            .required("focal_px")?
+            .each(|axis| axis.positive(LIMIT_FOCAL_PX))?,
+        principal_px,
+        offset_mm: table
+            .required("offset_mm")?
+            .each(|axis| axis.number(LIMIT_OFFSET_MM))?,
+        distortion,
+    })
+}
+
+/// A camera's name is also the name of its folder of images and stands in CSV files.
+fn folder_name<'a>(field: &Field<'a>) -> Result<&'a str, InputError> {
+    let name = field.text()?;
+    if name.trim().is_empty() {
+        return Err(field.fault("must not be empty"));
+    }
+    let unfit = |c: char| c.is_control() || r#"/\:*?"<>|"#.contains(c);
+    if name.trim() != name || name == "." || name == ".." || name.contains(unfit) {
+        return Err(field.fault(format!("`{}` cannot name a folder", name.escape_debug())));
+    }
+    Ok(name)
+}
+
+#[cfg(test)]
+mod tests;

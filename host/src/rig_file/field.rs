@@ -1,0 +1,228 @@
+//! A value of a TOML file that knows its own name and line, so that whatever is wrong with it can be said
+//! in full: `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
+
+use std::ops::Range;
+use std::path::Path;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::error::InputError;
+
+/// The file's name and text.
+#[derive(Clone, Copy)]
+pub(super) struct Source<'a> {
+    pub file: &'a Path,
+    pub text: &'a str,
+}
+
+impl Source<'_> {
+    /// Line of a byte offset, counted from 1.
+    pub fn line(&self, offset: usize) -> usize {
+        let before = self.text.as_bytes().get(..offset);
+        let before = before.unwrap_or(self.text.as_bytes());
+        1 + before.iter().filter(|&&byte| byte == b'\n').count()
+    }
+
+    /// The parser's complaint, with the key of the line it stumbled over.
+    pub fn syntax(&self, error: &toml::de::Error) -> InputError {
+        let reason = format!("not valid TOML: {}", error.message().replace('\n', ", "));
+        let Some(span) = error.span() else {
+            return InputError::file(self.file, reason);
+        };
+        // An unfinished value is noticed where the text ends, which may be past its own line.
+        let line = self.line(span.start);
+        let text = self.text.lines().nth(line - 1).unwrap_or_default();
+        match text.split_once('=') {
+            Some((key, _)) if !key.trim().is_empty() => {
+                InputError::field(self.file, line, key.trim(), reason)
+            }
+            _ => InputError::line(self.file, line, reason),
+        }
+    }
+}
+
+/// One value: its path from the root of the file, its place, its content.
+pub(super) struct Field<'a> {
+    source: Source<'a>,
+    path: String,
+    span: Range<usize>,
+    value: &'a DeValue<'a>,
+}
+
+impl<'a> Field<'a> {
+    /// The whole document.
+    pub fn root(source: Source<'a>, value: &'a DeValue<'a>) -> Self {
+        Self {
+            source,
+            path: String::new(),
+            span: 0..0,
+            value,
+        }
+    }
+
+    /// Something is wrong with this value.
+    pub fn fault(&self, reason: impl Into<String>) -> InputError {
+        let line = self.source.line(self.span.start);
+        if self.path.is_empty() {
+            InputError::line(self.source.file, line, reason)
+        } else {
+            InputError::field(self.source.file, line, &self.path, reason)
+        }
+    }
+
+    fn wrong_kind(&self, expected: &str) -> InputError {
+        self.fault(format!(
+            "expected {expected}, found {}",
+            self.value.type_str()
+        ))
+    }
+
+    fn key_path(&self, key: &str) -> String {
+        if self.path.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{}.{key}", self.path)
+        }
+    }
+
+    fn table(&self) -> Result<&'a DeTable<'a>, InputError> {
+        match self.value {
+            DeValue::Table(table) => Ok(table),
+            _ => Err(self.wrong_kind("a table")),
+        }
+    }
+
+    /// Refuses every key that is not in `known`.
+    pub fn only(&self, known: &[&str]) -> Result<(), InputError> {
+        let unknown = self
+            .table()?
+            .keys()
+            .filter(|key| !known.contains(&key.get_ref().as_ref()))
+            // The one that comes first in the file, whatever order the parser keeps.
+            .min_by_key(|key| key.span().start);
+        match unknown {
+            None => Ok(()),
+            Some(key) => Err(InputError::field(
+                self.source.file,
+                self.source.line(key.span().start),
+                self.key_path(key.get_ref()),
+                format!("unknown field; known here: {}", known.join(", ")),
+            )),
+        }
+    }
+
+    /// The value under `key`, if there is one.
+    pub fn optional(&self, key: &str) -> Result<Option<Field<'a>>, InputError> {
+        let entry = self.table()?.get(key);
+        Ok(entry.map(|value| self.child(self.key_path(key), value)))
+    }
+
+    /// The value under `key`.
+    pub fn required(&self, key: &str) -> Result<Field<'a>, InputError> {
+        self.optional(key)?.ok_or_else(|| {
+            let line = self.source.line(self.span.start);
+            InputError::field(
+                self.source.file,
+                line,
+                self.key_path(key),
+                "missing; it has no default",
+            )
+        })
+    }
+
+    fn child(&self, path: String, value: &'a Spanned<DeValue<'a>>) -> Field<'a> {
+        Field {
+            source: self.source,
+            path,
+            span: value.span(),
+            value: value.get_ref(),
+        }
+    }
+
+    /// The elements of an array.
+    pub fn elements(&self) -> Result<Vec<Field<'a>>, InputError> {
+        let DeValue::Array(array) = self.value else {
+            return Err(self.wrong_kind("an array"));
+        };
+        let numbered = array.iter().enumerate();
+        Ok(numbered
+            .map(|(i, value)| self.child(format!("{}[{i}]", self.path), value))
+            .collect())
+    }
+
+    /// The elements of an array that must have exactly `N`, each read by `read`.
+    pub fn each<const N: usize, T: Copy + Default>(
+        &self,
+        read: impl Fn(&Field<'a>) -> Result<T, InputError>,
+    ) -> Result<[T; N], InputError> {
+        let elements = self.elements()?;
+        if elements.len() != N {
+            let count = elements.len();
+            return Err(self.fault(format!("expected {N} elements, found {count}")));
+        }
+        let mut values = [T::default(); N];
+        for (value, element) in values.iter_mut().zip(&elements) {
+            *value = read(element)?;
+        }
+        Ok(values)
+    }
+
+    /// A finite number of at most `limit` in size, whole or not.
+    pub fn number(&self, limit: f64) -> Result<f64, InputError> {
+        let value: f64 = match self.value {
+            DeValue::Float(float) => float.as_str().parse().unwrap_or(f64::NAN),
+            // Rig files never need more than f64's 53 bits of a whole number.
+            DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
+                .map_or(f64::INFINITY, |whole| whole as f64),
+            _ => return Err(self.wrong_kind("a number")),
+        };
+        if !value.is_finite() {
+            return Err(self.fault("must be a finite number"));
+        }
+        if value.abs() > limit {
+            return Err(self.fault(format!("{value} is out of range (at most {limit} in size)")));
+        }
+        Ok(value)
+    }
+
+    /// A number greater than 0 and at most `limit`.
+    pub fn positive(&self, limit: f64) -> Result<f64, InputError> {
+        let value = self.number(limit)?;
+        if value > 0.0 {
+            Ok(value)
+        } else {
+            Err(self.fault(format!("{value} must be greater than 0")))
+        }
+    }
+
+    /// A whole number within `range`.
+    pub fn whole(&self, range: std::ops::RangeInclusive<u32>) -> Result<u32, InputError> {
+        let DeValue::Integer(integer) = self.value else {
+            return Err(self.wrong_kind("a whole number"));
+        };
+        u32::from_str_radix(integer.as_str(), integer.radix())
+            .ok()
+            .filter(|whole| range.contains(whole))
+            .ok_or_else(|| {
+                let (low, high) = (range.start(), range.end());
+                self.fault(format!("{integer} is out of range ({low} to {high})"))
+            })
+    }
+
+    /// A text.
+    pub fn text(&self) -> Result<&'a str, InputError> {
+        match self.value {
+            DeValue::String(text) => Ok(text),
+            _ => Err(self.wrong_kind("a text in quotes")),
+        }
+    }
+
+    /// `true` or `false`.
+    pub fn flag(&self) -> Result<bool, InputError> {
+        match self.value {
+            DeValue::Boolean(flag) => Ok(*flag),
+            _ => Err(self.wrong_kind("true or false")),
+        }
+    }
+}

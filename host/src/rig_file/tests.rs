@@ -1,0 +1,264 @@
+use super::*;
+
+const STAGE: &str = r#"
+[stage]
+steps_per_mm = [80, 80, 400]
+max_speed_mm_s = [50, 50, 10]
+max_acceleration_mm_s2 = [500, 500, 100]
+max_jerk_mm_s3 = [5e3, 5e3, 1e3]
+travel_mm = [[-50, 50], [-50, 50], [0, 30]]
+invert = [false, true, false]
+matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+driver = "TMC2209"
+"#;
+
+fn paper_text() -> String {
+    RigFile::paper().to_toml() + STAGE
+}
+
+fn parse(text: &str) -> Result<RigFile, InputError> {
+    RigFile::parse(Path::new("rig.toml"), text)
+}
+
+/// The error of the paper's rig with one change, and the line the change stands in.
+#[track_caller]
+fn refusal(from: &str, to: &str) -> (InputError, usize) {
+    let text = paper_text();
+    let at = text.find(from).expect("the change must apply");
+    let line = 1 + text[..at].matches('\n').count();
+    let error = parse(&text.replacen(from, to, 1)).expect_err("must be refused");
+    (error, line)
+}
+
+#[track_caller]
+fn refused(from: &str, to: &str, field: &str, reason: &str) {
+    let (error, line) = refusal(from, to);
+    assert_eq!(error.field.as_deref(), Some(field), "{error}");
+    assert_eq!(error.line, Some(line), "{error}");
+    assert!(error.reason.contains(reason), "{error}");
+}
+
+#[test]
+fn the_papers_rig_reads_back_bit_for_bit() {
+    let mut rig = RigFile::paper();
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 0.1 + 0.2, 0.0, -0.0];
+    rig.rig.cameras[2].focal_px[0] = 1.0 / 3.0;
+    rig.names[2] = "a \"b\" ü".to_owned();
+    let text = rig.to_toml();
+    assert!(
+        parse(&text).is_err(),
+        "quotes cannot stand in a folder's name"
+    );
+    rig.names[2] = "rechts außen".to_owned();
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn a_stage_reads_back() {
+    let rig = parse(&paper_text()).unwrap();
+    let stage = rig.stage.clone().unwrap();
+    assert_eq!(stage.steps_per_mm, [80.0, 80.0, 400.0]);
+    assert_eq!(stage.travel_mm[2], [0.0, 30.0]);
+    assert_eq!(stage.invert, [false, true, false]);
+    assert_eq!(stage.driver, Driver::Tmc2209);
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn whole_numbers_serve_as_floats() {
+    let text = paper_text().replace("[533.16, 529.12]", "[450, 0x1C2]");
+    assert_eq!(
+        parse(&text).unwrap().rig.cameras[0].focal_px,
+        [450.0, 450.0]
+    );
+}
+
+#[test]
+fn left_middle_right_are_put_in_order() {
+    let text = RigFile::paper().to_toml();
+    let blocks: Vec<&str> = text.split("\n[[camera]]").collect();
+    let shuffled = [blocks[0], blocks[3], blocks[1], blocks[2]].join("\n[[camera]]");
+    assert_ne!(shuffled, text);
+    assert_eq!(parse(&shuffled).unwrap(), RigFile::paper());
+}
+
+#[test]
+fn other_names_keep_the_files_order() {
+    let text = RigFile::paper().to_toml();
+    let text = text
+        .replace("\"left\"", "\"zulu\"")
+        .replace("-70.0", "90.0");
+    let rig = parse(&text).unwrap();
+    assert_eq!(rig.names, ["zulu", "middle", "right"]);
+    assert_eq!(rig.rig.cameras[0].offset_mm, [90.0, 0.0]);
+    assert!(!rig.is_trinocular());
+}
+
+#[test]
+fn impossible_numbers_are_refused_by_name() {
+    refused(
+        "533.16",
+        "-533.16",
+        "camera[0].focal_px[0]",
+        "greater than 0",
+    );
+    refused("534.18", "0", "camera[1].focal_px[1]", "greater than 0");
+    refused("534.18", "nan", "camera[1].focal_px[1]", "finite");
+    refused("534.18", "+inf", "camera[1].focal_px[1]", "finite");
+    refused("534.18", "1e400", "camera[1].focal_px[1]", "finite");
+    refused(
+        "534.18",
+        "99999999999999999999",
+        "camera[1].focal_px[1]",
+        "finite",
+    );
+    refused("534.18", "1e9", "camera[1].focal_px[1]", "out of range");
+    refused(
+        "534.18",
+        "\"534\"",
+        "camera[1].focal_px[1]",
+        "expected a number",
+    );
+    refused(
+        "117.76",
+        "240.0",
+        "camera[2].principal_px[1]",
+        "outside the image",
+    );
+    refused(
+        "154.43",
+        "-0.5",
+        "camera[0].principal_px[0]",
+        "outside the image",
+    );
+    refused("68.0", "nan", "camera[2].offset_mm[0]", "finite");
+    refused("68.0", "1e6", "camera[2].offset_mm[0]", "out of range");
+    refused("320", "0", "image_size_px[0]", "out of range");
+    refused("240]", "70000]", "image_size_px[1]", "out of range");
+    refused("240]", "-240]", "image_size_px[1]", "out of range");
+    refused("240]", "240.5]", "image_size_px[1]", "whole number");
+}
+
+#[test]
+fn wrong_shapes_are_refused_by_name() {
+    refused(
+        "[320, 240]",
+        "[320]",
+        "image_size_px",
+        "expected 2 elements, found 1",
+    );
+    refused("[320, 240]", "320", "image_size_px", "expected an array");
+    refused(
+        "[68.0, 0.0]",
+        "[68.0, 0.0, 0.0]",
+        "camera[2].offset_mm",
+        "expected 2",
+    );
+    refused("[0, 0, 1]", "[0, 1]", "stage.matrix[2]", "expected 3");
+    refused("\"right\"", "3", "camera[2].name", "expected a text");
+    refused("[false,", "[0,", "stage.invert[0]", "true or false");
+}
+
+#[test]
+fn unknown_and_missing_fields_are_refused_by_name() {
+    refused("image_size_px", "image_size", "image_size", "unknown field");
+    let at_name = "name = \"middle\"";
+    refused(
+        at_name,
+        "gain = 1\nname = \"middle\"",
+        "camera[1].gain",
+        "unknown field",
+    );
+    refused("driver", "drivers", "stage.drivers", "unknown field");
+    let (error, _) = refusal("offset_mm = [68.0, 0.0]", "");
+    assert_eq!(error.field.as_deref(), Some("camera[2].offset_mm"));
+    assert!(error.reason.contains("missing"), "{error}");
+    // The table's own line stands for a field that is not there.
+    assert_eq!(error.line, Some(15), "{error}");
+    let (error, _) = refusal("image_size_px = [320, 240]", "");
+    assert_eq!(error.field.as_deref(), Some("image_size_px"));
+}
+
+#[test]
+fn two_to_eight_cameras() {
+    let camera = |i: usize| {
+        format!(
+            "[[camera]]\nname = \"c{i}\"\nfocal_px = [500, 500]\nprincipal_px = [160, 120]\noffset_mm = [{}, 0]\n",
+            10 * i
+        )
+    };
+    for count in 0..10 {
+        let cameras: String = (0..count).map(camera).collect();
+        let read = parse(&format!("image_size_px = [320, 240]\n{cameras}"));
+        assert_eq!(read.is_ok(), (2..=8).contains(&count), "{count}: {read:?}");
+        if let Err(error) = read {
+            assert_eq!(error.field.as_deref(), Some("camera"));
+        }
+    }
+}
+
+#[test]
+fn names_must_be_distinct_and_name_folders() {
+    refused("\"right\"", "\"left\"", "camera[2].name", "already");
+    refused("\"right\"", "\"Left\"", "camera[2].name", "already");
+    refused("\"right\"", "\"\"", "camera[2].name", "empty");
+    for bad in ["a/b", "a\\\\b", ".", "..", " a", "a\\u0000", "a\\nb"] {
+        refused("right", bad, "camera[2].name", "cannot name a folder");
+    }
+}
+
+#[test]
+fn cameras_need_distinct_places_in_order() {
+    refused("68.0", "0.0", "camera[2].offset_mm", "same place");
+    refused(
+        "68.0",
+        "-30.0",
+        "camera[2].offset_mm",
+        "left < middle < right",
+    );
+    // Of two cameras in the wrong order the later one is named.
+    let (error, _) = refusal("-70.0", "70.0");
+    assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm"));
+    assert!(error.reason.contains("left < middle < right"), "{error}");
+}
+
+#[test]
+fn impossible_stages_are_refused_by_name() {
+    refused("400]", "-400]", "stage.steps_per_mm[2]", "greater than 0");
+    refused("[0, 30]", "[30, 0]", "stage.travel_mm[2]", "less than");
+    refused("[0, 0, 1]]", "[0, 1, 0]]", "stage.matrix", "not invertible");
+    refused(
+        "TMC2209",
+        "TMC9999",
+        "stage.driver",
+        "A4988, DRV8825, TMC2209",
+    );
+}
+
+#[test]
+fn broken_toml_names_the_line() {
+    refused("\"left\"", "\"left", "name", "not valid TOML");
+    let (error, line) = refusal("offset_mm = [-70.0, 0.0]", "offset_mm [-70.0, 0.0]");
+    assert_eq!(error.line, Some(line), "{error}");
+    refused("name = \"left\"", "focal_px = 1", "focal_px", "duplicate");
+}
+
+#[test]
+fn writing_replaces_the_file_whole_and_leaves_no_draft() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    fs::write(&path, "old").unwrap();
+    RigFile::paper().write(&path).unwrap();
+    assert_eq!(RigFile::read(&path).unwrap(), RigFile::paper());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+
+    let nowhere = folder.path().join("none/rig.toml");
+    let error = RigFile::paper().write(&nowhere).unwrap_err();
+    assert!(error.to_string().contains("cannot write"), "{error}");
+    // A folder cannot be replaced by a file: the draft must be gone again.
+    let occupied = folder.path().join("occupied");
+    fs::create_dir(&occupied).unwrap();
+    RigFile::paper().write(&occupied).unwrap_err();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
