@@ -1,3 +1,4 @@
 //! What the tests in this folder share.
 
+pub mod binary;
 pub mod points;

@@ -156,10 +156,17 @@ fn too_many(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
     match fields.get(HEADER.len()) {
         None => Ok(()),
         Some(extra) => Err(refuse(
-            &extra.escape_debug().to_string(),
-            format!("one column too many: there are {}", HEADER.len()),
+            &format!("column {}", HEADER.len() + 1),
+            format!("`{}` is one column too many", extra.escape_debug()),
         )),
     }
+}
+
+/// One row: its line, and the pixels at the reference instant and now.
+#[derive(Clone, Copy)]
+struct Sighting {
+    line: usize,
+    pixels: [[f64; 2]; 2],
 }
 
 /// What the rows have said so far.
@@ -167,8 +174,8 @@ struct Collector<'a> {
     rig: &'a RigFile,
     /// Where in `seen` the point with this id is.
     places: HashMap<String, usize>,
-    /// Per point, in order of first rows, and per camera: line and pixels.
-    seen: Vec<Vec<Option<(usize, [[f64; 2]; 2])>>>,
+    /// Per point, in order of first rows, and per camera.
+    seen: Vec<Vec<Option<Sighting>>>,
 }
 
 impl<'a> Collector<'a> {
@@ -215,11 +222,11 @@ impl<'a> Collector<'a> {
             }
         };
         let slot = &mut self.seen[place][camera];
-        if let Some((first, _)) = slot {
+        if let Some(Sighting { line: first, .. }) = slot {
             let reason = format!("point `{id}` of camera `{name}` stands in line {first} already");
             return Err(refuse("id", reason));
         }
-        *slot = Some((line, pixels));
+        *slot = Some(Sighting { line, pixels });
         Ok(())
     }
 
@@ -237,7 +244,10 @@ impl<'a> Collector<'a> {
         }
         let count = self.seen.len();
         let complete = self.seen.into_iter().filter_map(|point| {
-            let pixels: Option<Vec<_>> = point.into_iter().map(|s| s.map(|(_, p)| p)).collect();
+            let pixels: Option<Vec<_>> = point
+                .into_iter()
+                .map(|seen| seen.map(|s| s.pixels))
+                .collect();
             pixels.map(|pixels| Track { pixels })
         });
         let tracks: Vec<Track> = complete.collect();

@@ -94,12 +94,18 @@ fn points_up_to_one_image_size_outside_are_taken() {
 #[test]
 fn wrong_columns_are_refused_by_line_and_field() {
     refused(",105\n", "\n", 2, "y1", "missing: 5 of 6");
-    refused(",105\n", ",105,7\n", 2, "7", "too many");
+    refused(",105\n", ",105,7\n", 2, "column 7", "too many");
     refused("a,middle,159,101,163,105", "a", 3, "camera", "missing");
     refused("id,camera", "camera,id", 1, "id", "found `camera`");
     refused("x0,y0,x1,y1", "x0,y0,u1,y1", 1, "x1", "found `u1`");
     refused("x1,y1", "x1", 1, "y1", "end of the line");
-    refused("x1,y1", "x1,y1,z1", 1, "z1", "too many");
+    refused(
+        "x1,y1",
+        "x1,y1,z1",
+        1,
+        "column 7",
+        "`z1` is one column too many",
+    );
     refused("id,camera,x0,y0,x1,y1\n", "", 1, "id", "found `a`");
 }
 

@@ -241,7 +241,9 @@ fn broken_toml_names_the_line() {
     refused("\"left\"", "\"left", "name", "not valid TOML");
     let (error, line) = refusal("offset_mm = [-70.0, 0.0]", "offset_mm [-70.0, 0.0]");
     assert_eq!(error.line, Some(line), "{error}");
-    refused("name = \"left\"", "focal_px = 1", "focal_px", "duplicate");
+    let (error, line) = refusal("name = \"left\"", "focal_px = 1");
+    assert_eq!(error.line, Some(line + 1), "{error}");
+    assert!(error.reason.contains("duplicate"), "{error}");
 }
 
 #[test]

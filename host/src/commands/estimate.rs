@@ -1,0 +1,301 @@
+//! `trinocular estimate`: displacements from a points CSV or from a folder of captures.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use host::error::{Failure, InputError};
+use host::flow::Track;
+use host::points;
+use host::rig_file::RigFile;
+use serde::Serialize;
+use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
+use shared::rig::Rig;
+use shared::sums::View;
+use shared::sums::centred::CentredSums;
+use shared::sums::pair::PairSums;
+
+/// Estimate the target's displacement from matched points or from images
+///
+/// Prints one line per displacement: x, y, z in mm, the standard deviation of each in mm where the method knows
+/// it, how many points were used and how many were rejected.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// A CSV file of matched points, or a folder of image captures
+    ///
+    /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as seen (principal
+    /// point not removed, from the centre of the top left pixel) at the reference instant and now. A point that
+    /// some camera has not seen is rejected and counted.
+    ///
+    /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images taken at the
+    /// same instant. Captures are taken in the order of their names.
+    input: PathBuf,
+
+    /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions in mm
+    #[arg(long, value_name = "RIG.toml")]
+    rig: PathBuf,
+
+    /// How to get from points to the displacement
+    #[arg(long, value_enum, default_value_t = Method::Midpoint)]
+    method: Method,
+
+    /// What each displacement of a folder is relative to; the first capture gives none
+    ///
+    /// A points CSV holds its own reference positions, so this changes nothing there.
+    #[arg(long, value_enum, default_value_t = Reference::First)]
+    reference: Reference,
+
+    /// Print one JSON object per displacement and line
+    #[arg(long, long_help = JSON_HELP)]
+    json: bool,
+}
+
+const JSON_HELP: &str = "\
+Print one JSON object per displacement and line:
+
+{\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\"method\":\"midpoint\"}
+
+`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. A frame without an estimate gives \
+{\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has been printed.";
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular estimate points.csv --rig rig.toml
+  trinocular estimate points.csv --rig rig.toml --method closed-form --json";
+
+/// The three estimators.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+enum Method {
+    /// The paper's eq. 9; needs exactly the cameras left, middle and right, in line
+    ClosedForm,
+    /// The paper's eq. 7; needs exactly the cameras left, middle and right, in line
+    LeastSquares,
+    /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a plane
+    Midpoint,
+}
+
+impl Method {
+    /// Refuses rigs the method is not made for.
+    fn check(self, rig_path: &Path, rig: &RigFile) -> Result<(), InputError> {
+        if self == Self::Midpoint {
+            return Ok(());
+        }
+        let name = self.to_possible_value();
+        let name = name.as_ref().map_or("", |value| value.get_name());
+        let fault = |field: &str, reason: String| InputError {
+            file: rig_path.to_owned(),
+            line: None,
+            field: Some(field.to_owned()),
+            reason,
+        };
+        if !rig.is_trinocular() {
+            let found = rig.names.join(", ");
+            return Err(fault(
+                "camera",
+                format!(
+                    "{name} needs exactly the cameras left, middle, right, but these are {found}"
+                ),
+            ));
+        }
+        if PairSums::new(&rig.rig).is_err() {
+            return Err(fault(
+                "camera.offset_mm[1]",
+                format!("{name} needs the cameras in line: their y offsets must be equal"),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The instant a displacement counts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Reference {
+    /// The first capture: errors do not add up
+    First,
+    /// The capture before: for targets that leave the first view
+    Previous,
+}
+
+/// One displacement, as it is printed.
+#[derive(Debug, Serialize)]
+struct Displacement {
+    frame: usize,
+    displacement_mm: [f64; 3],
+    sigma_mm: Option<[f64; 3]>,
+    points: usize,
+    rejected: usize,
+    method: Method,
+}
+
+/// A frame without an estimate, as it is printed.
+#[derive(Debug, Serialize)]
+struct Refused {
+    frame: usize,
+    refused: String,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let rig = RigFile::read(&options.rig)?;
+    options.method.check(&options.rig, &rig)?;
+    let points = points::read(&options.input, &rig)?;
+    let mut printer = Printer {
+        options,
+        out,
+        frames: 0,
+        refused: 0,
+    };
+    printer.points(&rig.rig, &points.tracks, points.rejected)?;
+    printer.finish()
+}
+
+/// Prints frames as they come and counts them.
+struct Printer<'a, W> {
+    options: &'a Options,
+    out: &'a mut W,
+    frames: usize,
+    refused: usize,
+}
+
+impl<W: Write> Printer<'_, W> {
+    /// The next frame, from its points and the number of those left out before.
+    fn points(&mut self, rig: &Rig, tracks: &[Track], rejected: usize) -> Result<(), Failure> {
+        match estimate(self.options.method, rig, tracks) {
+            Ok(solution) => {
+                let rejected = rejected + tracks.len() - solution.points;
+                self.displacement(&Displacement {
+                    frame: self.frames + 1,
+                    displacement_mm: solution.displacement_mm,
+                    sigma_mm: solution.sigma_mm,
+                    points: solution.points,
+                    rejected,
+                    method: self.options.method,
+                })
+            }
+            Err(reason) => {
+                let count = tracks.len();
+                self.refusal(format!("{reason} ({count} points, {rejected} rejected)"))
+            }
+        }
+    }
+
+    fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
+        self.frames += 1;
+        if self.options.json {
+            return self.json(line);
+        }
+        if self.frames - self.refused == 1 {
+            writeln!(
+                self.out,
+                "frame        x mm        y mm        z mm   sigma x   sigma y   sigma z  points rejected"
+            )?;
+        }
+        write!(self.out, "{:>5}", line.frame)?;
+        for component in line.displacement_mm {
+            write!(self.out, " {component:>11.4}")?;
+        }
+        for axis in 0..3 {
+            match line.sigma_mm {
+                Some(sigma) => write!(self.out, " {:>9.4}", sigma[axis])?,
+                None => write!(self.out, " {:>9}", "-")?,
+            }
+        }
+        writeln!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
+        Ok(())
+    }
+
+    fn refusal(&mut self, reason: String) -> Result<(), Failure> {
+        self.frames += 1;
+        self.refused += 1;
+        let frame = self.frames;
+        if self.options.json {
+            return self.json(&Refused {
+                frame,
+                refused: reason,
+            });
+        }
+        writeln!(self.out, "{frame:>5} refused: {reason}")?;
+        Ok(())
+    }
+
+    fn json(&mut self, line: &impl Serialize) -> Result<(), Failure> {
+        let mut text = serde_json::to_string(line).map_err(std::io::Error::from)?;
+        text.push('\n');
+        self.out.write_all(text.as_bytes())?;
+        Ok(())
+    }
+
+    fn finish(self) -> Result<(), Failure> {
+        self.out.flush()?;
+        if self.refused == 0 {
+            return Ok(());
+        }
+        Err(Failure::Refused {
+            file: self.options.input.clone(),
+            refused: self.refused,
+            frames: self.frames,
+        })
+    }
+}
+
+/// What an estimator makes of the points.
+struct Solution {
+    displacement_mm: [f64; 3],
+    sigma_mm: Option<[f64; 3]>,
+    /// Points that were used.
+    points: usize,
+}
+
+fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Refusal> {
+    let solution = match method {
+        Method::Midpoint => {
+            let mut sums = CentredSums::new(rig)?;
+            let mut points = 0;
+            for track in tracks {
+                points += usize::from(sums.add(&views(rig, track)));
+            }
+            let estimate = midpoint::solve(&sums)?;
+            Solution {
+                displacement_mm: estimate.displacement_mm,
+                sigma_mm: Some(estimate.sigma_mm()),
+                points,
+            }
+        }
+        Method::ClosedForm | Method::LeastSquares => {
+            let mut sums = PairSums::new(rig)?;
+            let mut points = 0;
+            for track in tracks {
+                if let Ok(three) = <[View; 3]>::try_from(views(rig, track)) {
+                    sums.add(three);
+                    points += 1;
+                }
+            }
+            let displacement_mm = if method == Method::ClosedForm {
+                closed_form::solve(&sums)?
+            } else {
+                least_squares::solve(&sums)?
+            };
+            Solution {
+                displacement_mm,
+                sigma_mm: None,
+                points,
+            }
+        }
+    };
+    // JSON has no word for a number that is not finite, and nobody has a use for it.
+    let sigma = solution.sigma_mm.unwrap_or_default();
+    let mut numbers = solution.displacement_mm.iter().chain(&sigma);
+    if numbers.all(|number| number.is_finite()) {
+        Ok(solution)
+    } else {
+        Err(Refusal::OutOfRange)
+    }
+}
+
+fn views(rig: &Rig, track: &Track) -> Vec<View> {
+    let seen = rig.cameras.iter().zip(&track.pixels);
+    seen.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
+        .collect()
+}

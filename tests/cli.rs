@@ -1,0 +1,129 @@
+//! The command line as its user meets it: results, messages and exit codes of the built program.
+
+#[path = "cli/bad_input.rs"]
+mod bad_input;
+#[path = "cli/points.rs"]
+mod points;
+#[path = "cli/usage.rs"]
+mod usage;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use host::rig_file::RigFile;
+use serde_json::Value;
+use tempfile::TempDir;
+use trinocular_tests::binary::trinocular;
+
+/// What a run of the program left behind.
+struct Outcome {
+    code: Option<i32>,
+    stdout: String,
+    stderr: String,
+}
+
+impl Outcome {
+    /// Every line of standard output as JSON.
+    #[track_caller]
+    fn json(&self) -> Vec<Value> {
+        let lines = self.stdout.lines();
+        lines
+            .map(|line| serde_json::from_str(line).expect("each line is one JSON value"))
+            .collect()
+    }
+
+    /// The run ended with `code`, having printed nothing but one error line that contains all of `parts`.
+    #[track_caller]
+    fn failed(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, Some(code), "{}", self.stderr);
+        assert_eq!(self.stdout, "");
+        self.complained(parts);
+    }
+
+    /// Standard error is one line that contains all of `parts`.
+    #[track_caller]
+    fn complained(&self, parts: &[&str]) {
+        let text = &self.stderr;
+        assert!(text.starts_with("error: "), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+        for part in parts {
+            assert!(text.contains(part), "`{part}` is not in: {text}");
+        }
+    }
+}
+
+/// Runs the program with `arguments` in `folder`.
+fn run(folder: &Path, arguments: &[&str]) -> Outcome {
+    let output = trinocular()
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts");
+    let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
+    Outcome {
+        code: output.status.code(),
+        stdout: text(output.stdout),
+        stderr: text(output.stderr),
+    }
+}
+
+/// A folder with the paper's `rig.toml` and a `points.csv` of five points that have moved by (1, 0, 0) mm.
+struct Desk {
+    folder: TempDir,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let desk = Self { folder };
+        let rig = RigFile::paper();
+        let mut csv = String::from("id,camera,x0,y0,x1,y1\n");
+        for (id, point) in POINTS_MM.iter().enumerate() {
+            for (name, camera) in rig.names.iter().zip(&rig.rig.cameras) {
+                let [x, y, z] = *point;
+                let [x0, y0] = camera.project(*point);
+                let [x1, y1] = camera.project([x + 1.0, y, z]);
+                csv += &format!("{id},{name},{x0},{y0},{x1},{y1}\n");
+            }
+        }
+        desk.write("points.csv", csv);
+        desk.write("rig.toml", rig.to_toml());
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).expect("the file was written")
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+        fs::write(self.path(name), content).expect("the folder can be written to");
+    }
+
+    /// Replaces the first `from` in a file; returns the line it stood in.
+    #[track_caller]
+    fn change(&self, name: &str, from: &str, to: &str) -> usize {
+        let text = self.read(name);
+        let at = text.find(from).expect("the change must apply");
+        self.write(name, text.replacen(from, to, 1));
+        1 + text[..at].matches('\n').count()
+    }
+
+    /// Runs `trinocular estimate points.csv --rig rig.toml` with more arguments.
+    fn estimate(&self, more: &[&str]) -> Outcome {
+        let mut arguments = vec!["estimate", "points.csv", "--rig", "rig.toml"];
+        arguments.extend(more);
+        run(self.folder.path(), &arguments)
+    }
+}
+
+const POINTS_MM: [[f64; 3]; 5] = [
+    [0.0, 0.0, 900.0],
+    [40.0, -30.0, 800.0],
+    [-50.0, 35.0, 1000.0],
+    [30.0, 45.0, 950.0],
+    [-20.0, -40.0, 850.0],
+];

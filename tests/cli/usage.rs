@@ -1,0 +1,94 @@
+//! Help, version, and command lines that make no sense.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::Stdio;
+
+use super::{Desk, run, trinocular};
+
+#[track_caller]
+fn misused(arguments: &[&str]) {
+    let outcome = run(Path::new("."), arguments);
+    assert_eq!(outcome.code, Some(2), "{arguments:?}: {}", outcome.stderr);
+    assert_eq!(outcome.stdout, "", "{arguments:?}");
+    assert!(outcome.stderr.contains("Usage"), "{}", outcome.stderr);
+}
+
+#[test]
+fn a_command_line_that_makes_no_sense_ends_with_2() {
+    misused(&["no-such-command"]);
+    misused(&["--no-such-option"]);
+    misused(&["estimate"]);
+    misused(&["estimate", "points.csv"]);
+    misused(&["estimate", "--rig", "rig.toml"]);
+    misused(&["estimate", "points.csv", "second.csv", "--rig", "rig.toml"]);
+}
+
+#[test]
+fn an_option_with_an_unknown_value_ends_with_2() {
+    let desk = Desk::new();
+    for (option, known) in [("--method", "closed-form"), ("--reference", "previous")] {
+        let outcome = desk.estimate(&[option, "guess"]);
+        assert_eq!(outcome.code, Some(2));
+        assert_eq!(outcome.stdout, "");
+        assert!(outcome.stderr.contains(known), "{}", outcome.stderr);
+    }
+}
+
+#[test]
+fn version_and_help_end_with_0() {
+    let version = run(Path::new("."), &["--version"]);
+    assert_eq!(version.code, Some(0));
+    let expected = concat!("trinocular ", env!("CARGO_PKG_VERSION"), "\n");
+    assert_eq!(version.stdout, expected);
+    for arguments in [&["--help"][..], &["help"], &["estimate", "--help"]] {
+        let help = run(Path::new("."), arguments);
+        assert_eq!(help.code, Some(0), "{arguments:?}");
+        assert!(help.stdout.contains("Usage: trinocular"), "{}", help.stdout);
+        assert_eq!(help.stderr, "");
+    }
+}
+
+#[test]
+fn help_explains_every_option_with_units_and_examples() {
+    let help = run(Path::new("."), &["estimate", "--help"]).stdout;
+    for part in [
+        "--rig <RIG.toml>",
+        "--method <METHOD>",
+        "--reference <REFERENCE>",
+        "--json",
+        "[default: midpoint]",
+        "[default: first]",
+        "id,camera,x0,y0,x1,y1",
+        "mm",
+        "Examples:",
+    ] {
+        assert!(help.contains(part), "`{part}` is not in: {help}");
+    }
+    let top = run(Path::new("."), &["--help"]).stdout;
+    assert!(top.contains("Exit codes:"), "{top}");
+}
+
+#[test]
+fn a_closed_output_is_no_fault() {
+    let desk = Desk::new();
+    for arguments in [
+        &["estimate", "points.csv", "--rig", "rig.toml"][..],
+        &["--help"],
+    ] {
+        let mut child = trinocular()
+            .args(arguments)
+            .current_dir(desk.folder.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        // The reading end is closed before, or while, the program writes.
+        drop(child.stdout.take());
+        let stderr = BufReader::new(child.stderr.take().expect("piped"));
+        let complaints: Vec<_> = stderr.lines().collect();
+        let status = child.wait().expect("the program ends");
+        assert_eq!(status.code(), Some(0), "{complaints:?}");
+        assert!(complaints.is_empty(), "{complaints:?}");
+    }
+}
