@@ -3,5 +3,6 @@
 pub mod error;
 pub mod flow;
 pub mod images;
+pub mod plant;
 pub mod points;
 pub mod rig_file;

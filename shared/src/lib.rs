@@ -7,5 +7,7 @@ extern crate std;
 pub mod estimate;
 pub mod fixed;
 pub mod frame;
+pub mod motion;
 pub mod rig;
+pub mod steps;
 pub mod sums;

@@ -1,0 +1,254 @@
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::steps::{AXES, Position, WordRate};
+
+/// One axis of the stage as the host describes it: physical units, integers only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AxisConfig {
+    /// Steps (micro-steps) per metre of travel; 1,000 times the steps per mm.
+    pub steps_per_m: u32,
+    /// Highest speed, µm/s.
+    pub max_speed_um_s: u32,
+    /// Highest acceleration, µm/s².
+    pub max_acceleration_um_s2: u32,
+    /// Highest change of acceleration, µm/s³.
+    pub max_jerk_um_s3: u32,
+    /// Lowest and highest allowed position, µm from zero.
+    pub travel_um: [i32; 2],
+    /// The DIR pin is low forwards.
+    pub invert: bool,
+}
+
+/// A field of [`AxisConfig`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Field {
+    /// `steps_per_m`
+    StepsPerM,
+    /// `max_speed_um_s`
+    MaxSpeed,
+    /// `max_acceleration_um_s2`
+    MaxAcceleration,
+    /// `max_jerk_um_s3`
+    MaxJerk,
+    /// `travel_um`
+    Travel,
+}
+
+impl Field {
+    /// As the configuration calls it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::StepsPerM => "steps_per_m",
+            Self::MaxSpeed => "max_speed_um_s",
+            Self::MaxAcceleration => "max_acceleration_um_s2",
+            Self::MaxJerk => "max_jerk_um_s3",
+            Self::Travel => "travel_um",
+        }
+    }
+}
+
+/// What is wrong with an [`AxisConfig`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LimitFault {
+    /// The field must not be zero.
+    Zero(Field),
+    /// The field is below one quantum of the planner's grid: the axis could not move.
+    TooSmall(Field),
+    /// The speed asks for more steps per second than the word rate can make.
+    TooFast {
+        /// Asked for, steps/s, rounded down.
+        steps_per_s: u64,
+        /// The most there is, steps/s.
+        most: u32,
+    },
+    /// The travel's low end is not below its high end.
+    NoTravel,
+    /// The travel reaches beyond ±2²⁹ steps.
+    TravelTooFar,
+}
+
+impl LimitFault {
+    /// The field at fault.
+    pub const fn field(self) -> Field {
+        match self {
+            Self::Zero(field) | Self::TooSmall(field) => field,
+            Self::TooFast { .. } => Field::MaxSpeed,
+            Self::NoTravel | Self::TravelTooFar => Field::Travel,
+        }
+    }
+}
+
+impl fmt::Display for LimitFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ", self.field().name())?;
+        match self {
+            Self::Zero(_) => write!(f, "must not be zero"),
+            Self::TooSmall(_) => write!(f, "is below what the step generator can resolve"),
+            Self::TooFast { steps_per_s, most } => {
+                write!(f, "needs {steps_per_s} steps/s, the word rate gives {most}")
+            }
+            Self::NoTravel => write!(f, "must go from low to high"),
+            Self::TravelTooFar => write!(f, "reaches beyond 2^29 steps"),
+        }
+    }
+}
+
+impl core::error::Error for LimitFault {}
+
+/// A [`LimitFault`] and the axis it is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ConfigFault {
+    /// The axis, from 0.
+    pub axis: usize,
+    /// What is wrong.
+    pub fault: LimitFault,
+}
+
+impl fmt::Display for ConfigFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "axis {}: {}", self.axis, self.fault)
+    }
+}
+
+impl core::error::Error for ConfigFault {}
+
+/// What one axis may do, in the planner's grid (see the [module](super)).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisLimits {
+    /// Highest speed, multiples of `2n` fine units per slot; from 1, and `2n` times it fits a `u32`.
+    pub(super) speed: u32,
+    /// Highest change of speed per segment, same unit; from 1 to `speed`.
+    pub(super) acceleration: u32,
+    /// Allowed step numbers, both ends included, within ±2²⁹.
+    range: [i32; 2],
+}
+
+/// Positions of soft limits stay within this, steps: leaves room to stop within the range of [`Position`] from anywhere.
+const FARTHEST: i128 = 1 << 29;
+
+impl AxisLimits {
+    /// The largest multiples of the grid's quanta that exceed nothing in `config`.
+    pub fn new(config: &AxisConfig, rate: WordRate) -> Result<Self, LimitFault> {
+        let fields = [
+            (u64::from(config.steps_per_m), Field::StepsPerM),
+            (u64::from(config.max_speed_um_s), Field::MaxSpeed),
+            (
+                u64::from(config.max_acceleration_um_s2),
+                Field::MaxAcceleration,
+            ),
+            (u64::from(config.max_jerk_um_s3), Field::MaxJerk),
+        ];
+        for (value, field) in fields {
+            if value == 0 {
+                return Err(LimitFault::Zero(field));
+            }
+        }
+        // µm per second to fine units per slot, then to the grid. Below 2⁹⁶ all the way.
+        let fine_per_m = u128::from(config.steps_per_m) << 32;
+        let slots_per_s = u128::from(rate.slots_per_s());
+        let quantum = 2 * u128::from(rate.slots_per_segment());
+        let micro = 1_000_000;
+        let fine_per_slot = fine_per_m * u128::from(config.max_speed_um_s) / (micro * slots_per_s);
+        if fine_per_slot > 1 << 32 {
+            let steps_per_s =
+                u64::from(config.steps_per_m) * u64::from(config.max_speed_um_s) / 1_000_000;
+            return Err(LimitFault::TooFast {
+                steps_per_s,
+                most: rate.slots_per_s(),
+            });
+        }
+        // Exactly one step per slot is one fine unit more than an increment can hold.
+        let speed = (fine_per_slot.min(u128::from(u32::MAX)) / quantum) as u32;
+        if speed == 0 {
+            return Err(LimitFault::TooSmall(Field::MaxSpeed));
+        }
+        let per_segment = micro * slots_per_s * u128::from(WordRate::SEGMENTS_PER_S) * quantum;
+        let acceleration = fine_per_m * u128::from(config.max_acceleration_um_s2) / per_segment;
+        // More than the whole speed in one segment is no use.
+        let acceleration = acceleration.min(u128::from(speed)) as u32;
+        if acceleration == 0 {
+            return Err(LimitFault::TooSmall(Field::MaxAcceleration));
+        }
+        Ok(Self {
+            speed,
+            acceleration,
+            range: travel_steps(config)?,
+        })
+    }
+
+    /// The lowest and highest step number the axis may stand at.
+    pub const fn range(&self) -> [i32; 2] {
+        self.range
+    }
+
+    /// The allowed position nearest to `target`. Within a step of the range's ends that is the centre of the last step.
+    pub fn clamp(&self, target: Position) -> Position {
+        let [low, high] = self.range;
+        target.clamp(Position::centre(low), Position::centre(high))
+    }
+}
+
+/// The travel in steps, rounded inwards.
+fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
+    let [low, high] = config.travel_um;
+    if low >= high {
+        return Err(LimitFault::NoTravel);
+    }
+    let micro_steps = |um: i32| i128::from(um) * i128::from(config.steps_per_m);
+    let floor = |value: i128| value.div_euclid(1_000_000);
+    let (low, high) = (-floor(-micro_steps(low)), floor(micro_steps(high)));
+    if low < -FARTHEST || high > FARTHEST {
+        return Err(LimitFault::TravelTooFar);
+    }
+    if low > high {
+        // Not one whole step lies within.
+        return Err(LimitFault::TooSmall(Field::Travel));
+    }
+    Ok([low as i32, high as i32])
+}
+
+/// What all axes may do, and the word rate it was worked out for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    pub(super) rate: WordRate,
+    pub(super) axes: [AxisLimits; AXES],
+}
+
+impl Limits {
+    /// Converts the configuration of each axis; the first fault is reported with its axis.
+    pub fn new(configs: &[AxisConfig; AXES], rate: WordRate) -> Result<Self, ConfigFault> {
+        let of = |axis: usize, config| {
+            AxisLimits::new(config, rate).map_err(|fault| ConfigFault { axis, fault })
+        };
+        let [x, y, z] = configs;
+        Ok(Self {
+            rate,
+            axes: [of(0, x)?, of(1, y)?, of(2, z)?],
+        })
+    }
+
+    /// The word rate.
+    pub const fn word_rate(&self) -> WordRate {
+        self.rate
+    }
+
+    /// Each axis's limits.
+    pub const fn axes(&self) -> &[AxisLimits; AXES] {
+        &self.axes
+    }
+
+    /// Highest speeds after quantisation, fine units (2⁻³² step) per slot.
+    pub fn speeds(&self) -> [u32; AXES] {
+        let quantum = 2 * u32::from(self.rate.slots_per_segment());
+        self.axes.map(|axis| axis.speed.saturating_mul(quantum))
+    }
+
+    /// Highest accelerations after quantisation, fine units per slot, per segment.
+    pub fn accelerations(&self) -> [u32; AXES] {
+        let quantum = 2 * u32::from(self.rate.slots_per_segment());
+        self.axes
+            .map(|axis| axis.acceleration.saturating_mul(quantum))
+    }
+}

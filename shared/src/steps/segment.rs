@@ -1,0 +1,165 @@
+use core::fmt;
+
+use super::AXES;
+
+/// What one axis does in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine units
+/// (2⁻³² step) forwards, or backwards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AxisMotion {
+    /// Increment of the first slot, 2⁻³² step.
+    pub first: u32,
+    /// What the increment gains from slot to slot, 2⁻³² step per slot.
+    pub change: i32,
+    /// Against the counting direction.
+    pub backward: bool,
+}
+
+impl AxisMotion {
+    /// No motion; the DIR pin is left alone.
+    pub const REST: Self = Self {
+        first: 0,
+        change: 0,
+        backward: false,
+    };
+
+    /// True when no slot moves this axis.
+    pub const fn is_rest(&self) -> bool {
+        self.first == 0 && self.change == 0
+    }
+
+    /// The increment of slot `k`, were there no limit to its range. Below 2⁴⁸ in size.
+    const fn increment(&self, k: u16) -> i64 {
+        self.first as i64 + self.change as i64 * k as i64
+    }
+
+    /// Distance of the first `slots` slots without sign: `slots * first + change * slots (slots - 1) / 2`, fine units.
+    /// Below 2⁶³ in size for all arguments.
+    pub(super) const fn distance(&self, slots: u16) -> i64 {
+        let n = slots as i64;
+        n * self.first as i64 + n * (n - 1) / 2 * self.change as i64
+    }
+}
+
+/// A run of slots with constant directions and linearly changing speeds.
+///
+/// *Invariant:* between 1 and 65,535 slots, and every increment of every slot lies in 0..2³², so that an axis makes at
+/// most one step per slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Segment {
+    slots: u16,
+    axes: [AxisMotion; AXES],
+}
+
+impl Segment {
+    /// `slots` slots of the given motion.
+    pub fn new(slots: u16, axes: [AxisMotion; AXES]) -> Result<Self, SegmentFault> {
+        let Some(last) = slots.checked_sub(1) else {
+            return Err(SegmentFault::NoSlots);
+        };
+        // A linear function stays within bounds when its two ends do.
+        let fits = |motion: &AxisMotion| u32::try_from(motion.increment(last)).is_ok();
+        match axes.iter().position(|motion| !fits(motion)) {
+            Some(axis) => Err(SegmentFault::Speed { axis }),
+            None => Ok(Self { slots, axes }),
+        }
+    }
+
+    /// A pause: no axis moves. Zero `slots` become one.
+    pub const fn pause(slots: u16) -> Self {
+        Self {
+            slots: if slots == 0 { 1 } else { slots },
+            axes: [AxisMotion::REST; AXES],
+        }
+    }
+
+    /// How many slots (of two words each) it lasts; never zero.
+    pub const fn slots(&self) -> u16 {
+        self.slots
+    }
+
+    /// What each axis does.
+    pub const fn axes(&self) -> &[AxisMotion; AXES] {
+        &self.axes
+    }
+
+    /// The way each axis goes in the whole segment, 2⁻³² step, negative backwards. Exact, below 2⁴⁸ in size.
+    pub fn displacement(&self) -> [i64; AXES] {
+        self.axes.map(|motion| {
+            let way = motion.distance(self.slots);
+            if motion.backward { -way } else { way }
+        })
+    }
+}
+
+/// Why a [`Segment`] was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SegmentFault {
+    /// It has no slot.
+    NoSlots,
+    /// An increment would leave 0..2³²: the axis would turn within the segment, or need two steps in a slot.
+    Speed {
+        /// The axis, from 0.
+        axis: usize,
+    },
+}
+
+impl fmt::Display for SegmentFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSlots => write!(f, "segment without slots"),
+            Self::Speed { axis } => write!(
+                f,
+                "axis {axis} turns within the segment or exceeds one step per slot"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for SegmentFault {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn both_ends_are_checked() {
+        let with = |first, change| {
+            let motion = AxisMotion {
+                first,
+                change,
+                backward: false,
+            };
+            Segment::new(10, [AxisMotion::REST, motion, AxisMotion::REST])
+        };
+        assert!(with(90, -10).is_ok());
+        assert_eq!(with(89, -10), Err(SegmentFault::Speed { axis: 1 }));
+        assert!(with(u32::MAX - 90, 10).is_ok());
+        assert_eq!(
+            with(u32::MAX - 89, 10),
+            Err(SegmentFault::Speed { axis: 1 })
+        );
+        assert_eq!(
+            Segment::new(0, [AxisMotion::REST; 3]),
+            Err(SegmentFault::NoSlots)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn displacement_is_the_sum_of_the_increments(
+            slots: u16, first: u32, change: i32, backward: bool,
+        ) {
+            let motion = AxisMotion { first, change, backward };
+            // Total for all inputs, even those that no valid segment has.
+            let all = motion.distance(slots);
+            let sum: i128 = (0..i128::from(slots)).map(|k| i128::from(first) + k * i128::from(change)).sum();
+            prop_assert_eq!(i128::from(all), sum);
+            if let Ok(segment) = Segment::new(slots, [motion; 3]) {
+                let sign = if backward { -1 } else { 1 };
+                prop_assert_eq!(segment.displacement(), [sign * all; 3]);
+                prop_assert!((0..1 << 48).contains(&all));
+            }
+        }
+    }
+}
