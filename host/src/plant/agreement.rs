@@ -114,7 +114,7 @@ fn random_segments_keep_the_promised_words_of_set_up_and_hold() {
             // Up to half a step per slot, so that every segment may turn.
             let [first, last] = [(); 2].map(|()| (random(&mut seed) % (1 << 31)) as i64);
             let change = (last - first) / i64::from(slots - 1);
-            let backward = random(&mut seed) % 2 == 0;
+            let backward = random(&mut seed).is_multiple_of(2);
             AxisMotion {
                 first: first as u32,
                 change: change as i32,

@@ -183,10 +183,15 @@ impl AxisLimits {
         self.range
     }
 
-    /// The allowed position nearest to `target`. Within a step of the range's ends that is the centre of the last step.
+    /// The centres of the first and the last allowed step.
+    pub fn ends(&self) -> [Position; 2] {
+        self.range.map(Position::centre)
+    }
+
+    /// The allowed position nearest to `target`.
     pub fn clamp(&self, target: Position) -> Position {
-        let [low, high] = self.range;
-        target.clamp(Position::centre(low), Position::centre(high))
+        let [low, high] = self.ends();
+        target.clamp(low, high)
     }
 }
 

@@ -73,41 +73,61 @@ impl Axis {
         }
     }
 
-    /// `m` speed quanta as a signed stopping way, fine units.
+    /// The way to stop from `m` speed quanta at full braking, fine units, signed like `m`.
     fn stopping_way(&self, m: i32, slots: u16) -> i64 {
         let quantum = i64::from(slots) * i64::from(slots);
-        let way = quantum.saturating_mul(self.pace.stopping_distance(m.unsigned_abs()));
+        let way = quantum.saturating_mul(self.limits.pace().stopping_distance(m.unsigned_abs()));
         if m < 0 { -way } else { way }
     }
 
     /// Chooses the next segment's ramp: start speed, end speed, backward.
+    ///
+    /// Planned as seen from the target, which moves steadily: relative to it the axis comes to rest.
     fn ramp(&mut self, slots: u16) -> (u32, u32, bool) {
         let quantum = i64::from(slots) * i64::from(slots);
+        let way = self.target.fine().saturating_sub(self.position.fine());
         self.target = self
             .target
             .saturating_add(2 * quantum * i64::from(self.drift));
-        // Aiming at where the target would stop if it braked now makes the axis meet it at equal speed, without lag.
-        let goal = self
-            .target
-            .saturating_add(self.stopping_way(self.drift, slots));
-        let goal = if self.drift == 0 {
-            goal
+
+        let relative = self.speed - self.drift;
+        let backward = if relative == 0 { way < 0 } else { relative < 0 };
+        let (ahead, drift) = if backward {
+            (way.saturating_neg(), -self.drift)
         } else {
-            self.limits.clamp(goal)
+            (way, self.drift)
         };
-        let way = goal.fine().saturating_sub(self.position.fine());
+        // The drift is within the axis's speed; a pace below it (axes in step) has no drift.
+        let fastest = self.pace.speed.saturating_add_signed(-drift);
+        let pace = Pace {
+            speed: fastest,
+            ..self.pace
+        };
+        let next = pace
+            .next_speed(relative.unsigned_abs(), ahead.div_euclid(quantum))
+            .cast_signed();
+        let wanted = self.drift + if backward { -next } else { next };
+
+        // Turn at a segment border only, and keep able to stop within the soft limits.
+        let [low, high] = self
+            .limits
+            .ends()
+            .map(|end| end.fine().saturating_sub(self.position.fine()));
+        let now = self.speed.unsigned_abs();
+        let full = self.limits.pace();
         let backward = if self.speed == 0 {
-            way < 0
+            wanted < 0
         } else {
             self.speed < 0
         };
-        let ahead = if backward { way.saturating_neg() } else { way };
-        let now = self.speed.unsigned_abs();
-        (
-            now,
-            self.pace.next_speed(now, ahead.div_euclid(quantum)),
-            backward,
-        )
+        let room = if backward { low.saturating_neg() } else { high };
+        let bound = full.next_speed(now, room.div_euclid(quantum));
+        let to = if (wanted < 0) == backward {
+            wanted.unsigned_abs().min(bound)
+        } else {
+            0
+        };
+        (now, to, backward)
     }
 }
 

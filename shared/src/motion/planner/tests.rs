@@ -213,6 +213,27 @@ proptest! {
     }
 
     #[test]
+    fn following_anything_keeps_all_limits(
+        (rate, configs) in configs(),
+        inputs in prop::collection::vec((prop::array::uniform3(-1_000..1_000i32), prop::array::uniform3(any::<i32>()), 1..300u32), 1..30),
+    ) {
+        let configs = configs.map(|config| AxisConfig { travel_um: [-1_000_000_000 / config.steps_per_m as i32 - 1, 500_000_000 / config.steps_per_m as i32 + 1], ..config });
+        let Ok(limits) = Limits::new(&configs, rate) else { return Ok(()) };
+        let mut planner = Planner::new(limits, centres([0; AXES]));
+        let mut judge = Judge::new(configs, rate);
+        for (targets, speeds, segments) in inputs {
+            planner.follow(centres(targets), speeds.map(i64::from));
+            for _ in 0..segments {
+                judge.see(&planner.plan_segment());
+                for (position, limits) in judge.position.iter().zip(limits.axes()) {
+                    let [low, high] = limits.ends();
+                    prop_assert!((low..=high).contains(position));
+                }
+            }
+        }
+    }
+
+    #[test]
     fn stop_takes_the_way_it_says_and_no_longer_than_the_bound(
         (rate, configs) in configs(), target: i16, segments in 0..2_000usize,
     ) {
@@ -403,9 +424,9 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
                 / 4_294_967_296.0
                 / f64::from(targets[axis])
         };
-        for axis in 0..AXES {
+        for (axis, arrival) in arrival.iter_mut().enumerate() {
             if !segment.axes()[axis].is_rest() {
-                arrival[axis] = n;
+                *arrival = n;
             }
             worst = worst.max((part(axis) - part(0)).abs());
         }

@@ -106,7 +106,7 @@ proptest! {
                     let mut piece = vec![0xdead_beef; room + 2];
                     while !generator.is_idle() {
                         let made = generator.fill(&mut piece);
-                        prop_assert!(made > 0 && made % 2 == 0);
+                        prop_assert!(made > 0 && made.is_multiple_of(2));
                         words.extend_from_slice(&piece[..made]);
                     }
                     prop_assert_eq!(words, model.words(segment));
