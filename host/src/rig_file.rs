@@ -49,6 +49,17 @@ const LIMIT_DISTORTION: f64 = 1e3;
 /// Cameras closer than this are the same camera twice, mm.
 const LEAST_BASELINE_MM: f64 = 1e-3;
 
+/// What the rig is wanted for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shape {
+    /// The midpoint: 2 to 8 cameras anywhere in a plane.
+    Plane,
+    /// The paper's estimators: left, middle, right, in line.
+    Line,
+}
+
+const PAPERS_ESTIMATORS: &str = "the estimators closed-form and least-squares";
+
 /// A rig with the names of its cameras, as a rig file holds it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigFile {
@@ -77,17 +88,31 @@ impl RigFile {
 
     /// Reads and checks the rig file at `path`.
     pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::read_as(path, Shape::Plane)
+    }
+
+    /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made for: they need exactly
+    /// the cameras left, middle and right, at equal heights.
+    pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
+        Self::read_as(path, Shape::Line)
+    }
+
+    fn read_as(path: &Path, shape: Shape) -> Result<Self, InputError> {
         let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
         let text = std::str::from_utf8(&bytes).map_err(|error| {
             let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
             let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
             InputError::line(path, line, "not UTF-8 text")
         })?;
-        Self::parse(path, text)
+        Self::parse_as(path, text, shape)
     }
 
     /// Checks the text of a rig file; `file` is what errors name.
     pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
+        Self::parse_as(file, text, Shape::Plane)
+    }
+
+    fn parse_as(file: &Path, text: &str, shape: Shape) -> Result<Self, InputError> {
         let source = Source { file, text };
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
         let value = DeValue::Table(table.into_inner());
@@ -96,7 +121,7 @@ impl RigFile {
         let image_size_px = root
             .required("image_size_px")?
             .each(|side| side.whole(IMAGE_SIDE_PX))?;
-        let (names, cameras) = cameras(&root.required("camera")?, image_size_px)?;
+        let (names, cameras) = cameras(&root.required("camera")?, image_size_px, shape)?;
         let stage = match root.optional("stage")? {
             Some(section) => Some(Stage::read(&section)?),
             None => None,
@@ -161,6 +186,7 @@ impl RigFile {
 fn cameras(
     list: &Field<'_>,
     image_size_px: [u32; 2],
+    shape: Shape,
 ) -> Result<(Vec<String>, Vec<Camera>), InputError> {
     let tables = list.elements()?;
     if !(2..=MAX_CAMERAS).contains(&tables.len()) {
@@ -207,30 +233,52 @@ fn cameras(
             }
         }
         if read.len() == TRINOCULAR.len() {
+            if shape == Shape::Line {
+                in_line(&tables, &read)?;
+            }
             read.sort_by_key(|(name, _)| TRINOCULAR.iter().position(|known| known == name));
+            return Ok(read.into_iter().unzip());
         }
     }
+    if shape == Shape::Line {
+        let found: Vec<&str> = read.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(list.fault(format!(
+            "{PAPERS_ESTIMATORS} need exactly the cameras left, middle, right, but these are {}",
+            found.join(", ")
+        )));
+    }
     Ok(read.into_iter().unzip())
+}
+
+/// Equal heights, exactly: the paper's pairs share their image rows.
+fn in_line(tables: &[Field<'_>], cameras: &[(String, Camera)]) -> Result<(), InputError> {
+    let Some((first, reference)) = cameras.first() else {
+        return Ok(());
+    };
+    for (table, (name, camera)) in tables.iter().zip(cameras) {
+        let [height, other] = [camera, reference].map(|c| c.offset_mm[1]);
+        if height != other {
+            let offset = table.required("offset_mm")?;
+            let [_, y] = offset.fields()?;
+            return Err(y.fault(format!(
+                "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at y {height} and `{first}` at {other}"
+            )));
+        }
+    }
+    Ok(())
 }
 
 fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputError> {
     let principal = table.required("principal_px")?;
     let principal_px: [f64; 2] = principal.each(|axis| axis.number(f64::MAX))?;
-    for ((axis, at), size) in principal
-        .elements()?
-        .iter()
-        .zip(principal_px)
-        .zip(image_size_px)
-    {
+    let axes: [Field<'_>; 2] = principal.fields()?;
+    for ((axis, at), size) in axes.iter().zip(principal_px).zip(image_size_px) {
         if !(0.0..f64::from(size)).contains(&at) {
             return Err(axis.fault(format!("{at} is outside the image (0 to {size} px)")));
         }
     }
-    let distortion = match table.optional("distortion")? {
-        Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
-        None => [0.0; 5],
-    };
-    Ok(Camera {
+    let distortion = table.optional("distortion")?;
+    let camera = Camera {
         focal_px: table
             .required("focal_px")?
             .each(|axis| axis.positive(LIMIT_FOCAL_PX))?,
@@ -238,8 +286,35 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         offset_mm: table
             .required("offset_mm")?
             .each(|axis| axis.number(LIMIT_OFFSET_MM))?,
-        distortion,
-    })
+        distortion: match &distortion {
+            Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
+            None => [0.0; 5],
+        },
+    };
+    match distortion {
+        Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(
+            "this lens model cannot be inverted everywhere in the image, so it is not the lens's",
+        )),
+        _ => Ok(camera),
+    }
+}
+
+/// Whether removing and applying the distortion leads back to the same pixel, all round the image's border.
+fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
+    const STEPS: u32 = 16;
+    /// Far below what any tracker sees, far above rounding.
+    const TOLERANCE_PX: f64 = 1e-3;
+    let [width, height] = image_size_px.map(|size| f64::from(size) - 1.0);
+    (0..=STEPS)
+        .map(|step| f64::from(step) / f64::from(STEPS))
+        .flat_map(|share| {
+            let (x, y) = (share * width, share * height);
+            [[x, 0.0], [x, height], [0.0, y], [width, y]]
+        })
+        .all(|pixel| {
+            let back = camera.denormalise(camera.normalise(pixel));
+            (back[0] - pixel[0]).hypot(back[1] - pixel[1]) < TOLERANCE_PX
+        })
 }
 
 /// A camera's name is also the name of its folder of images and stands in CSV files.

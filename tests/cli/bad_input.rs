@@ -122,7 +122,7 @@ fn a_camera_that_is_missing_from_the_rig() {
         &["points.csv:4: field `camera`: ", "`right`", "left, middle"],
     );
     desk.estimate(&["--method", "closed-form"])
-        .failed(1, &["rig.toml", "`camera`", "left, middle, right"]);
+        .failed(1, &["rig.toml:3: field `camera`: ", "left, middle, right"]);
 }
 
 #[test]

@@ -241,7 +241,7 @@ fn two_cameras_of_any_name_serve_the_midpoint_only() {
             1,
             &[
                 "rig.toml",
-                "`camera`",
+                "rig.toml:3: field `camera`: ",
                 method,
                 "left, middle, right",
                 "upper",
@@ -253,10 +253,11 @@ fn two_cameras_of_any_name_serve_the_midpoint_only() {
 #[test]
 fn cameras_off_the_line_serve_the_midpoint_only() {
     let desk = Desk::new();
-    desk.change("rig.toml", "[68.0, 0.0]", "[68.0, 1.0]");
+    let line = desk.change("rig.toml", "[68.0, 0.0]", "[68.0, 1.0]");
     assert_eq!(desk.estimate(&[]).code, Some(0));
     let outcome = desk.estimate(&["--method", "closed-form"]);
-    outcome.failed(1, &["rig.toml", "offset_mm[1]", "closed-form", "in line"]);
+    let place = format!("rig.toml:{line}: field `camera[2].offset_mm[1]`: ");
+    outcome.failed(1, &[&place, "closed-form", "in line"]);
 }
 
 #[test]

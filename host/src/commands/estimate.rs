@@ -77,35 +77,12 @@ enum Method {
 }
 
 impl Method {
-    /// Refuses rigs the method is not made for.
-    fn check(self, rig_path: &Path, rig: &RigFile) -> Result<(), InputError> {
-        if self == Self::Midpoint {
-            return Ok(());
+    /// Reads the rig, refusing those the method is not made for.
+    fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
+        match self {
+            Self::Midpoint => RigFile::read(path),
+            Self::ClosedForm | Self::LeastSquares => RigFile::read_in_line(path),
         }
-        let name = self.to_possible_value();
-        let name = name.as_ref().map_or("", |value| value.get_name());
-        let fault = |field: &str, reason: String| InputError {
-            file: rig_path.to_owned(),
-            line: None,
-            field: Some(field.to_owned()),
-            reason,
-        };
-        if !rig.is_trinocular() {
-            let found = rig.names.join(", ");
-            return Err(fault(
-                "camera",
-                format!(
-                    "{name} needs exactly the cameras left, middle, right, but these are {found}"
-                ),
-            ));
-        }
-        if PairSums::new(&rig.rig).is_err() {
-            return Err(fault(
-                "camera.offset_mm[1]",
-                format!("{name} needs the cameras in line: their y offsets must be equal"),
-            ));
-        }
-        Ok(())
     }
 }
 
@@ -138,8 +115,7 @@ struct Refused {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let rig = RigFile::read(&options.rig)?;
-    options.method.check(&options.rig, &rig)?;
+    let rig = options.method.read_rig(&options.rig)?;
     let points = points::read(&options.input, &rig)?;
     let mut printer = Printer {
         options,

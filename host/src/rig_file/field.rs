@@ -151,16 +151,22 @@ impl<'a> Field<'a> {
             .collect())
     }
 
+    /// The elements of an array that must have exactly `N`.
+    pub fn fields<const N: usize>(&self) -> Result<[Field<'a>; N], InputError> {
+        self.elements()?
+            .try_into()
+            .map_err(|elements: Vec<Field<'a>>| {
+                let count = elements.len();
+                self.fault(format!("expected {N} elements, found {count}"))
+            })
+    }
+
     /// The elements of an array that must have exactly `N`, each read by `read`.
     pub fn each<const N: usize, T: Copy + Default>(
         &self,
         read: impl Fn(&Field<'a>) -> Result<T, InputError>,
     ) -> Result<[T; N], InputError> {
-        let elements = self.elements()?;
-        if elements.len() != N {
-            let count = elements.len();
-            return Err(self.fault(format!("expected {N} elements, found {count}")));
-        }
+        let elements: [Field<'a>; N] = self.fields()?;
         let mut values = [T::default(); N];
         for (value, element) in values.iter_mut().zip(&elements) {
             *value = read(element)?;

@@ -42,7 +42,7 @@ fn refused(from: &str, to: &str, field: &str, reason: &str) {
 fn the_papers_rig_reads_back_bit_for_bit() {
     let mut rig = RigFile::paper();
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
-    rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 0.1 + 0.2, 0.0, -0.0];
+    rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 1e-3 / 3.0, 0.0, -0.0];
     rig.rig.cameras[2].focal_px[0] = 1.0 / 3.0;
     rig.names[2] = "a \"b\" ü".to_owned();
     let text = rig.to_toml();
@@ -263,4 +263,50 @@ fn writing_replaces_the_file_whole_and_leaves_no_draft() {
     fs::create_dir(&occupied).unwrap();
     RigFile::paper().write(&occupied).unwrap_err();
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn a_lens_model_that_folds_the_image_over_is_refused() {
+    let with = |k1: &str| format!("offset_mm = [68.0, 0.0]\ndistortion = [{k1}, 0, 0, 0, 0]");
+    let (error, line) = refusal("offset_mm = [68.0, 0.0]", &with("-30"));
+    assert_eq!(error.field.as_deref(), Some("camera[2].distortion"));
+    assert_eq!(error.line, Some(line + 1), "{error}");
+    for lens in ["-0.4", "0.4"] {
+        let text = paper_text().replace("offset_mm = [68.0, 0.0]", &with(lens));
+        assert!(parse(&text).is_ok(), "an ordinary lens: {lens}");
+    }
+}
+
+#[test]
+fn the_papers_estimators_want_a_rig_in_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    RigFile::paper().write(&path).unwrap();
+    assert_eq!(RigFile::read_in_line(&path).unwrap(), RigFile::paper());
+
+    let mut raised = RigFile::paper();
+    raised.rig.cameras[1].offset_mm[1] = 0.5;
+    raised.write(&path).unwrap();
+    assert_eq!(RigFile::read(&path).unwrap(), raised);
+    let error = RigFile::read_in_line(&path).unwrap_err();
+    assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm[1]"));
+    assert_eq!(error.line, Some(13), "{error}");
+
+    let mut renamed = RigFile::paper();
+    renamed.names[0] = "port".to_owned();
+    renamed.write(&path).unwrap();
+    let error = RigFile::read_in_line(&path).unwrap_err();
+    assert_eq!(
+        (error.line, error.field.as_deref()),
+        (Some(3), Some("camera"))
+    );
+    assert!(error.reason.contains("port, middle, right"), "{error}");
+}
+
+#[test]
+fn deep_nesting_is_refused_without_overflowing_the_stack() {
+    for open in ["[", "{a = "] {
+        let error = parse(&format!("image_size_px = {}", open.repeat(100_000))).unwrap_err();
+        assert!(error.reason.contains("not valid TOML"), "{error}");
+    }
 }
