@@ -6,3 +6,4 @@ pub mod images;
 pub mod plant;
 pub mod points;
 pub mod rig_file;
+pub mod station;

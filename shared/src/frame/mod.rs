@@ -1,4 +1,51 @@
-//! The wire.
+//! The wire: what host and station say to each other over any byte stream.
+//!
+//! # Format
+//! A *packet* is a message encoded by postcard (its stable format, version 1), followed by its CRC-32 (ISCSI, also
+//! known as CRC-32C, little-endian), the whole COBS-stuffed and ended by one zero byte. Empty packets are allowed and
+//! mean nothing: a sender may begin with a zero byte to flush what came before. A packet is at most [`MAX_PACKET`] bytes, a flow
+//! frame at most 64 (one full-speed USB packet), both with all framing.
+//!
+//! Every packet from the host is a [`message::Packet`]: a 16-bit sequence number and a [`message::Command`]. The station accepts a packet
+//! only if its number lies ahead of the last accepted one (serial number arithmetic, RFC 1982); a repeated number is a
+//! duplicate, one from behind is stale. Either is counted and changes nothing. `Hello` may have any number and starts
+//! the count anew, so a restarted host is understood.
+//!
+//! Everything from the station is a [`message::Report`].
+//!
+//! # Compatibility
+//! Variants of the enums are append-only: postcard writes their index, so a renumbered variant would decode as another action.
+//! The file `schema.txt` beside this module lists messages and fields; its hash is in the station's hello, and the host refuses to move a
+//! station whose hash differs. Tests hold the list and the committed bytes of every message to the code.
+
+pub mod encode;
+pub mod message;
+pub mod receive;
+
+/// The longest packet, with all framing, bytes.
+pub const MAX_PACKET: usize = 256;
+
+/// The protocol's number: changes when packets of the old one can no longer be understood.
+pub const PROTOCOL: u16 = 1;
+
+/// The messages and fields of this version, in words.
+pub const SCHEMA: &str = include_str!("schema.txt");
+
+/// FNV-1a of [`SCHEMA`]: what both sides compare.
+pub const SCHEMA_HASH: u32 = fnv1a(SCHEMA.as_bytes());
+
+/// CRC-32/ISCSI, as iSCSI, ext4 and postcard's own examples use it.
+pub(crate) static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
+
+const fn fnv1a(text: &[u8]) -> u32 {
+    let mut hash = 0x811c_9dc5u32;
+    let mut at = 0;
+    while at < text.len() {
+        hash = (hash ^ text[at] as u32).wrapping_mul(0x0100_0193);
+        at += 1;
+    }
+    hash
+}
 
 /// Two 32-bit integers at their full width.
 pub mod fixint2 {

@@ -256,6 +256,11 @@ impl Planner {
         self.axes.map(|axis| axis.position)
     }
 
+    /// Where the axes are going, within the soft limits.
+    pub fn targets(&self) -> [Position; AXES] {
+        self.axes.map(|axis| axis.target)
+    }
+
     /// Speeds after the segments planned so far, fine units (2⁻³² step) per slot, negative backwards.
     pub fn speeds(&self) -> [i64; AXES] {
         let quantum = 2 * i64::from(self.slots());

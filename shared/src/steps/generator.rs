@@ -166,6 +166,17 @@ impl Generator {
         })
     }
 
+    /// Changes which axes have DIR low forwards. An axis that changes writes DIR anew before it next moves.
+    pub fn set_invert(&mut self, invert: [bool; AXES]) {
+        for (axis, invert) in self.axes.iter_mut().zip(invert) {
+            let inverted = axis.dir_forward > axis.dir_backward;
+            if inverted != invert {
+                core::mem::swap(&mut axis.dir_forward, &mut axis.dir_backward);
+                axis.dir_written = false;
+            }
+        }
+    }
+
     /// Takes the next segment. Refused while slots of the last one are left.
     pub fn load(&mut self, segment: &Segment) -> Result<(), LoadFault> {
         if self.left != 0 {

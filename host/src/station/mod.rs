@@ -1,0 +1,53 @@
+//! The station from the host's side: commands out, reports in, over any byte link.
+//!
+//! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
+//! time, with a simulated stage at the step pins. [`stage`] turns the rig file's stage into a configuration.
+
+pub mod client;
+pub mod stage;
+pub mod twin;
+
+use shared::frame::message::{Denial, Mismatch};
+use shared::frame::receive::Rejects;
+use shared::safety::Fault;
+
+/// What can go wrong between host and station.
+#[derive(Debug, thiserror::Error)]
+pub enum StationError {
+    /// It did not answer in time.
+    #[error("the station did not answer {command} within {waited_ms} ms")]
+    Silent {
+        /// What was asked.
+        command: &'static str,
+        /// How long was waited, ms.
+        waited_ms: u64,
+    },
+    /// It speaks another protocol.
+    #[error("the station's firmware does not fit this program: {}", mismatches(.0))]
+    Mismatch(Vec<Mismatch>),
+    /// It refused.
+    #[error("the station refused {command}: {denial}")]
+    Denied {
+        /// What was asked.
+        command: &'static str,
+        /// Why not.
+        denial: Denial,
+    },
+    /// It latched a fault.
+    #[error("the station stopped with fault {}: {}", .0.number(), .0.explain())]
+    Faulted(Fault),
+    /// Its bytes were not understood.
+    #[error("the link to the station garbles: {0:?}")]
+    Garbled(Rejects),
+    /// The stage of the rig file cannot be put into a configuration.
+    #[error("{field} of the stage is out of the station's range")]
+    Stage {
+        /// The rig file's field.
+        field: String,
+    },
+}
+
+fn mismatches(list: &[Mismatch]) -> String {
+    let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
+    list.iter().map(one).collect::<Vec<_>>().join(", ")
+}

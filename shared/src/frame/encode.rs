@@ -1,0 +1,35 @@
+//! Messages to bytes.
+
+use super::{CRC, MAX_PACKET};
+use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
+use serde::Serialize;
+
+/// A packet ready to be sent.
+pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
+
+/// `message` as one packet: postcard, CRC-32, COBS, and the closing zero.
+///
+/// # Errors
+/// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test `every_message_fits`).
+pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
+    let mut buffer = [0; MAX_PACKET];
+    let stuffed = Cobs::try_new(Slice::new(&mut buffer)).map_err(|_| TooLong)?;
+    let flavor = CrcModifier::new(stuffed, CRC.digest());
+    let packet = postcard::serialize_with_flavor(message, flavor).map_err(|_| TooLong)?;
+    Bytes::from_slice(packet).map_err(|_| TooLong)
+}
+
+/// The message does not fit one packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooLong;
+
+impl core::fmt::Display for TooLong {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "the message is longer than {MAX_PACKET} bytes on the wire"
+        )
+    }
+}
+
+impl core::error::Error for TooLong {}

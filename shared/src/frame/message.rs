@@ -1,0 +1,344 @@
+//! The messages. `schema.txt` lists them in words; keep the two together (tests compare them).
+
+use super::{PROTOCOL, SCHEMA_HASH};
+use crate::estimate::{Gate, Refusal};
+use crate::motion::AxisConfig;
+use crate::safety::{Fault, State, Trust};
+use crate::steps::DriverTiming;
+use crate::sums::centred::FixedCentredSums;
+use crate::sums::pair::FixedPairSums;
+use crate::time::Instant;
+use serde::{Deserialize, Serialize};
+
+/// What the host sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Packet {
+    /// Counts up by one per packet, modulo 65536.
+    #[serde(with = "postcard::fixint::le")]
+    pub sequence: u16,
+    /// What to do.
+    pub command: Command,
+}
+
+/// A request to the station. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
+pub enum Command {
+    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`].
+    Hello,
+    /// Replaces the whole configuration. Only at rest; refused as a whole if any value is impossible.
+    Config(Config),
+    /// One frame's flow sums.
+    Frame(Frame),
+    /// Move to a stage position. Needs a known position.
+    Setpoint {
+        /// Absolute stage position per axis, µm.
+        position_um: [i32; 3],
+    },
+    /// Move by a distance; slowly while the position is unknown.
+    Jog {
+        /// Distance per stage axis, µm.
+        distance_um: [i32; 3],
+    },
+    /// Declares the present position to be zero on all axes. Only at rest.
+    Zero,
+    /// Ramps down at once and stays stopped until a reset.
+    Stop,
+    /// Clears a fault or a stop whose cause is gone.
+    Reset,
+    /// Heartbeat and time sync. Answered by [`Report::Pong`].
+    Ping {
+        /// The host's clock, µs; returned as it is.
+        host_us: u64,
+    },
+}
+
+/// One frame: the target's flow since the reference instant, as the cameras on the stage saw it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Frame {
+    /// When the images were taken, station time.
+    pub capture: Instant,
+    /// When the images that the flow is measured against were taken, station time.
+    pub reference: Instant,
+    /// The sums.
+    pub sums: Sums,
+}
+
+/// The sums, which also choose the estimator. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sums {
+    /// For the paper's closed form.
+    ClosedForm(FixedPairSums),
+    /// For the midpoint estimator.
+    Midpoint(FixedCentredSums),
+}
+
+/// Everything the station must know about the stage. It keeps none of it across a restart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Config {
+    /// Resolution and limits of the stage's axes.
+    pub axes: [AxisConfig; 3],
+    /// Camera axes to stage axes, row by row, Q2.29 (±4): `stage = matrix camera`.
+    pub matrix: [[i32; 3]; 3],
+    /// What the motor drivers need of STEP and DIR.
+    pub driver: DriverTiming,
+    /// When an estimate is not used.
+    pub gate: Gate,
+    /// Longest silence of the host while moving, ms. 20 to 10000.
+    pub heartbeat_ms: u16,
+    /// Fastest motion while the position is unknown, µm/s.
+    pub slow_speed_um_s: u32,
+    /// Whether the cameras ride on the stage.
+    pub mounting: Mounting,
+}
+
+/// Where the cameras are. Append-only.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mounting {
+    /// On the stage, which keeps their view of the target constant: the servo of the paper.
+    #[default]
+    OnStage,
+    /// Beside it: the stage copies the target's motion as resting cameras see it (recorded images, for one).
+    Fixed,
+}
+
+/// Fraction bits of [`Config::matrix`].
+pub const MATRIX_BITS: u32 = 29;
+
+/// What the station sends. Append-only.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Report {
+    /// Who it is.
+    Hello(Hello),
+    /// Reply to a ping.
+    Pong {
+        /// As in the ping.
+        host_us: u64,
+        /// When the ping arrived.
+        received: Instant,
+        /// When this reply was made.
+        sent: Instant,
+    },
+    /// How it is: after every frame, on every change of state, and ten times a second.
+    Status(Status),
+    /// What became of a command (all but hello and ping).
+    Answer {
+        /// The command's sequence number.
+        sequence: u16,
+        /// The control tick at which it took effect.
+        tick: u32,
+        /// Accepted, or refused and why.
+        outcome: Outcome,
+    },
+}
+
+/// Who the station is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// [`PROTOCOL`] of the firmware.
+    pub protocol: u16,
+    /// [`SCHEMA_HASH`] of the firmware.
+    pub schema: u32,
+    /// Major, minor, patch of the firmware.
+    pub version: [u8; 3],
+    /// The board, for people.
+    pub board: heapless::String<16>,
+    /// Port words per second, Hz.
+    pub word_rate_hz: u32,
+    /// From the control tick to its first port word, µs.
+    pub delay_us: u32,
+    /// A number that differs after every start.
+    pub session: u32,
+    /// Why the station last started.
+    pub reset_cause: ResetCause,
+}
+
+/// Why the station started. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ResetCause {
+    /// Power came.
+    PowerOn,
+    /// The supply dipped.
+    BrownOut,
+    /// The reset pin.
+    Pin,
+    /// Software asked for it.
+    Software,
+    /// The watchdog was not fed.
+    Watchdog,
+}
+
+impl Hello {
+    /// Names what keeps this host from moving that station, field by field. Empty when they fit.
+    pub fn mismatches(&self) -> heapless::Vec<Mismatch, 2> {
+        let ours = [
+            ("protocol", u32::from(self.protocol), u32::from(PROTOCOL)),
+            ("schema", self.schema, SCHEMA_HASH),
+        ];
+        let differ = ours
+            .into_iter()
+            .filter(|(_, station, host)| station != host);
+        differ
+            .map(|(field, station, host)| Mismatch {
+                field,
+                station,
+                host,
+            })
+            .collect()
+    }
+}
+
+/// A field of [`Hello`] in which station and host differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mismatch {
+    /// The field's name.
+    pub field: &'static str,
+    /// The station's value.
+    pub station: u32,
+    /// The host's value.
+    pub host: u32,
+}
+
+/// The station at one instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Status {
+    /// When it was made.
+    pub time: Instant,
+    /// Control ticks since the start, modulo 2^32.
+    pub tick: u32,
+    /// What it is doing.
+    pub state: State,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// Trust in `position_steps`.
+    pub trust: Trust,
+    /// Planned stage position at the end of this tick, whole steps.
+    pub position_steps: [i32; 3],
+    /// Where the stage is going, whole steps.
+    pub target_steps: [i32; 3],
+    /// Flow frames that were used, modulo 2^32.
+    pub frames_used: u32,
+    /// Flow frames that were refused, modulo 2^32.
+    pub frames_refused: u32,
+    /// Packets that were not understood, or not new.
+    pub drops: Drops,
+    /// The last frame that was used.
+    pub estimate: Option<EstimateReport>,
+}
+
+/// Packets that changed nothing; the counts saturate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Drops {
+    /// Bytes that were no message.
+    pub rejects: super::receive::Rejects,
+    /// Sequence number seen before.
+    pub duplicate: u16,
+    /// Sequence number from behind.
+    pub stale: u16,
+    /// More commands than one control tick takes.
+    pub overflow: u16,
+}
+
+/// What the station made of one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EstimateReport {
+    /// The frame's sequence number.
+    pub sequence: u16,
+    /// Displacement of the target since the reference, camera axes, nm.
+    pub displacement_nm: [i32; 3],
+    /// Its standard deviation, nm; `None` for the paper's estimators.
+    pub sigma_nm: Option<[u32; 3]>,
+    /// From the capture to the first port word that it can change, µs.
+    pub latency_us: u32,
+}
+
+/// What became of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// Taken.
+    Accepted,
+    /// Nothing was changed, for this reason.
+    Denied(Denial),
+}
+
+/// Why a command was refused. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Denial {
+    /// There is no configuration yet.
+    Unconfigured,
+    /// The stage is moving.
+    Moving,
+    /// The position is unknown or degraded: zero first.
+    PositionUnknown,
+    /// Stopped: reset first.
+    Stopped,
+    /// A fault is latched: reset first.
+    Faulted,
+    /// The fault's cause is still there.
+    CauseRemains,
+    /// A value of the configuration is impossible.
+    Config(ConfigField),
+    /// The sums give no usable displacement.
+    Estimate(Refusal),
+    /// The capture lies in the future, or at a word that is not emitted yet.
+    CaptureInFuture,
+    /// The capture lies before the history of positions.
+    CaptureTooOld,
+    /// The capture is not after the last one used.
+    CaptureOutOfOrder,
+    /// The reference is neither the present one nor a recent capture.
+    UnknownReference,
+    /// The way leads onto a tripped limit switch.
+    LimitSwitch,
+}
+
+/// Which part of a configuration is impossible. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ConfigField {
+    /// An axis: number from 0.
+    Axis(u8),
+    /// The matrix is singular or not finite.
+    Matrix,
+    /// The driver cannot take this board's word rate.
+    Driver,
+    /// The gate lets nothing pass.
+    Gate,
+    /// The heartbeat is not within 20 to 10000 ms.
+    Heartbeat,
+    /// The slow speed is zero.
+    SlowSpeed,
+}
+
+impl core::fmt::Display for Denial {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let text = match self {
+            Self::Unconfigured => "no configuration yet",
+            Self::Moving => "the stage is moving",
+            Self::PositionUnknown => "the position is unknown: zero first",
+            Self::Stopped => "stopped: reset first",
+            Self::Faulted => "a fault is latched: reset first",
+            Self::CauseRemains => "the cause of the fault is still there",
+            Self::Config(ConfigField::Axis(axis)) => {
+                return write!(f, "configuration: axis {axis} is impossible");
+            }
+            Self::Config(ConfigField::Matrix) => "configuration: the matrix is singular",
+            Self::Config(ConfigField::Driver) => {
+                "configuration: the driver cannot take this board's word rate"
+            }
+            Self::Config(ConfigField::Gate) => "configuration: the gate lets nothing pass",
+            Self::Config(ConfigField::Heartbeat) => {
+                "configuration: heartbeat_ms is not within 20 to 10000"
+            }
+            Self::Config(ConfigField::SlowSpeed) => "configuration: slow_speed_um_s is zero",
+            Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
+            Self::CaptureInFuture => "the capture lies in the future",
+            Self::CaptureTooOld => "the capture is too old",
+            Self::CaptureOutOfOrder => "the capture is not after the last one used",
+            Self::UnknownReference => {
+                "the reference is neither the present one nor a recent capture"
+            }
+            Self::LimitSwitch => "the way leads onto a tripped limit switch",
+        };
+        f.write_str(text)
+    }
+}

@@ -1,0 +1,120 @@
+//! A configuration that was checked, with what the control loop needs worked out once.
+
+use crate::estimate::{DisplacementNm, Gate};
+use crate::fixed::multiply_shift;
+use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting};
+use crate::motion::{AxisConfig, Limits};
+use crate::steps::WordRate;
+use crate::track::Fine;
+
+/// Fraction bits of [`Active::fine_per_nm`].
+const SCALE_BITS: u32 = 16;
+
+/// Smallest determinant of the camera-to-stage matrix, Q3·29: one thousandth.
+const MIN_DETERMINANT: u128 = (1 << (3 * MATRIX_BITS)) / 1000;
+
+/// The configuration in use.
+#[derive(Clone, Debug)]
+pub(super) struct Active {
+    pub config: Config,
+    /// For motion with a known position.
+    pub limits: Limits,
+    /// For motion while the position is unknown: slow, and without soft limits.
+    pub slow: Limits,
+    /// 2⁻³² steps per nm on each axis, Q48.16.
+    fine_per_nm: [u64; 3],
+}
+
+impl Active {
+    /// Checks every value; the first impossible one is named.
+    pub fn new(config: &Config, rate: WordRate) -> Result<Self, ConfigField> {
+        config.driver.check(rate).map_err(|_| ConfigField::Driver)?;
+        if determinant(&config.matrix).unsigned_abs() < MIN_DETERMINANT {
+            return Err(ConfigField::Matrix);
+        }
+        if config.gate.max_sigma_nm.contains(&0) || config.gate.max_displacement_nm == 0 {
+            return Err(ConfigField::Gate);
+        }
+        if !(20..=10_000).contains(&config.heartbeat_ms) {
+            return Err(ConfigField::Heartbeat);
+        }
+        if config.slow_speed_um_s == 0 {
+            return Err(ConfigField::SlowSpeed);
+        }
+        let slow = config
+            .axes
+            .map(|axis| slow_axis(axis, config.slow_speed_um_s));
+        let limits =
+            |axes| Limits::new(axes, rate).map_err(|fault| ConfigField::Axis(fault.axis as u8));
+        Ok(Self {
+            config: *config,
+            limits: limits(&config.axes)?,
+            slow: limits(&slow)?,
+            fine_per_nm: config.axes.map(|axis| {
+                // steps/m 2^32 2^16 / 10^9 nm/m: below 2^51.
+                let per_m = u128::from(axis.steps_per_m) << (32 + SCALE_BITS);
+                (per_m / 1_000_000_000) as u64
+            }),
+        })
+    }
+
+    /// The gate for estimates.
+    pub fn gate(&self) -> &Gate {
+        &self.config.gate
+    }
+
+    /// Whether the cameras ride on the stage.
+    pub fn on_stage(&self) -> bool {
+        self.config.mounting == Mounting::OnStage
+    }
+
+    /// Longest silence of the host, control ticks.
+    pub fn heartbeat_ticks(&self) -> u64 {
+        u64::from(self.config.heartbeat_ms)
+    }
+
+    /// A displacement in camera axes to one in stage axes: matrix, then resolution.
+    pub fn to_stage(&self, camera_nm: DisplacementNm) -> Fine {
+        let row = |row: [i32; 3]| -> i64 {
+            let products = row
+                .iter()
+                .zip(camera_nm)
+                .map(|(m, nm)| multiply_shift(*m, nm, MATRIX_BITS));
+            products.sum() // three terms below 2^34 each
+        };
+        self.fine(self.config.matrix.map(row))
+    }
+
+    /// Stage distances in nm to 2⁻³² steps, saturating.
+    pub fn fine(&self, stage_nm: [i64; 3]) -> Fine {
+        core::array::from_fn(|axis| {
+            let (Some(nm), Some(scale)) = (stage_nm.get(axis), self.fine_per_nm.get(axis)) else {
+                return 0;
+            };
+            let product = (i128::from(*nm) * i128::from(*scale)) >> SCALE_BITS;
+            i64::try_from(product).unwrap_or(if *nm < 0 { i64::MIN } else { i64::MAX })
+        })
+    }
+
+    /// Stage distances in µm to 2⁻³² steps, saturating.
+    pub fn fine_from_um(&self, stage_um: [i32; 3]) -> Fine {
+        self.fine(stage_um.map(|um| i64::from(um) * 1000))
+    }
+}
+
+/// The axis at `speed_um_s`, with the widest travel there is.
+fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
+    let widest_um = (1u64 << 29) * 1_000_000 / u64::from(axis.steps_per_m.max(1));
+    let widest_um = i32::try_from(widest_um).unwrap_or(i32::MAX);
+    AxisConfig {
+        max_speed_um_s: axis.max_speed_um_s.min(speed_um_s),
+        travel_um: [-widest_um, widest_um],
+        ..axis
+    }
+}
+
+/// Determinant of three rows of Q.29 numbers, Q.87. Below 2^97 in size.
+fn determinant(m: &[[i32; 3]; 3]) -> i128 {
+    let [[a, b, c], [d, e, f], [g, h, i]] = m.map(|row| row.map(i128::from));
+    a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+}

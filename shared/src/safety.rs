@@ -1,0 +1,90 @@
+//! States, trust in the position, and numbered faults.
+
+use serde::{Deserialize, Serialize};
+
+/// What the station is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum State {
+    /// No configuration yet: nothing moves.
+    #[default]
+    Unconfigured,
+    /// At rest, ready.
+    Idle,
+    /// A setpoint or jog is under way.
+    Moving,
+    /// Following the target that flow frames describe.
+    Following,
+    /// Ramping down after a stop or a fault.
+    Stopping,
+    /// Stopped by command: nothing moves until a reset.
+    Stopped,
+    /// A fault is latched: nothing moves until a reset.
+    Faulted,
+}
+
+/// How far the station's idea of its position can be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Trust {
+    /// Since power-up nobody said where it is: only slow jogs.
+    #[default]
+    Unknown,
+    /// Homed or zeroed.
+    Homed,
+    /// Homed once, but steps may have been lost since (abrupt stop): zero or home again. Treated as unknown.
+    Degraded,
+}
+
+/// Why motion was stopped. The numbers are part of the protocol and never change their meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// 0: no ping within the heartbeat time while moving. Ramped stop; the position is still good.
+    Heartbeat,
+    /// 1: the emergency stop is open. Abrupt stop; the position is degraded.
+    EmergencyStop,
+    /// 2: a limit switch was met. Abrupt stop; the position is degraded.
+    Limit,
+    /// 3: a driver reports a fault. Abrupt stop; the position is degraded.
+    Driver,
+    /// 4: the step engine fell behind or stopped: words were not emitted in time. Abrupt stop; the position is degraded.
+    Underrun,
+}
+
+impl Fault {
+    /// The fault's number.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// Whether motion ends at once, without a ramp, which may lose steps.
+    pub const fn is_abrupt(self) -> bool {
+        !matches!(self, Self::Heartbeat)
+    }
+
+    /// What happened and what the operator does.
+    pub const fn explain(self) -> &'static str {
+        match self {
+            Self::Heartbeat => {
+                "the host fell silent while the stage moved; it stopped on a ramp, the position is kept: reset to go on"
+            }
+            Self::EmergencyStop => "the emergency stop was pressed: release it, reset, then zero",
+            Self::Limit => "a limit switch was met: reset, jog off the switch, then zero",
+            Self::Driver => {
+                "a motor driver reports a fault: check wiring and temperature, reset, then zero"
+            }
+            Self::Underrun => "step words were not emitted in time: reset, then zero",
+        }
+    }
+}
+
+/// The switches and what the step engine did, as sampled by the shell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Per axis: limit switch at the negative end, at the positive end. `true` is tripped (contact open).
+    pub limits: [[bool; 2]; 3],
+    /// The emergency stop is open.
+    pub emergency_stop: bool,
+    /// A driver's fault line is active.
+    pub driver_fault: bool,
+    /// Port words emitted since the start.
+    pub words_emitted: u64,
+}

@@ -1,0 +1,169 @@
+//! From displacements to where the target is: in stage coordinates, whatever the stage did meanwhile.
+//!
+//! The cameras ride on the stage, so a frame says where the target was *relative to the stage at the capture*, against the
+//! view at the reference instant. With `e(t) = target(t) - stage(t)` in stage axes,
+//!
+//! ```text
+//! e(capture) = e(reference) + displacement        target(capture) = stage(capture) + e(capture)
+//! ```
+//!
+//! `stage(capture)` comes from the [`history`] of emitted positions, so neither latency nor the stage's own motion enters. The first
+//! reference a station hears of defines the view to be kept: `e = 0` there. After that, a frame may refer to the same reference again
+//! (a keyframe: no drift) or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference, or a new
+//! keyframe: the accumulated target is preserved). Anything else is refused: a lost frame can never shift the target unnoticed.
+
+pub mod history;
+
+use crate::frame::message::Denial;
+use crate::time::Instant;
+
+/// Positions and distances on three stage axes, 2⁻³² steps.
+pub type Fine = [i64; 3];
+
+/// How many used captures stay available as references.
+const RECENT: usize = 8;
+
+/// An instant at which the view is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct View {
+    instant: Instant,
+    /// Target minus stage, relative to the first reference.
+    error: Fine,
+}
+
+/// Where the target was seen last.
+#[derive(Clone, Debug, Default)]
+pub struct Tracker {
+    reference: Option<View>,
+    recent: heapless::Deque<View, RECENT>,
+}
+
+impl Tracker {
+    /// Forgets everything: the next reference defines the view to be kept.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Takes one displacement in stage axes; gives the target's position.
+    ///
+    /// `stage` is the emitted position at the capture for cameras on the stage; for cameras beside it, any constant.
+    ///
+    /// # Errors
+    /// [`Denial::UnknownReference`], [`Denial::CaptureOutOfOrder`]; then nothing has changed.
+    pub fn update(
+        &mut self,
+        reference: Instant,
+        capture: Instant,
+        displacement: Fine,
+        stage: Fine,
+    ) -> Result<Fine, Denial> {
+        let newest = self.recent.back().map(|view| view.instant);
+        if capture <= reference || newest.is_some_and(|newest| capture <= newest) {
+            return Err(Denial::CaptureOutOfOrder);
+        }
+        let known = self.reference.iter().chain(self.recent.iter());
+        let reference = match known.into_iter().find(|view| view.instant == reference) {
+            Some(view) => *view,
+            None if self.reference.is_none() => View {
+                instant: reference,
+                error: [0; 3],
+            },
+            None => return Err(Denial::UnknownReference),
+        };
+        let error = add(reference.error, displacement);
+        if self.recent.is_full() {
+            self.recent.pop_front();
+        }
+        // There is room: the oldest was dropped above.
+        let _ = self.recent.push_back(View {
+            instant: capture,
+            error,
+        });
+        self.reference = Some(reference);
+        Ok(add(stage, error))
+    }
+}
+
+fn add(a: Fine, b: Fine) -> Fine {
+    let [[ax, ay, az], [bx, by, bz]] = [a, b];
+    [
+        ax.saturating_add(bx),
+        ay.saturating_add(by),
+        az.saturating_add(bz),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: u64) -> Instant {
+        Instant::from_micros(ms * 1000)
+    }
+
+    /// Target and stage move on their own; each reference mode must find the target.
+    #[test]
+    fn keyframe_and_previous_frame_find_the_same_target() {
+        let target = |t: i64| [1000 * t, -300 * t, 7 * t * t];
+        let stage = |t: i64| [900 * t - 4, 20 * t, -t];
+        let error = |t: i64| {
+            core::array::from_fn(|i| target(t)[i] - stage(t)[i] - target(0)[i] + stage(0)[i])
+        };
+        let displacement = |from: i64, to: i64| -> Fine {
+            let (a, b): (Fine, Fine) = (error(from), error(to));
+            core::array::from_fn(|i| b[i] - a[i])
+        };
+        let expected = |t: i64| add(stage(t), error(t));
+        for mode in 0..3 {
+            let mut tracker = Tracker::default();
+            let mut keyframe = 0;
+            for t in 1..50i64 {
+                let reference = match mode {
+                    0 => 0,
+                    1 => t - 1,
+                    _ => {
+                        if t % 5 == 0 {
+                            keyframe = t - 1;
+                        }
+                        keyframe
+                    }
+                };
+                let got = tracker.update(
+                    at(reference as u64),
+                    at(t as u64),
+                    displacement(reference, t),
+                    stage(t),
+                );
+                assert_eq!(got, Ok(expected(t)));
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_old_and_repeated_instants_change_nothing() {
+        let mut tracker = Tracker::default();
+        assert!(tracker.update(at(0), at(1), [5; 3], [0; 3]).is_ok());
+        assert_eq!(
+            tracker.update(at(7), at(8), [9; 3], [0; 3]),
+            Err(Denial::UnknownReference)
+        );
+        assert_eq!(
+            tracker.update(at(0), at(1), [9; 3], [0; 3]),
+            Err(Denial::CaptureOutOfOrder)
+        );
+        assert_eq!(
+            tracker.update(at(3), at(3), [9; 3], [0; 3]),
+            Err(Denial::CaptureOutOfOrder)
+        );
+        assert_eq!(tracker.update(at(1), at(9), [1; 3], [0; 3]), Ok([6; 3]));
+        tracker.reset();
+        assert_eq!(tracker.update(at(9), at(10), [1; 3], [2; 3]), Ok([3; 3]));
+    }
+
+    #[test]
+    fn huge_displacements_saturate() {
+        let mut tracker = Tracker::default();
+        let far = tracker.update(at(0), at(1), [i64::MAX; 3], [i64::MAX; 3]);
+        assert_eq!(far, Ok([i64::MAX; 3]));
+    }
+}

@@ -1,0 +1,488 @@
+//! The wire: committed bytes of every message, and what a bad line does to them.
+//!
+//! The bytes are in `golden/wire.txt`. After a change that is meant, `REGENERATE=1 cargo test -p trinocular-tests --test link` writes them anew.
+
+use proptest::prelude::*;
+use shared::estimate::{Gate, Refusal};
+use shared::frame::encode::encode;
+use shared::frame::message::*;
+use shared::frame::receive::{Receiver, Reject, Rejects};
+use shared::frame::{MAX_PACKET, SCHEMA};
+use shared::motion::AxisConfig;
+use shared::safety::{Fault, State, Trust};
+use shared::steps::DriverTiming;
+use shared::sums::centred::FixedCentredSums;
+use shared::sums::pair::FixedPairSums;
+use shared::time::Instant;
+use std::fmt::Write as _;
+
+fn axis() -> AxisConfig {
+    AxisConfig {
+        steps_per_m: 80_000,
+        max_speed_um_s: 100_000,
+        max_acceleration_um_s2: 2_000_000,
+        max_jerk_um_s3: 50_000_000,
+        travel_um: [-60_000, 60_000],
+        invert: true,
+    }
+}
+
+fn config() -> Config {
+    Config {
+        axes: [axis(); 3],
+        matrix: [[1 << 29, 0, 0], [0, 1 << 29, 0], [0, 0, -(1 << 29)]],
+        driver: DriverTiming::TMC2209,
+        gate: Gate::DEFAULT,
+        heartbeat_ms: 100,
+        slow_speed_um_s: 5_000,
+        mounting: Mounting::OnStage,
+    }
+}
+
+fn pair_sums(value: i32) -> FixedPairSums {
+    FixedPairSums {
+        points: 200,
+        a1: value,
+        a2: -value,
+        a3: value,
+        b1: value,
+        b2: -value,
+        b3: value,
+        d1: value,
+        d2: value,
+        d3: value,
+        d4: value,
+    }
+}
+
+fn centred_sums(value: i32) -> FixedCentredSums {
+    FixedCentredSums {
+        points: 200,
+        freedom: 1197,
+        mean_nm: [value, -value],
+        centroid: [value, value],
+        spread: 0x8000_0001,
+        exponent: -4,
+        coupling: value,
+        residual_nm: 40_000,
+    }
+}
+
+fn frame(sums: Sums) -> Command {
+    let capture = Instant::from_micros(1_234_567);
+    Command::Frame(Frame {
+        capture,
+        reference: Instant::from_micros(33_333),
+        sums,
+    })
+}
+
+fn commands() -> Vec<(&'static str, Command)> {
+    vec![
+        ("hello", Command::Hello),
+        ("config", Command::Config(config())),
+        (
+            "frame closed_form",
+            frame(Sums::ClosedForm(pair_sums(123_456_789))),
+        ),
+        (
+            "frame midpoint",
+            frame(Sums::Midpoint(centred_sums(123_456_789))),
+        ),
+        (
+            "setpoint",
+            Command::Setpoint {
+                position_um: [4_000, -4_000, 1_000],
+            },
+        ),
+        (
+            "jog",
+            Command::Jog {
+                distance_um: [0, 100, -100],
+            },
+        ),
+        ("zero", Command::Zero),
+        ("stop", Command::Stop),
+        ("reset", Command::Reset),
+        (
+            "ping",
+            Command::Ping {
+                host_us: 987_654_321,
+            },
+        ),
+    ]
+}
+
+fn status() -> Status {
+    Status {
+        time: Instant::from_micros(5_000_000),
+        tick: 5_000,
+        state: State::Following,
+        fault: Some(Fault::Heartbeat),
+        trust: Trust::Homed,
+        position_steps: [320, -320, 80],
+        target_steps: [321, -320, 80],
+        frames_used: 150,
+        frames_refused: 2,
+        drops: Drops {
+            rejects: Rejects {
+                too_long: 1,
+                framing: 2,
+                checksum: 3,
+                malformed: 4,
+            },
+            duplicate: 5,
+            stale: 6,
+            overflow: 7,
+        },
+        estimate: Some(EstimateReport {
+            sequence: 77,
+            displacement_nm: [4_000_000, -4_000_000, 1_000_000],
+            sigma_nm: Some([900, 900, 8_000]),
+            latency_us: 21_500,
+        }),
+    }
+}
+
+fn reports() -> Vec<(&'static str, Report)> {
+    let board = "twin".try_into().unwrap();
+    let hello = Hello {
+        protocol: 1,
+        schema: 0x0102_0304,
+        version: [0, 1, 0],
+        board,
+        word_rate_hz: 1_000_000,
+        delay_us: 512,
+        session: 9,
+        reset_cause: ResetCause::Watchdog,
+    };
+    let answer = |outcome| Report::Answer {
+        sequence: 258,
+        tick: 70_000,
+        outcome,
+    };
+    let received = Instant::from_micros(100);
+    vec![
+        ("hello", Report::Hello(hello)),
+        (
+            "pong",
+            Report::Pong {
+                host_us: 987_654_321,
+                received,
+                sent: Instant::from_micros(150),
+            },
+        ),
+        ("status", Report::Status(status())),
+        ("answer accepted", answer(Outcome::Accepted)),
+        (
+            "answer denied",
+            answer(Outcome::Denied(Denial::Estimate(Refusal::TooUncertain))),
+        ),
+    ]
+}
+
+#[test]
+fn golden_bytes_of_every_message() {
+    let mut text = String::new();
+    let mut line = |kind: &str, name: &str, bytes: &[u8]| {
+        let hex: String = bytes.iter().map(|b| format!("{b:02x}")).collect();
+        writeln!(text, "{kind} {name}: {hex}").unwrap();
+    };
+    for (name, command) in commands() {
+        line(
+            "command",
+            name,
+            &encode(&Packet {
+                sequence: 0x0102,
+                command,
+            })
+            .unwrap(),
+        );
+    }
+    for (name, report) in reports() {
+        line("report", name, &encode(&report).unwrap());
+    }
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/wire.txt");
+    if std::env::var_os("REGENERATE").is_some() {
+        std::fs::write(path, &text).unwrap();
+    }
+    let golden = std::fs::read_to_string(path).expect("golden/wire.txt is committed");
+    for (now, committed) in text.lines().zip(golden.lines()) {
+        assert_eq!(
+            now, committed,
+            "a message changed on the wire: old stations would misread it"
+        );
+    }
+    assert_eq!(text.lines().count(), golden.lines().count());
+}
+
+/// The schema names every variant at its number: `command 3 setpoint` and so on.
+#[test]
+fn schema_lists_every_variant_at_its_number() {
+    let number = |bytes: &[u8], at: usize| {
+        let mut plain = bytes.to_vec();
+        plain.pop();
+        let length = cobs_decode(&mut plain);
+        plain[..length][at]
+    };
+    for (name, command) in commands() {
+        let bytes = encode(&Packet {
+            sequence: 0x0102,
+            command,
+        })
+        .unwrap();
+        let word = name.split(' ').next().unwrap();
+        let line = format!("command {} {word}", number(&bytes, 2));
+        assert!(
+            SCHEMA.lines().any(|l| l.starts_with(&line)),
+            "schema.txt lacks `{line}`"
+        );
+    }
+    for (name, report) in reports() {
+        let word = name.split(' ').next().unwrap();
+        let line = format!("report {} {word}", number(&encode(&report).unwrap(), 0));
+        assert!(
+            SCHEMA.lines().any(|l| l.starts_with(&line)),
+            "schema.txt lacks `{line}`"
+        );
+    }
+    for fault in [
+        Fault::Heartbeat,
+        Fault::EmergencyStop,
+        Fault::Limit,
+        Fault::Driver,
+        Fault::Underrun,
+    ] {
+        let name = format!("{fault:?}")
+            .to_lowercase()
+            .replace("emergencystop", "emergency_stop");
+        assert!(
+            SCHEMA.contains(&format!("{} {name}", fault.number())),
+            "schema.txt lacks fault {name}"
+        );
+    }
+}
+
+fn cobs_decode(bytes: &mut [u8]) -> usize {
+    let mut out = Vec::new();
+    let mut rest = &bytes[..];
+    while let Some((&code, tail)) = rest.split_first() {
+        let (block, next) = tail.split_at(usize::from(code) - 1);
+        out.extend_from_slice(block);
+        if code != 0xff && !next.is_empty() {
+            out.push(0);
+        }
+        rest = next;
+    }
+    bytes[..out.len()].copy_from_slice(&out);
+    out.len()
+}
+
+/// Every field at its encodable extreme: a flow frame of either kind still fits one USB packet.
+#[test]
+fn a_flow_frame_fits_64_bytes_at_every_extreme() {
+    let month = Instant::from_micros(30 * 24 * 3_600 * 1_000_000);
+    for time in [Instant::MAX, month, Instant::from_micros(0)] {
+        for value in [i32::MIN, i32::MAX, 0, -1] {
+            let mut pair = pair_sums(value.max(-i32::MAX));
+            pair.points = u16::MAX;
+            let mut centred = centred_sums(value.max(-i32::MAX));
+            (centred.points, centred.freedom) = (u16::MAX, u16::MAX);
+            (centred.spread, centred.exponent, centred.residual_nm) = (u32::MAX, i8::MIN, u32::MAX);
+            for sums in [Sums::ClosedForm(pair), Sums::Midpoint(centred)] {
+                let command = Command::Frame(Frame {
+                    capture: time,
+                    reference: time,
+                    sums,
+                });
+                let length = encode(&Packet {
+                    sequence: u16::MAX,
+                    command,
+                })
+                .unwrap()
+                .len();
+                assert!(length <= 64, "{length} bytes");
+            }
+        }
+    }
+}
+
+/// The host relies on it.
+#[test]
+fn every_message_fits() {
+    let axis = AxisConfig {
+        steps_per_m: u32::MAX,
+        max_speed_um_s: u32::MAX,
+        max_acceleration_um_s2: u32::MAX,
+        max_jerk_um_s3: u32::MAX,
+        travel_um: [i32::MIN; 2],
+        invert: true,
+    };
+    let gate = Gate {
+        min_points: u16::MAX,
+        max_sigma_nm: [u32::MAX; 3],
+        max_displacement_nm: u32::MAX,
+    };
+    let driver = DriverTiming {
+        step_high_ns: u32::MAX,
+        step_low_ns: u32::MAX,
+        dir_setup_ns: u32::MAX,
+        dir_hold_ns: u32::MAX,
+    };
+    let extreme = Config {
+        axes: [axis; 3],
+        matrix: [[i32::MIN; 3]; 3],
+        driver,
+        gate,
+        heartbeat_ms: u16::MAX,
+        slow_speed_um_s: u32::MAX,
+        mounting: Mounting::Fixed,
+    };
+    let longest = encode(&Packet {
+        sequence: u16::MAX,
+        command: Command::Config(extreme),
+    })
+    .unwrap()
+    .len();
+    assert!(longest <= MAX_PACKET, "{longest}");
+    for (_, report) in reports() {
+        assert!(encode(&report).unwrap().len() <= MAX_PACKET / 2);
+    }
+}
+
+fn receive(bytes: &[u8], chunk: usize) -> (Vec<Packet>, Rejects) {
+    let mut receiver = Receiver::<Packet>::default();
+    let (mut packets, mut rejects) = (Vec::new(), Rejects::default());
+    for mut piece in bytes.chunks(chunk) {
+        while let Some(outcome) = receiver.next(&mut piece) {
+            match outcome {
+                Ok(packet) => packets.push(packet),
+                Err(reject) => rejects.count(reject),
+            }
+        }
+    }
+    (packets, rejects)
+}
+
+fn stream() -> (Vec<Packet>, Vec<Vec<u8>>) {
+    let packets: Vec<Packet> = commands()
+        .into_iter()
+        .enumerate()
+        .map(|(i, (_, command))| Packet {
+            sequence: i as u16,
+            command,
+        })
+        .collect();
+    let bytes = packets
+        .iter()
+        .map(|p| encode(p).unwrap().to_vec())
+        .collect();
+    (packets, bytes)
+}
+
+#[test]
+fn any_chunking_gives_the_same_packets() {
+    let (packets, bytes) = stream();
+    let bytes = bytes.concat();
+    for chunk in 1..=bytes.len() {
+        assert_eq!(
+            receive(&bytes, chunk),
+            (packets.clone(), Rejects::default())
+        );
+    }
+}
+
+#[test]
+fn data_loss_sandwich() {
+    let (packets, bytes) = stream();
+    // Every single byte lost in turn: the packet it was in is gone (or, without its closing zero, its follower too), all others arrive.
+    let all = bytes.concat();
+    for lost in 0..all.len() {
+        let mut damaged = all.clone();
+        let byte = damaged.remove(lost);
+        let (got, rejects) = receive(&damaged, 7);
+        let gone = packets.iter().filter(|p| !got.contains(p)).count();
+        assert!(
+            gone <= if byte == 0 { 2 } else { 1 },
+            "byte {lost}: {gone} packets gone"
+        );
+        assert!(
+            got.iter().all(|p| packets.contains(p)),
+            "a packet appeared that nobody sent"
+        );
+        assert!(rejects.total() > 0 || gone == 0 || lost + 1 == all.len());
+    }
+}
+
+#[test]
+fn each_reject_is_counted_by_its_reason() {
+    let (_, bytes) = stream();
+    let hello = &bytes[0];
+    let mut flipped = bytes[3].clone(); // its second byte is no COBS code
+    flipped[1] ^= 0x40;
+    assert_eq!(
+        receive(&flipped, 3).1,
+        Rejects {
+            checksum: 1,
+            ..Rejects::default()
+        }
+    );
+    assert_eq!(
+        receive(&[200, 1, 2, 0], 3).1,
+        Rejects {
+            framing: 1,
+            ..Rejects::default()
+        }
+    );
+    let long = [vec![1; MAX_PACKET + 1], vec![0], hello.clone()].concat();
+    let (packets, rejects) = receive(&long, 64);
+    assert_eq!(
+        (packets.len(), rejects),
+        (
+            1,
+            Rejects {
+                too_long: 1,
+                ..Rejects::default()
+            }
+        )
+    );
+    // A sound packet with a variant that does not exist, and one with a byte too many.
+    let unknown = encode(&(0x0102u16.to_le_bytes(), 200u8)).unwrap();
+    let longer = encode(&(0x0102u16.to_le_bytes(), 0u8, 0u8)).unwrap();
+    assert_eq!(
+        receive(&unknown, 1).1,
+        Rejects {
+            malformed: 1,
+            ..Rejects::default()
+        }
+    );
+    assert_eq!(
+        receive(&longer, 1).1,
+        Rejects {
+            malformed: 1,
+            ..Rejects::default()
+        }
+    );
+    assert_eq!(receive(&[0, 0, 0], 1), (vec![], Rejects::default()));
+    assert_eq!(
+        Receiver::<Packet>::default().next(&mut &[1, 0][..]),
+        Some(Err(Reject::Checksum))
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
+
+    #[test]
+    fn garbage_never_becomes_a_packet(garbage in prop::collection::vec(any::<u8>(), 0..2000), chunk in 1usize..300) {
+        let (packets, _) = receive(&garbage, chunk);
+        prop_assert!(packets.is_empty());
+    }
+
+    #[test]
+    fn a_sound_packet_after_garbage_arrives(garbage in prop::collection::vec(any::<u8>(), 0..600)) {
+        let (_, bytes) = stream();
+        let all = [garbage, vec![0], bytes[3].clone()].concat();
+        prop_assert_eq!(receive(&all, 64).0.len(), 1);
+    }
+}
