@@ -31,13 +31,96 @@ use crate::fixed::quantise;
 use crate::rig::{MAX_CAMERAS, Rig};
 use serde::{Deserialize, Serialize};
 
-/// The centred sums in floating point.
+/// Where the cameras of a rig stand relative to their mean.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CentredSums {
-    /// Camera positions relative to their mean, mm.
+pub struct Geometry {
     arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS>,
     /// `Σ |arm|²`, mm²: what inverse depth is divided by.
     arms_squared_mm2: f64,
+}
+
+/// What the views of one point say together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointFit {
+    /// `g = 1/Z̄`, 1/mm.
+    pub inverse_depth: f64,
+    /// The normalised mid position in each camera, refitted to the rig.
+    pub middles: heapless::Vec<[f64; 2], MAX_CAMERAS>,
+}
+
+impl PointFit {
+    /// The flow that camera `k` sees of a target displaced by `displacement_mm`, normalised: `g (T_xy - ξ T_z)`.
+    pub fn flow(&self, k: usize, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
+        let [xi, eta] = self.middles[k];
+        [self.inverse_depth * (tx - xi * tz), self.inverse_depth * (ty - eta * tz)]
+    }
+}
+
+impl Geometry {
+    /// Of 2 to 8 cameras in a plane.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
+    pub fn new(rig: &Rig) -> Result<Self, Refusal> {
+        let count = rig.cameras.len() as f64;
+        let mean: [f64; 2] =
+            core::array::from_fn(|i| rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
+        let arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS> = rig
+            .cameras
+            .iter()
+            .map(|c| [c.offset_mm[0] - mean[0], c.offset_mm[1] - mean[1]])
+            .collect();
+        let arms_squared_mm2 = arms_mm.iter().map(|[x, y]| x * x + y * y).sum();
+        if rig.cameras.len() < 2 || !(arms_squared_mm2 > 0.0) {
+            return Err(Refusal::WrongRig);
+        }
+        Ok(Self { arms_mm, arms_squared_mm2 })
+    }
+
+    /// How many cameras.
+    pub fn cameras(&self) -> usize {
+        self.arms_mm.len()
+    }
+
+    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all cameras: least squares of
+    /// `ξ_k = α - ρ c_k` over cameras and axes.
+    pub fn fit(&self, positions: impl Iterator<Item = [f64; 2]>) -> (f64, [f64; 2]) {
+        let count = self.arms_mm.len() as f64;
+        let mut mean = [0.0; 2];
+        let mut lever = 0.0;
+        for (arm, at) in self.arms_mm.iter().zip(positions) {
+            mean = [mean[0] + at[0] / count, mean[1] + at[1] / count];
+            lever -= arm[0] * at[0] + arm[1] * at[1];
+        }
+        (lever / self.arms_squared_mm2, mean)
+    }
+
+    /// Where each camera should see a point fitted by [`Geometry::fit`].
+    pub fn refit(&self, inverse_depth: f64, mean: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
+        self.arms_mm.iter().map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))
+    }
+
+    /// Depth and mid positions of one point, views in the rig's order. `None` if the point is not in front of the cameras at both instants,
+    /// is not finite, or has not one view per camera.
+    pub fn point(&self, views: &[View]) -> Option<PointFit> {
+        if views.len() != self.cameras() {
+            return None;
+        }
+        let (before, start) = self.fit(views.iter().map(|v| v.start));
+        let (after, end) = self.fit(views.iter().map(|v| v.end));
+        let inverse_depth = 2.0 * before * after / (before + after);
+        let in_front = before > 0.0 && after > 0.0 && inverse_depth.is_finite();
+        let finite = views.iter().all(|v| v.flow().iter().all(|c| c.is_finite()));
+        let middle = core::array::from_fn(|i| 0.5 * (start[i] + end[i]));
+        let middles = self.refit(0.5 * (before + after), middle).collect();
+        (in_front && finite).then_some(PointFit { inverse_depth, middles })
+    }
+}
+
+/// The centred sums in floating point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CentredSums {
+    geometry: Geometry,
     mean_focal_px: f64,
     /// How many points were added.
     pub points: u32,
@@ -61,22 +144,8 @@ impl CentredSums {
     /// # Errors
     /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
     pub fn new(rig: &Rig) -> Result<Self, Refusal> {
-        let count = rig.cameras.len() as f64;
-        let mean: [f64; 2] = core::array::from_fn(|i| {
-            rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count
-        });
-        let arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS> = rig
-            .cameras
-            .iter()
-            .map(|c| [c.offset_mm[0] - mean[0], c.offset_mm[1] - mean[1]])
-            .collect();
-        let arms_squared_mm2 = arms_mm.iter().map(|[x, y]| x * x + y * y).sum();
-        if rig.cameras.len() < 2 || !(arms_squared_mm2 > 0.0) {
-            return Err(Refusal::WrongRig);
-        }
         Ok(Self {
-            arms_mm,
-            arms_squared_mm2,
+            geometry: Geometry::new(rig)?,
             mean_focal_px: rig.mean_focal_px(),
             points: 0,
             weight: 0.0,
@@ -88,48 +157,18 @@ impl CentredSums {
         })
     }
 
-    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all cameras.
-    fn fit(&self, positions: impl Iterator<Item = [f64; 2]> + Clone) -> (f64, [f64; 2]) {
-        let count = self.arms_mm.len() as f64;
-        let mut mean = [0.0; 2];
-        let mut lever = 0.0;
-        for (arm, at) in self.arms_mm.iter().zip(positions) {
-            mean = [mean[0] + at[0] / count, mean[1] + at[1] / count];
-            lever -= arm[0] * at[0] + arm[1] * at[1];
-        }
-        (lever / self.arms_squared_mm2, mean)
-    }
-
-    /// Inverse depth of one point at the reference instant and now, 1/mm: least squares over all cameras.
-    pub fn inverse_depths(&self, views: &[View]) -> [f64; 2] {
-        [
-            self.fit(views.iter().map(|v| v.start)).0,
-            self.fit(views.iter().map(|v| v.end)).0,
-        ]
-    }
-
     /// Adds one point seen by every camera, views in the rig's order.
     ///
     /// Returns `false`, and adds nothing, if the point is not in front of the cameras at both instants, is not finite,
     /// or has not one view per camera.
     pub fn add(&mut self, views: &[View]) -> bool {
-        if views.len() != self.arms_mm.len() {
+        let Some(fit) = self.geometry.point(views) else {
             return false;
-        }
-        let (before, start) = self.fit(views.iter().map(|v| v.start));
-        let (after, end) = self.fit(views.iter().map(|v| v.end));
-        let inverse_depth = 2.0 * before * after / (before + after);
-        let in_front = before > 0.0 && after > 0.0 && inverse_depth.is_finite();
-        let finite = views.iter().all(|v| v.flow().iter().all(|c| c.is_finite()));
-        if !in_front || !finite {
-            return false;
-        }
+        };
         self.points += 1;
-        let slope = 0.5 * (before + after);
-        for (view, arm) in views.iter().zip(self.arms_mm.clone()) {
-            let middle = core::array::from_fn(|i| 0.5 * (start[i] + end[i]) - arm[i] * slope);
-            let shift = view.flow().map(|flow| flow / inverse_depth);
-            self.observe(inverse_depth * inverse_depth, middle, shift);
+        let g = fit.inverse_depth;
+        for (view, middle) in views.iter().zip(fit.middles) {
+            self.observe(g * g, middle, view.flow().map(|flow| flow / g));
         }
         true
     }
@@ -153,7 +192,7 @@ impl CentredSums {
 
     /// Point-camera observations behind the sums.
     pub fn observations(&self) -> u32 {
-        self.points * self.arms_mm.len() as u32
+        self.points * self.geometry.cameras() as u32
     }
 
     /// Degrees of freedom of the residual: `2 K N - 3`, negative when the fit is not determined.
