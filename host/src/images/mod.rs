@@ -1,6 +1,14 @@
 //! Where images come from: folders of files, and rendered scenes. Each source yields timestamped
 //! captures, one view per camera in the rig's order.
 
+mod random;
+pub mod render;
+mod spline;
+pub mod texture;
+
+pub use render::{Scene, SceneError, SceneSettings};
+pub use texture::{Texture, TextureKind};
+
 /// An 8-bit grey image, rows top to bottom.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {

@@ -1,0 +1,98 @@
+//! Seeded randomness, the same on every machine.
+
+/// Steele, Lea and Flood's splitmix64: a counter and a bit mixer. Any seed is a good seed.
+pub(super) struct Random {
+    state: u64,
+    /// The second of the last pair of Gaussian numbers, if not yet used.
+    spare: Option<f64>,
+}
+
+impl Random {
+    /// The stream number `stream` of `seed`. Streams of one seed share no visible relation.
+    pub fn new(seed: u64, stream: u64) -> Self {
+        let mut outer = Self {
+            state: seed,
+            spare: None,
+        };
+        let start = outer.next_u64() ^ stream.wrapping_mul(0xd1b5_4a32_d192_ed03);
+        Self {
+            state: start,
+            spare: None,
+        }
+    }
+
+    pub fn next_u64(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Evenly spread in 0 <= x < 1, in steps of 2^-53.
+    pub fn unit(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Evenly spread in `low..high`.
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    /// An index below `count`.
+    pub fn below(&mut self, count: usize) -> usize {
+        ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
+    }
+
+    /// Mean 0, standard deviation 1, by Marsaglia's polar method: exact, and needs neither sine nor cosine.
+    pub fn gaussian(&mut self) -> f64 {
+        if let Some(spare) = self.spare.take() {
+            return spare;
+        }
+        loop {
+            let (u, v) = (self.between(-1.0, 1.0), self.between(-1.0, 1.0));
+            let square = u * u + v * v;
+            if square > 0.0 && square < 1.0 {
+                let scale = (-2.0 * square.ln() / square).sqrt();
+                self.spare = Some(v * scale);
+                return u * scale;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaussian_has_the_moments_and_tails_of_the_normal_distribution() {
+        let mut random = Random::new(1, 0);
+        let count = 1_000_000;
+        let (mut moments, mut beyond_two, mut beyond_three) = ([0.0; 5], 0, 0);
+        for _ in 0..count {
+            let x = random.gaussian();
+            let mut power = 1.0;
+            for moment in &mut moments {
+                *moment += power / f64::from(count);
+                power *= x;
+            }
+            beyond_two += i32::from(x.abs() > 2.0);
+            beyond_three += i32::from(x.abs() > 3.0);
+        }
+        assert!(moments[1].abs() < 0.005, "mean {}", moments[1]);
+        assert!((moments[2] - 1.0).abs() < 0.01, "variance {}", moments[2]);
+        assert!(moments[3].abs() < 0.02, "skew {}", moments[3]);
+        assert!((moments[4] - 3.0).abs() < 0.05, "kurtosis {}", moments[4]);
+        assert!((f64::from(beyond_two) / 1e6 - 0.0455).abs() < 0.001);
+        assert!((f64::from(beyond_three) / 1e6 - 0.0027).abs() < 0.0003);
+    }
+
+    #[test]
+    fn streams_differ_and_repeat() {
+        let draw = |seed, stream| Random::new(seed, stream).next_u64();
+        assert_eq!(draw(7, 1), draw(7, 1));
+        assert_ne!(draw(7, 1), draw(7, 2));
+        assert_ne!(draw(7, 1), draw(8, 1));
+    }
+}

@@ -1,0 +1,212 @@
+//! A dot on the poster appears where the camera model says, and the sensor adds what it claims.
+
+use super::*;
+use crate::images::TextureKind;
+
+/// Wide enough, 520 mm, that no camera sees the dot twice.
+const SIZE: usize = 1300;
+const DOT_TEXEL: [usize; 2] = [838, 608];
+
+/// Black, with one Gaussian dot at [`DOT_TEXEL`].
+fn dot_texture() -> Texture {
+    let (size, sigma) = (SIZE, 3.0);
+    let bell = |i: usize| {
+        let dx = (i % size) as f64 - DOT_TEXEL[0] as f64;
+        let dy = (i / size) as f64 - DOT_TEXEL[1] as f64;
+        (250.0 * (-0.5 * (dx * dx + dy * dy) / (sigma * sigma)).exp()) as f32
+    };
+    Texture {
+        width: size,
+        height: size,
+        mm_per_texel: 0.4,
+        grey: (0..size * size).map(bell).collect(),
+    }
+}
+
+fn dot_mm() -> [f64; 2] {
+    DOT_TEXEL.map(|t| (t as f64 - (SIZE as f64 - 1.0) / 2.0) * 0.4)
+}
+
+/// Largest distance, px, between a dot's centroid in any view and its projection.
+fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> f64 {
+    let scene = Scene::new(rig, &dot_texture(), settings).unwrap();
+    let point = scene.point_mm(dot_mm(), relative_mm);
+    let mut worst: f64 = 0.0;
+    for (camera, eye) in rig.cameras.iter().zip(&scene.eyes) {
+        let expected = camera.project(point);
+        let mut sums = [0.0; 3];
+        for (i, level) in scene.levels(eye, relative_mm).enumerate() {
+            let level = level.unwrap();
+            let pixel = [(i % 320) as f64, (i / 320) as f64];
+            for (sum, power) in sums.iter_mut().zip([1.0, pixel[0], pixel[1]]) {
+                *sum += level * power;
+            }
+        }
+        assert!(sums[0] > 500.0, "the dot is out of view at {expected:?}");
+        worst = worst
+            .max((sums[1] / sums[0] - expected[0]).abs())
+            .max((sums[2] / sums[0] - expected[1]).abs());
+    }
+    worst
+}
+
+#[test]
+fn a_dot_appears_where_the_camera_projects_it() {
+    let mut rig = Rig::paper();
+    for distortion in [[0.0; 5], [-0.12, 0.05, 0.001, -0.0007, 0.01]] {
+        for camera in &mut rig.cameras {
+            camera.distortion = distortion;
+        }
+        for tilt_rad in [[0.0, 0.0], [0.2, -0.15]] {
+            for relative_mm in [
+                [0.0, 0.0, 0.0],
+                [4.0, 4.0, 1.0],
+                [-31.7, 22.2, -40.1],
+                [0.13, -0.29, 37.9],
+            ] {
+                let settings = SceneSettings {
+                    tilt_rad,
+                    noise_grey: 0.0,
+                    ..SceneSettings::default()
+                };
+                let error = worst_error_px(&rig, settings, relative_mm);
+                assert!(
+                    error < 0.002,
+                    "{error} px: {distortion:?} {tilt_rad:?} {relative_mm:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn right_down_and_away_look_so() {
+    let camera = Rig::paper().cameras[1];
+    let scene = Scene::new(&Rig::paper(), &dot_texture(), SceneSettings::default()).unwrap();
+    let seen = |relative| camera.project(scene.point_mm([100.0, 50.0], relative));
+    let [x, y] = seen([0.0; 3]);
+    assert!(seen([1.0, 0.0, 0.0])[0] > x);
+    assert!(seen([0.0, 1.0, 0.0])[1] > y);
+    let [far_x, far_y] = seen([0.0, 0.0, 10.0]);
+    assert!(far_x < x && far_y < y);
+}
+
+#[test]
+fn positive_tilt_moves_the_lower_and_the_right_half_nearer() {
+    let depth = |tilt_rad, poster| {
+        let settings = SceneSettings {
+            tilt_rad,
+            ..SceneSettings::default()
+        };
+        let scene = Scene::new(&Rig::paper(), &dot_texture(), settings).unwrap();
+        scene.point_mm(poster, [0.0; 3])[2]
+    };
+    assert!(depth([0.1, 0.0], [0.0, 100.0]) < 845.0);
+    assert!(depth([0.0, 0.1], [100.0, 0.0]) < 845.0);
+}
+
+fn flat(grey: f32) -> Texture {
+    Texture {
+        width: 2,
+        height: 2,
+        mm_per_texel: 1.0,
+        grey: vec![grey; 4],
+    }
+}
+
+#[test]
+fn noise_has_the_claimed_sigma_and_no_bias() {
+    for noise_grey in [0.7, 2.0, 5.0] {
+        let settings = SceneSettings {
+            noise_grey,
+            ..SceneSettings::default()
+        };
+        let scene = Scene::new(&Rig::paper(), &flat(128.3), settings).unwrap();
+        for view in scene.render([0.0; 3], 0, 9).views {
+            let count = view.grey.len() as f64;
+            let error = |&g: &u8| f64::from(g) - f64::from(128.3_f32);
+            let bias = view.grey.iter().map(error).sum::<f64>() / count;
+            let square = view.grey.iter().map(|g| error(g).powi(2)).sum::<f64>() / count;
+            // Rounding to whole grey levels adds its 1/12.
+            let expected = noise_grey * noise_grey + 1.0 / 12.0;
+            assert!(bias.abs() < 5.0 * noise_grey / count.sqrt(), "bias {bias}");
+            assert!((square / expected - 1.0).abs() < 0.03, "{square}");
+        }
+    }
+}
+
+#[test]
+fn noise_differs_between_cameras_and_seeds_and_otherwise_repeats() {
+    let scene = Scene::new(&Rig::paper(), &flat(100.0), SceneSettings::default()).unwrap();
+    let first = scene.render([0.0; 3], 5, 1);
+    let again = scene.render([0.0; 3], 5, 1);
+    let other = scene.render([0.0; 3], 5, 2);
+    assert_eq!(first.time_us, 5);
+    assert_eq!(first.views, again.views);
+    assert_ne!(first.views[0], first.views[1]);
+    assert_ne!(first.views[0], other.views[0]);
+}
+
+#[test]
+fn a_poster_behind_the_cameras_is_not_seen() {
+    let scene = Scene::new(&Rig::paper(), &flat(200.0), SceneSettings::default()).unwrap();
+    for z in [-850.0, -2000.0, f64::NAN] {
+        for view in scene.render([0.0, 0.0, z], 0, 1).views {
+            assert!(view.grey.iter().all(|&g| g == 0));
+        }
+    }
+}
+
+#[test]
+fn impossible_settings_are_refused_by_name() {
+    let make = |change: fn(&mut SceneSettings)| {
+        let mut settings = SceneSettings::default();
+        change(&mut settings);
+        let error = Scene::new(&Rig::paper(), &flat(1.0), settings).unwrap_err();
+        error.to_string()
+    };
+    assert_eq!(
+        make(|s| s.depth_mm = -3.0),
+        "depth_mm is -3, must be 1 to 100000"
+    );
+    assert!(make(|s| s.tilt_rad[1] = f64::NAN).starts_with("tilt_rad[1] is NaN"));
+    assert!(make(|s| s.blur_px = 99.0).starts_with("blur_px"));
+    assert!(make(|s| s.noise_grey = -1.0).starts_with("noise_grey"));
+    let empty = Texture {
+        grey: Vec::new(),
+        ..flat(1.0)
+    };
+    let error = Scene::new(&Rig::paper(), &empty, SceneSettings::default()).unwrap_err();
+    assert_eq!(error.to_string(), "texture of 2 x 2 texels has 0");
+}
+
+/// The view is a sampled, band-limited picture: a sub-pixel move changes it as its derivative says, which
+/// fails where a renderer aliases or wobbles from texel to texel.
+#[test]
+fn a_small_move_changes_the_view_by_its_gradient() {
+    let texture = Texture::of_kind(TextureKind::Natural, 3);
+    let settings = SceneSettings {
+        noise_grey: 0.0,
+        ..SceneSettings::default()
+    };
+    let scene = Scene::new(&Rig::paper(), &texture, settings).unwrap();
+    let eye = &scene.eyes[1];
+    let levels = |x: f64| -> Vec<f64> {
+        scene
+            .levels(eye, [x, 0.0, 0.0])
+            .map(Option::unwrap)
+            .collect()
+    };
+    let mm_per_px = 850.0 / 538.14;
+    let (before, after) = (levels(-0.05 * mm_per_px), levels(0.05 * mm_per_px));
+    // Least squares for the move, Lucas and Kanade's, from spectral-quality gradients of a half-pixel step.
+    let (left, right) = (levels(0.25 * mm_per_px), levels(-0.25 * mm_per_px));
+    let (mut gradient_square, mut gradient_change) = (0.0, 0.0);
+    for i in 0..before.len() {
+        let gradient = 2.0 * (right[i] - left[i]);
+        gradient_square += gradient * gradient;
+        gradient_change += gradient * (before[i] - after[i]);
+    }
+    let moved = gradient_change / gradient_square;
+    assert!((moved - 0.1).abs() < 0.004, "{moved}");
+}
