@@ -1,11 +1,13 @@
 //! Where images come from: folders of files, and rendered scenes. Each source yields timestamped
 //! captures, one view per camera in the rig's order.
 
+pub mod folder;
 mod random;
 pub mod render;
 mod spline;
 pub mod texture;
 
+pub use folder::Folder;
 pub use render::{Scene, SceneError, SceneSettings};
 pub use texture::{Texture, TextureKind};
 

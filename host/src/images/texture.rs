@@ -176,6 +176,19 @@ mod tests {
     }
 
     #[test]
+    fn a_photograph_keeps_its_pixels() {
+        let image = Image {
+            width: 3,
+            height: 2,
+            grey: vec![0, 1, 2, 3, 4, 255],
+        };
+        let poster = Texture::from_image(&image, 1.5);
+        assert_eq!((poster.width, poster.height), (3, 2));
+        assert_eq!(poster.mm_per_texel, 1.5);
+        assert_eq!(poster.grey, [0.0, 1.0, 2.0, 3.0, 4.0, 255.0]);
+    }
+
+    #[test]
     fn seeds_make_the_poster() {
         for kind in [TextureKind::Natural, TextureKind::Blobs] {
             assert!(Texture::of_kind(kind, 1) == Texture::of_kind(kind, 1));

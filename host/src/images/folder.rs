@@ -1,0 +1,205 @@
+//! Captures as files: one folder per camera, equal file names for views of the same instant.
+//!
+//! ```text
+//! captures/left/000000.png    captures/middle/000000.png    captures/right/000000.png
+//! captures/left/000001.png    captures/middle/000001.png    captures/right/000001.png
+//! ```
+//!
+//! PNG, JPEG and PNM files count; hidden files and all others are passed over. Colour becomes grey by its
+//! luminance. Frames come in the order of their names, in which numbers count as numbers: `view9.png` comes
+//! before `view10.png`.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader};
+
+use super::{Capture, Image};
+use crate::error::InputError;
+
+/// The time between frames where nobody says otherwise, microseconds: 30 frames a second.
+pub const DEFAULT_PERIOD_US: u64 = 33_333;
+
+const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm"];
+
+/// A listed folder of captures. *Invariant:* when it was listed, every frame had a file in every camera's folder.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    /// One folder per camera, in the rig's order.
+    cameras: Vec<PathBuf>,
+    frames: Vec<String>,
+    size_px: [u32; 2],
+    period_us: u64,
+}
+
+impl Folder {
+    /// Lists the frames in `dir`, whose subfolders are `names`, one per camera in the rig's order.
+    ///
+    /// No image is opened yet. `image_size_px` (width, height) is what every image must turn out to have,
+    /// `period_us` the time between frames.
+    pub fn open(
+        dir: &Path,
+        names: &[String],
+        image_size_px: [u32; 2],
+        period_us: u64,
+    ) -> Result<Self, InputError> {
+        if !dir.is_dir() {
+            return Err(InputError::file(dir, "no such folder"));
+        }
+        let cameras: Vec<PathBuf> = names.iter().map(|name| dir.join(name)).collect();
+        let listings = cameras
+            .iter()
+            .map(|camera| list(camera))
+            .collect::<Result<Vec<_>, _>>()?;
+        let all: BTreeSet<&String> = listings.iter().flatten().collect();
+        if all.is_empty() {
+            let reason = "holds no images; each camera's folder should have PNG, JPEG or PNM files";
+            return Err(InputError::file(dir, reason));
+        }
+        for (camera, listing) in cameras.iter().zip(&listings) {
+            if let Some(missing) = all.iter().find(|name| !listing.contains(**name)) {
+                let reason = "missing, but another camera has a file of this name";
+                return Err(InputError::file(&camera.join(missing), reason));
+            }
+        }
+        let mut frames: Vec<String> = all.into_iter().cloned().collect();
+        frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
+        Ok(Self {
+            cameras,
+            frames,
+            size_px: image_size_px,
+            period_us,
+        })
+    }
+
+    /// File names of the frames, in order.
+    pub fn names(&self) -> &[String] {
+        &self.frames
+    }
+
+    /// How many frames there are.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Never true of an opened folder, which has at least one frame.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// The frames in order, each read when asked for. A frame that cannot be read does not end the rest.
+    pub fn captures(&self) -> impl ExactSizeIterator<Item = Result<Capture, InputError>> + '_ {
+        self.frames.iter().enumerate().map(|(index, name)| {
+            let views = self
+                .cameras
+                .iter()
+                .map(|camera| read(&camera.join(name), self.size_px))
+                .collect::<Result<_, _>>()?;
+            let time_us = self.period_us.saturating_mul(index as u64);
+            Ok(Capture { time_us, views })
+        })
+    }
+}
+
+/// Writes a capture as frame number `index` into `dir`, one PNG per camera, making folders as needed.
+pub fn save(
+    dir: &Path,
+    names: &[String],
+    index: usize,
+    capture: &Capture,
+) -> Result<(), InputError> {
+    let (cameras, views) = (names.len(), capture.views.len());
+    if cameras != views {
+        let reason = format!("cannot save {views} views for {cameras} cameras");
+        return Err(InputError::file(dir, reason));
+    }
+    for (name, view) in names.iter().zip(&capture.views) {
+        let camera = dir.join(name);
+        fs::create_dir_all(&camera)
+            .map_err(|cause| InputError::io(&camera, "make the folder", &cause))?;
+        write(&camera.join(format!("{index:06}.png")), view)?;
+    }
+    Ok(())
+}
+
+/// Reads one image file as grey. `size_px` (width, height) is the size it must have.
+pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
+    let unreadable = |cause: &dyn std::fmt::Display| {
+        InputError::file(path, format!("cannot read the image: {cause}"))
+    };
+    let decoder = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|cause| InputError::io(path, "read", &cause))?
+        .into_decoder()
+        .map_err(|cause| unreadable(&cause))?;
+    // Before decoding: a file that claims a huge size must not cost its memory.
+    let (width, height) = decoder.dimensions();
+    if [width, height] != size_px {
+        let [w, h] = size_px;
+        let reason = format!("{width} x {height} px, but the rig's images are {w} x {h} px");
+        return Err(InputError::file(path, reason));
+    }
+    let picture = DynamicImage::from_decoder(decoder).map_err(|cause| unreadable(&cause))?;
+    Ok(Image {
+        width: width as usize,
+        height: height as usize,
+        grey: picture.into_luma8().into_raw(),
+    })
+}
+
+/// Writes one image as an 8-bit grey PNG.
+pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
+    let size = (u32::try_from(image.width), u32::try_from(image.height));
+    let (Ok(width), Ok(height)) = size else {
+        return Err(InputError::file(path, "too large for an image"));
+    };
+    if image.width.checked_mul(image.height) != Some(image.grey.len()) {
+        return Err(InputError::file(path, "size and pixels do not agree"));
+    }
+    let (grey, kind) = (&image.grey, ExtendedColorType::L8);
+    image::save_buffer_with_format(path, grey, width, height, kind, ImageFormat::Png)
+        .map_err(|cause| InputError::file(path, format!("cannot write the image: {cause}")))
+}
+
+/// Names of the image files in one camera's folder.
+fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
+    if !camera.is_dir() {
+        let reason = "no such folder; every camera of the rig needs one of its name";
+        return Err(InputError::file(camera, reason));
+    }
+    let io = |cause| InputError::io(camera, "list", &cause);
+    let mut names = BTreeSet::new();
+    for entry in fs::read_dir(camera).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        let is_image = extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()));
+        if !is_image || !path.is_file() {
+            continue;
+        }
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
+            return Err(InputError::file(&path, "the file name is not UTF-8"));
+        };
+        if !name.starts_with('.') {
+            names.insert(name.to_owned());
+        }
+    }
+    Ok(names)
+}
+
+/// The name with every number padded with zeros, so that alphabetic order is the order of the numbers.
+fn numbers_padded(name: &str) -> String {
+    let mut key = String::new();
+    let mut rest = name;
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let (text, tail) = rest.split_at(start);
+        let is_text = |c: char| !c.is_ascii_digit();
+        let (number, tail) = tail.split_at(tail.find(is_text).unwrap_or(tail.len()));
+        key.push_str(&format!("{text}{number:0>20}"));
+        rest = tail;
+    }
+    key + rest
+}
+
+#[cfg(test)]
+mod tests;

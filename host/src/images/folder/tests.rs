@@ -1,0 +1,167 @@
+//! Faults in a folder are named by the file that has them; what was saved comes back.
+
+use super::*;
+use tempfile::TempDir;
+
+fn names() -> Vec<String> {
+    ["left", "middle", "right"].map(str::to_owned).to_vec()
+}
+
+/// A capture of 6 x 4 px whose pixels tell camera and frame.
+fn capture(frame: u8) -> Capture {
+    let view = |camera: u8| Image {
+        width: 6,
+        height: 4,
+        grey: (0..24).map(|i| i * 3 + camera * 80 + frame).collect(),
+    };
+    Capture {
+        time_us: 0,
+        views: (0..3).map(view).collect(),
+    }
+}
+
+fn saved(frames: u8) -> TempDir {
+    let dir = TempDir::new().unwrap();
+    for frame in 0..frames {
+        save(dir.path(), &names(), frame.into(), &capture(frame)).unwrap();
+    }
+    dir
+}
+
+fn open(dir: &Path) -> Result<Folder, InputError> {
+    Folder::open(dir, &names(), [6, 4], DEFAULT_PERIOD_US)
+}
+
+#[test]
+fn what_was_saved_comes_back() {
+    let dir = saved(3);
+    let folder = open(dir.path()).unwrap();
+    assert_eq!(folder.names(), ["000000.png", "000001.png", "000002.png"]);
+    assert_eq!((folder.len(), folder.captures().len()), (3, 3));
+    for (frame, read) in (0..).zip(folder.captures()) {
+        let read = read.unwrap();
+        assert_eq!(read.views, capture(frame).views);
+        assert_eq!(read.time_us, u64::from(frame) * 33_333);
+    }
+}
+
+#[test]
+fn other_and_hidden_files_are_passed_over() {
+    let dir = saved(1);
+    for name in ["notes.txt", ".hidden.png", "no_extension"] {
+        fs::write(dir.path().join("left").join(name), "text").unwrap();
+    }
+    fs::create_dir(dir.path().join("left/folder.png")).unwrap();
+    assert_eq!(open(dir.path()).unwrap().len(), 1);
+}
+
+#[test]
+fn numbers_in_names_count_as_numbers() {
+    let dir = TempDir::new().unwrap();
+    for name in ["view10.png", "view9.png", "view9b.png", "other.png"] {
+        for camera in names() {
+            fs::create_dir_all(dir.path().join(&camera)).unwrap();
+            write(&dir.path().join(camera).join(name), &capture(0).views[0]).unwrap();
+        }
+    }
+    let folder = open(dir.path()).unwrap();
+    let expected = ["other.png", "view9.png", "view9b.png", "view10.png"];
+    assert_eq!(folder.names(), expected);
+}
+
+#[test]
+fn a_missing_folder_is_named() {
+    let error = open(Path::new("/no/such/folder")).unwrap_err();
+    assert_eq!(error.to_string(), "/no/such/folder: no such folder");
+    let dir = saved(1);
+    fs::remove_dir_all(dir.path().join("middle")).unwrap();
+    let error = open(dir.path()).unwrap_err();
+    assert_eq!(error.file, dir.path().join("middle"));
+    assert!(error.reason.starts_with("no such folder"), "{error}");
+}
+
+#[test]
+fn folders_without_images_are_refused() {
+    let dir = TempDir::new().unwrap();
+    for camera in names() {
+        fs::create_dir(dir.path().join(camera)).unwrap();
+    }
+    let error = open(dir.path()).unwrap_err();
+    assert_eq!(error.file, dir.path());
+    assert!(error.reason.starts_with("holds no images"), "{error}");
+}
+
+#[test]
+fn a_view_that_one_camera_lacks_is_named() {
+    let dir = saved(2);
+    for camera in names() {
+        let lost = dir.path().join(camera).join("000001.png");
+        let aside = dir.path().join("aside");
+        fs::rename(&lost, &aside).unwrap();
+        assert_eq!(open(dir.path()).unwrap_err().file, lost);
+        fs::rename(&aside, &lost).unwrap();
+    }
+}
+
+#[test]
+fn a_damaged_file_spoils_only_its_own_frame() {
+    let dir = saved(3);
+    let whole = fs::read(dir.path().join("right/000001.png")).unwrap();
+    let damaged = dir.path().join("right/000001.png");
+    for content in [&b""[..], b"not a picture", &whole[..whole.len() / 2]] {
+        fs::write(&damaged, content).unwrap();
+        let folder = open(dir.path()).unwrap();
+        let read: Vec<_> = folder.captures().collect();
+        assert!(read[0].is_ok() && read[2].is_ok());
+        let error = read[1].as_ref().unwrap_err();
+        assert_eq!(error.file, damaged);
+        assert!(error.reason.starts_with("cannot read"), "{error}");
+    }
+    let folder = open(dir.path()).unwrap();
+    fs::remove_file(&damaged).unwrap();
+    let error = folder.captures().nth(1).unwrap().unwrap_err();
+    assert_eq!(error.file, damaged);
+}
+
+#[test]
+fn an_image_of_another_size_is_refused() {
+    let dir = saved(1);
+    let folder = Folder::open(dir.path(), &names(), [320, 240], 1).unwrap();
+    let error = folder.captures().next().unwrap().unwrap_err();
+    assert_eq!(error.file, dir.path().join("left/000000.png"));
+    assert_eq!(
+        error.reason,
+        "6 x 4 px, but the rig's images are 320 x 240 px"
+    );
+}
+
+#[test]
+fn colour_jpeg_and_pgm_become_grey() {
+    let dir = TempDir::new().unwrap();
+    let colour = image::RgbImage::from_pixel(6, 4, image::Rgb([90, 90, 90]));
+    let path = dir.path().join("a.JPG");
+    colour.save(&path).unwrap();
+    let grey = read(&path, [6, 4]).unwrap().grey;
+    assert!(grey.len() == 24 && grey.iter().all(|g| g.abs_diff(90) <= 1));
+
+    let path = dir.path().join("b.pgm");
+    fs::write(&path, b"P5 2 2 255 \x01\x02\x03\xff").unwrap();
+    assert_eq!(read(&path, [2, 2]).unwrap().grey, [1, 2, 3, 255]);
+}
+
+#[test]
+fn what_cannot_be_saved_is_refused() {
+    let dir = TempDir::new().unwrap();
+    let mut bad = capture(0);
+    bad.views[1].grey.pop();
+    let error = save(dir.path(), &names(), 0, &bad).unwrap_err();
+    assert_eq!(error.file, dir.path().join("middle/000000.png"));
+    let error = save(dir.path(), &names()[..2], 0, &capture(0)).unwrap_err();
+    assert_eq!(error.reason, "cannot save 3 views for 2 cameras");
+    fs::write(dir.path().join("file"), "").unwrap();
+    let error = save(&dir.path().join("file"), &names(), 0, &capture(0)).unwrap_err();
+    assert!(
+        error.reason.starts_with("cannot make the folder"),
+        "{error}"
+    );
+}
