@@ -7,3 +7,4 @@ pub mod plant;
 pub mod points;
 pub mod rig_file;
 pub mod station;
+pub mod sums;
