@@ -8,7 +8,7 @@ fn main(){
     let scene=Scene::new(&rig,&Texture::of_kind(kind,seed),SceneSettings::default()).unwrap();
     let a=scene.render([0.;3],0,seed*100);
     let t0=std::time::Instant::now();
-    let mut flow=Flow::new(&rig,Settings::default()).unwrap();
+    let mut flow=Flow::new(&rig,Settings{radius_px:std::env::var("R").map_or(10,|v|v.parse().unwrap()),corners:std::env::var("C").map_or(300,|v|v.parse().unwrap()),distance_px:std::env::var("D").map_or(9,|v|v.parse().unwrap()),..Default::default()}).unwrap();
     let r=flow.set_reference(&a);
     let tr=t0.elapsed();
     if let Err(e)=r { println!("{kind} {seed} reference: {e}"); continue; }
