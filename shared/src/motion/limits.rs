@@ -119,8 +119,10 @@ impl core::error::Error for ConfigFault {}
 pub struct AxisLimits {
     /// Highest speed, multiples of `2n` fine units per slot; from 1, and `2n` times it fits a `u32`.
     pub(super) speed: u32,
-    /// Highest change of speed per segment, same unit; from 1 to `speed`.
+    /// Highest change of speed per tick, same unit; from 1 to `speed`.
     pub(super) acceleration: u32,
+    /// Highest change of acceleration per tick, same unit; from 1 to `speed`.
+    pub(super) jerk: u32,
     /// Allowed step numbers, both ends included, within ±2²⁹.
     range: [i32; 2],
 }
@@ -148,7 +150,7 @@ impl AxisLimits {
         // µm per second to fine units per slot, then to the grid. Below 2⁹⁶ all the way.
         let fine_per_m = u128::from(config.steps_per_m) << 32;
         let slots_per_s = u128::from(rate.slots_per_s());
-        let quantum = 2 * u128::from(rate.slots_per_segment());
+        let quantum = 2 * u128::from(rate.slots_per_tick());
         let micro = 1_000_000;
         let fine_per_slot = fine_per_m * u128::from(config.max_speed_um_s) / (micro * slots_per_s);
         if fine_per_slot > 1 << 32 {
@@ -164,16 +166,25 @@ impl AxisLimits {
         if speed == 0 {
             return Err(LimitFault::TooSmall(Field::MaxSpeed));
         }
-        let per_segment = micro * slots_per_s * u128::from(WordRate::SEGMENTS_PER_S) * quantum;
-        let acceleration = fine_per_m * u128::from(config.max_acceleration_um_s2) / per_segment;
-        // More than the whole speed in one segment is no use.
-        let acceleration = acceleration.min(u128::from(speed)) as u32;
-        if acceleration == 0 {
-            return Err(LimitFault::TooSmall(Field::MaxAcceleration));
-        }
+        // Per tick, and per tick again.
+        let mut denominator = micro * slots_per_s * quantum;
+        let mut quantise = |per_s: u32, field| {
+            denominator *= u128::from(WordRate::TICKS_PER_S);
+            let value = fine_per_m * u128::from(per_s) / denominator;
+            // More than the whole speed in one tick is no use.
+            let value = value.min(u128::from(speed)) as u32;
+            if value == 0 {
+                Err(LimitFault::TooSmall(field))
+            } else {
+                Ok(value)
+            }
+        };
+        let acceleration = quantise(config.max_acceleration_um_s2, Field::MaxAcceleration)?;
+        let jerk = quantise(config.max_jerk_um_s3, Field::MaxJerk)?;
         Ok(Self {
             speed,
             acceleration,
+            jerk,
             range: travel_steps(config)?,
         })
     }
@@ -246,14 +257,21 @@ impl Limits {
 
     /// Highest speeds after quantisation, fine units (2⁻³² step) per slot.
     pub fn speeds(&self) -> [u32; AXES] {
-        let quantum = 2 * u32::from(self.rate.slots_per_segment());
-        self.axes.map(|axis| axis.speed.saturating_mul(quantum))
+        self.axes.map(|axis| self.fine(axis.speed))
     }
 
-    /// Highest accelerations after quantisation, fine units per slot, per segment.
+    /// Highest accelerations after quantisation, fine units per slot, per tick.
     pub fn accelerations(&self) -> [u32; AXES] {
-        let quantum = 2 * u32::from(self.rate.slots_per_segment());
-        self.axes
-            .map(|axis| axis.acceleration.saturating_mul(quantum))
+        self.axes.map(|axis| self.fine(axis.acceleration))
+    }
+
+    /// Highest jerks after quantisation, fine units per slot, per tick, per tick.
+    pub fn jerks(&self) -> [u32; AXES] {
+        self.axes.map(|axis| self.fine(axis.jerk))
+    }
+
+    /// No more than `speed` quanta times 2N, which fits by the invariant of [`AxisLimits`].
+    fn fine(&self, quanta: u32) -> u32 {
+        quanta.saturating_mul(2 * self.rate.slots_per_tick())
     }
 }
