@@ -290,7 +290,7 @@ fn a_new_setpoint_changes_steps_within_two_milliseconds() {
             // From rest half a step must be made first: (6 · ½ / j)^(1/3), a whole tick at each jerk.
             let half_step_us = 1e6 * (3.0 / (f64::from(jerk) * 1.6)).cbrt();
             let allowed = if warm_up == 0 {
-                1.1 * half_step_us as f64
+                1.1 * half_step_us
             } else {
                 1_000.0
             };
