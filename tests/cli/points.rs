@@ -175,13 +175,15 @@ fn points_missing_from_a_camera_are_rejected_and_counted() {
 }
 
 #[test]
-fn a_point_behind_the_cameras_is_rejected_by_the_midpoint() {
+fn a_point_behind_the_cameras_is_rejected() {
     let desk = Desk::new();
     // Left and right swapped: the disparity is negative.
     let rows = "9,left,100,120,101,120\n9,middle,160,120,161,120\n9,right,220,120,221,120\n";
     desk.write("points.csv", desk.read("points.csv") + rows);
-    let line = &desk.estimate(&["--json"]).json()[0];
-    assert_eq!([&line["points"], &line["rejected"]], [&json!(5), &json!(1)]);
+    for method in ["midpoint", "closed-form", "least-squares"] {
+        let line = &desk.estimate(&["--json", "--method", method]).json()[0];
+        assert_eq!([&line["points"], &line["rejected"]], [&json!(5), &json!(1)]);
+    }
 }
 
 #[test]

@@ -9,12 +9,10 @@ use host::flow::{Flow, Settings, Track};
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::points;
 use host::rig_file::RigFile;
+use host::sums::Sums;
 use serde::Serialize;
-use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
+use shared::estimate::Refusal;
 use shared::rig::Rig;
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
 
 /// Estimate the target's displacement from matched points or from images
 ///
@@ -278,40 +276,20 @@ struct Solution {
 }
 
 fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Refusal> {
-    let solution = match method {
+    let sums = Sums::new(rig, tracks)?;
+    let estimates = sums.estimates();
+    let (displacement_mm, sigma_mm) = match method {
         Method::Midpoint => {
-            let mut sums = CentredSums::new(rig)?;
-            let mut points = 0;
-            for track in tracks {
-                points += usize::from(sums.add(&views(rig, track)));
-            }
-            let estimate = midpoint::solve(&sums)?;
-            Solution {
-                displacement_mm: estimate.displacement_mm,
-                sigma_mm: Some(estimate.sigma_mm()),
-                points,
-            }
+            let estimate = estimates.midpoint?;
+            (estimate.displacement_mm, Some(estimate.sigma_mm()))
         }
-        Method::ClosedForm | Method::LeastSquares => {
-            let mut sums = PairSums::new(rig)?;
-            let mut points = 0;
-            for track in tracks {
-                if let Ok(three) = <[View; 3]>::try_from(views(rig, track)) {
-                    sums.add(three);
-                    points += 1;
-                }
-            }
-            let displacement_mm = if method == Method::ClosedForm {
-                closed_form::solve(&sums)?
-            } else {
-                least_squares::solve(&sums)?
-            };
-            Solution {
-                displacement_mm,
-                sigma_mm: None,
-                points,
-            }
-        }
+        Method::ClosedForm => (estimates.closed_form?, None),
+        Method::LeastSquares => (estimates.least_squares?, None),
+    };
+    let solution = Solution {
+        displacement_mm,
+        sigma_mm,
+        points: sums.centred.points as usize,
     };
     // JSON has no word for a number that is not finite, and nobody has a use for it.
     let sigma = solution.sigma_mm.unwrap_or_default();
@@ -321,10 +299,4 @@ fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Ref
     } else {
         Err(Refusal::OutOfRange)
     }
-}
-
-fn views(rig: &Rig, track: &Track) -> Vec<View> {
-    let seen = rig.cameras.iter().zip(&track.pixels);
-    seen.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
-        .collect()
 }
