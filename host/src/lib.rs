@@ -5,5 +5,6 @@ pub mod flow;
 pub mod images;
 pub mod plant;
 pub mod points;
+pub mod report;
 pub mod rig_file;
 pub mod station;
