@@ -5,6 +5,7 @@ pub mod flow;
 pub mod images;
 pub mod plant;
 pub mod points;
+pub mod report;
 pub mod rig_file;
 pub mod station;
 pub mod sums;

@@ -1,0 +1,183 @@
+//! Title, legend, axes and grid of a plane figure; and the legend of any figure.
+
+use super::axis::Axis;
+use super::canvas::{
+    AXIS, GRID, INK, SOFT_INK, Sheet, Spot, TEXT, TITLE_LINE, UNIT, lettering, pen, refusal,
+    text_width, units, write_text,
+};
+use super::stroke::{self, SAMPLE, Style};
+use plotters::coord::CoordTranslate as _;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, VPos};
+
+/// Height of a legend's line, px.
+const LEGEND_LINE: f64 = 20.0;
+
+/// What a legend says of one series.
+pub(super) struct Entry<'a> {
+    pub name: &'a str,
+    pub style: Style,
+    /// The series' number, which gives colour and marker.
+    pub index: usize,
+}
+
+/// Draws the legend under the title and returns the height used by both, px. Series without a name are
+/// left out; a figure with one named series still shows it, since the name says what is drawn.
+pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, String> {
+    let width = f64::from(sheet.dim_in_pixel().0) / UNIT;
+    let named: Vec<&Entry> = entries
+        .iter()
+        .filter(|entry| !entry.name.is_empty())
+        .collect();
+    let (mut x, mut y) = (8.0, TITLE_LINE + 0.5 * LEGEND_LINE);
+    let style = lettering(TEXT, INK, HPos::Left, VPos::Center);
+    for entry in &named {
+        let wide = SAMPLE + 6.0 + text_width(entry.name, TEXT) + 18.0;
+        if x > 8.0 && x + wide > width {
+            (x, y) = (8.0, y + LEGEND_LINE);
+        }
+        stroke::sample(sheet, (units(x), units(y)), entry.style, entry.index)?;
+        write_text(
+            sheet,
+            entry.name,
+            (units(x + SAMPLE + 6.0), units(y)),
+            &style,
+        )?;
+        x += wide;
+    }
+    Ok(if named.is_empty() {
+        TITLE_LINE
+    } else {
+        y + 0.5 * LEGEND_LINE
+    })
+}
+
+/// The axes of a plane figure, before it is known how many pixels they get.
+pub(super) struct Axes<'a> {
+    pub x_label: &'a str,
+    pub y_label: &'a str,
+    pub x: Axis,
+    pub y: Axis,
+    /// Both axes at the same scale; the shorter one is widened.
+    pub equal: bool,
+    /// y grows downwards, as in images.
+    pub y_down: bool,
+}
+
+/// Draws grid, axes and labels below `top` px, and returns where data go on the sheet.
+pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, String> {
+    let (width, height) = sheet.dim_in_pixel();
+    let (width, height) = (f64::from(width) / UNIT, f64::from(height) / UNIT);
+    let margin_right = 22.0;
+    let below = 2.0 * TEXT + 18.0;
+    // An equal scale changes the labels of y, hence its width; one round more settles it.
+    let (mut x, mut y) = (axes.x.clone(), axes.y.clone());
+    let mut left = label_area(&y);
+    if axes.equal {
+        for _ in 0..2 {
+            let area = [width - left - margin_right, height - top - 8.0 - below];
+            (x, y) = equalised(&axes.x, &axes.y, area);
+            left = label_area(&y);
+        }
+    }
+    let (_, area) = sheet.split_vertically(units(top));
+    let y_ends = if axes.y_down {
+        (y.high, y.low)
+    } else {
+        (y.low, y.high)
+    };
+    let mut chart = ChartBuilder::on(&area)
+        .margin_top(units(8.0))
+        .margin_right(units(margin_right))
+        .set_label_area_size(LabelAreaPosition::Left, units(left))
+        .set_label_area_size(LabelAreaPosition::Bottom, units(below))
+        .build_cartesian_2d(
+            Scale {
+                ends: (x.low, x.high),
+                ticks: x.ticks.clone(),
+            },
+            Scale {
+                ends: y_ends,
+                ticks: y.ticks.clone(),
+            },
+        )
+        .map_err(refusal)?;
+    chart
+        .configure_mesh()
+        .bold_line_style(pen(GRID, 1.0))
+        .light_line_style(TRANSPARENT)
+        .axis_style(pen(AXIS, 1.2))
+        .set_all_tick_mark_size(units(4.0))
+        .label_style(lettering(TEXT, SOFT_INK, HPos::Center, VPos::Center))
+        .axis_desc_style(lettering(TEXT, INK, HPos::Center, VPos::Center))
+        .x_label_formatter(&|tick| x.label(*tick))
+        .y_label_formatter(&|tick| y.label(*tick))
+        .x_desc(axes.x_label)
+        .y_desc(axes.y_label)
+        .draw()
+        .map_err(refusal)?;
+    Ok(Place(chart.as_coord_spec().clone()))
+}
+
+/// An axis as `plotters` wants it: it labels what [`Axis`] chose and nothing else.
+#[derive(Clone)]
+struct Scale {
+    /// The values at the axis's two ends; the first may be the larger.
+    ends: (f64, f64),
+    ticks: Vec<f64>,
+}
+
+impl Ranged for Scale {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        let fraction = (value - self.ends.0) / (self.ends.1 - self.ends.0);
+        (f64::from(from) + fraction * f64::from(to - from)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() {
+            Vec::new()
+        } else {
+            self.ticks.clone()
+        }
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.ends.0..self.ends.1
+    }
+}
+
+/// Where data go on the sheet.
+pub(super) struct Place(Cartesian2d<Scale, Scale>);
+
+impl Place {
+    /// The spot of a drawable point, units.
+    pub fn spot(&self, point: [f64; 2]) -> Spot {
+        self.0.translate(&(point[0], point[1]))
+    }
+}
+
+/// Room for the labels and the name of a vertical axis, px.
+fn label_area(y: &Axis) -> f64 {
+    y.label_length() as f64 * 0.65 * TEXT + TEXT + 26.0
+}
+
+/// Both axes at one scale in an area of so many pixels.
+pub(super) fn equalised(x: &Axis, y: &Axis, area_px: [f64; 2]) -> (Axis, Axis) {
+    let [wide, high] = area_px.map(|side| side.max(1.0));
+    let scale = ((x.high - x.low) / wide).max((y.high - y.low) / high);
+    let widened = |axis: &Axis, pixels: f64| {
+        let middle = 0.5 * (axis.low + axis.high);
+        let half = 0.5 * scale * pixels;
+        Axis::spanning(middle - half, middle + half, ticks_for(pixels))
+    };
+    (widened(x, wide), widened(y, high))
+}
+
+/// How many labels fit on so many pixels.
+pub(super) fn ticks_for(pixels: f64) -> usize {
+    (pixels / 52.0).floor().clamp(3.0, 12.0) as usize
+}

@@ -1,0 +1,108 @@
+//! What a run found, on paper: one HTML file that needs nothing else, and the same tables on screen.
+//!
+//! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and hands them to a
+//! [`Page`]. The page is one file: no script, no font, no image and no address outside itself, so it can be
+//! mailed, archived beside a recording, and opened in twenty years.
+//!
+//! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same cells.
+//! - A figure is drawn as SVG by `plotters`, in tenths of a pixel ([`Figure::to_svg`] also serves a README).
+//! - Data are taken as they come: what is not a number leaves a gap, an empty series leaves "no data".
+//!
+//! *Invariant:* nothing here measures or decides; a figure shows the numbers it was given and nothing else.
+//!
+//! ```
+//! use host::report::{Cell, LinePlot, Page, Style, Table};
+//!
+//! let table = Table::new("Two moves", ["move", "error, mm"])
+//!     .row([Cell::text("first"), Cell::number(0.0123, 3)])
+//!     .row([Cell::text("second"), Cell::number(-0.4, 3).bad()]);
+//! assert_eq!(table.to_text().lines().nth(4), Some("first       0.012"));
+//!
+//! let plot = LinePlot::new("Error over time", "time, s", "error, mm")
+//!     .series("X", Style::Line, [[0.0, 0.01], [1.0, 0.02]]);
+//! let page = Page::new("A run", "on the twin").section("Moves", "").table(table).plot(plot);
+//! assert!(page.to_html().unwrap().ends_with("</html>\n"));
+//! ```
+
+mod axis;
+mod canvas;
+mod chart;
+mod markup;
+mod page;
+mod path3d;
+mod plot;
+mod scatter;
+mod stroke;
+mod table;
+mod write;
+
+pub use page::Page;
+pub use path3d::{Path3d, Series3d};
+pub use plot::{LinePlot, Series};
+pub use scatter::{Circle, Scatter};
+pub use stroke::Style;
+pub use table::{Cell, Emphasis, Table};
+pub use write::write_atomically;
+
+use std::path::PathBuf;
+
+/// Why a report could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The drawing library refused a figure.
+    #[error("figure \"{title}\" cannot be drawn: {reason}")]
+    Draw {
+        /// The figure's title.
+        title: String,
+        /// What the drawing library said.
+        reason: String,
+    },
+    /// The file system refused the file.
+    #[error("{}: {source}", path.display())]
+    Write {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// What the file system said.
+        source: std::io::Error,
+    },
+}
+
+/// Any of the drawings a page can hold.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Figure {
+    /// Values over an axis.
+    Line(LinePlot),
+    /// Positions in a plane, equal axes.
+    Scatter(Scatter),
+    /// Positions in space.
+    Path3d(Path3d),
+}
+
+impl Figure {
+    /// The figure as one SVG document.
+    pub fn to_svg(&self) -> Result<String, Error> {
+        match self {
+            Self::Line(plot) => plot.to_svg(),
+            Self::Scatter(plot) => plot.to_svg(),
+            Self::Path3d(plot) => plot.to_svg(),
+        }
+    }
+}
+
+impl From<LinePlot> for Figure {
+    fn from(plot: LinePlot) -> Self {
+        Self::Line(plot)
+    }
+}
+
+impl From<Scatter> for Figure {
+    fn from(plot: Scatter) -> Self {
+        Self::Scatter(plot)
+    }
+}
+
+impl From<Path3d> for Figure {
+    fn from(plot: Path3d) -> Self {
+        Self::Path3d(plot)
+    }
+}

@@ -1,0 +1,376 @@
+//! Paths and points in space, seen from one fixed side without perspective, so that equal lengths along an
+//! axis look equal wherever they are.
+
+use super::Error;
+use super::axis::{Axis, drawable};
+use super::canvas::{
+    AXIS, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, pen, refusal, render,
+    text_width, units, write_text,
+};
+use super::chart::{Entry, draw_legend};
+use super::plot::{say_no_data, unbroken};
+use super::stroke::{self, Style};
+use plotters::prelude::{Circle, Color as _, PathElement};
+use plotters::style::text_anchor::{HPos, VPos};
+
+/// Named points in space, in the axes' units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series3d {
+    /// Its name in the legend; empty keeps it out.
+    pub name: String,
+    /// The points, in drawing order. A point that is not a number breaks the line.
+    pub points: Vec<[f64; 3]>,
+    /// How the points are joined. Steps are drawn as a line: space has no held axis.
+    pub style: Style,
+}
+
+/// Positions in space. The box is as high as half its width whatever the ranges are: depth moves are often
+/// much smaller than the others, and their scale is on the axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Path3d {
+    /// What it shows.
+    pub title: String,
+    /// The three quantities and their units; the third is drawn upwards.
+    pub labels: [String; 3],
+    /// What is drawn, from back to front.
+    pub series: Vec<Series3d>,
+    /// Width and height, px.
+    pub size_px: [u32; 2],
+}
+
+/// Half the box's extent along each axis.
+const HALF: [f64; 3] = [1.0, 1.0, 0.62];
+
+/// Where the eye is: 35 degrees right of the x axis seen from the front, 24 degrees above the floor.
+const AZIMUTH_DEG: f64 = -55.0;
+const ELEVATION_DEG: f64 = 24.0;
+
+impl Path3d {
+    /// A figure without series, 530 by 420 px.
+    pub fn new(title: impl Into<String>, labels: [&str; 3]) -> Self {
+        Self {
+            title: title.into(),
+            labels: labels.map(str::to_owned),
+            series: Vec::new(),
+            size_px: [530, 420],
+        }
+    }
+
+    /// The figure with one more series.
+    pub fn series(
+        mut self,
+        name: &str,
+        style: Style,
+        points: impl IntoIterator<Item = [f64; 3]>,
+    ) -> Self {
+        self.series.push(Series3d {
+            name: name.to_owned(),
+            points: points.into_iter().collect(),
+            style,
+        });
+        self
+    }
+
+    /// The figure at another size, px.
+    pub fn sized(mut self, width: u32, height: u32) -> Self {
+        self.size_px = [width, height];
+        self
+    }
+
+    /// The figure as one SVG document.
+    pub fn to_svg(&self) -> Result<String, Error> {
+        render(&self.title, self.size_px, |sheet| {
+            let entries = self.series.iter().enumerate().map(|(index, series)| Entry {
+                name: &series.name,
+                style: series.style,
+                index,
+            });
+            let top = draw_legend(sheet, &entries.collect::<Vec<_>>())?;
+            let view = View::new(self.axes(), sheet, top);
+            view.draw_walls(sheet)?;
+            view.draw_labels(sheet, &self.labels)?;
+            for series in &self.series {
+                view.draw_shadow(sheet, series)?;
+            }
+            for (index, series) in self.series.iter().enumerate() {
+                let runs = unbroken(series.points.iter().map(|point| view.visible(*point)));
+                let style = if series.style == Style::Steps {
+                    Style::Line
+                } else {
+                    series.style
+                };
+                stroke::draw(sheet, &runs, style, index)?;
+            }
+            if self.drawable_points().next().is_none() {
+                say_no_data(sheet, top)?;
+            }
+            Ok(())
+        })
+    }
+
+    fn drawable_points(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        let all = self
+            .series
+            .iter()
+            .flat_map(|series| series.points.iter().copied());
+        all.filter(|point| point.iter().all(|value| drawable(*value)))
+    }
+
+    fn axes(&self) -> [Axis; 3] {
+        [5, 5, 4]
+            .into_iter()
+            .enumerate()
+            .map(|(i, count)| {
+                Axis::around(self.drawable_points().map(move |point| point[i]), count)
+            })
+            .collect::<Vec<_>>()
+            .try_into()
+            .unwrap_or_else(|_| [0, 1, 2].map(|_| Axis::spanning(0.0, 1.0, 4)))
+    }
+}
+
+/// The projection of the box onto the sheet.
+struct View {
+    axes: [Axis; 3],
+    /// Units per length of the box's half.
+    scale: f64,
+    /// Where the box's centre is, units.
+    centre: [f64; 2],
+}
+
+impl View {
+    fn new(axes: [Axis; 3], sheet: &Sheet, top: f64) -> Self {
+        let (width, height) = sheet.dim_in_pixel();
+        let (width, height) = (f64::from(width), f64::from(height));
+        // Room for labels around the box, px.
+        let (side, above, below) = (74.0 * UNIT, (top + 8.0) * UNIT, 58.0 * UNIT);
+        let corners = (0..8)
+            .map(|i| flat([0, 1, 2].map(|j| if i >> j & 1 == 1 { HALF[j] } else { -HALF[j] })));
+        let reach = corners.fold([0.0_f64; 2], |reach, at| {
+            [reach[0].max(at[0]), reach[1].max(at[1])]
+        });
+        let scale = ((width - 2.0 * side) / (2.0 * reach[0]))
+            .min((height - above - below) / (2.0 * reach[1]));
+        Self {
+            axes,
+            scale: scale.max(1.0),
+            centre: [0.5 * width, above + 0.5 * (height - above - below)],
+        }
+    }
+
+    /// Where a point of the box is on the sheet; each coordinate runs from -1 to 1 between the walls.
+    fn spot(&self, unit: [f64; 3]) -> Spot {
+        let [x, y] = flat([0, 1, 2].map(|i| unit[i] * HALF[i]));
+        (
+            (self.centre[0] + self.scale * x).round() as i32,
+            (self.centre[1] - self.scale * y).round() as i32,
+        )
+    }
+
+    fn unit(&self, point: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|i| 2.0 * self.axes[i].fraction(point[i]) - 1.0)
+    }
+
+    fn visible(&self, point: [f64; 3]) -> Option<Spot> {
+        let seen = point.iter().all(|value| drawable(*value));
+        seen.then(|| self.spot(self.unit(point)))
+    }
+
+    fn line(
+        &self,
+        sheet: &Sheet,
+        ends: [[f64; 3]; 2],
+        style: plotters::style::ShapeStyle,
+    ) -> Result<(), String> {
+        let path = ends.map(|end| self.spot(end)).to_vec();
+        sheet.draw(&PathElement::new(path, style)).map_err(refusal)
+    }
+
+    /// Floor and the two walls behind, with grid lines at the labels.
+    fn draw_walls(&self, sheet: &Sheet) -> Result<(), String> {
+        let grid = pen(GRID, 1.0);
+        for tick in self.ticks(0) {
+            self.line(sheet, [[tick, -1.0, -1.0], [tick, 1.0, -1.0]], grid)?;
+            self.line(sheet, [[tick, 1.0, -1.0], [tick, 1.0, 1.0]], grid)?;
+        }
+        for tick in self.ticks(1) {
+            self.line(sheet, [[-1.0, tick, -1.0], [1.0, tick, -1.0]], grid)?;
+            self.line(sheet, [[-1.0, tick, -1.0], [-1.0, tick, 1.0]], grid)?;
+        }
+        for tick in self.ticks(2) {
+            self.line(sheet, [[-1.0, -1.0, tick], [-1.0, 1.0, tick]], grid)?;
+            self.line(sheet, [[-1.0, 1.0, tick], [1.0, 1.0, tick]], grid)?;
+        }
+        let soft = pen(SHADOW, 1.0);
+        let axis = pen(AXIS, 1.2);
+        for (ends, style) in [
+            ([[-1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]], soft),
+            ([[-1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]], soft),
+            ([[-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]], soft),
+            ([[1.0, 1.0, -1.0], [1.0, 1.0, 1.0]], soft),
+            ([[-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]], soft),
+            ([[-1.0, 1.0, -1.0], [1.0, 1.0, -1.0]], soft),
+            ([[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]], axis),
+            ([[1.0, -1.0, -1.0], [1.0, 1.0, -1.0]], axis),
+            ([[-1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]], axis),
+        ] {
+            self.line(sheet, ends, style)?;
+        }
+        Ok(())
+    }
+
+    /// The labelled positions of axis `i`, from -1 to 1.
+    fn ticks(&self, i: usize) -> impl Iterator<Item = f64> + '_ {
+        let axis = &self.axes[i];
+        axis.ticks
+            .iter()
+            .map(|tick| (2.0 * axis.fraction(*tick) - 1.0).clamp(-1.0, 1.0))
+    }
+
+    fn draw_labels(&self, sheet: &Sheet, names: &[String; 3]) -> Result<(), String> {
+        // Each axis: its edge as a function of the position along it, where labels go from there, how they
+        // are held.
+        let edges: [fn(f64) -> [f64; 3]; 3] =
+            [|t| [t, -1.0, -1.0], |t| [1.0, t, -1.0], |t| [-1.0, -1.0, t]];
+        let away = [[-6.0, 14.0], [9.0, 12.0], [-9.0, 0.0]];
+        let sides = [HPos::Right, HPos::Left, HPos::Right];
+        for i in 0..3 {
+            let style = lettering(TEXT, SOFT_INK, sides[i], VPos::Center);
+            for (at, tick) in self.ticks(i).zip(&self.axes[i].ticks) {
+                let edge = self.spot(edges[i](at));
+                let spot = (edge.0 + units(away[i][0]), edge.1 + units(away[i][1]));
+                write_text(sheet, &self.axes[i].label(*tick), spot, &style)?;
+            }
+        }
+        let label = |i: usize| self.axes[i].label_length() as f64 * 0.62 * TEXT;
+        let ink = |side| lettering(TEXT, INK, side, VPos::Center);
+        let middle = self.spot(edges[0](0.0));
+        let at = (middle.0 - units(18.0 + label(0)), middle.1 + units(34.0));
+        write_text(sheet, &names[0], at, &ink(HPos::Center))?;
+        let middle = self.spot(edges[1](0.0));
+        let at = (
+            middle.0 + units(16.0 + 0.8 * label(1)),
+            middle.1 + units(34.0),
+        );
+        // Never beyond the right edge.
+        let last = sheet.dim_in_pixel().0 as i32 - units(text_width(&names[1], TEXT) + 6.0);
+        write_text(sheet, &names[1], (at.0.min(last), at.1), &ink(HPos::Left))?;
+        let end = self.spot(edges[2](1.0));
+        write_text(
+            sheet,
+            &names[2],
+            (end.0.max(units(8.0)), end.1 - units(14.0)),
+            &ink(HPos::Center),
+        )
+    }
+
+    /// The series on the floor, in grey: it tells depth from height.
+    fn draw_shadow(&self, sheet: &Sheet, series: &Series3d) -> Result<(), String> {
+        let floor = |point: &[f64; 3]| {
+            let seen = point.iter().all(|value| drawable(*value));
+            let [x, y, _] = self.unit(*point);
+            seen.then(|| self.spot([x, y, -1.0]))
+        };
+        for run in unbroken(series.points.iter().map(floor)) {
+            if series.style == Style::Points || run.len() == 1 {
+                for spot in run {
+                    let dot = Circle::new(spot, units(1.6), SHADOW.filled());
+                    sheet.draw(&dot).map_err(refusal)?;
+                }
+            } else {
+                sheet
+                    .draw(&PathElement::new(stroke::thinned(&run), pen(SHADOW, 1.2)))
+                    .map_err(refusal)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The view along the line of sight: right and up.
+fn flat([x, y, z]: [f64; 3]) -> [f64; 2] {
+    let (sin_a, cos_a) = AZIMUTH_DEG.to_radians().sin_cos();
+    let (sin_e, cos_e) = ELEVATION_DEG.to_radians().sin_cos();
+    [
+        cos_a * y - sin_a * x,
+        cos_e * z - sin_e * (cos_a * x + sin_a * y),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::markup::balance;
+    use super::*;
+
+    const LABELS: [&str; 3] = ["X, mm", "Y, mm", "Z, mm"];
+
+    #[test]
+    fn x_and_y_run_to_the_right_and_z_runs_up() {
+        let origin = flat([0.0; 3]);
+        assert!(flat([1.0, 0.0, 0.0])[0] > origin[0] && flat([0.0, 1.0, 0.0])[0] > origin[0]);
+        assert_eq!(flat([0.0, 0.0, 1.0])[0], origin[0]);
+        assert!(flat([0.0, 0.0, 1.0])[1] > origin[1]);
+        // The near corner of the floor is the lowest.
+        assert!(
+            flat([1.0, -1.0, 0.0])[1] < flat([-1.0, -1.0, 0.0])[1].min(flat([1.0, 1.0, 0.0])[1])
+        );
+    }
+
+    #[test]
+    fn any_data_make_a_whole_document() {
+        let path = |n: i32| {
+            (0..n)
+                .map(|i| [f64::from(i), f64::from(i * i), -f64::from(i)])
+                .collect::<Vec<_>>()
+        };
+        for style in [
+            Style::Line,
+            Style::Dashed,
+            Style::Marked,
+            Style::Points,
+            Style::Steps,
+        ] {
+            for points in [
+                vec![],
+                vec![[f64::NAN; 3]],
+                vec![[1.0, 2.0, 3.0]],
+                path(20),
+                vec![[5.0; 3]; 4],
+            ] {
+                let none = points.iter().all(|point| !point[0].is_finite());
+                let svg = Path3d::new("a & b", LABELS)
+                    .series("<path>", style, points)
+                    .to_svg()
+                    .unwrap();
+                assert_eq!(balance::fault(&svg), None, "{svg}");
+                assert!(!svg.contains("NaN"));
+                assert_eq!(svg.contains("no data"), none);
+            }
+        }
+    }
+
+    #[test]
+    fn the_path_stays_on_the_sheet() {
+        let points = [
+            [0.0, 0.0, 0.0],
+            [20.0, 20.0, 5.0],
+            [0.0, 20.0, 0.0],
+            [20.0, 0.0, 5.0],
+        ];
+        let svg = Path3d::new("t", LABELS)
+            .series("", Style::Points, points)
+            .to_svg()
+            .unwrap();
+        let numbers = |name: &str| -> Vec<f64> {
+            let attribute = format!(" {name}=\"");
+            let parts = svg.split(&attribute).skip(1);
+            parts
+                .map(|part| part.split('"').next().unwrap().parse().unwrap())
+                .collect()
+        };
+        let (xs, ys) = (numbers("cx"), numbers("cy"));
+        assert_eq!(xs.len(), 8, "four points and their shadows");
+        assert!(xs.iter().all(|x| (0.0..5300.0).contains(x)), "{xs:?}");
+        assert!(ys.iter().all(|y| (0.0..4200.0).contains(y)), "{ys:?}");
+    }
+}

@@ -1,0 +1,271 @@
+//! Values over an axis; and the series of any plane figure.
+
+use super::Error;
+use super::axis::{Axis, drawable};
+use super::canvas::{SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, render, units, write_text};
+use super::chart::{Axes, Entry, Place, draw_axes, draw_legend, ticks_for};
+use super::stroke::{self, Style};
+use plotters::style::text_anchor::{HPos, VPos};
+
+/// Named points of a plane figure, in the axes' units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
+    /// Its name in the legend; empty keeps it out.
+    pub name: String,
+    /// Horizontal and vertical value of each point, in drawing order. A point that is not a number breaks
+    /// the line.
+    pub points: Vec<[f64; 2]>,
+    /// How the points are joined.
+    pub style: Style,
+}
+
+impl Series {
+    pub(super) fn new(
+        name: &str,
+        style: Style,
+        points: impl IntoIterator<Item = [f64; 2]>,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            points: points.into_iter().collect(),
+            style,
+        }
+    }
+}
+
+/// Values over an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinePlot {
+    /// What it shows.
+    pub title: String,
+    /// The horizontal quantity and its unit.
+    pub x_label: String,
+    /// The vertical quantity and its unit.
+    pub y_label: String,
+    /// What is drawn, from back to front.
+    pub series: Vec<Series>,
+    /// The vertical axis includes these values whatever the data are (a bound, zero).
+    pub y_include: Vec<f64>,
+    /// Width and height, px.
+    pub size_px: [u32; 2],
+}
+
+impl LinePlot {
+    /// A plot without series, 760 by 340 px.
+    pub fn new(
+        title: impl Into<String>,
+        x_label: impl Into<String>,
+        y_label: impl Into<String>,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            x_label: x_label.into(),
+            y_label: y_label.into(),
+            series: Vec::new(),
+            y_include: Vec::new(),
+            size_px: [760, 340],
+        }
+    }
+
+    /// The plot with one more series.
+    pub fn series(
+        mut self,
+        name: &str,
+        style: Style,
+        points: impl IntoIterator<Item = [f64; 2]>,
+    ) -> Self {
+        self.series.push(Series::new(name, style, points));
+        self
+    }
+
+    /// The plot with a vertical axis that holds `value` as well.
+    pub fn including(mut self, value: f64) -> Self {
+        self.y_include.push(value);
+        self
+    }
+
+    /// The plot at another size, px.
+    pub fn sized(mut self, width: u32, height: u32) -> Self {
+        self.size_px = [width, height];
+        self
+    }
+
+    /// The plot as one SVG document.
+    pub fn to_svg(&self) -> Result<String, Error> {
+        render(&self.title, self.size_px, |sheet| {
+            let top = draw_legend(sheet, &entries(&self.series))?;
+            let [width, height] = size(sheet);
+            let values = |i: usize| points(&self.series).map(move |point| point[i]);
+            let axes = Axes {
+                x_label: &self.x_label,
+                y_label: &self.y_label,
+                x: Axis::around(values(0), ticks_for(width - 80.0)),
+                y: Axis::around(
+                    values(1).chain(self.y_include.iter().copied()),
+                    ticks_for(1.4 * (height - top - 60.0)),
+                ),
+                equal: false,
+                y_down: false,
+            };
+            let place = draw_axes(sheet, &axes, top)?;
+            draw_series(sheet, &self.series, &place, top)
+        })
+    }
+}
+
+pub(super) fn entries(series: &[Series]) -> Vec<Entry<'_>> {
+    let numbered = series.iter().enumerate();
+    numbered
+        .map(|(index, series)| Entry {
+            name: &series.name,
+            style: series.style,
+            index,
+        })
+        .collect()
+}
+
+fn size(sheet: &Sheet) -> [f64; 2] {
+    let (width, height) = sheet.dim_in_pixel();
+    [f64::from(width) / UNIT, f64::from(height) / UNIT]
+}
+
+/// All points that have a place.
+pub(super) fn points(series: &[Series]) -> impl Iterator<Item = [f64; 2]> + '_ {
+    let all = series
+        .iter()
+        .flat_map(|series| series.points.iter().copied());
+    all.filter(|point| point.iter().all(|value| drawable(*value)))
+}
+
+pub(super) fn draw_series(
+    sheet: &Sheet,
+    series: &[Series],
+    place: &Place,
+    top: f64,
+) -> Result<(), String> {
+    for (index, series) in series.iter().enumerate() {
+        let spots = series.points.iter().map(|point| {
+            let seen = point.iter().all(|value| drawable(*value));
+            seen.then(|| place.spot(*point))
+        });
+        stroke::draw(sheet, &unbroken(spots), series.style, index)?;
+    }
+    if points(series).next().is_none() {
+        say_no_data(sheet, top)?;
+    }
+    Ok(())
+}
+
+/// Stretches between the gaps.
+pub(super) fn unbroken(spots: impl Iterator<Item = Option<Spot>>) -> Vec<Vec<Spot>> {
+    let mut runs = vec![Vec::new()];
+    for spot in spots {
+        match (spot, runs.last_mut()) {
+            (Some(spot), Some(run)) => run.push(spot),
+            _ => runs.push(Vec::new()),
+        }
+    }
+    runs.retain(|run| !run.is_empty());
+    runs
+}
+
+/// Says in the middle of a figure that there is nothing in it.
+pub(super) fn say_no_data(sheet: &Sheet, top: f64) -> Result<(), String> {
+    let [width, height] = size(sheet);
+    let style = lettering(TEXT + 1.0, SOFT_INK, HPos::Center, VPos::Center);
+    let middle = (units(0.5 * width), units(0.5 * (top + height)));
+    write_text(sheet, "no data", middle, &style)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::markup::balance;
+    use super::*;
+
+    fn checked(svg: Result<String, Error>) -> String {
+        let svg = svg.unwrap();
+        assert_eq!(balance::fault(&svg), None, "{svg}");
+        assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        svg
+    }
+
+    #[test]
+    fn a_gap_breaks_the_line() {
+        let points = [
+            [0.0, 1.0],
+            [1.0, 2.0],
+            [2.0, f64::NAN],
+            [3.0, 1.0],
+            [4.0, 1.0],
+            [f64::INFINITY, 0.0],
+        ];
+        let plot = LinePlot::new("gap", "t, s", "x, mm").series("", Style::Line, points);
+        let svg = checked(plot.to_svg());
+        // The grid and the axes are polylines too; the series' colour tells them apart.
+        assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 2, "{svg}");
+    }
+
+    #[test]
+    fn nothing_drawable_is_said_and_not_a_panic() {
+        for style in [
+            Style::Line,
+            Style::Dashed,
+            Style::Marked,
+            Style::Points,
+            Style::Steps,
+        ] {
+            for points in [vec![], vec![[f64::NAN, 1.0]], vec![[1e300, -1e300]; 3]] {
+                let plot = LinePlot::new("t", "x", "y").series("a", style, points.clone());
+                assert!(checked(plot.to_svg()).contains("no data"));
+                let plot = super::super::Scatter::new("t", "x", "y")
+                    .series("a", style, points)
+                    .circle([0.0; 2], f64::NAN, "c");
+                assert!(checked(plot.to_svg()).contains("no data"));
+            }
+        }
+    }
+
+    #[test]
+    fn a_single_point_is_visible_in_every_style() {
+        for style in [
+            Style::Line,
+            Style::Dashed,
+            Style::Marked,
+            Style::Points,
+            Style::Steps,
+        ] {
+            let svg = checked(
+                LinePlot::new("t", "x", "y")
+                    .series("", style, [[3.0, 4.0]])
+                    .to_svg(),
+            );
+            assert_eq!(svg.matches("<circle").count(), 1, "{style:?}");
+        }
+    }
+
+    #[test]
+    fn names_are_escaped() {
+        let plot = LinePlot::new("a<b & \"c\"", "x<", "y&").series(
+            "<s>&\u{1}",
+            Style::Points,
+            [[0.0, 0.0]],
+        );
+        let svg = checked(plot.to_svg());
+        assert!(
+            svg.contains("a&lt;b &amp; &quot;c&quot;") && svg.contains("&lt;s&gt;&amp;"),
+            "{svg}"
+        );
+    }
+
+    #[test]
+    fn a_long_recording_makes_a_small_figure() {
+        let noise =
+            (0..200_000_u32).map(|i| [f64::from(i), f64::from(i.wrapping_mul(2_654_435_761) >> 8)]);
+        for style in [Style::Line, Style::Steps, Style::Dashed] {
+            let plot = LinePlot::new("t", "x", "y").series("", style, noise.clone());
+            let svg = checked(plot.to_svg());
+            assert!(svg.len() < 100_000, "{style:?}: {} bytes", svg.len());
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Positions in a plane.
+
+use super::Error;
+use super::axis::{Axis, drawable};
+use super::canvas::{
+    AXIS, SOFT_INK, Sheet, Spot, TEXT, lettering, pen, refusal, render, units, write_text,
+};
+use super::chart::{Axes, Place, draw_axes, draw_legend};
+use super::plot::{Series, draw_series, entries, points};
+use super::stroke::Style;
+use plotters::prelude::PathElement;
+use plotters::style::text_anchor::{HPos, VPos};
+
+/// A circle of a [`Scatter`]: a scale, a bound, a target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Circle {
+    /// Centre, in the axes' units.
+    pub centre: [f64; 2],
+    /// Radius, in the axes' units.
+    pub radius: f64,
+    /// Written at the circle.
+    pub name: String,
+}
+
+/// Positions in a plane, both axes at the same scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scatter {
+    /// What it shows.
+    pub title: String,
+    /// The horizontal quantity and its unit.
+    pub x_label: String,
+    /// The vertical quantity and its unit.
+    pub y_label: String,
+    /// What is drawn, from back to front.
+    pub series: Vec<Series>,
+    /// Circles, drawn behind the series.
+    pub circles: Vec<Circle>,
+    /// The vertical axis grows downwards, as in images and in the rig's frame.
+    pub y_down: bool,
+    /// Width and height, px.
+    pub size_px: [u32; 2],
+}
+
+impl Scatter {
+    /// A figure without points, 420 by 420 px, y upwards.
+    pub fn new(
+        title: impl Into<String>,
+        x_label: impl Into<String>,
+        y_label: impl Into<String>,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            x_label: x_label.into(),
+            y_label: y_label.into(),
+            series: Vec::new(),
+            circles: Vec::new(),
+            y_down: false,
+            size_px: [420, 420],
+        }
+    }
+
+    /// The figure with one more series.
+    pub fn series(
+        mut self,
+        name: &str,
+        style: Style,
+        points: impl IntoIterator<Item = [f64; 2]>,
+    ) -> Self {
+        self.series.push(Series::new(name, style, points));
+        self
+    }
+
+    /// The figure with one more circle.
+    pub fn circle(mut self, centre: [f64; 2], radius: f64, name: &str) -> Self {
+        self.circles.push(Circle {
+            centre,
+            radius,
+            name: name.to_owned(),
+        });
+        self
+    }
+
+    /// The figure with its vertical axis downwards.
+    pub fn y_down(mut self) -> Self {
+        self.y_down = true;
+        self
+    }
+
+    /// The figure at another size, px.
+    pub fn sized(mut self, width: u32, height: u32) -> Self {
+        self.size_px = [width, height];
+        self
+    }
+
+    /// The figure as one SVG document.
+    pub fn to_svg(&self) -> Result<String, Error> {
+        render(&self.title, self.size_px, |sheet| {
+            let top = draw_legend(sheet, &entries(&self.series))?;
+            let values = |i: usize| {
+                let circles = self.circles.iter().filter(|circle| whole(circle));
+                let ends = circles.flat_map(move |circle| {
+                    [
+                        circle.centre[i] - circle.radius,
+                        circle.centre[i] + circle.radius,
+                    ]
+                });
+                points(&self.series).map(move |point| point[i]).chain(ends)
+            };
+            let axes = Axes {
+                x_label: &self.x_label,
+                y_label: &self.y_label,
+                x: Axis::around(values(0), 5),
+                y: Axis::around(values(1), 5),
+                equal: true,
+                y_down: self.y_down,
+            };
+            let place = draw_axes(sheet, &axes, top)?;
+            for circle in self.circles.iter().filter(|circle| whole(circle)) {
+                draw_circle(sheet, circle, &place)?;
+            }
+            draw_series(sheet, &self.series, &place, top)
+        })
+    }
+}
+
+fn whole(circle: &Circle) -> bool {
+    circle.centre.iter().all(|value| drawable(*value))
+        && drawable(circle.radius)
+        && circle.radius > 0.0
+}
+
+fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), String> {
+    let [x, y] = circle.centre;
+    let turn = (0..=96).map(|i| f64::from(i) / 96.0 * std::f64::consts::TAU);
+    let rim: Vec<Spot> = turn
+        .map(|angle| {
+            place.spot([
+                x + circle.radius * angle.cos(),
+                y + circle.radius * angle.sin(),
+            ])
+        })
+        .collect();
+    let top = rim
+        .iter()
+        .copied()
+        .min_by_key(|spot| spot.1)
+        .unwrap_or_default();
+    sheet
+        .draw(&PathElement::new(rim, pen(AXIS, 1.4)))
+        .map_err(refusal)?;
+    let style = lettering(TEXT - 1.0, SOFT_INK, HPos::Center, VPos::Top);
+    write_text(sheet, &circle.name, (top.0, top.1 + units(5.0)), &style)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::markup::balance;
+    use super::*;
+
+    #[test]
+    fn a_circle_is_round_and_inside() {
+        let plot = Scatter::new("t", "x", "y").circle([5.0, -3.0], 2.0, "2 mm");
+        let svg = plot.to_svg().unwrap();
+        assert_eq!(balance::fault(&svg), None, "{svg}");
+        let rim = svg
+            .lines()
+            .filter(|line| line.contains("polyline"))
+            .max_by_key(|line| line.len())
+            .unwrap();
+        let spots = rim
+            .split("points=\"")
+            .nth(1)
+            .unwrap()
+            .split('"')
+            .next()
+            .unwrap();
+        let spots: Vec<[f64; 2]> = spots
+            .split_whitespace()
+            .map(|spot| {
+                let (x, y) = spot.split_once(',').unwrap();
+                [x.parse().unwrap(), y.parse().unwrap()]
+            })
+            .collect();
+        let extent = |i: usize| {
+            let values = spots.iter().map(|spot| spot[i]);
+            (
+                values.clone().fold(f64::MAX, f64::min),
+                values.fold(f64::MIN, f64::max),
+            )
+        };
+        let ((left, right), (top, bottom)) = (extent(0), extent(1));
+        assert!(
+            ((right - left) - (bottom - top)).abs() <= 4.0,
+            "{left} {right} {top} {bottom}"
+        );
+        assert!(left > 0.0 && top > 0.0 && right < 4200.0 && bottom < 4200.0);
+    }
+}
