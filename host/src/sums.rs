@@ -26,7 +26,9 @@ impl Sums {
         let mut pairs = PairSums::new(rig);
         for track in tracks {
             let cameras = rig.cameras.iter().zip(&track.pixels);
-            let views: Vec<View> = cameras.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end)).collect();
+            let views: Vec<View> = cameras
+                .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
+                .collect();
             let used = centred.add(&views);
             if let (true, Ok(pairs), [left, middle, right]) = (used, &mut pairs, views.as_slice()) {
                 pairs.add([*left, *middle, *right]);
@@ -37,7 +39,9 @@ impl Sums {
 
     /// All three estimates, in floating point.
     pub fn estimates(&self) -> Estimates {
-        let with_pairs = |solve: fn(&PairSums) -> Result<[f64; 3], Refusal>| self.pairs.as_ref().map_err(|r| *r).and_then(solve);
+        let with_pairs = |solve: fn(&PairSums) -> Result<[f64; 3], Refusal>| {
+            self.pairs.as_ref().map_err(|r| *r).and_then(solve)
+        };
         Estimates {
             closed_form: with_pairs(closed_form::solve),
             least_squares: with_pairs(least_squares::solve),

@@ -51,26 +51,39 @@ pub fn agree(rig: &Rig, views: &[Vec<View>]) -> Result<Agreement, Refusal> {
         .enumerate()
         .filter_map(|(index, views)| {
             let flows = views.iter().map(View::flow).collect();
-            Some(Point { fit: geometry.point(views)?, flows, index })
+            Some(Point {
+                fit: geometry.point(views)?,
+                flows,
+                index,
+            })
         })
         .collect();
     if points.len() < FEWEST {
-        return Err(Refusal::TooFewPoints { points: points.len(), fewest: FEWEST });
+        return Err(Refusal::TooFewPoints {
+            points: points.len(),
+            fewest: FEWEST,
+        });
     }
     let focal = rig.mean_focal_px();
-    let residuals = |t: [f64; 3]| -> Vec<f64> { points.iter().map(|p| focal * residual(p, t)).collect() };
+    let residuals =
+        |t: [f64; 3]| -> Vec<f64> { points.iter().map(|p| focal * residual(p, t)).collect() };
     let solve = |chosen: &[usize]| -> Option<[f64; 3]> {
         let mut sums = CentredSums::new(rig).ok()?;
         for &i in chosen {
             sums.add(&views[points[i].index]);
         }
-        midpoint::solve(&sums).ok().map(|estimate| estimate.displacement_mm)
+        midpoint::solve(&sums)
+            .ok()
+            .map(|estimate| estimate.displacement_mm)
     };
 
     let mut random = 0x7472_696e_6f63_u64;
     let mut best: Option<(f64, [f64; 3])> = None;
     for _ in 0..TRIES {
-        let pair = [draw(&mut random, points.len()), draw(&mut random, points.len())];
+        let pair = [
+            draw(&mut random, points.len()),
+            draw(&mut random, points.len()),
+        ];
         if pair[0] == pair[1] {
             continue;
         }
@@ -80,7 +93,10 @@ pub fn agree(rig: &Rig, views: &[Vec<View>]) -> Result<Agreement, Refusal> {
             best = Some((median, t));
         }
     }
-    let (_, mut displacement_mm) = best.ok_or(Refusal::NoAgreement { agree: 0, points: points.len() })?;
+    let (_, mut displacement_mm) = best.ok_or(Refusal::NoAgreement {
+        agree: 0,
+        points: points.len(),
+    })?;
 
     let mut inliers: Vec<usize> = Vec::new();
     for _ in 0..12 {
@@ -88,7 +104,10 @@ pub fn agree(rig: &Rig, views: &[Vec<View>]) -> Result<Agreement, Refusal> {
         // A residual is a root mean square over 2K components, so its median is near the standard deviation itself.
         let scale = median(all.clone());
         if scale > LARGEST_SCALE_PX {
-            return Err(Refusal::NoAgreement { agree: 0, points: points.len() });
+            return Err(Refusal::NoAgreement {
+                agree: 0,
+                points: points.len(),
+            });
         }
         let limit = (2.5 * scale).max(FLOOR_PX);
         let now: Vec<usize> = (0..points.len()).filter(|&i| all[i] <= limit).collect();
@@ -96,13 +115,22 @@ pub fn agree(rig: &Rig, views: &[Vec<View>]) -> Result<Agreement, Refusal> {
             break;
         }
         inliers = now;
-        displacement_mm = solve(&inliers).ok_or(Refusal::NoAgreement { agree: inliers.len(), points: points.len() })?;
+        displacement_mm = solve(&inliers).ok_or(Refusal::NoAgreement {
+            agree: inliers.len(),
+            points: points.len(),
+        })?;
     }
     if inliers.len() < FEWEST || (inliers.len() as f64) < SMALLEST_SHARE * points.len() as f64 {
-        return Err(Refusal::NoAgreement { agree: inliers.len(), points: points.len() });
+        return Err(Refusal::NoAgreement {
+            agree: inliers.len(),
+            points: points.len(),
+        });
     }
     let inliers = inliers.into_iter().map(|i| points[i].index).collect();
-    Ok(Agreement { inliers, displacement_mm })
+    Ok(Agreement {
+        inliers,
+        displacement_mm,
+    })
 }
 
 /// Root mean square over cameras and axes of what the displacement does not explain, normalised.
@@ -140,14 +168,23 @@ mod tests {
     /// `good` points that move by `a`, the others by `b`; a little deterministic jitter.
     fn views(rig: &Rig, good: usize, all: usize, a: [f64; 3], b: [f64; 3]) -> Vec<Vec<View>> {
         let mut state = 1;
-        let mut uniform = |low: f64, high: f64| low + (high - low) * draw(&mut state, 1 << 30) as f64 / f64::from(1 << 30);
+        let mut uniform = |low: f64, high: f64| {
+            low + (high - low) * draw(&mut state, 1 << 30) as f64 / f64::from(1 << 30)
+        };
         (0..all)
             .map(|i| {
-                let start = [uniform(-150.0, 150.0), uniform(-100.0, 100.0), uniform(750.0, 900.0)];
+                let start = [
+                    uniform(-150.0, 150.0),
+                    uniform(-100.0, 100.0),
+                    uniform(750.0, 900.0),
+                ];
                 let t = if i < good { a } else { b };
                 let end = std::array::from_fn(|j| start[j] + t[j]);
                 let mut jitter = |p: [f64; 2]| p.map(|c| c + uniform(-0.05, 0.05));
-                rig.cameras.iter().map(|c| View::from_pixels(c, jitter(c.project(start)), jitter(c.project(end)))).collect()
+                rig.cameras
+                    .iter()
+                    .map(|c| View::from_pixels(c, jitter(c.project(start)), jitter(c.project(end))))
+                    .collect()
             })
             .collect()
     }
@@ -157,9 +194,17 @@ mod tests {
         let rig = Rig::paper();
         let t = [5.0, -3.0, 2.0];
         let got = agree(&rig, &views(&rig, 60, 100, t, [-8.0, 6.0, 0.0])).unwrap();
-        assert!(got.inliers.iter().all(|&i| i < 60) && got.inliers.len() > 50, "{:?}", got.inliers.len());
+        assert!(
+            got.inliers.iter().all(|&i| i < 60) && got.inliers.len() > 50,
+            "{:?}",
+            got.inliers.len()
+        );
         for i in 0..3 {
-            assert!((got.displacement_mm[i] - t[i]).abs() < [0.03, 0.03, 0.2][i], "{:?}", got.displacement_mm);
+            assert!(
+                (got.displacement_mm[i] - t[i]).abs() < [0.03, 0.03, 0.2][i],
+                "{:?}",
+                got.displacement_mm
+            );
         }
         let again = agree(&rig, &views(&rig, 60, 100, t, [-8.0, 6.0, 0.0])).unwrap();
         assert_eq!(got.inliers, again.inliers);
@@ -169,11 +214,23 @@ mod tests {
     fn too_few_or_too_divided_points_are_refused() {
         let rig = Rig::paper();
         let few = views(&rig, 7, 7, [1.0; 3], [1.0; 3]);
-        assert!(matches!(agree(&rig, &few), Err(Refusal::TooFewPoints { points: 7, .. })));
+        assert!(matches!(
+            agree(&rig, &few),
+            Err(Refusal::TooFewPoints { points: 7, .. })
+        ));
         let mut divided = Vec::new();
         for k in 0..5 {
-            divided.extend(views(&rig, 20, 20, [f64::from(k) * 6.0 - 12.0, f64::from(k * k) * 2.0, 0.0], [0.0; 3]));
+            divided.extend(views(
+                &rig,
+                20,
+                20,
+                [f64::from(k) * 6.0 - 12.0, f64::from(k * k) * 2.0, 0.0],
+                [0.0; 3],
+            ));
         }
-        assert!(matches!(agree(&rig, &divided), Err(Refusal::NoAgreement { .. })));
+        assert!(matches!(
+            agree(&rig, &divided),
+            Err(Refusal::NoAgreement { .. })
+        ));
     }
 }

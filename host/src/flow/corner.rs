@@ -27,8 +27,11 @@ pub fn corners(plane: &Plane, count: usize, distance: usize, margin: usize) -> V
             if here <= QUALITY * best || here <= f32::MIN_POSITIVE {
                 continue;
             }
-            let around = |dx: isize, dy: isize| strength[(y.wrapping_add_signed(dy)) * width + x.wrapping_add_signed(dx)];
-            let highest = (-1..=1).all(|dy| (-1..=1).all(|dx| (dx, dy) == (0, 0) || around(dx, dy) <= here));
+            let around = |dx: isize, dy: isize| {
+                strength[(y.wrapping_add_signed(dy)) * width + x.wrapping_add_signed(dx)]
+            };
+            let highest =
+                (-1..=1).all(|dy| (-1..=1).all(|dx| (dx, dy) == (0, 0) || around(dx, dy) <= here));
             if highest {
                 peaks.push((here, x, y));
             }
@@ -39,7 +42,13 @@ pub fn corners(plane: &Plane, count: usize, distance: usize, margin: usize) -> V
 }
 
 /// The strongest peaks that keep their distance; a coarse grid makes the search for neighbours short.
-fn apart(peaks: &[(f32, usize, usize)], count: usize, distance: usize, width: usize, height: usize) -> Vec<[f32; 2]> {
+fn apart(
+    peaks: &[(f32, usize, usize)],
+    count: usize,
+    distance: usize,
+    width: usize,
+    height: usize,
+) -> Vec<[f32; 2]> {
     let cell = distance.max(1);
     let (columns, rows) = (width.div_ceil(cell), height.div_ceil(cell));
     let mut taken: Vec<Vec<(usize, usize)>> = vec![Vec::new(); columns * rows];
@@ -48,7 +57,9 @@ fn apart(peaks: &[(f32, usize, usize)], count: usize, distance: usize, width: us
         let (column, row) = (x / cell, y / cell);
         let free = (row.saturating_sub(1)..(row + 2).min(rows)).all(|r| {
             (column.saturating_sub(1)..(column + 2).min(columns)).all(|c| {
-                taken[r * columns + c].iter().all(|&(u, v)| u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) >= distance * distance)
+                taken[r * columns + c].iter().all(|&(u, v)| {
+                    u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) >= distance * distance
+                })
             })
         });
         if free {
@@ -87,7 +98,10 @@ fn strengths(plane: &Plane) -> Vec<f32> {
 fn boxed(values: &[f32], width: usize) -> Vec<f32> {
     let side = 2 * WINDOW + 1;
     let mut across = vec![0.0f32; values.len()];
-    for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {
+    for (out, row) in across
+        .chunks_exact_mut(width)
+        .zip(values.chunks_exact(width))
+    {
         for (o, window) in out[WINDOW..].iter_mut().zip(row.windows(side)) {
             *o = window.iter().sum();
         }
@@ -111,8 +125,15 @@ mod tests {
 
     fn squares() -> Plane {
         let inside = |x: usize, y: usize| (20..40).contains(&x) && (25..45).contains(&y);
-        let grey = (0..64 * 64).map(|i| if inside(i % 64, i / 64) { 200.0 } else { 20.0 }).collect();
-        Plane { width: 64, height: 64, grey }.filtered()
+        let grey = (0..64 * 64)
+            .map(|i| if inside(i % 64, i / 64) { 200.0 } else { 20.0 })
+            .collect();
+        Plane {
+            width: 64,
+            height: 64,
+            grey,
+        }
+        .filtered()
     }
 
     #[test]
@@ -122,7 +143,10 @@ mod tests {
         let expected = [[20.0, 25.0], [39.0, 25.0], [20.0, 44.0], [39.0, 44.0]];
         assert_eq!(found.len(), 4, "{found:?}");
         for (got, want) in found.iter().zip(expected) {
-            assert!((got[0] - want[0]).abs() <= 2.5 && (got[1] - want[1]).abs() <= 2.5, "{found:?}");
+            assert!(
+                (got[0] - want[0]).abs() <= 2.5 && (got[1] - want[1]).abs() <= 2.5,
+                "{found:?}"
+            );
         }
     }
 
@@ -130,9 +154,17 @@ mod tests {
     fn count_distance_and_flat_images() {
         assert_eq!(corners(&squares(), 2, 6, 8).len(), 2);
         assert_eq!(corners(&squares(), 9, 40, 8).len(), 1);
-        let flat = Plane { width: 64, height: 64, grey: vec![7.0; 64 * 64] };
+        let flat = Plane {
+            width: 64,
+            height: 64,
+            grey: vec![7.0; 64 * 64],
+        };
         assert!(corners(&flat, 9, 5, 8).is_empty());
-        let tiny = Plane { width: 6, height: 6, grey: vec![7.0; 36] };
+        let tiny = Plane {
+            width: 6,
+            height: 6,
+            grey: vec![7.0; 36],
+        };
         assert!(corners(&tiny, 9, 5, 8).is_empty());
     }
 }

@@ -98,7 +98,9 @@ pub enum Refusal {
         corners: usize,
     },
     /// The scene repeats: depths cannot be told apart.
-    #[error("ambiguous depth: {ambiguous} of {corners} corners fit at several depths (a repeating pattern)")]
+    #[error(
+        "ambiguous depth: {ambiguous} of {corners} corners fit at several depths (a repeating pattern)"
+    )]
     AmbiguousDepth {
         /// Corners that fit several depths.
         ambiguous: usize,
@@ -106,7 +108,9 @@ pub enum Refusal {
         corners: usize,
     },
     /// The scene repeats: several displacements explain it.
-    #[error("ambiguous motion: displacements {px:.0} px apart fit equally well (a repeating pattern)")]
+    #[error(
+        "ambiguous motion: displacements {px:.0} px apart fit equally well (a repeating pattern)"
+    )]
     AmbiguousMotion {
         /// How far the two best are apart, px.
         px: f32,
@@ -253,23 +257,47 @@ impl Flow {
     fn pyramids(&self, capture: &Capture) -> Result<Vec<Pyramid>, Refusal> {
         let cameras = self.rig.cameras.len();
         if capture.views.len() != cameras {
-            return Err(Refusal::Capture(format!("{} views for {cameras} cameras", capture.views.len())));
+            return Err(Refusal::Capture(format!(
+                "{} views for {cameras} cameras",
+                capture.views.len()
+            )));
         }
         let [width, height] = self.rig.image_size_px.map(|side| side as usize);
         for image in &capture.views {
-            if (image.width, image.height) != (width, height) || image.grey.len() != width * height {
-                return Err(Refusal::Capture(format!("{} x {} px instead of {width} x {height}", image.width, image.height)));
+            if (image.width, image.height) != (width, height) || image.grey.len() != width * height
+            {
+                return Err(Refusal::Capture(format!(
+                    "{} x {} px instead of {width} x {height}",
+                    image.width, image.height
+                )));
             }
         }
-        Ok(capture.views.iter().map(|image| Pyramid::new(image, self.settings.levels)).collect())
+        Ok(capture
+            .views
+            .iter()
+            .map(|image| Pyramid::new(image, self.settings.levels))
+            .collect())
     }
 
     /// Corners of the home image, found in all other cameras.
     fn match_points(&mut self, views: Vec<Pyramid>) -> Result<Reference, Refusal> {
-        let Settings { corners, distance_px, radius_px, .. } = self.settings;
-        let corners = corner::corners(&views[self.home].levels[0], corners, distance_px, radius_px + 2);
+        let Settings {
+            corners,
+            distance_px,
+            radius_px,
+            ..
+        } = self.settings;
+        let corners = corner::corners(
+            &views[self.home].levels[0],
+            corners,
+            distance_px,
+            radius_px + 2,
+        );
         if corners.len() < FEWEST {
-            return Err(Refusal::Texture { found: corners.len(), fewest: FEWEST });
+            return Err(Refusal::Texture {
+                found: corners.len(),
+                fewest: FEWEST,
+            });
         }
         let mut rejected = Rejected::default();
         let mut points = Vec::new();
@@ -280,7 +308,11 @@ impl Flow {
                 Match::Ambiguous => rejected.ambiguous += 1,
                 Match::At(rho) => match self.refine(&views, pixel, rho) {
                     None => rejected.unmatched += 1,
-                    Some(point) if self.misfit_px(&point.at) > self.rig_tolerance(point.inverse_depth) => rejected.rig += 1,
+                    Some(point)
+                        if self.misfit_px(&point.at) > self.rig_tolerance(point.inverse_depth) =>
+                    {
+                        rejected.rig += 1
+                    }
                     Some(point) => points.push(point),
                 },
             }
@@ -288,15 +320,27 @@ impl Flow {
         let corners = corners.len();
         // What repeats along x is ambiguous nearly everywhere; the few points that seem clear are then no better.
         if rejected.ambiguous > points.len() {
-            return Err(Refusal::AmbiguousDepth { ambiguous: rejected.ambiguous, corners });
+            return Err(Refusal::AmbiguousDepth {
+                ambiguous: rejected.ambiguous,
+                corners,
+            });
         }
         if points.len() < FEWEST {
-            return Err(Refusal::Unmatched { matched: points.len(), corners });
+            return Err(Refusal::Unmatched {
+                matched: points.len(),
+                corners,
+            });
         }
         let mut depths: Vec<f64> = points.iter().map(|point| point.inverse_depth).collect();
         let middle = depths.len() / 2;
         let median_depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
-        Ok(Reference { views, points, rejected, corners, median_depth })
+        Ok(Reference {
+            views,
+            points,
+            rejected,
+            corners,
+            median_depth,
+        })
     }
 
     /// Sub-pixel positions of a corner in all cameras, from its rough inverse depth.
@@ -322,7 +366,12 @@ impl Flow {
             let mut guess = self.search.project(pixel, rho, k);
             for level in (0..home.len().min(2)).rev() {
                 let scale = (1usize << level) as f32;
-                let found = home[level].find(&view.levels[level], guess.map(|p| p / scale), 3.0, &mut self.scratch)?;
+                let found = home[level].find(
+                    &view.levels[level],
+                    guess.map(|p| p / scale),
+                    3.0,
+                    &mut self.scratch,
+                )?;
                 if found.likeness < self.settings.min_likeness {
                     return None;
                 }
@@ -337,11 +386,21 @@ impl Flow {
             patches.push(patch);
         }
         let (inverse_depth, _) = self.geometry.fit(self.normalised(&at).into_iter());
-        (inverse_depth > 0.0).then_some(Point { at, inverse_depth, home, patches })
+        (inverse_depth > 0.0).then_some(Point {
+            at,
+            inverse_depth,
+            home,
+            patches,
+        })
     }
 
     fn normalised(&self, at: &[[f32; 2]]) -> Vec<[f64; 2]> {
-        self.rig.cameras.iter().zip(at).map(|(camera, at)| camera.normalise(at.map(f64::from))).collect()
+        self.rig
+            .cameras
+            .iter()
+            .zip(at)
+            .map(|(camera, at)| camera.normalise(at.map(f64::from)))
+            .collect()
     }
 
     /// How far, at most, a camera's view of a point lies from where the other views put it, px. For three cameras on a line this is
@@ -351,7 +410,10 @@ impl Flow {
         let (inverse_depth, mean) = self.geometry.fit(seen.iter().copied());
         let focal = self.rig.mean_focal_px();
         let should = self.geometry.refit(inverse_depth, mean);
-        seen.iter().zip(should).map(|(a, b)| focal * (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max)
+        seen.iter()
+            .zip(should)
+            .map(|(a, b)| focal * (a[0] - b[0]).hypot(a[1] - b[1]))
+            .fold(0.0, f64::max)
     }
 
     fn rig_tolerance(&self, inverse_depth: f64) -> f64 {
@@ -373,7 +435,11 @@ impl Flow {
         for point in &reference.points {
             let nearness = (point.inverse_depth / reference.median_depth) as f32;
             match self.follow_point(reference, point, views, start.map(|s| s * nearness)) {
-                Followed::At(at) if self.misfit_px(&at) > self.rig_tolerance(point.inverse_depth) => rejected.rig += 1,
+                Followed::At(at)
+                    if self.misfit_px(&at) > self.rig_tolerance(point.inverse_depth) =>
+                {
+                    rejected.rig += 1
+                }
                 Followed::At(at) => tracks.push(track(point, &at)),
                 Followed::Lost => rejected.lost += 1,
                 Followed::NoReturn => rejected.no_return += 1,
@@ -383,17 +449,32 @@ impl Flow {
         let agreement = consensus::agree(&self.rig, &views)?;
         rejected.disagree += tracks.len() - agreement.inliers.len();
         debug_assert!(reference.corners == agreement.inliers.len() + rejected.total());
-        let tracks = agreement.inliers.iter().map(|&i| tracks[i].clone()).collect();
-        Ok(Measurement { tracks, rejected, displacement_mm: agreement.displacement_mm })
+        let tracks = agreement
+            .inliers
+            .iter()
+            .map(|&i| tracks[i].clone())
+            .collect();
+        Ok(Measurement {
+            tracks,
+            rejected,
+            displacement_mm: agreement.displacement_mm,
+        })
     }
 
     fn views(&self, track: &Track) -> Vec<View> {
         let cameras = self.rig.cameras.iter();
-        cameras.zip(&track.pixels).map(|(camera, [start, end])| View::from_pixels(camera, *start, *end)).collect()
+        cameras
+            .zip(&track.pixels)
+            .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
+            .collect()
     }
 
     /// The flow of a point at the median depth in the home camera, px, good to a few pixels.
-    fn rough_flow(&mut self, reference: &Reference, views: &[Pyramid]) -> Result<[f32; 2], Refusal> {
+    fn rough_flow(
+        &mut self,
+        reference: &Reference,
+        views: &[Pyramid],
+    ) -> Result<[f32; 2], Refusal> {
         let level = reference.views[self.home].levels.len() - 1;
         let scale = (1usize << level) as f32;
         let before = &reference.views[self.home].levels[level];
@@ -418,7 +499,8 @@ impl Flow {
         let best = *tried.first().ok_or(Refusal::Lost)?;
         for other in &tried[1..] {
             let px = distance(other.flow, best.flow);
-            let as_good = other.share > 0.7 * best.share && other.likeness > best.likeness - AMBIGUOUS_MARGIN;
+            let as_good =
+                other.share > 0.7 * best.share && other.likeness > best.likeness - AMBIGUOUS_MARGIN;
             if px > 3.0 && as_good {
                 return Err(Refusal::AmbiguousMotion { px });
             }
@@ -427,7 +509,13 @@ impl Flow {
     }
 
     /// Follows some points at full resolution from a candidate.
-    fn attempt(&mut self, reference: &Reference, views: &[Pyramid], candidate: &Candidate, scale: f32) -> Trial {
+    fn attempt(
+        &mut self,
+        reference: &Reference,
+        views: &[Pyramid],
+        candidate: &Candidate,
+        scale: f32,
+    ) -> Trial {
         let start = candidate.flow.map(|f| f * scale);
         let every = reference.points.len().div_ceil(60);
         let (mut flows, mut likeness, mut asked) = ([Vec::new(), Vec::new()], 0.0, 0);
@@ -435,7 +523,11 @@ impl Flow {
             asked += 1;
             let nearness = (point.inverse_depth / reference.median_depth) as f32;
             let from = point.at[self.home];
-            let Some(found) = self.descend(point, &views[self.home], [from[0] + start[0] * nearness, from[1] + start[1] * nearness]) else {
+            let Some(found) = self.descend(
+                point,
+                &views[self.home],
+                [from[0] + start[0] * nearness, from[1] + start[1] * nearness],
+            ) else {
                 continue;
             };
             likeness += found.likeness;
@@ -445,10 +537,18 @@ impl Flow {
         }
         let found = flows[0].len();
         if found == 0 {
-            return Trial { flow: start, share: 0.0, likeness: 0.0 };
+            return Trial {
+                flow: start,
+                share: 0.0,
+                likeness: 0.0,
+            };
         }
         let flow = flows.map(|mut f| *f.select_nth_unstable_by(found / 2, f32::total_cmp).1);
-        Trial { flow, share: found as f32 / asked as f32, likeness: likeness / found as f32 }
+        Trial {
+            flow,
+            share: found as f32 / asked as f32,
+            likeness: likeness / found as f32,
+        }
     }
 
     /// Through the home camera's pyramid, coarse to fine.
@@ -458,7 +558,12 @@ impl Flow {
         for level in (0..point.home.len().min(view.levels.len())).rev() {
             let scale = (1usize << level) as f32;
             let reach = if level == 0 { 4.0 } else { 5.0 };
-            match point.home[level].find(&view.levels[level], at.map(|p| p / scale), reach, &mut self.scratch) {
+            match point.home[level].find(
+                &view.levels[level],
+                at.map(|p| p / scale),
+                reach,
+                &mut self.scratch,
+            ) {
                 Some(here) => {
                     at = here.at.map(|p| p * scale);
                     found = (level == 0).then_some(here);
@@ -471,9 +576,19 @@ impl Flow {
         found.filter(|found| found.likeness >= self.settings.min_likeness)
     }
 
-    fn follow_point(&mut self, reference: &Reference, point: &Point, views: &[Pyramid], start: [f32; 2]) -> Followed {
+    fn follow_point(
+        &mut self,
+        reference: &Reference,
+        point: &Point,
+        views: &[Pyramid],
+        start: [f32; 2],
+    ) -> Followed {
         let from = point.at[self.home];
-        let Some(found) = self.descend(point, &views[self.home], [from[0] + start[0], from[1] + start[1]]) else {
+        let Some(found) = self.descend(
+            point,
+            &views[self.home],
+            [from[0] + start[0], from[1] + start[1]],
+        ) else {
             return Followed::Lost;
         };
         let flow = [found.at[0] - from[0], found.at[1] - from[1]];
@@ -493,10 +608,24 @@ impl Flow {
                     None => return Followed::Lost,
                 }
             };
-            let back = Patch::new(&view.levels[0], here, self.settings.radius_px, &mut self.scratch)
-                .and_then(|patch| patch.find(&reference.views[k].levels[0], point.at[k], 3.0, &mut self.scratch));
+            let back = Patch::new(
+                &view.levels[0],
+                here,
+                self.settings.radius_px,
+                &mut self.scratch,
+            )
+            .and_then(|patch| {
+                patch.find(
+                    &reference.views[k].levels[0],
+                    point.at[k],
+                    3.0,
+                    &mut self.scratch,
+                )
+            });
             match back {
-                Some(back) if distance(back.at, point.at[k]) <= self.settings.max_return_px => at.push(here),
+                Some(back) if distance(back.at, point.at[k]) <= self.settings.max_return_px => {
+                    at.push(here)
+                }
                 _ => return Followed::NoReturn,
             }
         }
@@ -536,8 +665,14 @@ fn spread_phase(index: usize, corner: [f32; 2]) -> [f32; 2] {
 }
 
 fn track(point: &Point, now: &[[f32; 2]]) -> Track {
-    let pixels = point.at.iter().zip(now).map(|(start, end)| [start.map(f64::from), end.map(f64::from)]);
-    Track { pixels: pixels.collect() }
+    let pixels = point
+        .at
+        .iter()
+        .zip(now)
+        .map(|(start, end)| [start.map(f64::from), end.map(f64::from)]);
+    Track {
+        pixels: pixels.collect(),
+    }
 }
 
 /// Half side of the square at a level of the pyramid: coarse levels see more of the scene anyway.
@@ -552,10 +687,13 @@ fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
 /// The camera nearest to the middle of all.
 fn most_central(rig: &Rig) -> usize {
     let count = rig.cameras.len() as f64;
-    let mean: [f64; 2] = std::array::from_fn(|i| rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
+    let mean: [f64; 2] =
+        std::array::from_fn(|i| rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
     let off = |k: &usize| {
         let [x, y] = rig.cameras[*k].offset_mm;
         (x - mean[0]).hypot(y - mean[1])
     };
-    (0..rig.cameras.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0)
+    (0..rig.cameras.len())
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+        .unwrap_or(0)
 }

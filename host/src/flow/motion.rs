@@ -47,7 +47,11 @@ impl Mark {
             return None; // less than two grey levels of contrast
         }
         template.iter_mut().for_each(|t| *t /= length);
-        Some(Self { at, nearness, template })
+        Some(Self {
+            at,
+            nearness,
+            template,
+        })
     }
 }
 
@@ -77,7 +81,10 @@ pub fn candidates(marks: &[Mark], plane: &Plane, reach: usize) -> Vec<Candidate>
     let mut peaks: Vec<Candidate> = (0..scores.len())
         .filter(|&i| is_peak(&scores, span, i))
         .map(|i| Candidate {
-            flow: [((i % span) as isize - reach) as f32, ((i / span) as isize - reach) as f32],
+            flow: [
+                ((i % span) as isize - reach) as f32,
+                ((i / span) as isize - reach) as f32,
+            ],
             likeness: scores[i],
         })
         .collect();
@@ -90,8 +97,10 @@ pub fn candidates(marks: &[Mark], plane: &Plane, reach: usize) -> Vec<Candidate>
 
 fn is_peak(scores: &[f32], span: usize, i: usize) -> bool {
     let (x, y) = (i % span, i / span);
-    (y.saturating_sub(1)..(y + 2).min(span))
-        .all(|v| (x.saturating_sub(1)..(x + 2).min(span)).all(|u| v * span + u == i || scores[v * span + u] < scores[i]))
+    (y.saturating_sub(1)..(y + 2).min(span)).all(|v| {
+        (x.saturating_sub(1)..(x + 2).min(span))
+            .all(|u| v * span + u == i || scores[v * span + u] < scores[i])
+    })
 }
 
 /// Mean correlation at one displacement. Marks that leave the image do not count, but too few left count as unlike.
@@ -100,7 +109,9 @@ fn likeness(marks: &[Mark], plane: &Plane, contrast: &[f32], flow: [isize; 2]) -
     for mark in marks {
         let shift = flow.map(|f| (f as f32 * mark.nearness).round() as isize);
         let at = [mark.at[0] + shift[0], mark.at[1] + shift[1]];
-        let Some([x, y]) = corner(plane, at) else { continue };
+        let Some([x, y]) = corner(plane, at) else {
+            continue;
+        };
         let mut product = 0.0f32;
         for (row, template) in mark.template.chunks_exact(SIDE).enumerate() {
             let start = (y + row) * plane.width + x;
@@ -126,10 +137,14 @@ fn contrasts(plane: &Plane) -> Vec<f32> {
     for y in RADIUS..height - RADIUS {
         let column = |x: usize| {
             let cells = (y - RADIUS..=y + RADIUS).map(|v| plane.grey[v * width + x]);
-            cells.fold((0.0f64, 0.0f64), |(s, q), g| (s + f64::from(g), q + f64::from(g) * f64::from(g)))
+            cells.fold((0.0f64, 0.0f64), |(s, q), g| {
+                (s + f64::from(g), q + f64::from(g) * f64::from(g))
+            })
         };
         let columns: Vec<(f64, f64)> = (0..width).map(column).collect();
-        let (mut sum, mut squares) = columns[..SIDE].iter().fold((0.0, 0.0), |a, c| (a.0 + c.0, a.1 + c.1));
+        let (mut sum, mut squares) = columns[..SIDE]
+            .iter()
+            .fold((0.0, 0.0), |a, c| (a.0 + c.0, a.1 + c.1));
         for x in RADIUS..width - RADIUS {
             let count = (SIDE * SIDE) as f64;
             out[y * width + x] = (squares - sum * sum / count).max(0.0).sqrt() as f32;
@@ -149,12 +164,19 @@ mod tests {
     fn textured(dx: isize, dy: isize, period: isize) -> Plane {
         let value = |x: isize, y: isize| {
             let (x, y) = (x.rem_euclid(period) as u64, y.rem_euclid(period) as u64);
-            let mut h = (x * 0x9E37_79B9 + y * 0x85EB_CA6B + 17).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
+            let mut h =
+                (x * 0x9E37_79B9 + y * 0x85EB_CA6B + 17).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
             h ^= h >> 29;
             (h.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as f32
         };
-        let grey = (0..80 * 60).map(|i| value((i % 80) as isize - dx, (i / 80) as isize - dy)).collect();
-        Plane { width: 80, height: 60, grey }
+        let grey = (0..80 * 60)
+            .map(|i| value((i % 80) as isize - dx, (i / 80) as isize - dy))
+            .collect();
+        Plane {
+            width: 80,
+            height: 60,
+            grey,
+        }
     }
 
     fn marks(plane: &Plane) -> Vec<Mark> {
@@ -177,6 +199,9 @@ mod tests {
     fn a_repeating_scene_gives_several_candidates() {
         let found = candidates(&marks(&textured(0, 0, 11)), &textured(3, 0, 11), 16);
         assert!(found.len() >= 4, "{found:?}");
-        assert!(found.iter().any(|c| c.flow == [3.0, 0.0]) && found.iter().any(|c| c.flow == [-8.0, 0.0]));
+        assert!(
+            found.iter().any(|c| c.flow == [3.0, 0.0])
+                && found.iter().any(|c| c.flow == [-8.0, 0.0])
+        );
     }
 }

@@ -57,7 +57,12 @@ pub struct Scratch {
 
 impl Patch {
     /// The square of `2 radius + 1` px around `centre`. `None` if it leaves the image or has too little texture.
-    pub fn new(plane: &Plane, centre: [f32; 2], radius: usize, scratch: &mut Scratch) -> Option<Self> {
+    pub fn new(
+        plane: &Plane,
+        centre: [f32; 2],
+        radius: usize,
+        scratch: &mut Scratch,
+    ) -> Option<Self> {
         let (side, wide) = (2 * radius + 1, 2 * radius + 3);
         scratch.square.resize(wide * wide, 0.0);
         if !plane.sample(centre, radius + 1, &mut scratch.square) {
@@ -65,9 +70,17 @@ impl Patch {
         }
         let square = &scratch.square[..wide * wide];
         let count = side * side;
-        let (mut template, mut gx, mut gy) = (Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut template, mut gx, mut gy) = (
+            Vec::with_capacity(count),
+            Vec::with_capacity(count),
+            Vec::with_capacity(count),
+        );
         for y in 1..=side {
-            let (above, row, below) = (&square[(y - 1) * wide..], &square[y * wide..], &square[(y + 1) * wide..]);
+            let (above, row, below) = (
+                &square[(y - 1) * wide..],
+                &square[y * wide..],
+                &square[(y + 1) * wide..],
+            );
             for x in 1..=side {
                 template.push(row[x]);
                 gx.push(0.5 * (row[x + 1] - row[x - 1]));
@@ -79,7 +92,10 @@ impl Patch {
         for slope in [&mut gx, &mut gy] {
             remove_mean(slope);
             let along = dot(slope, &template) / energy.max(f32::MIN_POSITIVE);
-            slope.iter_mut().zip(&template).for_each(|(s, t)| *s -= along * t);
+            slope
+                .iter_mut()
+                .zip(&template)
+                .for_each(|(s, t)| *s -= along * t);
         }
         let (a, b, c) = (dot(&gx, &gx), dot(&gx, &gy), dot(&gy, &gy));
         let determinant = a * c - b * b;
@@ -88,11 +104,23 @@ impl Patch {
             return None;
         }
         let inverse = [c / determinant, -b / determinant, a / determinant];
-        Some(Self { radius, template, slopes: [gx, gy], inverse, energy })
+        Some(Self {
+            radius,
+            template,
+            slopes: [gx, gy],
+            inverse,
+            energy,
+        })
     }
 
     /// Finds the patch in `plane`, starting at `start` and going at most `reach` px away. `None` if it leaves the image or the reach.
-    pub fn find(&self, plane: &Plane, start: [f32; 2], reach: f32, scratch: &mut Scratch) -> Option<Found> {
+    pub fn find(
+        &self,
+        plane: &Plane,
+        start: [f32; 2],
+        reach: f32,
+        scratch: &mut Scratch,
+    ) -> Option<Found> {
         let mut at = start;
         let count = self.template.len();
         scratch.square.resize(count.max(scratch.square.len()), 0.0);

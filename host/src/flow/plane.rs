@@ -32,7 +32,10 @@ impl Plane {
     pub fn filtered(&self) -> Self {
         let (width, height) = (self.width, self.height);
         let mut across = vec![0.0f32; self.grey.len()];
-        for (out, row) in across.chunks_exact_mut(width).zip(self.grey.chunks_exact(width)) {
+        for (out, row) in across
+            .chunks_exact_mut(width)
+            .zip(self.grey.chunks_exact(width))
+        {
             filter_row(row, out);
         }
         let mut grey = vec![0.0f32; self.grey.len()];
@@ -46,7 +49,11 @@ impl Plane {
                 out[x] = ((a[x] + e[x]) + 4.0 * (b[x] + d[x]) + 6.0 * c[x]) * (1.0 / 16.0);
             }
         }
-        Self { width, height, grey }
+        Self {
+            width,
+            height,
+            grey,
+        }
     }
 
     /// Half the size: filtered, then every second pixel of every second row, from the first. A position `p` becomes `p / 2`.
@@ -57,7 +64,11 @@ impl Plane {
         for y in 0..height {
             grey.extend(filtered.row(2 * y).iter().step_by(2));
         }
-        Self { width, height, grey }
+        Self {
+            width,
+            height,
+            grey,
+        }
     }
 
     /// Copies the square of `2 radius + 1` pixels around `centre` (x, y) into `patch`, interpolated by Keys' cubic convolution (1981,
@@ -93,7 +104,12 @@ impl Plane {
         for (j, out) in patch.chunks_exact_mut(side).take(side).enumerate() {
             // The newest row replaces the oldest; `j` says which is which.
             rows[(j + 3) % 4] = across(j + 3);
-            let [p, q, r, s] = [&rows[j % 4], &rows[(j + 1) % 4], &rows[(j + 2) % 4], &rows[(j + 3) % 4]];
+            let [p, q, r, s] = [
+                &rows[j % 4],
+                &rows[(j + 1) % 4],
+                &rows[(j + 2) % 4],
+                &rows[(j + 3) % 4],
+            ];
             for i in 0..side {
                 out[i] = down[0] * p[i] + down[1] * q[i] + down[2] * r[i] + down[3] * s[i];
             }
@@ -119,7 +135,9 @@ fn cubic(t: f32) -> [f32; 4] {
 fn filter_row(row: &[f32], out: &mut [f32]) {
     let last = row.len() - 1;
     let at = |x: isize| row[x.clamp(0, last as isize) as usize];
-    let tap = |x: isize| ((at(x - 2) + at(x + 2)) + 4.0 * (at(x - 1) + at(x + 1)) + 6.0 * at(x)) * (1.0 / 16.0);
+    let tap = |x: isize| {
+        ((at(x - 2) + at(x + 2)) + 4.0 * (at(x - 1) + at(x + 1)) + 6.0 * at(x)) * (1.0 / 16.0)
+    };
     for x in (0..2.min(row.len())).chain(row.len().saturating_sub(2)..row.len()) {
         out[x] = tap(x as isize);
     }
@@ -156,25 +174,42 @@ mod tests {
 
     #[test]
     fn filter_keeps_constants_and_has_variance_one() {
-        let mut image = Image { width: 17, height: 9, grey: vec![50; 17 * 9] };
+        let mut image = Image {
+            width: 17,
+            height: 9,
+            grey: vec![50; 17 * 9],
+        };
         let flat = Plane::from_image(&image).filtered();
         assert!(flat.grey.iter().all(|g| (g - 50.0).abs() < 1e-4));
         image.grey = vec![0; 17 * 9];
         image.grey[4 * 17 + 8] = 200;
         let dot = Plane::from_image(&image).filtered();
         let total: f32 = dot.grey.iter().sum();
-        let variance: f32 = (0..17).map(|x| (x as f32 - 8.0).powi(2) * (0..9).map(|y| dot.row(y)[x]).sum::<f32>()).sum();
+        let variance: f32 = (0..17)
+            .map(|x| (x as f32 - 8.0).powi(2) * (0..9).map(|y| dot.row(y)[x]).sum::<f32>())
+            .sum();
         assert!((total - 200.0).abs() < 1e-3 && (variance / total - 1.0).abs() < 1e-5);
     }
 
     #[test]
     fn a_ramp_is_sampled_exactly_and_borders_are_refused() {
-        let grey = (0..20 * 20).map(|i| (i % 20) as f32 * 2.0 + (i / 20) as f32).collect();
-        let plane = Plane { width: 20, height: 20, grey };
+        let grey = (0..20 * 20)
+            .map(|i| (i % 20) as f32 * 2.0 + (i / 20) as f32)
+            .collect();
+        let plane = Plane {
+            width: 20,
+            height: 20,
+            grey,
+        };
         let mut patch = [0.0; 9];
         assert!(plane.sample([7.25, 9.5], 1, &mut patch));
-        assert!((patch[4] - (2.0 * 7.25 + 9.5)).abs() < 1e-5 && (patch[0] - (2.0 * 6.25 + 8.5)).abs() < 1e-5);
-        assert!(!plane.sample([1.5, 9.5], 1, &mut patch) && !plane.sample([17.0, 9.0], 1, &mut patch));
+        assert!(
+            (patch[4] - (2.0 * 7.25 + 9.5)).abs() < 1e-5
+                && (patch[0] - (2.0 * 6.25 + 8.5)).abs() < 1e-5
+        );
+        assert!(
+            !plane.sample([1.5, 9.5], 1, &mut patch) && !plane.sample([17.0, 9.0], 1, &mut patch)
+        );
         assert!(!plane.sample([f32::NAN, 9.0], 1, &mut patch));
     }
 }

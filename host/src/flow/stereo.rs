@@ -66,7 +66,12 @@ impl Search {
         let step = pixels_per_step / (focal * longest);
         let largest_px = MAX_DISPARITY * f64::from(rig.image_size_px[0].max(rig.image_size_px[1]));
         let tries = (largest_px / (focal * widest) / step).ceil() as usize + 1;
-        Self { cameras, home, step, tries }
+        Self {
+            cameras,
+            home,
+            step,
+            tries,
+        }
     }
 
     /// Finds the inverse depth of the point at `pixel` of the home camera.
@@ -74,7 +79,8 @@ impl Search {
         let level = LEVEL.min(views[self.home].levels.len() - 1);
         let scale = (1usize << level) as f32;
         let centre = pixel.map(|p| p / scale);
-        let Some(patch) = Patch::new(&views[self.home].levels[level], centre, RADIUS, scratch) else {
+        let Some(patch) = Patch::new(&views[self.home].levels[level], centre, RADIUS, scratch)
+        else {
             return Match::Unmatched;
         };
         let scores: Vec<f32> = (0..self.tries)
@@ -87,12 +93,21 @@ impl Search {
     pub fn project(&self, pixel: [f32; 2], rho: f64, k: usize) -> [f32; 2] {
         let (home, camera) = (&self.cameras[self.home], &self.cameras[k]);
         let seen = home.normalise(pixel.map(f64::from));
-        let moved = std::array::from_fn(|i| seen[i] - (camera.offset_mm[i] - home.offset_mm[i]) * rho);
+        let moved =
+            std::array::from_fn(|i| seen[i] - (camera.offset_mm[i] - home.offset_mm[i]) * rho);
         camera.denormalise(moved).map(|p| p as f32)
     }
 
     /// Mean likeness over the other cameras; -1 if one of them does not see it.
-    fn score(&self, views: &[Pyramid], patch: &Patch, pixel: [f32; 2], rho: f64, level: usize, scratch: &mut Scratch) -> f32 {
+    fn score(
+        &self,
+        views: &[Pyramid],
+        patch: &Patch,
+        pixel: [f32; 2],
+        rho: f64,
+        level: usize,
+        scratch: &mut Scratch,
+    ) -> f32 {
         let scale = (1usize << level) as f32;
         let mut total = 0.0;
         for k in (0..self.cameras.len()).filter(|k| *k != self.home) {
@@ -108,7 +123,9 @@ impl Search {
 
 /// The best try as a fraction of steps, unless a separate peak is nearly as good.
 fn judge(scores: &[f32]) -> Result<f64, Match> {
-    let best = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b])).ok_or(Match::Unmatched)?;
+    let best = (0..scores.len())
+        .max_by(|&a, &b| scores[a].total_cmp(&scores[b]))
+        .ok_or(Match::Unmatched)?;
     if scores[best] < MIN_LIKENESS {
         return Err(Match::Unmatched);
     }
@@ -129,7 +146,11 @@ fn judge(scores: &[f32]) -> Result<f64, Match> {
     let peak = match (at(best.checked_sub(1)), at(Some(best + 1))) {
         (Some(left), Some(right)) if left > -1.0 && right > -1.0 => {
             let bend = left + right - 2.0 * scores[best];
-            if bend < 0.0 { 0.5 * f64::from((left - right) / bend) } else { 0.0 }
+            if bend < 0.0 {
+                0.5 * f64::from((left - right) / bend)
+            } else {
+                0.0
+            }
         }
         _ => 0.0,
     };
@@ -137,8 +158,12 @@ fn judge(scores: &[f32]) -> Result<f64, Match> {
 }
 
 fn longest_baseline(cameras: &[Camera]) -> f64 {
-    let pairs = cameras.iter().flat_map(|a| cameras.iter().map(move |b| (a.offset_mm, b.offset_mm)));
-    pairs.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max)
+    let pairs = cameras
+        .iter()
+        .flat_map(|a| cameras.iter().map(move |b| (a.offset_mm, b.offset_mm)));
+    pairs
+        .map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))
+        .fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -147,11 +172,17 @@ mod tests {
 
     #[test]
     fn one_clear_peak_wins_and_two_are_ambiguous() {
-        let peak = |centre: f32, height: f32| move |i: usize| height * (-((i as f32 - centre) / 2.0).powi(2)).exp();
+        let peak = |centre: f32, height: f32| {
+            move |i: usize| height * (-((i as f32 - centre) / 2.0).powi(2)).exp()
+        };
         let one: Vec<f32> = (0..60).map(peak(20.3, 0.95)).collect();
         assert!((judge(&one).unwrap() - 20.3).abs() < 0.05);
         let second = peak(45.0, 0.93);
-        let two: Vec<f32> = one.iter().enumerate().map(|(i, s)| s.max(second(i))).collect();
+        let two: Vec<f32> = one
+            .iter()
+            .enumerate()
+            .map(|(i, s)| s.max(second(i)))
+            .collect();
         assert_eq!(judge(&two), Err(Match::Ambiguous));
         let low: Vec<f32> = (0..60).map(peak(20.0, 0.5)).collect();
         assert_eq!(judge(&low), Err(Match::Unmatched));

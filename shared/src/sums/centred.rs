@@ -52,7 +52,10 @@ impl PointFit {
     /// The flow that camera `k` sees of a target displaced by `displacement_mm`, normalised: `g (T_xy - ξ T_z)`.
     pub fn flow(&self, k: usize, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
         let [xi, eta] = self.middles[k];
-        [self.inverse_depth * (tx - xi * tz), self.inverse_depth * (ty - eta * tz)]
+        [
+            self.inverse_depth * (tx - xi * tz),
+            self.inverse_depth * (ty - eta * tz),
+        ]
     }
 }
 
@@ -63,8 +66,9 @@ impl Geometry {
     /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
     pub fn new(rig: &Rig) -> Result<Self, Refusal> {
         let count = rig.cameras.len() as f64;
-        let mean: [f64; 2] =
-            core::array::from_fn(|i| rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
+        let mean: [f64; 2] = core::array::from_fn(|i| {
+            rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count
+        });
         let arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS> = rig
             .cameras
             .iter()
@@ -74,7 +78,10 @@ impl Geometry {
         if rig.cameras.len() < 2 || !(arms_squared_mm2 > 0.0) {
             return Err(Refusal::WrongRig);
         }
-        Ok(Self { arms_mm, arms_squared_mm2 })
+        Ok(Self {
+            arms_mm,
+            arms_squared_mm2,
+        })
     }
 
     /// How many cameras.
@@ -97,7 +104,9 @@ impl Geometry {
 
     /// Where each camera should see a point fitted by [`Geometry::fit`].
     pub fn refit(&self, inverse_depth: f64, mean: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
-        self.arms_mm.iter().map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))
+        self.arms_mm
+            .iter()
+            .map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))
     }
 
     /// Depth and mid positions of one point, views in the rig's order. `None` if the point is not in front of the cameras at both instants,
@@ -113,7 +122,10 @@ impl Geometry {
         let finite = views.iter().all(|v| v.flow().iter().all(|c| c.is_finite()));
         let middle = core::array::from_fn(|i| 0.5 * (start[i] + end[i]));
         let middles = self.refit(0.5 * (before + after), middle).collect();
-        (in_front && finite).then_some(PointFit { inverse_depth, middles })
+        (in_front && finite).then_some(PointFit {
+            inverse_depth,
+            middles,
+        })
     }
 }
 
