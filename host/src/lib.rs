@@ -1,6 +1,7 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
 
 pub mod error;
+pub mod experiment;
 pub mod flow;
 pub mod images;
 pub mod plant;

@@ -8,6 +8,7 @@ use super::client::Client;
 use super::stage::configuration;
 use crate::plant::Plant;
 use crate::rig_file::Stage;
+use shared::frame::encode::Bytes;
 use shared::frame::message::{Command, Denial, Mounting, ResetCause, Status};
 use shared::machine::{Board, Machine, Output};
 use shared::safety::Inputs;
@@ -39,7 +40,8 @@ struct Hardware {
     ring: VecDeque<u32>,
     inputs: Inputs,
     now: Instant,
-    to_host: Vec<u8>,
+    /// What was sent, and when.
+    to_host: Vec<(Instant, Bytes)>,
 }
 
 impl Hardware {
@@ -81,7 +83,7 @@ impl Hardware {
         loop {
             // The ring never holds more than its own length before a segment is added.
             match self.machine.poll(self.now, RING_WORDS) {
-                Output::Send(bytes) => self.to_host.extend_from_slice(&bytes),
+                Output::Send(bytes) => self.to_host.push((self.now, bytes)),
                 Output::Segment(segment) => {
                     self.generator.set_invert(self.machine.inverted());
                     self.generator
@@ -191,8 +193,9 @@ impl Twin {
         if end > self.now() {
             self.hardware.run_until(end);
         }
-        let bytes = std::mem::take(&mut self.hardware.to_host);
-        self.client.feed(self.hardware.now.micros(), &bytes);
+        for (sent, bytes) in self.hardware.to_host.drain(..) {
+            self.client.feed(sent.micros(), &bytes);
+        }
     }
 
     /// Puts raw bytes on the link to the station.

@@ -1,0 +1,31 @@
+//! The paper's apparatus on the twin: station A carries the target, station B the cameras.
+//!
+//! * [`world`]: two stations alike on one virtual clock, and the pictures that B's cameras take of A's poster;
+//! * [`servo`]: B's loop, from picture to flow frame, and what happened in every frame;
+//! * [`path`]: where A goes;
+//! * [`tracking`]: section 4.3, five moves in closed loop (Table 6, Figs. 7 and 8);
+//! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5).
+
+pub mod moves;
+pub mod path;
+pub mod servo;
+pub mod tracking;
+pub mod world;
+
+use crate::flow::Refusal;
+use crate::images::SceneError;
+use crate::station::StationError;
+
+/// Why an experiment could not be run.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The scene cannot be rendered.
+    #[error("scene")]
+    Scene(#[from] SceneError),
+    /// A station refused or faulted.
+    #[error(transparent)]
+    Station(#[from] StationError),
+    /// The first pictures cannot be used as a reference.
+    #[error("no usable reference: {0}")]
+    Reference(Refusal),
+}

@@ -1,0 +1,84 @@
+//! Where station A carries the target.
+
+use std::f64::consts::TAU;
+use std::fmt;
+use std::str::FromStr;
+
+/// A motion of the target in time, from zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Path {
+    /// The paper's: a move of (4, 4, 1) mm every second.
+    Steps,
+    /// 5 mm/s along (4, 4, 1).
+    Line,
+    /// A circle of 10 mm radius in x and y, once in 8 s.
+    Circle,
+    /// 20, 20 and 5 mm at frequencies 1 : 2 : 3, once in 16 s.
+    Lissajous,
+    /// Nothing moves.
+    Still,
+}
+
+impl Path {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Steps,
+        Self::Line,
+        Self::Circle,
+        Self::Lissajous,
+        Self::Still,
+    ];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Steps => "steps",
+            Self::Line => "line",
+            Self::Circle => "circle",
+            Self::Lissajous => "lissajous",
+            Self::Still => "still",
+        }
+    }
+
+    /// Where the target should be after `time_s`, mm.
+    pub fn at(self, time_s: f64) -> [f64; 3] {
+        let t = time_s.max(0.0);
+        match self {
+            Self::Steps => [4.0, 4.0, 1.0].map(|d| d * t.floor()),
+            Self::Line => [4.0, 4.0, 1.0].map(|d| d * 5.0 * t / 33f64.sqrt()),
+            Self::Circle => {
+                let angle = TAU * t / 8.0;
+                [10.0 * angle.sin(), 10.0 * (1.0 - angle.cos()), 0.0]
+            }
+            Self::Lissajous => {
+                let angle = TAU * t / 16.0;
+                [
+                    20.0 * angle.sin(),
+                    20.0 * (2.0 * angle).sin(),
+                    5.0 * (3.0 * angle).sin(),
+                ]
+            }
+            Self::Still => [0.0; 3],
+        }
+    }
+}
+
+impl fmt::Display for Path {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A name that no [`Path`] has.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is no path: steps, line, circle, lissajous and still are")]
+pub struct UnknownPath(String);
+
+impl FromStr for Path {
+    type Err = UnknownPath;
+
+    fn from_str(name: &str) -> Result<Self, UnknownPath> {
+        let found = Self::ALL.into_iter().find(|path| path.name() == name);
+        found.ok_or_else(|| UnknownPath(name.to_owned()))
+    }
+}
