@@ -8,3 +8,4 @@ pub mod points;
 pub mod report;
 pub mod rig_file;
 pub mod station;
+pub mod validation;
