@@ -2,6 +2,8 @@
 
 #[path = "cli/bad_input.rs"]
 mod bad_input;
+#[path = "cli/folder.rs"]
+mod folder;
 #[path = "cli/points.rs"]
 mod points;
 #[path = "cli/usage.rs"]

@@ -8,4 +8,5 @@ pub mod points;
 pub mod report;
 pub mod rig_file;
 pub mod station;
+pub mod sums;
 pub mod validation;

@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
-use host::flow::Track;
+use host::flow::{Flow, Settings, Track};
+use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::points;
 use host::rig_file::RigFile;
+use host::sums::Sums;
 use serde::Serialize;
-use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
+use shared::estimate::Refusal;
 use shared::rig::Rig;
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
 
 /// Estimate the target's displacement from matched points or from images
 ///
@@ -29,7 +28,8 @@ pub struct Options {
     /// some camera has not seen is rejected and counted.
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images taken at the
-    /// same instant. Captures are taken in the order of their names.
+    /// same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the order of their names, in which
+    /// numbers count as numbers. Frame 1 is the second capture.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions in mm
@@ -62,7 +62,8 @@ Print one JSON object per displacement and line:
 const EXAMPLES: &str = "\
 Examples:
   trinocular estimate points.csv --rig rig.toml
-  trinocular estimate points.csv --rig rig.toml --method closed-form --json";
+  trinocular estimate points.csv --rig rig.toml --method closed-form --json
+  trinocular estimate captures/ --rig rig.toml --reference previous";
 
 /// The three estimators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
@@ -116,14 +117,62 @@ struct Refused {
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let rig = options.method.read_rig(&options.rig)?;
-    let points = points::read(&options.input, &rig)?;
-    let mut printer = Printer {
+    let printer = Printer {
         options,
         out,
         frames: 0,
         refused: 0,
     };
+    if options.input.is_dir() {
+        run_folder(options, &rig, printer)
+    } else {
+        run_points(options, &rig, printer)
+    }
+}
+
+/// A points CSV: its one displacement.
+fn run_points<W: Write>(
+    options: &Options,
+    rig: &RigFile,
+    mut printer: Printer<'_, W>,
+) -> Result<(), Failure> {
+    let points = points::read(&options.input, rig)?;
     printer.points(&rig.rig, &points.tracks, points.rejected)?;
+    printer.finish()
+}
+
+/// A folder of captures: a displacement for each but the first.
+fn run_folder<W: Write>(
+    options: &Options,
+    rig: &RigFile,
+    mut printer: Printer<'_, W>,
+) -> Result<(), Failure> {
+    let folder = Folder::open(
+        &options.input,
+        &rig.names,
+        rig.rig.image_size_px,
+        DEFAULT_PERIOD_US,
+    )?;
+    let count = folder.len();
+    let mut captures = folder.captures();
+    let (Some(first), 2..) = (captures.next(), count) else {
+        let reason = format!("{count} capture; a displacement takes at least two");
+        return Err(InputError::file(&options.input, reason).into());
+    };
+    let mut flow = Flow::new(&rig.rig, Settings::default())
+        .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
+    let mut reference = flow.set_reference(&first?);
+    for capture in captures {
+        let capture = capture?;
+        // A bad reference spoils every frame that is measured against it, and its reason is theirs.
+        match reference.clone().and_then(|()| flow.measure(&capture)) {
+            Ok(seen) => printer.points(&rig.rig, &seen.tracks, seen.rejected.total())?,
+            Err(refusal) => printer.refusal(refusal.to_string())?,
+        }
+        if options.reference == Reference::Previous {
+            reference = flow.set_reference(&capture);
+        }
+    }
     printer.finish()
 }
 
@@ -165,17 +214,19 @@ impl<W: Write> Printer<'_, W> {
         if self.frames - self.refused == 1 {
             writeln!(
                 self.out,
-                "frame        x mm        y mm        z mm   sigma x   sigma y   sigma z  points rejected"
+                "frame        x mm        y mm        z mm sigma x mm sigma y mm sigma z mm  points rejected"
             )?;
         }
         write!(self.out, "{:>5}", line.frame)?;
         for component in line.displacement_mm {
-            write!(self.out, " {component:>11.4}")?;
+            // Adding zero to what is left after rounding turns -0 into 0.
+            let rounded = (component * 1e4).round() / 1e4 + 0.0;
+            write!(self.out, " {rounded:>11.4}")?;
         }
         for axis in 0..3 {
             match line.sigma_mm {
-                Some(sigma) => write!(self.out, " {:>9.4}", sigma[axis])?,
-                None => write!(self.out, " {:>9}", "-")?,
+                Some(sigma) => write!(self.out, " {:>10.4}", sigma[axis])?,
+                None => write!(self.out, " {:>10}", "-")?,
             }
         }
         writeln!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
@@ -225,40 +276,20 @@ struct Solution {
 }
 
 fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Refusal> {
-    let solution = match method {
+    let sums = Sums::new(rig, tracks)?;
+    let estimates = sums.estimates();
+    let (displacement_mm, sigma_mm) = match method {
         Method::Midpoint => {
-            let mut sums = CentredSums::new(rig)?;
-            let mut points = 0;
-            for track in tracks {
-                points += usize::from(sums.add(&views(rig, track)));
-            }
-            let estimate = midpoint::solve(&sums)?;
-            Solution {
-                displacement_mm: estimate.displacement_mm,
-                sigma_mm: Some(estimate.sigma_mm()),
-                points,
-            }
+            let estimate = estimates.midpoint?;
+            (estimate.displacement_mm, Some(estimate.sigma_mm()))
         }
-        Method::ClosedForm | Method::LeastSquares => {
-            let mut sums = PairSums::new(rig)?;
-            let mut points = 0;
-            for track in tracks {
-                if let Ok(three) = <[View; 3]>::try_from(views(rig, track)) {
-                    sums.add(three);
-                    points += 1;
-                }
-            }
-            let displacement_mm = if method == Method::ClosedForm {
-                closed_form::solve(&sums)?
-            } else {
-                least_squares::solve(&sums)?
-            };
-            Solution {
-                displacement_mm,
-                sigma_mm: None,
-                points,
-            }
-        }
+        Method::ClosedForm => (estimates.closed_form?, None),
+        Method::LeastSquares => (estimates.least_squares?, None),
+    };
+    let solution = Solution {
+        displacement_mm,
+        sigma_mm,
+        points: sums.centred.points as usize,
     };
     // JSON has no word for a number that is not finite, and nobody has a use for it.
     let sigma = solution.sigma_mm.unwrap_or_default();
@@ -268,10 +299,4 @@ fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Ref
     } else {
         Err(Refusal::OutOfRange)
     }
-}
-
-fn views(rig: &Rig, track: &Track) -> Vec<View> {
-    let seen = rig.cameras.iter().zip(&track.pixels);
-    seen.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
-        .collect()
 }

@@ -60,35 +60,60 @@ impl Plane {
         Self { width, height, grey }
     }
 
-    /// Copies the square of `2 radius + 1` pixels around `centre` (x, y), interpolated bilinearly, into `patch`.
+    /// Copies the square of `2 radius + 1` pixels around `centre` (x, y) into `patch`, interpolated by Keys' cubic convolution (1981,
+    /// a = -1/2): linear interpolation would pull sub-pixel positions towards the pixel grid by a few hundredths.
     ///
-    /// `false` if it does not lie within the image.
+    /// `false` if the 4 x 4 pixels behind some sample do not all lie within the image.
     pub fn sample(&self, centre: [f32; 2], radius: usize, patch: &mut [f32]) -> bool {
         let side = 2 * radius + 1;
         let [x, y] = centre;
         let (left, top) = (x.floor(), y.floor());
-        let (fx, fy) = (x - left, y - top);
         let reach = radius as f32;
-        let inside = left >= reach
-            && top >= reach
-            && left + reach + 1.0 <= (self.width - 1) as f32
-            && top + reach + 1.0 <= (self.height - 1) as f32;
+        let inside = left > reach
+            && top > reach
+            && left + reach + 2.0 < self.width as f32
+            && top + reach + 2.0 < self.height as f32
+            && side <= LONGEST_SIDE;
         if !inside {
             return false;
         }
-        let (x0, y0) = (left as usize - radius, top as usize - radius);
-        let (w00, w10) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
-        let (w01, w11) = ((1.0 - fx) * fy, fx * fy);
-        for (j, out) in patch.chunks_exact_mut(side).take(side).enumerate() {
-            let start = (y0 + j) * self.width + x0;
-            let upper = &self.grey[start..start + side + 1];
-            let lower = &self.grey[start + self.width..start + self.width + side + 1];
+        let (x0, y0) = (left as usize - radius - 1, top as usize - radius - 1);
+        let [a, b, c, d] = cubic(x - left);
+        let across = |row: usize| {
+            let start = (y0 + row) * self.width + x0;
+            let line = &self.grey[start..start + side + 3];
+            let mut out = [0.0f32; LONGEST_SIDE];
             for i in 0..side {
-                out[i] = w00 * upper[i] + w10 * upper[i + 1] + w01 * lower[i] + w11 * lower[i + 1];
+                out[i] = a * line[i] + b * line[i + 1] + c * line[i + 2] + d * line[i + 3];
+            }
+            out
+        };
+        let down = cubic(y - top);
+        let mut rows = [across(0), across(1), across(2), [0.0; LONGEST_SIDE]];
+        for (j, out) in patch.chunks_exact_mut(side).take(side).enumerate() {
+            // The newest row replaces the oldest; `j` says which is which.
+            rows[(j + 3) % 4] = across(j + 3);
+            let [p, q, r, s] = [&rows[j % 4], &rows[(j + 1) % 4], &rows[(j + 2) % 4], &rows[(j + 3) % 4]];
+            for i in 0..side {
+                out[i] = down[0] * p[i] + down[1] * q[i] + down[2] * r[i] + down[3] * s[i];
             }
         }
         true
     }
+}
+
+/// Longest side of a square that is sampled, px.
+const LONGEST_SIDE: usize = 40;
+
+/// Weights of the samples at -1, 0, 1, 2 for a position `t` of 0 to 1.
+fn cubic(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        0.5 * (2.0 * t2 - t3 - t),
+        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+        0.5 * (4.0 * t2 - 3.0 * t3 + t),
+        0.5 * (t3 - t2),
+    ]
 }
 
 fn filter_row(row: &[f32], out: &mut [f32]) {
@@ -149,7 +174,7 @@ mod tests {
         let mut patch = [0.0; 9];
         assert!(plane.sample([7.25, 9.5], 1, &mut patch));
         assert!((patch[4] - (2.0 * 7.25 + 9.5)).abs() < 1e-5 && (patch[0] - (2.0 * 6.25 + 8.5)).abs() < 1e-5);
-        assert!(!plane.sample([0.5, 9.5], 1, &mut patch) && !plane.sample([18.0, 9.0], 1, &mut patch));
+        assert!(!plane.sample([1.5, 9.5], 1, &mut patch) && !plane.sample([17.0, 9.0], 1, &mut patch));
         assert!(!plane.sample([f32::NAN, 9.0], 1, &mut patch));
     }
 }

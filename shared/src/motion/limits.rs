@@ -117,10 +117,12 @@ impl core::error::Error for ConfigFault {}
 /// What one axis may do, in the planner's grid (see the [module](super)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisLimits {
-    /// Highest speed, multiples of `2n` fine units per slot; from 1, and `2n` times it fits a `u32`.
+    /// Highest speed, multiples of `2N` fine units per slot; from 1, and `2N` times it fits a `u32`.
     pub(super) speed: u32,
-    /// Highest change of speed per segment, same unit; from 1 to `speed`.
+    /// Highest change of speed per tick, same unit; from 1 to `speed`.
     pub(super) acceleration: u32,
+    /// Highest change of acceleration per tick, same unit; from 1 to `speed`.
+    pub(super) jerk: u32,
     /// Allowed step numbers, both ends included, within ±2²⁹.
     range: [i32; 2],
 }
@@ -148,7 +150,7 @@ impl AxisLimits {
         // µm per second to fine units per slot, then to the grid. Below 2⁹⁶ all the way.
         let fine_per_m = u128::from(config.steps_per_m) << 32;
         let slots_per_s = u128::from(rate.slots_per_s());
-        let quantum = 2 * u128::from(rate.slots_per_segment());
+        let quantum = 2 * u128::from(rate.slots_per_tick());
         let micro = 1_000_000;
         let fine_per_slot = fine_per_m * u128::from(config.max_speed_um_s) / (micro * slots_per_s);
         if fine_per_slot > 1 << 32 {
@@ -164,16 +166,25 @@ impl AxisLimits {
         if speed == 0 {
             return Err(LimitFault::TooSmall(Field::MaxSpeed));
         }
-        let per_segment = micro * slots_per_s * u128::from(WordRate::SEGMENTS_PER_S) * quantum;
-        let acceleration = fine_per_m * u128::from(config.max_acceleration_um_s2) / per_segment;
-        // More than the whole speed in one segment is no use.
-        let acceleration = acceleration.min(u128::from(speed)) as u32;
-        if acceleration == 0 {
-            return Err(LimitFault::TooSmall(Field::MaxAcceleration));
-        }
+        // Per tick, and per tick again.
+        let mut denominator = micro * slots_per_s * quantum;
+        let mut quantise = |per_s: u32, field| {
+            denominator *= u128::from(WordRate::TICKS_PER_S);
+            let value = fine_per_m * u128::from(per_s) / denominator;
+            // More than the whole speed in one tick is no use.
+            let value = value.min(u128::from(speed)) as u32;
+            if value == 0 {
+                Err(LimitFault::TooSmall(field))
+            } else {
+                Ok(value)
+            }
+        };
+        let acceleration = quantise(config.max_acceleration_um_s2, Field::MaxAcceleration)?;
+        let jerk = quantise(config.max_jerk_um_s3, Field::MaxJerk)?;
         Ok(Self {
             speed,
             acceleration,
+            jerk,
             range: travel_steps(config)?,
         })
     }
@@ -246,14 +257,184 @@ impl Limits {
 
     /// Highest speeds after quantisation, fine units (2⁻³² step) per slot.
     pub fn speeds(&self) -> [u32; AXES] {
-        let quantum = 2 * u32::from(self.rate.slots_per_segment());
-        self.axes.map(|axis| axis.speed.saturating_mul(quantum))
+        self.axes.map(|axis| self.fine(axis.speed))
     }
 
-    /// Highest accelerations after quantisation, fine units per slot, per segment.
+    /// Highest accelerations after quantisation, fine units per slot, per tick.
     pub fn accelerations(&self) -> [u32; AXES] {
-        let quantum = 2 * u32::from(self.rate.slots_per_segment());
-        self.axes
-            .map(|axis| axis.acceleration.saturating_mul(quantum))
+        self.axes.map(|axis| self.fine(axis.acceleration))
+    }
+
+    /// Highest jerks after quantisation, fine units per slot, per tick, per tick.
+    pub fn jerks(&self) -> [u32; AXES] {
+        self.axes.map(|axis| self.fine(axis.jerk))
+    }
+
+    /// No more than `speed` quanta times 2N, which fits by the invariant of [`AxisLimits`].
+    fn fine(&self, quanta: u32) -> u32 {
+        quanta.saturating_mul(2 * self.rate.slots_per_tick())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CONFIG: AxisConfig = AxisConfig {
+        steps_per_m: 80_000,
+        max_speed_um_s: 100_000,
+        max_acceleration_um_s2: 1_000_000,
+        max_jerk_um_s3: 50_000_000,
+        travel_um: [-150_001, 150_001],
+        invert: false,
+    };
+
+    fn fault(config: AxisConfig) -> LimitFault {
+        AxisLimits::new(&config, WordRate::MHZ_1).unwrap_err()
+    }
+
+    #[test]
+    fn every_fault_names_its_field() {
+        let zero = [
+            (
+                AxisConfig {
+                    steps_per_m: 0,
+                    ..CONFIG
+                },
+                Field::StepsPerM,
+            ),
+            (
+                AxisConfig {
+                    max_speed_um_s: 0,
+                    ..CONFIG
+                },
+                Field::MaxSpeed,
+            ),
+            (
+                AxisConfig {
+                    max_acceleration_um_s2: 0,
+                    ..CONFIG
+                },
+                Field::MaxAcceleration,
+            ),
+            (
+                AxisConfig {
+                    max_jerk_um_s3: 0,
+                    ..CONFIG
+                },
+                Field::MaxJerk,
+            ),
+        ];
+        for (config, field) in zero {
+            assert_eq!(fault(config), LimitFault::Zero(field));
+        }
+        let small = [
+            (
+                AxisConfig {
+                    max_speed_um_s: 1,
+                    ..CONFIG
+                },
+                Field::MaxSpeed,
+            ),
+            (
+                AxisConfig {
+                    max_acceleration_um_s2: 1_000,
+                    ..CONFIG
+                },
+                Field::MaxAcceleration,
+            ),
+            (
+                AxisConfig {
+                    max_jerk_um_s3: 1_000_000,
+                    ..CONFIG
+                },
+                Field::MaxJerk,
+            ),
+            (
+                AxisConfig {
+                    travel_um: [1, 12],
+                    ..CONFIG
+                },
+                Field::Travel,
+            ),
+        ];
+        for (config, field) in small {
+            assert_eq!(fault(config), LimitFault::TooSmall(field));
+            assert_eq!(fault(config).field(), field);
+        }
+        assert_eq!(
+            fault(AxisConfig {
+                travel_um: [5, 5],
+                ..CONFIG
+            }),
+            LimitFault::NoTravel
+        );
+        let far = AxisConfig {
+            steps_per_m: 2_000_000,
+            max_speed_um_s: 1_000,
+            travel_um: [0, 300_000_000],
+            ..CONFIG
+        };
+        assert_eq!(fault(far), LimitFault::TravelTooFar);
+        let fast = AxisConfig {
+            max_speed_um_s: 6_250_013,
+            ..CONFIG
+        };
+        let limits = Limits::new(&[CONFIG, CONFIG, fast], WordRate::MHZ_1);
+        assert_eq!(
+            std::format!("{}", limits.unwrap_err()),
+            "axis 2: max_speed_um_s needs 500001 steps/s, the word rate gives 500000"
+        );
+        // Exactly one step per slot is allowed.
+        assert!(
+            AxisLimits::new(
+                &AxisConfig {
+                    max_speed_um_s: 6_250_000,
+                    ..CONFIG
+                },
+                WordRate::MHZ_1
+            )
+            .is_ok()
+        );
+    }
+
+    #[test]
+    fn travel_is_rounded_inwards() {
+        let limits = AxisLimits::new(&CONFIG, WordRate::MHZ_1).unwrap();
+        // 12,000.08 steps either way.
+        assert_eq!(limits.range(), [-12_000, 12_000]);
+    }
+
+    proptest! {
+        #[test]
+        fn quantised_limits_exceed_nothing_and_lose_less_than_a_quantum(
+            steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32, max_acceleration_um_s2 in 100_000..u32::MAX,
+            max_jerk_um_s3 in 100_000_000..u32::MAX, slots in 4..=500u32,
+        ) {
+            let rate = WordRate::from_hz(8_000 * slots).unwrap();
+            let config = AxisConfig { steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um: [-1_000, 1_000], invert: false };
+            let limits = AxisLimits::new(&config, rate);
+            prop_assume!(limits.is_ok());
+            let limits = limits.unwrap();
+            // Steps per slot, per slot and tick, per slot and tick and tick, in fine units.
+            let fine = |um: u32, ticks: i32| {
+                f64::from(steps_per_m) * f64::from(um) * 1e-6 * 4_294_967_296.0
+                    / f64::from(rate.slots_per_s())
+                    / 1_000f64.powi(ticks)
+            };
+            let quantum = 2.0 * f64::from(rate.slots_per_tick());
+            let cap = f64::from(limits.speed);
+            for (value, exact) in [
+                (limits.speed, fine(max_speed_um_s, 0)),
+                (limits.acceleration, fine(max_acceleration_um_s2, 1)),
+                (limits.jerk, fine(max_jerk_um_s3, 2)),
+            ] {
+                let (value, exact) = (f64::from(value), exact / quantum);
+                let rounding = 1e-9 * exact;
+                prop_assert!(value <= exact + rounding);
+                prop_assert!(value + 1.0 > exact - rounding || value == cap);
+            }
+        }
     }
 }

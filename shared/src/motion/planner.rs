@@ -1,173 +1,258 @@
+use super::stopping::Pace;
 use super::{AxisLimits, Limits};
-use crate::steps::{AXES, AxisMotion, Position, Segment};
+use crate::steps::{AXES, AxisMotion, Position, Segment, WordRate};
 
-/// Speed and change of speed per segment an axis keeps to, in the grid of the [module](super); both from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Pace {
-    speed: u32,
-    acceleration: u32,
-}
+const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 
-impl Pace {
-    /// The shortest way from speed `m` to rest, in distance quanta: full braking, the odd rest last.
-    ///
-    /// With `m = k a + r` the speeds are `m, m-a, ..., r, 0`; a segment from `u` to `w` is `u + w` long, hence
-    /// `a k² + (2k + 1) r`. Below 2⁶⁰ for every speed on the grid.
-    fn stopping_distance(self, m: u32) -> i64 {
-        let a = i64::from(self.acceleration);
-        let k = i64::from(m / self.acceleration);
-        let r = i64::from(m % self.acceleration);
-        a * k * k + (2 * k + 1) * r
-    }
-
-    /// The highest speed at the end of the next segment from which the axis can still stop within `ahead` quanta,
-    /// counted from the segment's start, where its speed is `now`. When there is none, full braking.
-    ///
-    /// The largest `w` with `now + w + stopping_distance(w) <= ahead`. For `w = k a + r` the left side is
-    /// `now + a k (k+1) + (2k+2) r`, which grows with `w`; and `w` lies within one `a` of `now`, so there are only
-    /// three `k` to try.
-    fn next_speed(self, now: u32, ahead: i64) -> u32 {
-        let a = self.acceleration;
-        let slowest = now.saturating_sub(a);
-        let fastest = now.saturating_add(a).min(self.speed).max(slowest);
-        let k_now = now / a;
-        let candidates = [k_now.checked_add(1), Some(k_now), k_now.checked_sub(1)];
-        for k in candidates.into_iter().flatten() {
-            let k = i64::from(k);
-            let a = i64::from(a);
-            let spare = ahead - i64::from(now) - a * k * (k + 1);
-            if spare >= 0 {
-                let r = (spare / (2 * k + 2)).min(a);
-                // Below 2³¹: k a is at most now + a.
-                let speed = u32::try_from(k * a + r).unwrap_or(u32::MAX);
-                return speed.clamp(slowest, fastest);
-            }
-        }
-        slowest
-    }
-}
-
-/// One axis between two segments.
+/// One axis between two ticks.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     limits: AxisLimits,
     pace: Pace,
     position: Position,
-    /// Speed quanta, negative backwards. At most 2²⁹.
-    speed: i32,
-    /// Where to be at the start of the next segment.
+    /// Speed quanta, negative backwards. Within the limits.
+    speed: i64,
+    /// Acceleration of the last tick, quanta.
+    acceleration: i64,
+    /// Where to be at the start of the next tick.
     target: Position,
-    /// How fast the target moves: speed quanta.
-    drift: i32,
+    /// How fast the target moves, speed quanta. Within the limits.
+    drift: i64,
 }
 
 impl Axis {
     fn new(limits: AxisLimits, position: Position) -> Self {
         Self {
             limits,
-            pace: limits.pace(),
+            pace: Pace::of(&limits),
             position,
             speed: 0,
+            acceleration: 0,
             target: position,
             drift: 0,
         }
     }
 
-    /// The way to stop from `m` speed quanta at full braking, fine units, signed like `m`.
-    fn stopping_way(&self, m: i32, slots: u16) -> i64 {
-        let quantum = i64::from(slots) * i64::from(slots);
-        let way = quantum.saturating_mul(self.limits.pace().stopping_distance(m.unsigned_abs()));
-        if m < 0 { -way } else { way }
+    fn aim(&mut self, target: Position, drift: i64) {
+        self.pace = Pace::of(&self.limits);
+        self.target = self.limits.clamp(target);
+        self.drift = drift.clamp(-self.pace.speed, self.pace.speed);
     }
 
-    /// Chooses the next segment's ramp: start speed, end speed, backward.
+    fn is_at_rest(&self) -> bool {
+        self.speed == 0 && self.acceleration == 0
+    }
+
+    /// From the position to the target, fine units.
+    fn way(&self) -> i64 {
+        self.target.fine().saturating_sub(self.position.fine())
+    }
+
+    /// The acceleration of the next tick; `quantum` is N² fine units.
     ///
-    /// Planned as seen from the target, which moves steadily: relative to it the axis comes to rest.
-    fn ramp(&mut self, slots: u16) -> (u32, u32, bool) {
-        let quantum = i64::from(slots) * i64::from(slots);
-        let way = self.target.fine().saturating_sub(self.position.fine());
-        self.target = self
-            .target
-            .saturating_add(2 * quantum * i64::from(self.drift));
-
-        let relative = self.speed - self.drift;
-        let backward = if relative == 0 { way < 0 } else { relative < 0 };
-        let (ahead, drift) = if backward {
-            (way.saturating_neg(), -self.drift)
+    /// Planned as seen from the target, which moves steadily: relative to it the axis comes to rest. It is looked at
+    /// from the side on which the goal lies ahead of the point where braking would end, so that it always can be reached
+    /// without overshoot from there.
+    fn choose(&self, quantum: i64) -> i64 {
+        let speed = self.speed - self.drift;
+        let way = self.way();
+        let ahead = way.div_euclid(quantum);
+        if self.pace.stopping_way(speed, self.acceleration) <= ahead {
+            let fastest = self.pace.speed - self.drift;
+            self.pace
+                .next_acceleration(speed, self.acceleration, ahead, fastest)
         } else {
-            (way, self.drift)
-        };
-        // The drift is within the axis's speed; a pace below it (axes in step) has no drift.
-        let fastest = self.pace.speed.saturating_add_signed(-drift);
-        let pace = Pace {
-            speed: fastest,
-            ..self.pace
-        };
-        let next = pace
-            .next_speed(relative.unsigned_abs(), ahead.div_euclid(quantum))
-            .cast_signed();
-        let wanted = self.drift + if backward { -next } else { next };
+            let ahead = way.saturating_neg().div_euclid(quantum);
+            let fastest = self.pace.speed + self.drift;
+            -self
+                .pace
+                .next_acceleration(-speed, -self.acceleration, ahead, fastest)
+        }
+    }
 
-        // Turn at a segment border only, and keep able to stop within the soft limits.
+    /// `wanted`, or the acceleration nearest to it after which the axis can still stop within the soft limits. (A target
+    /// at rest lies within them, and so does every way to it. A moving target may leave them.)
+    fn keep_inside(&self, wanted: i64, quantum: i64) -> i64 {
         let [low, high] = self
             .limits
             .ends()
             .map(|end| end.fine().saturating_sub(self.position.fine()));
-        let now = self.speed.unsigned_abs();
-        let full = self.limits.pace();
-        let backward = if self.speed == 0 {
-            wanted < 0
+        let (speed, last, fastest) = (self.speed, self.acceleration, self.pace.speed);
+        let brake = self.pace.brake(speed, last);
+        if wanted > brake {
+            let room = high.div_euclid(quantum);
+            wanted.min(self.pace.next_acceleration(speed, last, room, fastest))
+        } else if wanted < brake {
+            let room = low.saturating_neg().div_euclid(quantum);
+            wanted.max(-self.pace.next_acceleration(-speed, -last, room, fastest))
         } else {
-            self.speed < 0
-        };
-        let room = if backward { low.saturating_neg() } else { high };
-        let bound = full.next_speed(now, room.div_euclid(quantum));
-        let to = if (wanted < 0) == backward {
-            wanted.unsigned_abs().min(bound)
-        } else {
-            0
-        };
-        (now, to, backward)
-    }
-}
-
-impl AxisLimits {
-    fn pace(&self) -> Pace {
-        Pace {
-            speed: self.speed,
-            acceleration: self.acceleration,
+            wanted
         }
     }
-}
 
-/// The motion of a ramp from `from` to `to` speed quanta: see the [module](super).
-fn ramp_motion(slots: u16, (from, to, backward): (u32, u32, bool)) -> AxisMotion {
-    // Speeds on the grid times 2n fit a u32, so that none of this saturates; increments lie between both ends.
-    let change = i64::from(to) - i64::from(from);
-    let first = 2 * i64::from(slots) * i64::from(from) + change;
-    AxisMotion {
-        first: u32::try_from(first).unwrap_or(0),
-        change: i32::try_from(2 * change).unwrap_or(0),
-        backward,
+    /// What the axis does in the next tick when it goes on its own.
+    fn free(&self, quantum: i64) -> i64 {
+        let wanted = self.choose(quantum);
+        if self.drift == 0 {
+            wanted
+        } else {
+            self.keep_inside(wanted, quantum)
+        }
+    }
+
+    /// Moves on by what was planned for a tick.
+    fn advance(&mut self, way: i64, acceleration: i64, quantum: i64) {
+        self.position = self.position.saturating_add(way);
+        self.target = self.target.saturating_add(2 * quantum * self.drift);
+        self.speed += acceleration;
+        self.acceleration = acceleration;
+    }
+
+    /// The way to rest at full braking, fine units.
+    fn stopping_way(&self, quantum: i64) -> i64 {
+        quantum.saturating_mul(Pace::of(&self.limits).stopping_way(self.speed, self.acceleration))
     }
 }
 
-/// Plans the motion of all axes, segment by segment: velocity- and acceleration-limited, time-optimal on the grid,
+/// Axes on a straight line: the one with the longest way leads, each other one gets its share of the leader's speed.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    leader: usize,
+    /// Ways of all axes in one unit, below 2³¹ in size; the leader's is positive, the others' negative when opposed to it.
+    ways: [i64; AXES],
+    /// The leader's way.
+    longest: i64,
+    /// How far rounding has put each axis in front of its place: distance quanta times `longest`. Within ±2 quanta.
+    excess: [i64; AXES],
+}
+
+impl Line {
+    /// Through the targets of `axes`. `None` when no axis has a way to go.
+    fn through(axes: &[Axis; AXES]) -> Option<Self> {
+        let ways = axes.map(|axis| axis.way());
+        let (leader, way) = ways
+            .into_iter()
+            .enumerate()
+            .max_by_key(|(_, way)| way.unsigned_abs())?;
+        // 31 bits of the longest way.
+        let shift = 33u32.saturating_sub(way.unsigned_abs().leading_zeros());
+        let ways = ways.map(|each| (each >> shift).saturating_mul(way.signum()));
+        let longest = way.saturating_abs() >> shift;
+        (longest > 0).then_some(Self {
+            leader,
+            ways,
+            longest,
+            excess: [0; AXES],
+        })
+    }
+
+    /// The leader's pace of which no axis's share exceeds its limits. Rounding adds less than two quanta to the acceleration
+    /// of the others and less than four to their jerk: these are left free where there is room.
+    fn pace(&self, axes: &[Axis; AXES]) -> Pace {
+        let least = |limit: fn(&AxisLimits) -> u32, margin: u32| {
+            let mut least = u32::MAX;
+            for (i, (axis, way)) in axes.iter().zip(self.ways).enumerate() {
+                let limit = limit(&axis.limits);
+                let limit = if i == self.leader {
+                    limit
+                } else {
+                    limit.saturating_sub(margin).max(1)
+                };
+                if way != 0 {
+                    let most = u64::from(limit) * self.longest.unsigned_abs() / way.unsigned_abs();
+                    least = least.min(u32::try_from(most).unwrap_or(u32::MAX));
+                }
+            }
+            least
+        };
+        Pace::new(
+            least(|l| l.speed, 0),
+            least(|l| l.acceleration, 1),
+            least(|l| l.jerk, 3),
+        )
+    }
+
+    /// The speeds that go with the leader's `speed` at the end of the tick. They are rounded down for an axis in front of
+    /// its place and up for one behind, so that no error adds up.
+    fn share(&mut self, speed: i64) -> [i64; AXES] {
+        let mut shares = [0; AXES];
+        for ((share, excess), way) in shares.iter_mut().zip(&mut self.excess).zip(self.ways) {
+            let exact = speed * way;
+            let up = *excess <= 0 && exact.rem_euclid(self.longest) != 0;
+            *share = exact.div_euclid(self.longest) + i64::from(up);
+            // The speed counts in the tick it ends and in the one it starts.
+            *excess += 2 * (*share * self.longest - exact);
+        }
+        shares
+    }
+}
+
+/// One tick's ramp of an axis: speed at its start and acceleration, quanta.
+#[derive(Clone, Copy, Debug)]
+struct Ramp {
+    speed: i64,
+    acceleration: i64,
+}
+
+impl Ramp {
+    /// The motion in one quarter of the tick, from 0: see the [module](super).
+    fn quarter(self, slots: u16, quarter: i64) -> AxisMotion {
+        let n = i64::from(slots);
+        let e = self.acceleration;
+        let start = 2 * n * (4 * self.speed + e * quarter);
+        let end = start + 2 * n * e;
+        if start.signum() * end.signum() < 0 {
+            // Turning: the mean speed, which is a whole number too.
+            let mean = start + n * e;
+            return motion(mean, 0, mean < 0);
+        }
+        let backward = start < 0 || end < 0;
+        motion(start + e, 2 * e, backward)
+    }
+}
+
+/// From signed increments. Whatever did not fit would be rest; speeds on the grid do fit.
+fn motion(first: i64, change: i64, backward: bool) -> AxisMotion {
+    let sign = if backward { -1 } else { 1 };
+    match (u32::try_from(sign * first), i32::try_from(sign * change)) {
+        (Ok(first), Ok(change)) => AxisMotion {
+            first,
+            change,
+            backward,
+        },
+        _ => AxisMotion::REST,
+    }
+}
+
+/// Plans the motion of all axes, tick by tick, and hands it out segment by segment: limited in speed, acceleration and jerk, in the shortest time on the grid,
 /// ending at rest exactly in the step that was asked for. See the [module](super).
 ///
-/// Each segment takes the highest end speed from which the axis can still stop in front of its goal. So there is no stored
-/// profile: a new target takes effect with the next segment, whatever the axis is doing. A target too close to stop for,
-/// or behind, is overrun at full braking and come back to.
+/// Each tick takes the highest acceleration after which the axis can still stop in front of its goal. So there is no stored profile: a
+/// new target takes effect with the next tick, whatever the axis is doing. A target too close to stop for, or behind, is overrun and
+/// come back to.
 ///
-/// *Invariants:* the position is the sum of all displacements planned, so its floor is what the generator will have emitted.
-/// Between two segments no speed exceeds the limits (after they were lowered: no braking is below the limit).
+/// *Invariants:* the position is the sum of all displacements handed out, so its floor is what the generator will have emitted.
+/// At tick borders no speed, acceleration or jerk exceeds its limit.
 ///
-/// *Stop bound:* from speed `v` at acceleration `a`, [`Planner::stop`] takes at most `v²/2a` plus one eighth of the way
-/// of a full-speed-change segment, `a T²/8` with T = 250 µs, after the segments already handed out.
+/// *Stop bound:* from speed `v` and acceleration `a0` (positive if it speeds the axis up), with limits `a` and `j`,
+/// [`Planner::stop`] takes at most
+///
+/// ```text
+/// v a0/j + a0³/3j² + (v'/2)(v'/a + a/j) + (v' + a T) T      v' = v + a0²/2j      a0 > 0, T = 1 ms
+/// ```
+///
+/// after the tick already planned ([`Planner::stopping_ways`] is exact); the last term is the grid's.
 #[derive(Clone, Debug)]
 pub struct Planner {
     limits: Limits,
+    /// At the end of the planned tick.
     axes: [Axis; AXES],
+    line: Option<Line>,
+    tick: [Segment; SEGMENTS],
+    /// How many of the tick's segments were handed out.
+    given: usize,
+    /// After these.
+    positions: [Position; AXES],
 }
 
 impl Planner {
@@ -176,7 +261,14 @@ impl Planner {
         let [x, y, z] = limits.axes;
         let [px, py, pz] = positions;
         let axes = [Axis::new(x, px), Axis::new(y, py), Axis::new(z, pz)];
-        Self { limits, axes }
+        Self {
+            limits,
+            axes,
+            line: None,
+            tick: [Segment::pause(limits.rate.slots_per_segment()); SEGMENTS],
+            given: SEGMENTS,
+            positions,
+        }
     }
 
     /// Every axis goes to its target as fast as it can, on its own; outside of the soft limits, to the limit.
@@ -186,74 +278,103 @@ impl Planner {
         self.follow(targets, [0; AXES]);
     }
 
-    /// Follows a moving target without lag: `targets` is where it is at the start of the next segment planned, `speeds`
-    /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like
-    /// this until the next call, up to the soft limits.
+    /// Follows a moving target without lag: `targets` is where it is at the start of the next tick planned, `speeds`
+    /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like this
+    /// until the next call; the axes stay within the soft limits whatever it does.
     pub fn follow(&mut self, targets: [Position; AXES], speeds: [i64; AXES]) {
-        let quantum = 2 * i64::from(self.slots());
+        let speed_quantum = self.speed_quantum();
+        self.line = None;
         for ((axis, target), speed) in self.axes.iter_mut().zip(targets).zip(speeds) {
-            let most = i64::from(axis.limits.speed);
-            axis.pace = axis.limits.pace();
-            axis.target = axis.limits.clamp(target);
-            // Within the axis's own speed, hence within an i32.
-            axis.drift = (speed / quantum).clamp(-most, most) as i32;
+            axis.aim(target, speed / speed_quantum);
         }
     }
 
     /// Like [`Planner::set_target`], but when all axes are at rest they go in step: on the straight line, starting and
-    /// arriving together. For that each axis's speed and acceleration are its share of the way times the highest that
-    /// no axis's limits forbid. In mid-move each axis goes on its own.
+    /// arriving together, as fast as the limits of all allow. In mid-move each axis goes on its own.
     pub fn move_in_step(&mut self, targets: [Position; AXES]) {
         self.set_target(targets);
         if self.is_at_rest() {
-            self.share_pace();
+            self.line = Line::through(&self.axes);
+            if let Some(line) = self.line {
+                let pace = line.pace(&self.axes);
+                if let Some(leader) = self.axes.get_mut(line.leader) {
+                    leader.pace = pace;
+                }
+            }
         }
     }
 
     /// Brakes every axis to rest at its full acceleration and stays there; the position is kept.
     pub fn stop(&mut self) {
-        let slots = self.slots();
+        let quantum = self.distance_quantum();
+        self.line = None;
         for axis in &mut self.axes {
-            axis.pace = axis.limits.pace();
-            axis.target = axis
-                .position
-                .saturating_add(axis.stopping_way(axis.speed, slots));
+            axis.pace = Pace::of(&axis.limits);
+            axis.target = axis.position.saturating_add(axis.stopping_way(quantum));
             axis.drift = 0;
         }
     }
 
-    /// Goes on from rest at `positions`, where an abrupt stop left the generator. Forgets the target.
+    /// Goes on from rest at `positions`, where an abrupt stop left the generator. Forgets the target and what is left of the tick.
     pub fn resume_at(&mut self, positions: [Position; AXES]) {
-        for (axis, position) in self.axes.iter_mut().zip(positions) {
-            *axis = Axis::new(axis.limits, position);
-        }
+        *self = Self::new(self.limits, positions);
     }
 
-    /// The next 250 µs of motion.
+    /// The next 250 µs of motion. Every fourth call, from the first, plans a tick; what was asked for since takes effect then.
     pub fn plan_segment(&mut self) -> Segment {
-        let slots = self.slots();
-        let [x, y, z] = &mut self.axes;
-        let ramps = [x.ramp(slots), y.ramp(slots), z.ramp(slots)];
-        let planned = Segment::new(slots, ramps.map(|ramp| ramp_motion(slots, ramp)));
-        debug_assert!(planned.is_ok());
-        // Speeds on the grid always make a segment. Were it not so, standing still is safe and the position stays true.
-        let (segment, ends) = match planned {
-            Ok(segment) => (segment, ramps.map(|(_, to, backward)| (to, backward))),
-            Err(_) => (Segment::pause(slots), [(0, false); AXES]),
-        };
-        for ((axis, way), (to, backward)) in
-            self.axes.iter_mut().zip(segment.displacement()).zip(ends)
-        {
-            axis.position = axis.position.saturating_add(way);
-            let to = i32::try_from(to).unwrap_or(i32::MAX);
-            axis.speed = if backward { -to } else { to };
+        if self.given >= SEGMENTS {
+            self.tick = self.next_tick();
+            self.given = 0;
+        }
+        let pause = Segment::pause(self.limits.rate.slots_per_segment());
+        let segment = self.tick.get(self.given).copied().unwrap_or(pause);
+        self.given += 1;
+        for (position, way) in self.positions.iter_mut().zip(segment.displacement()) {
+            *position = position.saturating_add(way);
         }
         segment
     }
 
-    /// Where the axes will be after the segments planned so far.
+    /// The next millisecond of motion: four segments.
+    pub fn plan_tick(&mut self) -> [Segment; SEGMENTS] {
+        [(); SEGMENTS].map(|()| self.plan_segment())
+    }
+
+    fn next_tick(&mut self) -> [Segment; SEGMENTS] {
+        let slots = self.limits.rate.slots_per_segment();
+        let quantum = self.distance_quantum();
+        let accelerations = self.accelerations(quantum);
+        let ramp = |axis: &Axis, acceleration| Ramp {
+            speed: axis.speed,
+            acceleration,
+        };
+        let ([x, y, z], [ax, ay, az]) = (&self.axes, accelerations);
+        let ramps = [ramp(x, ax), ramp(y, ay), ramp(z, az)];
+        let tick = [0, 1, 2, 3].map(|quarter| {
+            let motions = ramps.map(|ramp| ramp.quarter(slots, quarter));
+            // Speeds on the grid always make a segment. Were it not so, a pause is safe and the position stays true.
+            Segment::new(slots, motions).unwrap_or(Segment::pause(slots))
+        });
+        let mut ways = [0; AXES];
+        for segment in &tick {
+            for (way, part) in ways.iter_mut().zip(segment.displacement()) {
+                *way += part;
+            }
+        }
+        for ((axis, way), acceleration) in self.axes.iter_mut().zip(ways).zip(accelerations) {
+            axis.advance(way, acceleration, quantum);
+        }
+        self.line = self.line.filter(|line| {
+            self.axes
+                .get(line.leader)
+                .is_some_and(|leader| !leader.is_at_rest())
+        });
+        tick
+    }
+
+    /// Where the axes will be after the segments handed out so far.
     pub fn positions(&self) -> [Position; AXES] {
-        self.axes.map(|axis| axis.position)
+        self.positions
     }
 
     /// Where the axes are going, within the soft limits.
@@ -261,37 +382,34 @@ impl Planner {
         self.axes.map(|axis| axis.target)
     }
 
-    /// Speeds after the segments planned so far, fine units (2⁻³² step) per slot, negative backwards.
+    /// Speeds after the segments handed out so far, fine units (2⁻³² step) per slot, negative backwards.
     pub fn speeds(&self) -> [i64; AXES] {
-        let quantum = 2 * i64::from(self.slots());
-        self.axes.map(|axis| quantum * i64::from(axis.speed))
+        let quantum = self.speed_quantum();
+        let per_segment = quantum / SEGMENTS as i64;
+        let left = (SEGMENTS - self.given) as i64;
+        self.axes
+            .map(|axis| quantum * axis.speed - per_segment * left * axis.acceleration)
     }
 
-    /// How far each axis would still go if [`Planner::stop`] were called now, 2⁻³² step, negative backwards. Exact.
+    /// How far each axis would still go after the present tick if [`Planner::stop`] were called now, 2⁻³² step, negative
+    /// backwards. Exact.
     pub fn stopping_ways(&self) -> [i64; AXES] {
-        self.axes
-            .map(|axis| axis.stopping_way(axis.speed, self.slots()))
+        let quantum = self.distance_quantum();
+        self.axes.map(|axis| axis.stopping_way(quantum))
     }
 
-    /// No axis moves after the segments planned so far.
+    /// No axis moves in the present tick, nor has speed left after it.
     pub fn is_at_rest(&self) -> bool {
-        self.axes.iter().all(|axis| axis.speed == 0)
+        self.axes.iter().all(Axis::is_at_rest)
     }
 
-    /// Every axis is at rest within two distance quanta (less than 1/500 step) of its target, in the right step: no
-    /// further motion will be planned.
+    /// Every axis is at rest less than four distance quanta (1/16 step at the highest word rate, 1/4,000 at 1 MHz) from its
+    /// target, in the right step.
     pub fn has_arrived(&self) -> bool {
-        let quantum = i64::from(self.slots()) * i64::from(self.slots());
-        let near = |axis: &Axis| {
-            axis.target
-                .fine()
-                .saturating_sub(axis.position.fine())
-                .unsigned_abs()
-                < (2 * quantum).unsigned_abs()
-        };
-        self.axes
-            .iter()
-            .all(|axis| axis.speed == 0 && axis.drift == 0 && near(axis))
+        let near = 4 * self.distance_quantum().unsigned_abs();
+        let arrived =
+            |axis: &Axis| axis.is_at_rest() && axis.drift == 0 && axis.way().unsigned_abs() < near;
+        self.axes.iter().all(arrived)
     }
 
     /// The limits planned to.
@@ -299,53 +417,32 @@ impl Planner {
         &self.limits
     }
 
-    const fn slots(&self) -> u16 {
-        self.limits.rate.slots_per_segment()
+    /// 2N fine units per slot: see the [module](super).
+    fn speed_quantum(&self) -> i64 {
+        2 * i64::from(self.limits.rate.slots_per_tick())
     }
 
-    /// Scales every axis's pace to its share of the way.
-    fn share_pace(&mut self) {
-        // Whole steps, rounded up, are exact enough and keep the products within a u64.
-        let ways = self.axes.map(|axis| {
-            let fine = axis
-                .target
-                .fine()
-                .saturating_sub(axis.position.fine())
-                .unsigned_abs();
-            fine.div_ceil(1 << 32)
-        });
-        let speeds = self.axes.map(|axis| axis.limits.speed);
-        let accelerations = self.axes.map(|axis| axis.limits.acceleration);
-        let speeds = shares(ways, speeds);
-        let accelerations = shares(ways, accelerations);
-        for ((axis, speed), acceleration) in self.axes.iter_mut().zip(speeds).zip(accelerations) {
-            axis.pace = Pace {
-                speed,
-                acceleration,
-            };
-        }
+    /// N² fine units.
+    fn distance_quantum(&self) -> i64 {
+        let slots = i64::from(self.limits.rate.slots_per_tick());
+        slots * slots
     }
-}
 
-/// The largest numbers in the ratio of `ways`, none above its limit; rounded to nearest, at least 1 each.
-fn shares(ways: [u64; AXES], limits: [u32; AXES]) -> [u32; AXES] {
-    // The axis with the smallest limit / way decides; compared crosswise, all below 2³³ times 2²⁹.
-    let mut tightest: Option<(u64, u32)> = None;
-    for (way, limit) in ways.into_iter().zip(limits).filter(|(way, _)| *way != 0) {
-        let tighter = tightest.is_none_or(|(w, l)| u64::from(limit) * w < u64::from(l) * way);
-        if tighter {
-            tightest = Some((way, limit));
-        }
+    /// What each axis does in the next tick.
+    fn accelerations(&mut self, quantum: i64) -> [i64; AXES] {
+        let axes = &self.axes;
+        let leader = self
+            .line
+            .as_mut()
+            .and_then(|line| Some((axes.get(line.leader)?, line)));
+        let Some((leader, line)) = leader else {
+            let [x, y, z] = axes;
+            return [x.free(quantum), y.free(quantum), z.free(quantum)];
+        };
+        let [a, b, c] = line.share(leader.speed + leader.choose(quantum));
+        let [x, y, z] = axes;
+        [a - x.speed, b - y.speed, c - z.speed]
     }
-    let Some((tightest_way, tightest_limit)) = tightest else {
-        return limits;
-    };
-    let mut shares = limits;
-    for (share, way) in shares.iter_mut().zip(ways) {
-        let scaled = (way * u64::from(tightest_limit) + tightest_way / 2) / tightest_way;
-        *share = u32::try_from(scaled).unwrap_or(u32::MAX).clamp(1, *share);
-    }
-    shares
 }
 
 #[cfg(test)]

@@ -12,7 +12,13 @@ impl WordRate {
     pub const MHZ_1: Self = Self(1_000_000);
 
     /// Segments per second: four to a control tick of 1 ms.
-    pub const SEGMENTS_PER_S: u32 = 4_000;
+    pub const SEGMENTS_PER_S: u32 = Self::TICKS_PER_S * Self::SEGMENTS_PER_TICK as u32;
+
+    /// Control ticks per second.
+    pub const TICKS_PER_S: u32 = 1_000;
+
+    /// Segments in a control tick.
+    pub const SEGMENTS_PER_TICK: usize = 4;
 
     /// `hz` words per second.
     pub const fn from_hz(hz: u32) -> Result<Self, WordRateFault> {
@@ -39,6 +45,11 @@ impl WordRate {
     pub const fn slots_per_segment(self) -> u16 {
         // At most 16 MHz / 8 kHz.
         (self.0 / (2 * Self::SEGMENTS_PER_S)) as u16
+    }
+
+    /// Slots in a control tick of 1 ms: 16 to 8,000.
+    pub const fn slots_per_tick(self) -> u32 {
+        self.0 / (2 * Self::TICKS_PER_S)
     }
 }
 

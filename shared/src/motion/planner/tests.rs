@@ -29,9 +29,21 @@ fn centres(steps: [i32; AXES]) -> [Position; AXES] {
 struct Judge {
     configs: [AxisConfig; AXES],
     rate: WordRate,
-    /// Twice the speed at the end of the last segment, fine units per slot: the middle between two slots is halved.
-    ended: [i64; AXES],
+    axes: [Seen; AXES],
     position: [Position; AXES],
+    /// Accelerations and jerks are given this many acceleration quanta (2 fine units per slot²) for rounding.
+    quanta: i64,
+}
+
+/// What was seen of an axis so far.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    /// Twice the speed at the end of the last segment, fine units per slot: the middle between two slots is halved.
+    ended: i64,
+    /// Twice the mean speed of the last segment, if it was one in which the axis turned.
+    turning: Option<i64>,
+    /// Fine units per slot².
+    acceleration: i64,
 }
 
 impl Judge {
@@ -39,119 +51,141 @@ impl Judge {
         Self {
             configs,
             rate,
-            ended: [0; AXES],
+            axes: [Seen::default(); AXES],
             position: [Position::centre(0); AXES],
+            quanta: 0,
         }
     }
 
     fn see(&mut self, segment: &Segment) {
-        let slots = i64::from(segment.slots());
+        assert_eq!(segment.slots(), self.rate.slots_per_segment());
         let ways = segment.displacement();
         for (axis, motion) in segment.axes().iter().enumerate() {
-            let sign = if motion.backward { -1 } else { 1 };
-            let first = i64::from(motion.first);
-            let change = i64::from(motion.change);
-            // Speeds half a slot before the first increment and half a slot after the last one.
-            let starts = sign * (2 * first - change);
-            let ends = sign * (2 * first + (2 * slots - 1) * change);
-            assert_eq!(starts, self.ended[axis], "the speed jumps on axis {axis}");
-            assert!(sign * ends >= 0, "turns within the segment");
-
-            let config = self.configs[axis];
-            let slot_rate = f64::from(self.rate.slots_per_s());
-            let fine_per_m = f64::from(config.steps_per_m) * 4_294_967_296.0;
-            let speed_um_s = ends as f64 / 2.0 * slot_rate / fine_per_m * 1e6;
-            let acceleration_um_s2 =
-                (sign * change) as f64 * slot_rate * slot_rate / fine_per_m * 1e6;
-            assert!(
-                speed_um_s.abs() <= f64::from(config.max_speed_um_s),
-                "{speed_um_s} µm/s"
-            );
-            let most = f64::from(config.max_acceleration_um_s2);
-            assert!(
-                acceleration_um_s2.abs() <= most,
-                "{acceleration_um_s2} µm/s²"
-            );
-
-            self.ended[axis] = ends;
+            self.see_axis(axis, motion);
             self.position[axis] = self.position[axis].saturating_add(ways[axis]);
         }
     }
+
+    fn see_axis(&mut self, axis: usize, motion: &AxisMotion) {
+        let slots = i64::from(self.rate.slots_per_segment());
+        let sign = if motion.backward { -1 } else { 1 };
+        let first = i64::from(motion.first);
+        let change = i64::from(motion.change);
+        // Twice the speeds half a slot before the first increment and half a slot after the last one.
+        let starts = sign * (2 * first - change);
+        let ends = sign * (2 * first + (2 * slots - 1) * change);
+        let seen = self.axes[axis];
+        if let Some(mean) = seen.turning {
+            // The turn must fit in between with a constant acceleration.
+            assert_eq!(seen.ended + starts, 2 * mean);
+            assert!(seen.ended * starts < 0, "no turn");
+            self.accelerate(axis, (starts - seen.ended) / (2 * slots));
+        } else if starts != seen.ended {
+            assert!(
+                change == 0 && seen.ended != 0,
+                "the speed jumps on axis {axis}"
+            );
+            self.axes[axis].turning = Some(starts);
+            return;
+        }
+        self.accelerate(axis, sign * change);
+        self.axes[axis].turning = None;
+        self.axes[axis].ended = ends;
+        let speed_um_s =
+            ends as f64 / 2.0 * self.um_per_fine(axis) * f64::from(self.rate.slots_per_s());
+        assert!(
+            speed_um_s.abs() <= f64::from(self.configs[axis].max_speed_um_s),
+            "{speed_um_s} µm/s"
+        );
+    }
+
+    fn accelerate(&mut self, axis: usize, acceleration: i64) {
+        let free = |value: i64| (value.abs() - 2 * self.quanta).max(0) as f64;
+        let change = free(acceleration - self.axes[axis].acceleration);
+        let slot_rate = f64::from(self.rate.slots_per_s());
+        let to_um_s2 = self.um_per_fine(axis) * slot_rate * slot_rate;
+        let config = self.configs[axis];
+        let um_s2 = free(acceleration) * to_um_s2;
+        assert!(
+            um_s2 <= f64::from(config.max_acceleration_um_s2),
+            "{um_s2} µm/s²"
+        );
+        // Changes at tick borders only, so by a tick's worth of jerk at most.
+        let um_s3 = change * to_um_s2 * 1_000.0;
+        assert!(um_s3 <= f64::from(config.max_jerk_um_s3), "{um_s3} µm/s³");
+        self.axes[axis].acceleration = acceleration;
+    }
+
+    fn um_per_fine(&self, axis: usize) -> f64 {
+        1e6 / f64::from(self.configs[axis].steps_per_m) / 4_294_967_296.0
+    }
+
+    fn tick(&mut self, planner: &mut Planner) {
+        for segment in planner.plan_tick() {
+            self.see(&segment);
+        }
+        assert_eq!(self.position, planner.positions());
+    }
 }
 
-/// Runs until nothing moves any more and returns the segments it took.
+/// Runs until the target is reached and returns the ticks it took.
 fn run(planner: &mut Planner, judge: &mut Judge) -> u32 {
-    for n in 0.. {
-        assert!(n < 10_000_000, "never arrives");
-        let segment = planner.plan_segment();
-        judge.see(&segment);
-        assert_eq!(judge.position, planner.positions());
-        if segment.displacement() == [0; AXES] && planner.is_at_rest() {
+    for n in 0..2_000_000 {
+        if planner.has_arrived() {
             return n;
         }
+        judge.tick(planner);
     }
-    unreachable!()
+    panic!("never arrives");
 }
 
+/// Up to 16 MHz, though mostly low ones: the grid gets coarse with the square of the rate, and refuses gentle limits.
 fn rates() -> impl Strategy<Value = WordRate> {
-    (4..=2_000u32).prop_map(|slots| WordRate::from_hz(8_000 * slots).unwrap())
+    prop_oneof![3 => 4..=200u32, 1 => 4..=2_000u32]
+        .prop_map(|slots| WordRate::from_hz(8_000 * slots).unwrap())
 }
 
 /// Configurations the word rate allows, from crawling to one step per slot.
 fn configs() -> impl Strategy<Value = (WordRate, [AxisConfig; AXES])> {
-    (
-        rates(),
-        prop::array::uniform3((1_000..1_000_000u32, 1..1_000u32, 1..10_000u32)),
-    )
-        .prop_map(|(rate, raw)| {
-            let configs = raw.map(|(steps_per_m, speed, stop_ms)| {
-                let most = u64::from(rate.slots_per_s()) * 1_000_000 / u64::from(steps_per_m);
-                let max_speed_um_s =
-                    (most * u64::from(speed) / 1_000).clamp(1, u64::from(u32::MAX)) as u32;
-                let acceleration = u64::from(max_speed_um_s) * 1_000 / u64::from(stop_ms);
-                AxisConfig {
-                    steps_per_m,
-                    max_speed_um_s,
-                    max_acceleration_um_s2: acceleration.clamp(1, u64::from(u32::MAX)) as u32,
-                    ..CONFIG
-                }
-            });
-            (rate, configs)
-        })
+    let axis = (1_000..1_000_000u32, 1..=1_000u32, 1..1_000u32, 1..100u32);
+    (rates(), prop::array::uniform3(axis)).prop_map(|(rate, raw)| {
+        let configs = raw.map(|(steps_per_m, speed, stop_ms, ease_ms)| {
+            let clamp = |value: u64| value.clamp(1, u64::from(u32::MAX)) as u32;
+            let most = u64::from(rate.slots_per_s()) * 1_000_000 / u64::from(steps_per_m);
+            let max_speed_um_s = clamp(most * u64::from(speed) / 1_000);
+            let max_acceleration_um_s2 =
+                clamp(u64::from(max_speed_um_s) * 1_000 / u64::from(stop_ms));
+            AxisConfig {
+                steps_per_m,
+                max_speed_um_s,
+                max_acceleration_um_s2,
+                max_jerk_um_s3: clamp(
+                    u64::from(max_acceleration_um_s2) * 1_000 / u64::from(ease_ms),
+                ),
+                travel_um: [
+                    -2_000_000_000 / steps_per_m as i32,
+                    2_000_000_000 / steps_per_m as i32,
+                ],
+                invert: false,
+            }
+        });
+        (rate, configs)
+    })
 }
 
 proptest! {
     #[test]
-    fn next_speed_is_the_largest_that_can_stop(
-        acceleration in 1..2_000u32, speed in 1..3_000u32, now in 0..3_000u32, ahead in -10..60_000i64,
-    ) {
-        let pace = Pace { speed, acceleration };
-        let slow_stop = |mut m: u32| {
-            let mut way = 0;
-            while m > 0 {
-                let next = m.saturating_sub(acceleration);
-                way += i64::from(m) + i64::from(next);
-                m = next;
-            }
-            way
-        };
-        prop_assert_eq!(pace.stopping_distance(now), slow_stop(now));
-        let slowest = now.saturating_sub(acceleration);
-        let fastest = (now + acceleration).min(speed).max(slowest);
-        let can_stop = |m: &u32| i64::from(now + m) + slow_stop(*m) <= ahead;
-        let expected = (slowest..=fastest).rev().find(can_stop).unwrap_or(slowest);
-        prop_assert_eq!(pace.next_speed(now, ahead), expected);
-    }
-
-    #[test]
     fn every_move_ends_in_its_step_within_limits_and_without_overshoot(
         (rate, configs) in configs(), targets: [i16; AXES], in_step: bool,
     ) {
-        let Ok(limits) = Limits::new(&configs, rate) else { return Ok(()) };
+        let limits = Limits::new(&configs, rate);
+        prop_assume!(limits.is_ok());
+        let limits = limits.unwrap();
         let mut planner = Planner::new(limits, centres([0; AXES]));
         let mut judge = Judge::new(configs, rate);
         let targets = targets.map(i32::from);
         if in_step {
+            judge.quanta = 4;
             planner.move_in_step(centres(targets));
         } else {
             planner.set_target(centres(targets));
@@ -160,34 +194,47 @@ proptest! {
             let [low, high] = limits.axes()[i].range();
             targets[i].clamp(low, high)
         });
-        let mut segments = 0;
-        loop {
-            let segment = planner.plan_segment();
-            judge.see(&segment);
-            for ((goal, motion), position) in goals.iter().zip(segment.axes()).zip(judge.position) {
-                prop_assert!(motion.is_rest() || motion.backward == (*goal < 0), "overshoot");
-                let [near, far] = [Position::centre(0).min(Position::centre(*goal)), Position::centre(0).max(Position::centre(*goal))];
-                prop_assert!(near <= position && position <= far);
+        let mut ticks = 0;
+        while !planner.has_arrived() {
+            for segment in planner.plan_tick() {
+                judge.see(&segment);
+                for (i, (goal, motion)) in goals.iter().zip(segment.axes()).enumerate() {
+                    let (start, goal) = (Position::centre(0), Position::centre(*goal));
+                    let position = judge.position[i];
+                    if in_step {
+                        // Rounding of shares and their last correction.
+                        let slack = 4 * i64::from(rate.slots_per_tick()).pow(2);
+                        prop_assert!(start.min(goal).saturating_add(-slack) <= position);
+                        prop_assert!(position <= start.max(goal).saturating_add(slack));
+                    } else {
+                        prop_assert!(motion.is_rest() || motion.backward == (goal < start), "overshoot");
+                        prop_assert!(start.min(goal) <= position && position <= start.max(goal));
+                    }
+                }
             }
-            segments += 1;
-            if segment.displacement() == [0; AXES] {
-                break;
-            }
-            prop_assert!(segments < 3_000_000);
+            ticks += 1;
+            prop_assert!(ticks < 2_000_000);
         }
-        prop_assert!(planner.has_arrived());
         prop_assert_eq!(planner.positions().map(Position::whole_steps), goals);
+        let arrived = planner.positions();
+        for _ in 0..10 {
+            judge.tick(&mut planner);
+        }
+        // Less than the quanta that the planner calls near.
+        for (before, after) in arrived.iter().zip(planner.positions()) {
+            prop_assert!(before.fine().abs_diff(after.fine()) < 1 << 29);
+        }
     }
 
     #[test]
     fn nothing_panics_for_any_numbers(
-        raw in prop::array::uniform3((any::<u32>(), any::<u32>(), any::<u32>(), any::<[i32; 2]>())),
+        raw in prop::array::uniform3((any::<u32>(), any::<u32>(), any::<u32>(), any::<u32>(), any::<[i32; 2]>())),
         hz: u32,
         starts in prop::array::uniform3(any::<i64>()),
         inputs in prop::collection::vec((0..5u8, prop::array::uniform3(any::<i64>()), prop::array::uniform3(any::<i64>())), 1..40),
     ) {
-        let configs = raw.map(|(steps_per_m, max_speed_um_s, max_acceleration_um_s2, travel_um)| AxisConfig {
-            steps_per_m, max_speed_um_s, max_acceleration_um_s2, travel_um, ..CONFIG
+        let configs = raw.map(|(steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um)| AxisConfig {
+            steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um, invert: false,
         });
         let rate = WordRate::from_hz(hz).unwrap_or(WordRate::MHZ_1);
         let mut limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
@@ -204,8 +251,8 @@ proptest! {
                 3 => planner.stop(),
                 _ => planner.resume_at(targets),
             }
-            for _ in 0..8 {
-                planner.plan_segment();
+            for _ in 0..3 {
+                planner.plan_tick();
             }
             planner.has_arrived();
             planner.stopping_ways();
@@ -215,16 +262,22 @@ proptest! {
     #[test]
     fn following_anything_keeps_all_limits(
         (rate, configs) in configs(),
-        inputs in prop::collection::vec((prop::array::uniform3(-1_000..1_000i32), prop::array::uniform3(any::<i32>()), 1..300u32), 1..30),
+        inputs in prop::collection::vec((prop::array::uniform3(-1_000..1_000i32), prop::array::uniform3(any::<i32>()), 1..100u32, any::<bool>()), 1..30),
     ) {
-        let configs = configs.map(|config| AxisConfig { travel_um: [-1_000_000_000 / config.steps_per_m as i32 - 1, 500_000_000 / config.steps_per_m as i32 + 1], ..config });
-        let Ok(limits) = Limits::new(&configs, rate) else { return Ok(()) };
+        let travel = |config: AxisConfig| {
+            let steps = |n: i32| (i64::from(n) * 1_000_000 / i64::from(config.steps_per_m)) as i32;
+            AxisConfig { travel_um: [steps(-1_000) - 1, steps(500) + 1], ..config }
+        };
+        let configs = configs.map(travel);
+        let limits = Limits::new(&configs, rate);
+        prop_assume!(limits.is_ok());
+        let limits = limits.unwrap();
         let mut planner = Planner::new(limits, centres([0; AXES]));
         let mut judge = Judge::new(configs, rate);
-        for (targets, speeds, segments) in inputs {
-            planner.follow(centres(targets), speeds.map(i64::from));
-            for _ in 0..segments {
-                judge.see(&planner.plan_segment());
+        for (targets, speeds, ticks, still) in inputs {
+            planner.follow(centres(targets), if still { [0; AXES] } else { speeds.map(i64::from) });
+            for _ in 0..ticks {
+                judge.tick(&mut planner);
                 for (position, limits) in judge.position.iter().zip(limits.axes()) {
                     let [low, high] = limits.ends();
                     prop_assert!((low..=high).contains(position));
@@ -235,28 +288,36 @@ proptest! {
 
     #[test]
     fn stop_takes_the_way_it_says_and_no_longer_than_the_bound(
-        (rate, configs) in configs(), target: i16, segments in 0..2_000usize,
+        (rate, configs) in configs(), target: i16, ticks in 0..500usize,
     ) {
-        let Ok(limits) = Limits::new(&configs, rate) else { return Ok(()) };
+        let limits = Limits::new(&configs, rate);
+        prop_assume!(limits.is_ok());
+        let limits = limits.unwrap();
         let mut planner = Planner::new(limits, centres([0; AXES]));
         let mut judge = Judge::new(configs, rate);
         planner.set_target(centres([i32::from(target); AXES]));
-        for _ in 0..segments {
-            judge.see(&planner.plan_segment());
+        for _ in 0..ticks {
+            judge.tick(&mut planner);
         }
+        let sign = if target < 0 { -1.0 } else { 1.0 };
         let speeds = planner.speeds();
+        let accelerations = planner.axes.map(|axis| axis.acceleration);
         let ways = planner.stopping_ways();
         let before = planner.positions();
         planner.stop();
         run(&mut planner, &mut judge);
-        let slots = i128::from(rate.slots_per_segment());
+        // In fine units and ticks.
+        let slots = f64::from(rate.slots_per_tick());
         for axis in 0..AXES {
             let gone = planner.positions()[axis].fine() - before[axis].fine();
             prop_assert_eq!(gone, ways[axis]);
-            // In segments as the unit of time: v² / 2a + a / 8.
-            let v = i128::from(speeds[axis].unsigned_abs()) * slots;
-            let a = i128::from(limits.accelerations()[axis]) * slots;
-            prop_assert!(i128::from(gone.unsigned_abs()) <= v * v / (2 * a) + a / 8 + 1);
+            let v = sign * speeds[axis] as f64 * slots;
+            let a0 = (sign * accelerations[axis] as f64 * 2.0 * slots * slots).max(0.0);
+            let a = f64::from(limits.accelerations()[axis]) * slots;
+            let j = f64::from(limits.jerks()[axis]) * slots;
+            let v1 = v + a0 * a0 / (2.0 * j);
+            let bound = v * a0 / j + a0 * a0 * a0 / (3.0 * j * j) + v1 / 2.0 * (v1 / a + a / j) + v1 + a;
+            prop_assert!(sign * gone as f64 <= bound, "{} {}", gone, bound);
         }
     }
 }
@@ -276,8 +337,7 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
     let mut turns = 0;
     for _ in 0..10_000 {
         planner.set_target([random(), random(), random()].map(Position::centre));
-        for _ in 0..4 {
-            let segment = planner.plan_segment();
+        for segment in planner.plan_tick() {
             turns += usize::from(segment.axes()[0].backward);
             judge.see(&segment);
         }
@@ -293,29 +353,81 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
     );
 }
 
-/// Within three segments of the continuous optimum `d/v + v/a` or `2 sqrt(d/a)`, where quantisation of the limits
-/// (at most 1/68 of the acceleration here) is allowed for.
+#[test]
+fn positions_and_speeds_are_those_of_the_segments_handed_out() {
+    let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
+    planner.set_target(centres([100, -100, 7]));
+    let mut positions = planner.positions();
+    for n in 0..400 {
+        if n % 7 == 3 {
+            // In the middle of a tick: waits for the next one.
+            planner.set_target(centres([n, -n, 3]));
+        }
+        let segment = planner.plan_segment();
+        for (axis, way) in segment.displacement().into_iter().enumerate() {
+            positions[axis] = positions[axis].saturating_add(way);
+            let motion = segment.axes()[axis];
+            // Half a slot after the last increment, unless the axis turned.
+            let last = 2 * i64::from(motion.first) + 249 * i64::from(motion.change);
+            let speed = planner.speeds()[axis];
+            if motion.change != 0 {
+                assert_eq!(2 * speed, if motion.backward { -last } else { last });
+            }
+        }
+        assert_eq!(planner.positions(), positions);
+    }
+    // An abrupt stop drops what is left of the tick.
+    planner.resume_at(positions);
+    assert!(planner.is_at_rest() && planner.has_arrived());
+    assert_eq!(planner.plan_segment(), Segment::pause(125));
+}
+
+/// The shortest time of a move from rest to rest by the book (seven phases, or fewer), seconds.
+fn optimal_time(d: f64, v: f64, a: f64, j: f64) -> f64 {
+    // The way to a speed and back to rest, at that speed.
+    let ramps = |v: f64| {
+        if v * j >= a * a {
+            v * (v / a + a / j)
+        } else {
+            2.0 * v * (v / j).sqrt()
+        }
+    };
+    if d >= ramps(v) {
+        return d / v + ramps(v) / v;
+    }
+    let (mut low, mut high) = (0.0, v);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if ramps(middle) < d {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    2.0 * d / low
+}
+
+/// The limits are quantised downwards by up to 1/34 (jerk) and 1/689 (acceleration) here; a few ticks are the grid's.
 #[test]
 fn moves_take_the_optimal_time() {
+    let config = AxisConfig {
+        max_jerk_um_s3: 50_000_000,
+        ..CONFIG
+    };
     for steps in [1, 2, 10, 100, 639, 641, 5_000, 80_000] {
-        let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
-        let mut judge = Judge::new([CONFIG; AXES], WordRate::MHZ_1);
+        let mut planner = planner([config; AXES], WordRate::MHZ_1);
+        let mut judge = Judge::new([config; AXES], WordRate::MHZ_1);
         planner.set_target(centres([steps, 0, -steps]));
-        let segments = f64::from(run(&mut planner, &mut judge));
-        let (v, a, d) = (8_000.0, 80_000.0, f64::from(steps));
-        let optimum_s: f64 = if d >= v * v / a {
-            d / v + v / a
-        } else {
-            2.0 * (d / a).sqrt()
-        };
-        let optimum = optimum_s * 4_000.0;
+        let ticks = f64::from(run(&mut planner, &mut judge));
+        let optimum = 1_000.0 * optimal_time(f64::from(steps), 8_000.0, 80_000.0, 4_000_000.0);
+        std::println!("{steps} steps: {ticks} ms, optimum {optimum:.1} ms");
         assert!(
-            segments >= optimum - 1.0,
-            "{steps} steps: {segments} segments, optimum {optimum}"
+            ticks >= optimum - 1.0,
+            "{steps} steps: {ticks} ms, optimum {optimum} ms"
         );
         assert!(
-            segments <= optimum * 1.0075 + 3.0,
-            "{steps} steps: {segments} segments, optimum {optimum}"
+            ticks <= optimum * 1.01 + 4.0,
+            "{steps} steps: {ticks} ms, optimum {optimum} ms"
         );
     }
 }
@@ -326,8 +438,8 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
     planner.set_target(centres([10_000; AXES]));
-    for _ in 0..800 {
-        judge.see(&planner.plan_segment());
+    for _ in 0..200 {
+        judge.tick(&mut planner);
     }
     let here = planner.positions()[0].whole_steps();
     let way = (planner.stopping_ways()[0] >> 32) as i32;
@@ -335,11 +447,14 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
     planner.set_target(centres([here + 10; AXES]));
     let mut farthest = here;
     while !planner.has_arrived() {
-        judge.see(&planner.plan_segment());
+        judge.tick(&mut planner);
         farthest = farthest.max(planner.positions()[0].whole_steps());
     }
-    // Not a step farther than braking takes.
-    assert!((here + way..=here + way + 1).contains(&farthest));
+    // Not farther than braking takes; less, for it goes on accelerating through the standstill.
+    assert!(
+        (here + 300..=here + way).contains(&farthest),
+        "{here} {way} {farthest}"
+    );
     assert_eq!(planner.positions()[0].whole_steps(), here + 10);
 }
 
@@ -362,8 +477,8 @@ fn soft_limits_clamp_targets_and_following() {
         [200, -80, 200]
     );
     planner.follow(centres([0; AXES]), [-1 << 26, 1 << 26, i64::MAX]);
-    for _ in 0..4_000 {
-        judge.see(&planner.plan_segment());
+    for _ in 0..1_000 {
+        judge.tick(&mut planner);
         for position in judge.position {
             assert!((Position::centre(-80)..=Position::centre(200)).contains(&position));
         }
@@ -389,9 +504,7 @@ fn following_a_moving_target_has_no_lag() {
         if tick > 300 {
             worst = worst.max((target.fine() - planner.positions()[0].fine()).abs());
         }
-        for _ in 0..4 {
-            judge.see(&planner.plan_segment());
-        }
+        judge.tick(&mut planner);
         target = target.saturating_add(per_tick);
     }
     // A hundredth of a step.
@@ -416,32 +529,31 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     planner.move_in_step(centres(targets));
     let mut arrival = [0; AXES];
     let mut worst: f64 = 0.0;
-    for n in 0..10_000 {
-        let segment = planner.plan_segment();
-        judge.see(&segment);
-        let part = |axis: usize| {
-            (judge.position[axis].fine() - (1 << 31)) as f64
-                / 4_294_967_296.0
-                / f64::from(targets[axis])
-        };
-        for (axis, arrival) in arrival.iter_mut().enumerate() {
-            if !segment.axes()[axis].is_rest() {
-                *arrival = n;
+    let mut n = 0;
+    while !planner.has_arrived() {
+        for segment in planner.plan_tick() {
+            judge.see(&segment);
+            // Off the line through both ends, steps.
+            let gone =
+                |axis: usize| (judge.position[axis].fine() - (1 << 31)) as f64 / 4_294_967_296.0;
+            for (axis, arrival) in arrival.iter_mut().enumerate() {
+                if !segment.axes()[axis].is_rest() {
+                    *arrival = n;
+                }
+                let line = gone(0) * f64::from(targets[axis]) / f64::from(targets[0]);
+                worst = worst.max((gone(axis) - line).abs());
             }
-            worst = worst.max((part(axis) - part(0)).abs());
+            n += 1;
         }
     }
-    assert!(planner.has_arrived());
+    std::println!("arrivals {arrival:?} segments, farthest from the line {worst:.4} steps");
     let [first, last] = [arrival.iter().min().unwrap(), arrival.iter().max().unwrap()];
-    std::println!(
-        "arrivals {arrival:?} segments, farthest from the line {:.3} % of the way",
-        100.0 * worst
-    );
-    assert!(last - first <= last / 100, "{arrival:?}");
+    assert!(last - first <= 80, "{arrival:?}");
     assert!(worst < 0.01, "{worst}");
+    assert_eq!(planner.positions().map(Position::whole_steps), targets);
     // Once moving, each goes on its own.
     planner.move_in_step(centres([0, 0, 0]));
-    judge.see(&planner.plan_segment());
+    judge.tick(&mut planner);
     planner.move_in_step(centres([0, -2_000, 0]));
     run(&mut planner, &mut judge);
     assert_eq!(judge.position.map(Position::whole_steps), [0, -2_000, 0]);

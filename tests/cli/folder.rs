@@ -1,0 +1,242 @@
+//! `estimate` on folders of images: a textured poster in front of the paper's rig, drawn from its geometry alone.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use shared::rig::{Camera, Rig};
+
+use super::{Desk, Outcome, run};
+
+/// Where the poster hangs at first, mm from the cameras.
+const DEPTH_MM: f64 = 900.0;
+
+/// Grey levels of the poster at a place on it, mm: smooth random blots in three sizes, the smallest five pixels wide.
+fn poster(x: f64, y: f64) -> f64 {
+    let octaves = [(37.0, 60.0), (19.0, 35.0), (9.0, 25.0)];
+    let blots = octaves
+        .iter()
+        .zip(1..)
+        .map(|((cell, contrast), seed)| contrast * blot(x / cell, y / cell, seed));
+    128.0 + blots.sum::<f64>()
+}
+
+/// Random numbers from -1 to 1 on a grid, blended smoothly between its nodes.
+fn blot(x: f64, y: f64, seed: i64) -> f64 {
+    let node = |i: f64, j: f64| {
+        let key = (i as i64) * 0x1F12_3BB5 + (j as i64) * 0x5851_F42D + seed * 0x2545_F491;
+        let mixed = (key as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        (mixed >> 40) as f64 / f64::from(1 << 23) - 1.0
+    };
+    let (i, j) = (x.floor(), y.floor());
+    let ease = |t: f64| t * t * t * (t * (6.0 * t - 15.0) + 10.0);
+    let (u, v) = (ease(x - i), ease(y - j));
+    let row = |j: f64| node(i, j) * (1.0 - u) + node(i + 1.0, j) * u;
+    row(j) * (1.0 - v) + row(j + 1.0) * v
+}
+
+/// What the camera sees of the poster after its displacement, as a binary PGM.
+fn view(camera: &Camera, [width, height]: [u32; 2], moved_mm: [f64; 3]) -> Vec<u8> {
+    let mut pgm = format!("P5\n{width} {height}\n255\n").into_bytes();
+    let depth = DEPTH_MM + moved_mm[2];
+    for row in 0..height {
+        for column in 0..width {
+            let [xi, eta] = camera.normalise([f64::from(column), f64::from(row)]);
+            let x = xi * depth + camera.offset_mm[0] - moved_mm[0];
+            let y = eta * depth + camera.offset_mm[1] - moved_mm[1];
+            pgm.push(poster(x, y).round().clamp(0.0, 255.0) as u8);
+        }
+    }
+    pgm
+}
+
+fn blank([width, height]: [u32; 2]) -> Vec<u8> {
+    let mut pgm = format!("P5\n{width} {height}\n255\n").into_bytes();
+    pgm.resize(pgm.len() + (width * height) as usize, 100);
+    pgm
+}
+
+/// A desk with a folder `views`: one capture per displacement, `None` for lens caps left on.
+fn desk_with_views(displacements_mm: &[Option<[f64; 3]>]) -> Desk {
+    let desk = Desk::new();
+    let rig = Rig::paper();
+    for (name, camera) in ["left", "middle", "right"].iter().zip(&rig.cameras) {
+        fs::create_dir_all(desk.path("views").join(name)).expect("the desk can be written to");
+        for (number, moved) in displacements_mm.iter().enumerate() {
+            let pgm = match moved {
+                Some(moved) => view(camera, rig.image_size_px, *moved),
+                None => blank(rig.image_size_px),
+            };
+            desk.write(&format!("views/{name}/{number:04}.pgm"), pgm);
+        }
+    }
+    desk
+}
+
+fn estimate(desk: &Desk, more: &[&str]) -> Outcome {
+    let mut arguments = vec!["estimate", "views", "--rig", "rig.toml"];
+    arguments.extend(more);
+    run(desk.folder.path(), &arguments)
+}
+
+const AT_REST: Option<[f64; 3]> = Some([0.0; 3]);
+
+#[track_caller]
+fn assert_moved(line: &Value, expected_mm: [f64; 3]) {
+    let got = line["displacement_mm"].as_array().expect("a displacement");
+    for ((got, expected), bound) in got.iter().zip(expected_mm).zip(TOLERANCE_MM) {
+        let error = (got.as_f64().expect("a number") - expected).abs();
+        assert!(error <= bound, "{line}, not {expected_mm:?}");
+    }
+}
+
+/// What the tracker may be off by, mm.
+const TOLERANCE_MM: [f64; 3] = [0.01, 0.01, 0.04];
+
+#[test]
+fn every_capture_is_measured_against_the_first() {
+    let desk = desk_with_views(&[
+        AT_REST,
+        Some([4.0, 4.0, 1.0]),
+        Some([8.0, 8.0, 2.0]),
+        Some([-3.0, 5.0, -2.0]),
+    ]);
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let lines = outcome.json();
+    assert_eq!(lines.len(), 3);
+    for (line, frame) in lines.iter().zip(1..) {
+        assert_eq!(line["frame"], frame);
+        assert_eq!(line["method"], "midpoint");
+        assert!(line["points"].as_u64().is_some_and(|n| n >= 8), "{line}");
+        assert!(line["rejected"].is_u64(), "{line}");
+        assert_eq!(line["sigma_mm"].as_array().map(Vec::len), Some(3));
+    }
+    assert_moved(&lines[0], [4.0, 4.0, 1.0]);
+    assert_moved(&lines[1], [8.0, 8.0, 2.0]);
+    assert_moved(&lines[2], [-3.0, 5.0, -2.0]);
+    // Frame by frame, so that the same images always give the same lines.
+    assert_eq!(outcome.stdout, estimate(&desk, &["--json"]).stdout);
+    let first = estimate(&desk, &["--json", "--reference", "first"]);
+    assert_eq!(outcome.stdout, first.stdout);
+}
+
+#[test]
+fn every_capture_is_measured_against_the_previous() {
+    let desk = desk_with_views(&[AT_REST, Some([4.0, 4.0, 1.0]), Some([3.0, 9.0, -1.0])]);
+    let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let lines = outcome.json();
+    assert_eq!(lines.len(), 2);
+    assert_moved(&lines[0], [4.0, 4.0, 1.0]);
+    assert_moved(&lines[1], [-1.0, 5.0, -2.0]);
+}
+
+#[test]
+fn the_papers_methods_serve_images_too() {
+    let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
+    for method in ["closed-form", "least-squares"] {
+        let outcome = estimate(&desk, &["--json", "--method", method]);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let line = &outcome.json()[0];
+        assert_eq!(line["method"], method);
+        assert!(line["sigma_mm"].is_null());
+        let moved = line["displacement_mm"].as_array().expect("a displacement");
+        // Their z comes from a small difference and leaks into x; the signs and the size must be right.
+        for (got, expected) in moved.iter().zip([2.0, -1.0]) {
+            assert!(
+                (got.as_f64().expect("a number") - expected).abs() < 0.5,
+                "{line}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_refused_frame_does_not_end_the_run() {
+    let desk = desk_with_views(&[AT_REST, None, Some([4.0, 4.0, 1.0])]);
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(1));
+    outcome.complained(&["views", "1 of 2 frames refused"]);
+    let lines = outcome.json();
+    assert_eq!(lines.len(), 2);
+    assert_eq!(lines[0]["frame"], 1);
+    assert!(lines[0]["refused"].is_string(), "{}", lines[0]);
+    assert_eq!(lines[1]["frame"], 2);
+    assert_moved(&lines[1], [4.0, 4.0, 1.0]);
+
+    // Against the previous capture the blank one spoils two frames.
+    let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
+    assert_eq!(outcome.code, Some(1));
+    outcome.complained(&["2 of 2 frames refused"]);
+    assert!(outcome.json()[1]["refused"].is_string());
+
+    let table = estimate(&desk, &[]);
+    assert_eq!(table.code, Some(1));
+    let rows: Vec<&str> = table.stdout.lines().map(str::trim_start).collect();
+    assert_eq!(rows.len(), 3, "{}", table.stdout);
+    let is_refused = |row: &&str| row.starts_with("1 refused: ");
+    assert_eq!(
+        rows.iter().filter(|row| is_refused(row)).count(),
+        1,
+        "{}",
+        table.stdout
+    );
+}
+
+#[test]
+fn a_blank_reference_refuses_every_frame_with_its_reason() {
+    let desk = desk_with_views(&[None, AT_REST, AT_REST]);
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(1));
+    for line in outcome.json() {
+        let reason = line["refused"].as_str().expect("a reason");
+        assert!(reason.contains("texture"), "{reason}");
+    }
+    assert_eq!(outcome.json().len(), 2);
+}
+
+#[test]
+fn folders_that_hold_no_captures_are_refused() {
+    let desk = Desk::new();
+    fs::create_dir(desk.path("views")).expect("the desk can be written to");
+    estimate(&desk, &["--json"]).failed(1, &["left", "no such folder"]);
+    for name in ["left", "middle", "right"] {
+        fs::create_dir(desk.path("views").join(name)).expect("the desk can be written to");
+    }
+    estimate(&desk, &["--json"]).failed(1, &["views", "no images"]);
+}
+
+#[test]
+fn one_capture_is_too_few() {
+    let desk = desk_with_views(&[AT_REST]);
+    estimate(&desk, &["--json"]).failed(1, &["views", "at least two"]);
+}
+
+#[test]
+fn a_missing_camera_or_view_is_named() {
+    let desk = desk_with_views(&[AT_REST, AT_REST]);
+    let view = Path::new("middle").join("0001.pgm");
+    fs::remove_file(desk.path("views").join(&view)).expect("it was there");
+    let name = view.to_str().expect("UTF-8");
+    estimate(&desk, &["--json"]).failed(1, &[name, "missing"]);
+    fs::remove_dir_all(desk.path("views").join("right")).expect("it was there");
+    estimate(&desk, &["--json"]).failed(1, &["right", "no such folder"]);
+}
+
+#[test]
+fn images_of_unequal_size_are_named() {
+    let desk = desk_with_views(&[AT_REST, AT_REST]);
+    desk.write("views/right/0001.pgm", blank([320, 200]));
+    estimate(&desk, &["--json"]).failed(1, &["right", "0001.pgm", "320 x 200", "320 x 240"]);
+}
+
+#[test]
+fn a_file_that_is_no_image_is_named() {
+    let desk = desk_with_views(&[AT_REST, AT_REST]);
+    desk.write("views/left/0000.pgm", "P5\n320 240\n255\ntoo short");
+    estimate(&desk, &["--json"]).failed(1, &["left", "0000.pgm", "cannot read the image"]);
+    desk.write("views/left/0000.pgm", "no image at all");
+    estimate(&desk, &["--json"]).failed(1, &["left", "0000.pgm"]);
+}
