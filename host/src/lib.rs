@@ -10,3 +10,4 @@ pub mod report;
 pub mod rig_file;
 pub mod station;
 pub mod sums;
+pub mod validation;

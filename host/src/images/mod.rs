@@ -2,7 +2,7 @@
 //! captures, one view per camera in the rig's order.
 
 pub mod folder;
-mod random;
+pub(crate) mod random;
 pub mod render;
 mod spline;
 pub mod texture;

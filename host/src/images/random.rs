@@ -1,7 +1,7 @@
 //! Seeded randomness, the same on every machine.
 
 /// Steele, Lea and Flood's splitmix64: a counter and a bit mixer. Any seed is a good seed.
-pub(super) struct Random {
+pub(crate) struct Random {
     state: u64,
     /// The second of the last pair of Gaussian numbers, if not yet used.
     spare: Option<f64>,

@@ -145,17 +145,17 @@ const STYLE: &str = "\
 :root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;--accent:#0072b2}
 *{box-sizing:border-box}
 body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
-main{max-width:1040px;margin:0 auto;padding:40px 32px 24px;background:#fff;min-height:100vh}
+main{max-width:1120px;margin:0 auto;padding:40px 32px 24px;background:#fff;min-height:100vh}
 header{border-bottom:3px solid var(--accent);padding-bottom:12px;margin-bottom:8px}
 h1{font-size:1.9rem;line-height:1.2;margin:0}
 header p{margin:6px 0 0;color:var(--soft)}
 h2{font-size:1.3rem;line-height:1.3;margin:40px 0 8px}
 p{max-width:72ch;margin:8px 0 16px}
 .table{overflow-x:auto;margin:16px 0 24px}
-table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}
+table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
 caption{text-align:left;font-weight:600;padding:0 0 8px}
-th,td{padding:5px 14px 5px 10px;text-align:left;white-space:nowrap;border-bottom:1px solid var(--line)}
-th{color:var(--soft);font-weight:600;border-bottom:2px solid #cbd2d9;vertical-align:bottom}
+th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;border-bottom:1px solid var(--line)}
+th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;vertical-align:bottom}
 tbody tr:hover{background:var(--back)}
 .n{text-align:right}
 td.n{white-space:pre}

@@ -35,6 +35,8 @@ pub struct Scatter {
     pub series: Vec<Series>,
     /// Circles, drawn behind the series.
     pub circles: Vec<Circle>,
+    /// The axes hold these points whatever the data are (the corners of an image).
+    pub include: Vec<[f64; 2]>,
     /// The vertical axis grows downwards, as in images and in the rig's frame.
     pub y_down: bool,
     /// Width and height, px.
@@ -54,6 +56,7 @@ impl Scatter {
             y_label: y_label.into(),
             series: Vec::new(),
             circles: Vec::new(),
+            include: Vec::new(),
             y_down: false,
             size_px: [420, 420],
         }
@@ -77,6 +80,12 @@ impl Scatter {
             radius,
             name: name.to_owned(),
         });
+        self
+    }
+
+    /// The figure with axes that hold `point` as well.
+    pub fn including(mut self, point: [f64; 2]) -> Self {
+        self.include.push(point);
         self
     }
 
@@ -104,7 +113,10 @@ impl Scatter {
                         circle.centre[i] + circle.radius,
                     ]
                 });
-                points(&self.series).map(move |point| point[i]).chain(ends)
+                points(&self.series)
+                    .map(move |point| point[i])
+                    .chain(ends)
+                    .chain(self.include.iter().map(move |point| point[i]))
             };
             let axes = Axes {
                 x_label: &self.x_label,
