@@ -101,6 +101,9 @@ pub enum Failure {
     /// The options contradict each other.
     #[error("{0}")]
     Usage(String),
+    /// The pictures show nothing that could be followed, or the report cannot be written.
+    #[error("{0}")]
+    Scene(String),
     /// The station refused or faulted.
     #[error("station: {0}")]
     Station(String),
@@ -113,7 +116,7 @@ impl Failure {
     /// The process's exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Input(_) | Self::Refused { .. } | Self::Output(_) => 1,
+            Self::Input(_) | Self::Refused { .. } | Self::Scene(_) | Self::Output(_) => 1,
             Self::Usage(_) => 2,
             Self::Station(_) => 3,
         }

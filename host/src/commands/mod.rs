@@ -6,22 +6,33 @@ use clap::{Parser, Subcommand};
 use host::error::Failure;
 
 mod estimate;
+mod experiment;
+mod progress;
+mod scene;
+mod tables;
+mod track;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
 ///
 /// All lengths are millimetres, all image positions pixels. Axes are those of ordinary images: x right, y down,
 /// z away from the cameras. A displacement is the target's, seen from the cameras.
+///
+/// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin, prints its Table 6 beside the
+/// paper's, and writes an HTML report. No hardware is needed.
 #[derive(Debug, Parser)]
 #[command(
     name = "trinocular",
     version,
     max_term_width = 100,
-    arg_required_else_help = true,
+    args_conflicts_with_subcommands = true,
     after_help = EXIT_CODES
 )]
 pub struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+
+    #[command(flatten)]
+    experiment: experiment::Options,
 }
 
 const EXIT_CODES: &str = "\
@@ -34,11 +45,30 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Estimate(estimate::Options),
+    Tables(tables::Options),
+    Track(track::Options),
 }
 
 /// Runs the command; results go to `out`, one line at a time.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
-        Command::Estimate(options) => estimate::run(&options, out),
+        None => experiment::run(&arguments.experiment, out),
+        Some(Command::Estimate(options)) => estimate::run(&options, out),
+        Some(Command::Tables(options)) => tables::run(&options, out),
+        Some(Command::Track(options)) => track::run(&options, out),
     }
+}
+
+/// An experiment that could not be run: a bad scene is the user's, the rest the station's.
+fn failed(error: host::experiment::Error) -> Failure {
+    use host::experiment::Error;
+    match error {
+        Error::Scene(scene) => Failure::Usage(scene.to_string()),
+        Error::Station(station) => Failure::Station(station.to_string()),
+        Error::Reference(refusal) => Failure::Scene(refusal.to_string()),
+    }
+}
+
+fn unwritable(error: host::report::Error) -> Failure {
+    Failure::Scene(error.to_string())
 }

@@ -4,10 +4,12 @@
 //! * [`servo`]: B's loop, from picture to flow frame, and what happened in every frame;
 //! * [`path`]: where A goes;
 //! * [`tracking`]: section 4.3, five moves in closed loop (Table 6, Figs. 7 and 8);
-//! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5).
+//! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5);
+//! * [`present`]: tables and figures of both.
 
 pub mod moves;
 pub mod path;
+pub mod present;
 pub mod servo;
 pub mod tracking;
 pub mod world;

@@ -176,7 +176,13 @@ impl Servo {
             .map_err(|refusal| refusal.to_string())
     }
 
-    fn send(&mut self, world: &mut World, capture: Instant, sums: FrameSums, points: usize) -> Outcome {
+    fn send(
+        &mut self,
+        world: &mut World,
+        capture: Instant,
+        sums: FrameSums,
+        points: usize,
+    ) -> Outcome {
         world.advance(capture.plus_micros(self.timing.latency_us));
         let clock = world.b.client().clock();
         let station = |host: Instant| clock.station_us(host.micros()).map(Instant::from_micros);

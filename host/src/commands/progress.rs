@@ -1,0 +1,48 @@
+//! How far a long command is, on standard error.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal as _;
+
+/// A bar on a terminal; elsewhere a line at every tenth.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    what: &'static str,
+    told: u32,
+}
+
+impl Progress {
+    /// Nothing done yet.
+    pub fn new(what: &'static str) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent:>3} %  {elapsed}");
+            let bar = ProgressBar::new(1000).with_message(what);
+            match style {
+                Ok(style) => bar.with_style(style.progress_chars("=> ")),
+                Err(_) => bar,
+            }
+        });
+        Self { bar, what, told: 0 }
+    }
+
+    /// So much is done, 0 to 1.
+    pub fn at(&mut self, share: f64) {
+        match &self.bar {
+            Some(bar) => bar.set_position((share.clamp(0.0, 1.0) * 1000.0) as u64),
+            None => {
+                let tenth = (share * 10.0) as u32;
+                if tenth > self.told {
+                    self.told = tenth;
+                    eprintln!("{}: {} %", self.what, (tenth * 10).min(100));
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! Options of the rendered scene, shared by the commands that use the simulator.
+
+use clap::Args;
+use host::images::{SceneSettings, TextureKind};
+
+/// The poster and how the cameras take it.
+#[derive(Clone, Debug, Args)]
+pub struct SceneOptions {
+    /// The poster: natural, blobs, bricks or grid (the last two repeat, and are refused)
+    #[arg(long, default_value_t = TextureKind::Natural)]
+    pub texture: TextureKind,
+
+    /// Seed of poster and noise: the same seed gives the same run
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+
+    /// Distance of the poster, mm; the program that tracks is not told
+    #[arg(long, value_name = "MM", default_value_t = SceneSettings::default().depth_mm)]
+    depth: f64,
+
+    /// Standard deviation of the sensors' noise, grey levels of 0 to 255
+    #[arg(long, value_name = "GREY", default_value_t = SceneSettings::default().noise_grey)]
+    noise: f64,
+
+    /// Tilt of the poster about x and y, degrees
+    #[arg(long, value_name = "DEG", num_args = 2, default_values_t = [0.0, 0.0], allow_negative_numbers = true)]
+    tilt: Vec<f64>,
+}
+
+impl SceneOptions {
+    /// For the renderer, which checks the values.
+    pub fn settings(&self) -> SceneSettings {
+        let tilt = |i: usize| self.tilt.get(i).copied().unwrap_or(0.0).to_radians();
+        SceneSettings {
+            depth_mm: self.depth,
+            tilt_rad: [tilt(0), tilt(1)],
+            noise_grey: self.noise,
+            ..SceneSettings::default()
+        }
+    }
+}

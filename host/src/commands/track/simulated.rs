@@ -1,0 +1,117 @@
+//! In closed loop with the simulator.
+
+use super::super::progress::Progress;
+use super::Options;
+use host::error::Failure;
+use host::experiment::servo::{Outcome, Servo, Step, Timing};
+use host::experiment::world::World;
+use host::images::Texture;
+use host::station::stage::default_stage;
+use serde_json::json;
+use shared::frame::message::Command;
+use shared::rig::Rig;
+use std::io::Write;
+
+/// Runs until the time is over; then a summary on standard error.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let rig = Rig::paper();
+    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
+    let settings = options.scene.settings();
+    let world = World::new(
+        &rig,
+        &default_stage(),
+        &texture,
+        settings,
+        options.scene.seed,
+    );
+    let mut world = world.map_err(super::super::failed)?;
+    let timing = Timing {
+        frames_per_s: options.fps,
+        latency_us: options.latency * 1000,
+    };
+    let servo = Servo::start(&mut world, &rig, timing, options.method.into());
+    let mut servo = servo.map_err(super::super::failed)?;
+    let mut progress = Progress::new("following");
+    let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
+    if !options.json {
+        writeln!(
+            out,
+            "{:>8}  {:>26}  {:>26}  {:>26}  outcome",
+            "time s", "target mm", "cameras mm", "cameras - target mm"
+        )?;
+    }
+    while servo.time_s(&world) + 1.0 / options.fps <= options.seconds {
+        // A gets its setpoint at every picture, one picture ahead.
+        let position_um = options
+            .path
+            .at(servo.time_s(&world))
+            .map(|mm| (mm * 1e3).round() as i32);
+        world.a.send(Command::Setpoint { position_um });
+        let step = servo.step(&mut world).map_err(super::super::failed)?;
+        progress.at(step.time_s / options.seconds);
+        let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
+        // The first second is for catching up.
+        if step.time_s > 1.0 {
+            count += 1;
+            for i in 0..3 {
+                squares[i] += error[i] * error[i];
+                worst[i] = worst[i].max(error[i].abs());
+            }
+        }
+        unused += u32::from(!matches!(step.outcome, Outcome::Used { .. }));
+        print(options.json, &step, error, out)?;
+    }
+    drop(progress);
+    let rms = squares.map(|sum| (sum / f64::from(count.max(1))).sqrt());
+    eprintln!(
+        "following error after the first second: rms {rms:.4?} mm, largest {worst:.4?} mm; {unused} pictures not used"
+    );
+    Ok(())
+}
+
+fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> Result<(), Failure> {
+    let Step {
+        time_s,
+        target_mm,
+        camera_mm,
+        outcome,
+    } = step;
+    if as_json {
+        let mut object = json!({"time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm});
+        match outcome {
+            Outcome::Used {
+                displacement_mm,
+                sigma_mm,
+                points,
+                latency_us,
+            } => {
+                object["displacement_mm"] = json!(displacement_mm);
+                object["sigma_mm"] = json!(sigma_mm);
+                object["points"] = json!(points);
+                object["latency_ms"] = json!(f64::from(*latency_us) * 1e-3);
+            }
+            other => object["refused"] = json!(reason(other)),
+        }
+        writeln!(out, "{object}")?;
+        return Ok(());
+    }
+    let vector = |v: &[f64; 3]| format!("{:>8.4} {:>8.4} {:>8.4}", v[0], v[1], v[2]);
+    writeln!(
+        out,
+        "{time_s:>8.3}  {}  {}  {}  {}",
+        vector(target_mm),
+        vector(camera_mm),
+        vector(&error),
+        reason(outcome)
+    )?;
+    Ok(())
+}
+
+fn reason(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Used { points, .. } => format!("{points} points"),
+        Outcome::Refused(reason) => reason.clone(),
+        Outcome::Denied(denial) => denial.to_string(),
+        Outcome::Unanswered => "no answer from the station".to_owned(),
+    }
+}
