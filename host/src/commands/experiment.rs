@@ -5,6 +5,7 @@ use super::scene::SceneOptions;
 use clap::Args;
 use host::error::Failure;
 use host::experiment::{present, tracking};
+use host::report::write_atomically;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -19,6 +20,10 @@ pub struct Options {
         default_value = "trinocular-report.html"
     )]
     report: PathBuf,
+
+    /// Also write the tracking path (Fig. 7) as a picture
+    #[arg(long, value_name = "FILE.svg")]
+    figure: Option<PathBuf>,
 
     #[command(flatten)]
     scene: SceneOptions,
@@ -42,6 +47,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     present::page(&settings, &run)
         .write(&options.report)
         .map_err(super::unwritable)?;
+    if let Some(path) = &options.figure {
+        let picture = present::path(&run).sized(760, 520).to_svg();
+        picture
+            .and_then(|svg| write_atomically(path, &svg))
+            .map_err(super::unwritable)?;
+    }
     let [x, y, z] = run.worst_mm();
     writeln!(
         out,

@@ -11,13 +11,8 @@ use host::experiment::servo;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Follow a target: simulated cameras in closed loop, or recorded images
-///
-/// The station is the built-in twin: the controller board's own code on virtual time. With --sim the cameras ride on the stage and see a poster
-/// that moves along --path. With --images the pictures come from a folder; since they cannot react to the stage, the cameras count as
-/// fixed, and the stage copies the target's motion. One line per picture goes to standard output.
+/// Where the pictures come from.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
 #[group(id = "source", required = true, multiple = false)]
 pub struct Source {
     /// Rendered cameras on the stage, in closed loop
@@ -29,7 +24,11 @@ pub struct Source {
     images: Option<PathBuf>,
 }
 
-/// Options of the command.
+/// Follow a target: simulated cameras in closed loop, or recorded images
+///
+/// The station is the built-in twin: the controller board's own code on virtual time. With --sim the cameras ride on the stage and see a poster
+/// that moves along --path. With --images the pictures come from a folder; since they cannot react to the stage, the cameras count as
+/// fixed, and the stage copies the target's motion. One line per picture goes to standard output.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {

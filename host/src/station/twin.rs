@@ -140,6 +140,17 @@ impl Twin {
         name: &'static str,
         mounting: Mounting,
     ) -> Result<Self, StationError> {
+        let mut twin = Self::power_on(stage, name)?;
+        twin.command("config", Command::Config(configuration(stage, mounting)?))?;
+        twin.zero()?;
+        Ok(twin)
+    }
+
+    /// Switches a station on and says hello; it has no configuration yet. `stage` is what its pins drive.
+    ///
+    /// # Errors
+    /// If it does not answer, or speaks another protocol.
+    pub fn power_on(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
         let mut twin = Self {
             hardware: Hardware::new(stage, name, 1),
             client: Client::default(),
@@ -148,10 +159,17 @@ impl Twin {
             zero_steps: [0; 3],
         };
         twin.hello()?;
-        twin.command("config", Command::Config(configuration(stage, mounting)?))?;
-        twin.command("zero", Command::Zero)?;
-        twin.zero_steps = twin.steps();
         Ok(twin)
+    }
+
+    /// Declares the present position to be zero.
+    ///
+    /// # Errors
+    /// If the station refuses, for it moves.
+    pub fn zero(&mut self) -> Result<(), StationError> {
+        self.command("zero", Command::Zero)?;
+        self.zero_steps = self.steps();
+        Ok(())
     }
 
     fn hello(&mut self) -> Result<(), StationError> {

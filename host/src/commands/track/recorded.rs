@@ -82,6 +82,13 @@ pub fn run(
         let stage_mm = settle(&mut twin, taken, period_us);
         print(options.json, frames, target, stage_mm, outcome.err(), out)?;
     }
+    // The last frame's motion ends after it.
+    twin.advance(twin.now().plus_micros(2_000_000));
+    eprintln!(
+        "the stage came to rest at {:.4?} mm, {:?} steps",
+        twin.position_mm(),
+        twin.steps_from_zero()
+    );
     if refused == 0 {
         return Ok(());
     }

@@ -1,0 +1,547 @@
+//! The station as its host meets it: commands over the link, switches, and what the pins do.
+
+use host::rig_file::{Driver, Stage};
+use host::station::StationError;
+use host::station::stage::{configuration, default_stage};
+use host::station::twin::Twin;
+use shared::frame::encode::encode;
+use shared::frame::message::{
+    Command, Config, ConfigField, Denial, Frame, Mounting, Packet, Status, Sums,
+};
+use shared::safety::{Fault, Inputs, State, Trust};
+use shared::sums::centred::FixedCentredSums;
+use shared::time::Instant;
+
+fn twin() -> Twin {
+    Twin::start(&default_stage(), "twin", Mounting::OnStage).unwrap()
+}
+
+fn setpoint(mm: [i32; 3]) -> Command {
+    Command::Setpoint {
+        position_um: mm.map(|mm| mm * 1000),
+    }
+}
+
+fn wait(twin: &mut Twin, ms: u64) {
+    twin.advance(twin.now().plus_micros(ms * 1000));
+}
+
+/// A status made now: one goes out at least every 100 ms.
+fn status(twin: &mut Twin) -> Status {
+    wait(twin, 110);
+    *twin.status().unwrap()
+}
+
+fn denial<T: std::fmt::Debug>(outcome: Result<T, StationError>) -> Denial {
+    match outcome {
+        Err(StationError::Denied { denial, .. }) => denial,
+        other => panic!("not denied: {other:?}"),
+    }
+}
+
+/// A frame that says the target moved by `mm`: every point at the same depth, without noise.
+fn frame(mm: [f64; 3], capture: Instant, reference: Instant) -> Command {
+    let spread = 0.05f64;
+    let sums = FixedCentredSums {
+        points: 100,
+        freedom: 597,
+        mean_nm: [(mm[0] * 1e6) as i32, (mm[1] * 1e6) as i32],
+        centroid: [0, 0],
+        spread: (spread * 16.0 * 2f64.powi(32)) as u32,
+        exponent: -4,
+        coupling: (mm[2] * spread * 16.0 * 8e6).round() as i32,
+        residual_nm: 30_000,
+    };
+    Command::Frame(Frame {
+        capture,
+        reference,
+        sums: Sums::Midpoint(sums),
+    })
+}
+
+fn close(got: [f64; 3], want: [f64; 3]) -> bool {
+    got.iter().zip(want).all(|(g, w)| (g - w).abs() <= 0.0126)
+}
+
+#[test]
+fn a_setpoint_is_reached_with_exactly_the_commanded_pulses() {
+    let mut twin = twin();
+    for target in [[4, -4, 1], [-20, 30, 7], [0, 0, 0]] {
+        twin.command("setpoint", setpoint(target)).unwrap();
+        wait(&mut twin, 2_000);
+        let status = status(&mut twin);
+        assert_eq!(status.state, State::Idle);
+        assert_eq!(
+            status.position_steps.map(i64::from),
+            target.map(|mm| i64::from(mm) * 80)
+        );
+        assert_eq!(status.position_steps.map(i64::from), twin.steps_from_zero());
+    }
+    let timing = shared::steps::DriverTiming::TMC2209;
+    assert_eq!(
+        twin.plant()
+            .violations(&timing, shared::steps::WordRate::MHZ_1),
+        vec![]
+    );
+}
+
+#[test]
+fn nothing_moves_before_it_is_configured_and_zeroed() {
+    let stage = default_stage();
+    let mut twin = Twin::power_on(&stage, "twin").unwrap();
+    assert_eq!(
+        denial(twin.command("setpoint", setpoint([1, 1, 1]))),
+        Denial::Unconfigured
+    );
+    assert_eq!(
+        denial(twin.command(
+            "jog",
+            Command::Jog {
+                distance_um: [1000; 3]
+            }
+        )),
+        Denial::Unconfigured
+    );
+    assert_eq!(
+        denial(twin.command("zero", Command::Zero)),
+        Denial::Unconfigured
+    );
+    let config = configuration(&stage, Mounting::OnStage).unwrap();
+    twin.command("config", Command::Config(config)).unwrap();
+    assert_eq!(status(&mut twin).trust, Trust::Unknown);
+    assert_eq!(
+        denial(twin.command("setpoint", setpoint([1, 1, 1]))),
+        Denial::PositionUnknown
+    );
+    let now = twin.now();
+    assert_eq!(
+        denial(twin.command("frame", frame([1.0; 3], now, Instant::from_micros(0)))),
+        Denial::PositionUnknown
+    );
+    assert_eq!(twin.steps(), [0; 3]);
+    // A jog is allowed, slowly: 2 mm at 5 mm/s take 0.4 s and not 0.05 s.
+    twin.command(
+        "jog",
+        Command::Jog {
+            distance_um: [2_000, 0, 0],
+        },
+    )
+    .unwrap();
+    wait(&mut twin, 200);
+    assert!(twin.position_mm()[0] < 1.1, "{:?}", twin.position_mm());
+    wait(&mut twin, 600);
+    assert_eq!(twin.steps(), [160, 0, 0]);
+}
+
+#[test]
+fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
+    let stage = default_stage();
+    let good = configuration(&stage, Mounting::OnStage).unwrap();
+    let with = |change: fn(&mut Config)| {
+        let mut config = good;
+        change(&mut config);
+        config
+    };
+    let cases = [
+        (with(|c| c.axes[1].steps_per_m = 0), ConfigField::Axis(1)),
+        (
+            with(|c| c.axes[2].max_speed_um_s = u32::MAX),
+            ConfigField::Axis(2),
+        ),
+        (
+            with(|c| c.axes[0].travel_um = [5, -5]),
+            ConfigField::Axis(0),
+        ),
+        (with(|c| c.matrix = [[1 << 29; 3]; 3]), ConfigField::Matrix),
+        (
+            with(|c| c.driver = shared::steps::DriverTiming::DRV8825),
+            ConfigField::Driver,
+        ),
+        (with(|c| c.gate.max_displacement_nm = 0), ConfigField::Gate),
+        (with(|c| c.heartbeat_ms = 0), ConfigField::Heartbeat),
+        (with(|c| c.slow_speed_um_s = 0), ConfigField::SlowSpeed),
+    ];
+    for (config, field) in cases {
+        let mut twin = Twin::power_on(&stage, "twin").unwrap();
+        assert_eq!(
+            denial(twin.command("config", Command::Config(config))),
+            Denial::Config(field)
+        );
+        assert_eq!(status(&mut twin).state, State::Unconfigured);
+    }
+}
+
+#[test]
+fn a_silent_host_means_a_ramped_stop_and_no_resume() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([50, 50, 50])).unwrap();
+    wait(&mut twin, 200);
+    twin.set_pings(false);
+    wait(&mut twin, 75); // the last ping is up to 20 ms old
+    assert_eq!(twin.status().unwrap().fault, None);
+    let at_loss = twin.position_mm();
+    wait(&mut twin, 425);
+    let fault = *twin.status().unwrap();
+    assert_eq!(
+        (fault.state, fault.fault, fault.trust),
+        (State::Faulted, Some(Fault::Heartbeat), Trust::Homed)
+    );
+    // At 100 mm/s: 25 ms until the fault at most 2.5 mm, v²/2a another 2.5 mm, and the onset of braking at 50,000 mm/s³ some 2 mm.
+    let way = twin.position_mm()[0] - at_loss[0];
+    assert!(way > 1.0 && way < 8.0, "{way}");
+    let stopped = twin.steps();
+    twin.set_pings(true);
+    wait(&mut twin, 500);
+    assert_eq!(twin.steps(), stopped, "no automatic resume");
+    assert_eq!(
+        denial(twin.command("setpoint", setpoint([0, 0, 0]))),
+        Denial::Faulted
+    );
+    assert_eq!(
+        status(&mut twin).position_steps.map(i64::from),
+        twin.steps_from_zero(),
+        "position kept"
+    );
+    twin.command("reset", Command::Reset).unwrap();
+    twin.command("setpoint", setpoint([0, 0, 0])).unwrap();
+    wait(&mut twin, 2_000);
+    assert_eq!(twin.steps_from_zero(), [0; 3]);
+}
+
+#[test]
+fn stop_ramps_down_and_stays_stopped_until_reset() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&mut twin, 200);
+    twin.command("stop", Command::Stop).unwrap();
+    assert_eq!(
+        denial(twin.command("setpoint", setpoint([0, 0, 0]))),
+        Denial::Stopped
+    );
+    assert_eq!(
+        denial(twin.command("reset", Command::Reset)),
+        Denial::Moving
+    );
+    wait(&mut twin, 300);
+    let stopped = status(&mut twin);
+    assert_eq!(
+        (stopped.state, stopped.trust, stopped.fault),
+        (State::Stopped, Trust::Homed, None)
+    );
+    assert_eq!(
+        stopped.position_steps.map(i64::from),
+        twin.steps_from_zero()
+    );
+    twin.command("reset", Command::Reset).unwrap();
+    assert_eq!(status(&mut twin).state, State::Idle);
+}
+
+#[test]
+fn the_emergency_stop_latches_and_degrades_the_position() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&mut twin, 200);
+    let pressed = Inputs {
+        emergency_stop: true,
+        ..Inputs::default()
+    };
+    let before = twin.steps()[0];
+    twin.set_switches(pressed);
+    wait(&mut twin, 3);
+    let after = twin.steps()[0];
+    // The rest of the present tick and what was queued: at 100 mm/s at most 2 ms, 16 steps.
+    assert!(after - before <= 20, "{}", after - before);
+    wait(&mut twin, 200);
+    assert_eq!(twin.steps()[0], after);
+    let fault = status(&mut twin);
+    assert_eq!(
+        (fault.state, fault.fault, fault.trust),
+        (State::Faulted, Some(Fault::EmergencyStop), Trust::Degraded)
+    );
+    assert_eq!(
+        denial(twin.command("reset", Command::Reset)),
+        Denial::CauseRemains
+    );
+    twin.set_switches(Inputs::default());
+    wait(&mut twin, 10);
+    assert_eq!(twin.steps()[0], after, "released, but nothing moves");
+    twin.command("reset", Command::Reset).unwrap();
+    assert_eq!(
+        denial(twin.command("setpoint", setpoint([0, 0, 0]))),
+        Denial::PositionUnknown
+    );
+    twin.zero().unwrap();
+    twin.command("setpoint", setpoint([1, 0, 0])).unwrap();
+    wait(&mut twin, 500);
+    assert_eq!(twin.steps_from_zero(), [80, 0, 0]);
+}
+
+#[test]
+fn a_limit_switch_stops_the_way_onto_it_and_allows_the_way_off() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&mut twin, 200);
+    let mut limits = [[false; 2]; 3];
+    limits[0][1] = true;
+    twin.set_switches(Inputs {
+        limits,
+        ..Inputs::default()
+    });
+    let fault = status(&mut twin);
+    assert_eq!(
+        (fault.fault, fault.trust),
+        (Some(Fault::Limit), Trust::Degraded)
+    );
+    twin.command("reset", Command::Reset).unwrap();
+    let onto = Command::Jog {
+        distance_um: [100, 0, 0],
+    };
+    assert_eq!(denial(twin.command("jog", onto)), Denial::LimitSwitch);
+    let before = twin.steps()[0];
+    twin.command(
+        "jog",
+        Command::Jog {
+            distance_um: [-100, 0, 0],
+        },
+    )
+    .unwrap();
+    wait(&mut twin, 300);
+    assert_eq!(twin.steps()[0], before - 8);
+    assert_eq!(status(&mut twin).fault, None);
+}
+
+#[test]
+fn soft_limits_clamp() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([500, -500, 0])).unwrap();
+    wait(&mut twin, 3_000);
+    assert_eq!(twin.steps_from_zero(), [4800, -4800, 0]);
+    twin.command(
+        "jog",
+        Command::Jog {
+            distance_um: [1000, 0, 0],
+        },
+    )
+    .unwrap();
+    wait(&mut twin, 300);
+    assert_eq!(
+        (twin.steps_from_zero(), status(&mut twin).fault),
+        ([4800, -4800, 0], None)
+    );
+}
+
+#[test]
+fn repeated_old_and_garbled_packets_are_counted_and_change_nothing() {
+    let mut twin = twin();
+    let jog = |sequence| {
+        encode(&Packet {
+            sequence,
+            command: Command::Jog {
+                distance_um: [1000, 0, 0],
+            },
+        })
+        .unwrap()
+    };
+    let sequence = twin.send(Command::Jog {
+        distance_um: [1000, 0, 0],
+    });
+    twin.write(&jog(sequence)); // a duplicate
+    twin.write(&jog(sequence.wrapping_sub(5))); // from behind
+    let mut garbled = jog(sequence.wrapping_add(1)).to_vec();
+    garbled[5] ^= 4;
+    twin.write(&garbled);
+    twin.write(&jog(sequence.wrapping_add(1))[..6]); // cut off
+    twin.write(&[0]);
+    wait(&mut twin, 1_000);
+    let drops = status(&mut twin).drops;
+    assert_eq!(twin.steps_from_zero(), [80, 0, 0], "one jog only");
+    assert_eq!(
+        (drops.duplicate, drops.stale, drops.rejects.total()),
+        (1, 1, 2)
+    );
+    assert_eq!(drops.overflow, 0);
+}
+
+#[test]
+fn frames_that_cannot_be_placed_in_time_are_refused_by_name() {
+    let mut twin = twin();
+    wait(&mut twin, 1_000);
+    let now = twin.now();
+    let ago = |ms: u64| Instant::from_micros(now.micros() - ms * 1000);
+    let mut send =
+        |capture, reference| twin.command("frame", frame([0.5, 0.0, 0.0], capture, reference));
+    let ahead = now.plus_micros(50_000);
+    assert_eq!(denial(send(ahead, ago(500))), Denial::CaptureInFuture);
+    assert_eq!(denial(send(ago(600), ago(700))), Denial::CaptureTooOld);
+    send(ago(100), ago(300)).unwrap();
+    assert_eq!(denial(send(ago(100), ago(300))), Denial::CaptureOutOfOrder);
+    assert_eq!(denial(send(ago(50), ago(299))), Denial::UnknownReference);
+    assert_eq!(denial(send(ago(50), ago(40))), Denial::CaptureOutOfOrder);
+    send(ago(40), ago(300)).unwrap();
+    let status = status(&mut twin);
+    assert_eq!((status.frames_used, status.frames_refused), (2, 5));
+    wait(&mut twin, 500);
+    assert!(
+        close(twin.position_mm(), [0.5, 0.0, 0.0]),
+        "{:?}",
+        twin.position_mm()
+    );
+}
+
+#[test]
+fn the_gate_refuses_by_name() {
+    use shared::estimate::Refusal;
+    let mut twin = twin();
+    wait(&mut twin, 500);
+    let now = twin.now();
+    let change = |change: fn(&mut FixedCentredSums)| {
+        let Command::Frame(mut f) = frame(
+            [1.0, 0.0, 0.0],
+            Instant::from_micros(now.micros() - 20_000),
+            Instant::from_micros(now.micros() - 90_000),
+        ) else {
+            unreachable!()
+        };
+        if let Sums::Midpoint(sums) = &mut f.sums {
+            change(sums);
+        }
+        Command::Frame(f)
+    };
+    let cases = [
+        (change(|s| s.points = 7), Refusal::TooFewPoints),
+        (change(|s| s.freedom = 0), Refusal::TooFewPoints),
+        (change(|s| s.spread = 1), Refusal::Degenerate),
+        (change(|s| s.exponent = -30), Refusal::Degenerate),
+        (
+            change(|s| s.residual_nm = 90_000_000),
+            Refusal::TooUncertain,
+        ),
+        (change(|s| s.mean_nm[0] = 110_000_000), Refusal::TooLarge),
+    ];
+    for (command, refusal) in cases {
+        assert_eq!(
+            denial(twin.command("frame", command)),
+            Denial::Estimate(refusal)
+        );
+    }
+    wait(&mut twin, 300);
+    assert_eq!(twin.steps_from_zero(), [0; 3]);
+}
+
+/// The stage moves between capture and frame; the target does not. Whatever the latency, the stage must end where the target is.
+#[test]
+fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
+    let mut twin = twin();
+    wait(&mut twin, 100);
+    let reference = twin.now();
+    let target = [10.0, -5.0, 2.0];
+    let mut pending: Vec<(Instant, [f64; 3])> = Vec::new();
+    for _ in 0..40 {
+        wait(&mut twin, 20);
+        let stage = twin.position_mm();
+        pending.push((twin.now(), std::array::from_fn(|i| target[i] - stage[i])));
+        if pending.len() > 4 {
+            // Four pictures late: 80 ms.
+            let (capture, seen) = pending.remove(0);
+            twin.send(frame(seen, capture, reference));
+        }
+    }
+    assert!(
+        close(twin.position_mm(), target),
+        "{:?}",
+        twin.position_mm()
+    );
+}
+
+#[test]
+fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
+    let stage = Stage {
+        matrix: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+        invert: [true, false, true],
+        ..default_stage()
+    };
+    let mut twin = Twin::start(&stage, "twin", Mounting::Fixed).unwrap();
+    wait(&mut twin, 100);
+    let now = twin.now();
+    twin.command(
+        "frame",
+        frame(
+            [3.0, 2.0, 1.0],
+            Instant::from_micros(now.micros() - 10_000),
+            Instant::from_micros(now.micros() - 50_000),
+        ),
+    )
+    .unwrap();
+    wait(&mut twin, 500);
+    assert!(
+        close(twin.position_mm(), [2.0, -3.0, 1.0]),
+        "{:?}",
+        twin.position_mm()
+    );
+}
+
+/// Beside the stage the cameras do not move with it: the stage copies the displacement instead of chasing it for ever.
+#[test]
+fn with_fixed_cameras_the_stage_copies_the_target() {
+    let mut twin = Twin::start(&default_stage(), "twin", Mounting::Fixed).unwrap();
+    wait(&mut twin, 100);
+    let reference = twin.now();
+    for _ in 0..30 {
+        wait(&mut twin, 20);
+        let now = twin.now();
+        twin.command("frame", frame([1.0, 1.0, 0.0], now, reference))
+            .unwrap();
+    }
+    assert!(
+        close(twin.position_mm(), [1.0, 1.0, 0.0]),
+        "{:?}",
+        twin.position_mm()
+    );
+}
+
+#[test]
+fn a_driver_that_needs_slower_words_is_refused_before_anything_moves() {
+    let stage = Stage {
+        driver: Driver::Drv8825,
+        ..default_stage()
+    };
+    let refused = Twin::start(&stage, "twin", Mounting::OnStage);
+    assert_eq!(denial(refused), Denial::Config(ConfigField::Driver));
+}
+
+/// Whatever the host sends, in whatever pieces: the same log gives the same reports and the same pulses.
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let run = |chunk: usize| {
+        let mut twin = twin();
+        wait(&mut twin, 100);
+        let reference = twin.now();
+        for i in 0..60u32 {
+            wait(&mut twin, 17);
+            let now = twin.now();
+            let x = f64::from(i % 7) - 3.0;
+            let Command::Frame(f) = frame([x, -x, 0.5 * x], now, reference) else {
+                unreachable!()
+            };
+            let sequence = 40_000u16.wrapping_add(i as u16);
+            let bytes = encode(&Packet {
+                sequence,
+                command: Command::Frame(f),
+            })
+            .unwrap();
+            for piece in bytes.chunks(chunk) {
+                twin.write(piece);
+            }
+        }
+        wait(&mut twin, 500);
+        (
+            twin.steps(),
+            *twin.status().unwrap(),
+            twin.plant().words(),
+            twin.plant().shortest(),
+        )
+    };
+    let whole = run(64);
+    assert_eq!(run(1), whole);
+    assert_eq!(run(13), whole);
+}
