@@ -35,7 +35,7 @@ pub struct Options {
     #[command(flatten)]
     source: Source,
 
-    /// The rig file (TOML); with a [stage] section its stage is used, else 80 steps/mm, 100 mm/s
+    /// The rig file (TOML); with a `stage` section that stage is used, else 80 steps/mm, 100 mm/s
     #[arg(long, value_name = "RIG.toml", conflicts_with = "sim")]
     rig: Option<PathBuf>,
 

@@ -154,7 +154,7 @@ pub fn run(settings: &Settings, mut progress: impl FnMut(f64)) -> Result<Run, Er
     let mut servo = Servo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
-    for stop in 0..MOVES {
+    for (stop, paper_mm) in PAPER_MM.into_iter().enumerate() {
         let true_mm = MOVE_MM.map(|d| d * (stop + 1) as f64);
         let position_um = true_mm.map(|mm| (mm * 1e3).round() as i32);
         world
@@ -172,7 +172,7 @@ pub fn run(settings: &Settings, mut progress: impl FnMut(f64)) -> Result<Run, Er
         let [_, tracked_mm] = servo.positions_mm(&world);
         stops.push(Stop {
             true_mm,
-            paper_mm: PAPER_MM[stop],
+            paper_mm,
             tracked_mm,
         });
     }
