@@ -181,8 +181,12 @@ impl Machine {
         }
         let due = self.due();
         let words = usize::from(self.board.word_rate.slots_per_segment()) * 2;
-        if now < due || room < words {
-            return Output::Idle(due.max(now));
+        if now < due {
+            return Output::Idle(due);
+        }
+        if room < words {
+            // As much is played while a segment lasts.
+            return Output::Idle(now.plus_micros(SEGMENT_US));
         }
         if now.since(due) > MAX_LAG_US {
             self.catch_up(now);
