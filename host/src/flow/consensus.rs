@@ -1,236 +1,165 @@
-//! Which points move as one.
+//! The displacement most points agree on, and which points those are.
 //!
-//! Least median of squares (Rousseeuw 1984): displacements are proposed by pairs of points drawn with a fixed seed; the one whose median
-//! squared residual is smallest wins, which up to half of the points being wrong cannot prevent. The median gives the noise level, and points
-//! beyond 2.5 standard deviations are dropped; the fit is then repeated over those that remain until none changes sides.
+//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the harmonic mean of its inverse depths at both
+//! instants,
+//!
+//! ```text
+//! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal times the difference
+//! ```
+//!
+//! Starting from a displacement that is roughly right, points are kept whose residual is within three times the median
+//! (at least [`super::Settings::agree_px`]), the displacement is solved again from those, and so on until the set stays the same.
 
-use super::Refusal;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 use shared::sums::View;
-use shared::sums::centred::{CentredSums, Geometry, PointFit};
+use shared::sums::centred::CentredSums;
 
-/// Pairs tried: one hits two good points with probability 1 - 1e-9 when 60 % are good.
-const TRIES: usize = 64;
+use super::geometry::Geometry;
 
-/// Residuals below this are never an outlier's, px root mean square.
-const FLOOR_PX: f64 = 0.15;
+/// Rounds at most; three are usual.
+const ROUNDS: usize = 12;
 
-/// Points whose noise level is above this do not move as one, px.
-const LARGEST_SCALE_PX: f64 = 2.0;
-
-/// Fewest points that must agree.
-const FEWEST: usize = 8;
-
-/// The smallest share of the points that must agree.
-const SMALLEST_SHARE: f64 = 0.5;
-
-/// The points that agree on one displacement.
+/// What the points agree on.
 #[derive(Clone, Debug)]
-pub struct Agreement {
-    /// Their indices, ascending.
-    pub inliers: Vec<usize>,
-    /// The displacement they agree on, mm.
+pub struct Consensus {
+    /// The displacement, mm.
     pub displacement_mm: [f64; 3],
+    /// Per point: whether it agrees.
+    pub agrees: Vec<bool>,
+    /// Median over all points of the residual per axis, px.
+    pub median_px: f64,
 }
 
-struct Point {
-    fit: PointFit,
-    flows: Vec<[f64; 2]>,
-    index: usize,
-}
-
-/// The points of `views` (one entry per point, one view per camera) that move as one rigid target without rotation.
-///
-/// # Errors
-/// [`Refusal::TooFewPoints`] if fewer than 8 points are usable, [`Refusal::NoAgreement`] if fewer than half of them agree.
-pub fn agree(rig: &Rig, views: &[Vec<View>]) -> Result<Agreement, Refusal> {
-    let geometry = Geometry::new(rig).map_err(|_| Refusal::WrongRig)?;
-    let points: Vec<Point> = views
+/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes, px.
+pub fn residual_px(geometry: &Geometry, views: &[View], displacement_mm: [f64; 3]) -> f64 {
+    let ends = |pick: fn(&View) -> [f64; 2]| -> Vec<[f64; 2]> { views.iter().map(pick).collect() };
+    let before = geometry.fit(&ends(|v| v.start)).inverse_depth;
+    let now = geometry.fit(&ends(|v| v.end)).inverse_depth;
+    let g = 2.0 * before * now / (before + now);
+    let [tx, ty, tz] = displacement_mm;
+    let squares: f64 = views
         .iter()
-        .enumerate()
-        .filter_map(|(index, views)| {
-            let flows = views.iter().map(View::flow).collect();
-            Some(Point {
-                fit: geometry.point(views)?,
-                flows,
-                index,
-            })
+        .map(|view| {
+            let flow = view.flow();
+            let middle: [f64; 2] = core::array::from_fn(|i| 0.5 * (view.start[i] + view.end[i]));
+            let dx = flow[0] - g * (tx - middle[0] * tz);
+            let dy = flow[1] - g * (ty - middle[1] * tz);
+            dx * dx + dy * dy
         })
-        .collect();
-    if points.len() < FEWEST {
-        return Err(Refusal::TooFewPoints {
-            points: points.len(),
-            fewest: FEWEST,
-        });
+        .sum();
+    let residual = geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt();
+    if residual.is_finite() {
+        residual
+    } else {
+        f64::INFINITY
     }
-    let focal = rig.mean_focal_px();
-    let residuals =
-        |t: [f64; 3]| -> Vec<f64> { points.iter().map(|p| focal * residual(p, t)).collect() };
-    let solve = |chosen: &[usize]| -> Option<[f64; 3]> {
-        let mut sums = CentredSums::new(rig).ok()?;
-        for &i in chosen {
-            sums.add(&views[points[i].index]);
-        }
-        midpoint::solve(&sums)
-            .ok()
-            .map(|estimate| estimate.displacement_mm)
-    };
+}
 
-    let mut random = 0x7472_696e_6f63_u64;
-    let mut best: Option<(f64, [f64; 3])> = None;
-    for _ in 0..TRIES {
-        let pair = [
-            draw(&mut random, points.len()),
-            draw(&mut random, points.len()),
-        ];
-        if pair[0] == pair[1] {
-            continue;
-        }
-        let Some(t) = solve(&pair) else { continue };
-        let median = median(residuals(t));
-        if best.is_none_or(|(smallest, _)| median < smallest) {
-            best = Some((median, t));
-        }
-    }
-    let (_, mut displacement_mm) = best.ok_or(Refusal::NoAgreement {
-        agree: 0,
-        points: points.len(),
-    })?;
-
-    let mut inliers: Vec<usize> = Vec::new();
-    for _ in 0..12 {
-        let all = residuals(displacement_mm);
-        // A residual is a root mean square over 2K components, so its median is near the standard deviation itself.
-        let scale = median(all.clone());
-        if scale > LARGEST_SCALE_PX {
-            return Err(Refusal::NoAgreement {
-                agree: 0,
-                points: points.len(),
-            });
-        }
-        let limit = (2.5 * scale).max(FLOOR_PX);
-        let now: Vec<usize> = (0..points.len()).filter(|&i| all[i] <= limit).collect();
-        if now == inliers {
+/// The set of points that agree, from `start_mm` on. `None` if no solution exists.
+pub fn agree(
+    geometry: &Geometry,
+    points: &[Vec<View>],
+    start_mm: [f64; 3],
+    least_px: f64,
+) -> Option<Consensus> {
+    let mut displacement_mm = start_mm;
+    let mut agrees = vec![false; points.len()];
+    let mut median_px = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let residuals: Vec<f64> = points
+            .iter()
+            .map(|views| residual_px(geometry, views, displacement_mm))
+            .collect();
+        let mut sorted = residuals.clone();
+        sorted.sort_by(f64::total_cmp);
+        median_px = *sorted.get(sorted.len() / 2)?;
+        let limit = (3.0 * median_px).max(least_px);
+        let now: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
+        let settled = now == agrees;
+        agrees = now;
+        if settled {
             break;
         }
-        inliers = now;
-        displacement_mm = solve(&inliers).ok_or(Refusal::NoAgreement {
-            agree: inliers.len(),
-            points: points.len(),
-        })?;
+        displacement_mm = solve(&geometry.rig, points, &agrees)?;
     }
-    if inliers.len() < FEWEST || (inliers.len() as f64) < SMALLEST_SHARE * points.len() as f64 {
-        return Err(Refusal::NoAgreement {
-            agree: inliers.len(),
-            points: points.len(),
-        });
-    }
-    let inliers = inliers.into_iter().map(|i| points[i].index).collect();
-    Ok(Agreement {
-        inliers,
+    Some(Consensus {
         displacement_mm,
+        agrees,
+        median_px,
     })
 }
 
-/// Root mean square over cameras and axes of what the displacement does not explain, normalised.
-fn residual(point: &Point, displacement_mm: [f64; 3]) -> f64 {
-    let squares: f64 = point
-        .flows
-        .iter()
-        .enumerate()
-        .map(|(k, [vx, vy])| {
-            let [mx, my] = point.fit.flow(k, displacement_mm);
-            (vx - mx).powi(2) + (vy - my).powi(2)
-        })
-        .sum();
-    (squares / (2.0 * point.flows.len() as f64)).sqrt()
+fn solve(rig: &Rig, points: &[Vec<View>], agrees: &[bool]) -> Option<[f64; 3]> {
+    let mut sums = CentredSums::new(rig).ok()?;
+    for (views, _) in points.iter().zip(agrees).filter(|(_, agrees)| **agrees) {
+        sums.add(views);
+    }
+    midpoint::solve(&sums).ok().map(|e| e.displacement_mm)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+/// One point's motion in one camera, with its inverse depth known.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighting {
+    /// Normalised, at the reference instant.
+    pub before: [f64; 2],
+    /// Normalised, now.
+    pub now: [f64; 2],
+    /// At the reference instant, 1/mm.
+    pub inverse_depth: f64,
 }
 
-/// splitmix64: the next index below `count`.
-fn draw(state: &mut u64, count: usize) -> usize {
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) % count as u64) as usize
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// `good` points that move by `a`, the others by `b`; a little deterministic jitter.
-    fn views(rig: &Rig, good: usize, all: usize, a: [f64; 3], b: [f64; 3]) -> Vec<Vec<View>> {
-        let mut state = 1;
-        let mut uniform = |low: f64, high: f64| {
-            low + (high - low) * draw(&mut state, 1 << 30) as f64 / f64::from(1 << 30)
-        };
-        (0..all)
-            .map(|i| {
-                let start = [
-                    uniform(-150.0, 150.0),
-                    uniform(-100.0, 100.0),
-                    uniform(750.0, 900.0),
-                ];
-                let t = if i < good { a } else { b };
-                let end = std::array::from_fn(|j| start[j] + t[j]);
-                let mut jitter = |p: [f64; 2]| p.map(|c| c + uniform(-0.05, 0.05));
-                rig.cameras
-                    .iter()
-                    .map(|c| View::from_pixels(c, jitter(c.project(start)), jitter(c.project(end))))
-                    .collect()
-            })
-            .collect()
+impl Sighting {
+    /// Where `displacement_mm` puts the point, normalised.
+    pub fn predicted(before: [f64; 2], inverse_depth: f64, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
+        let shrink = 1.0 / (1.0 + inverse_depth * tz);
+        [
+            (before[0] + inverse_depth * tx) * shrink,
+            (before[1] + inverse_depth * ty) * shrink,
+        ]
     }
 
-    #[test]
-    fn forty_per_cent_moving_differently_are_left_out() {
-        let rig = Rig::paper();
-        let t = [5.0, -3.0, 2.0];
-        let got = agree(&rig, &views(&rig, 60, 100, t, [-8.0, 6.0, 0.0])).unwrap();
-        assert!(
-            got.inliers.iter().all(|&i| i < 60) && got.inliers.len() > 50,
-            "{:?}",
-            got.inliers.len()
-        );
-        for i in 0..3 {
-            assert!(
-                (got.displacement_mm[i] - t[i]).abs() < [0.03, 0.03, 0.2][i],
-                "{:?}",
-                got.displacement_mm
-            );
+    /// Distance from where `displacement_mm` puts it, normalised.
+    pub fn residual(&self, displacement_mm: [f64; 3]) -> f64 {
+        let expected = Self::predicted(self.before, self.inverse_depth, displacement_mm);
+        (self.now[0] - expected[0]).hypot(self.now[1] - expected[1])
+    }
+}
+
+/// The displacement that explains sightings in one camera: `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in it. Reweighted
+/// (Tukey's biweight at four times the median, never below `least`), so that up to half of them may be wrong.
+pub fn fit(sightings: &[Sighting], start_mm: [f64; 3], least: f64) -> Option<[f64; 3]> {
+    let mut displacement = start_mm;
+    for _ in 0..8 {
+        let mut residuals: Vec<f64> = sightings.iter().map(|s| s.residual(displacement)).collect();
+        residuals.sort_by(f64::total_cmp);
+        let limit = (4.0 * residuals.get(residuals.len() / 2)?).max(least);
+        // Normal equations of the unknowns Tx, Ty, Tz; Tx and Ty do not mix.
+        let (mut n, mut sx, mut sy, mut sr) = (0.0, 0.0, 0.0, 0.0);
+        let (mut rx, mut ry, mut rz) = (0.0, 0.0, 0.0);
+        for s in sightings {
+            let off = s.residual(displacement) / limit;
+            if off >= 1.0 {
+                continue;
+            }
+            let weight = (1.0 - off * off).powi(2);
+            let g = s.inverse_depth;
+            let [x, y] = s.now;
+            let (vx, vy) = (s.now[0] - s.before[0], s.now[1] - s.before[1]);
+            n += weight * g * g;
+            sx += weight * g * g * x;
+            sy += weight * g * g * y;
+            sr += weight * g * g * (x * x + y * y);
+            rx += weight * g * vx;
+            ry += weight * g * vy;
+            rz -= weight * g * (x * vx + y * vy);
         }
-        let again = agree(&rig, &views(&rig, 60, 100, t, [-8.0, 6.0, 0.0])).unwrap();
-        assert_eq!(got.inliers, again.inliers);
-    }
-
-    #[test]
-    fn too_few_or_too_divided_points_are_refused() {
-        let rig = Rig::paper();
-        let few = views(&rig, 7, 7, [1.0; 3], [1.0; 3]);
-        assert!(matches!(
-            agree(&rig, &few),
-            Err(Refusal::TooFewPoints { points: 7, .. })
-        ));
-        let mut divided = Vec::new();
-        for k in 0..5 {
-            divided.extend(views(
-                &rig,
-                20,
-                20,
-                [f64::from(k) * 6.0 - 12.0, f64::from(k * k) * 2.0, 0.0],
-                [0.0; 3],
-            ));
+        let spread = sr - (sx * sx + sy * sy) / n;
+        let tz = (rz + (sx * rx + sy * ry) / n) / spread;
+        displacement = [(rx + sx * tz) / n, (ry + sy * tz) / n, tz];
+        if !displacement.iter().all(|t| t.is_finite()) {
+            return None;
         }
-        assert!(matches!(
-            agree(&rig, &divided),
-            Err(Refusal::NoAgreement { .. })
-        ));
     }
+    Some(displacement)
 }

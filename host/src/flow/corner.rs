@@ -1,170 +1,167 @@
-//! Where an image can be tracked: corners after Shi and Tomasi (1994).
+//! Points worth following: where the image changes in both directions.
+//!
+//! Shi and Tomasi's measure: the smaller eigenvalue of the gradient matrix, summed over a 7 x 7 window. Corners are
+//! its local maxima; they are taken in rounds, the best of every cell first, so that they cover the image even where it is pale.
 
-use super::plane::Plane;
+use super::pyramid::Plane;
 
-/// Half side of the window over which gradients are summed, px.
-const WINDOW: usize = 3;
+/// Half the window the gradient matrix is summed over, px.
+const REACH: usize = 3;
+/// The least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over the window) in the
+/// weakest direction, three times what noise of 2 grey levels leaves after the filter.
+const LEAST: f32 = ((2 * REACH + 1) * (2 * REACH + 1)) as f32;
+/// The side of a cell, px.
+const CELL: usize = 20;
 
-/// A corner must reach this share of the strongest one's smaller eigenvalue.
-const QUALITY: f32 = 0.01;
-
-/// Up to `count` corners, whole pixels, strongest first, at least `distance` px apart and `margin` px from the border.
-///
-/// The measure is the smaller eigenvalue of the gradient matrix `Σ [gx² gx gy; gx gy gy²]` over 7 x 7 px: large only where the image varies along
-/// both axes.
-pub fn corners(plane: &Plane, count: usize, distance: usize, margin: usize) -> Vec<[f32; 2]> {
+/// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most `count`, the most
+/// useful first.
+pub fn corners(plane: &Plane, margin: usize, apart: f64, count: usize) -> Vec<[usize; 2]> {
+    let score = smaller_eigenvalue(plane);
     let (width, height) = (plane.width, plane.height);
-    let margin = margin.max(WINDOW + 2);
-    if width <= 2 * margin || height <= 2 * margin {
-        return Vec::new();
-    }
-    let strength = strengths(plane);
-    let best = strength.iter().copied().fold(0.0, f32::max);
-    let mut peaks = Vec::new();
-    for y in margin..height - margin {
-        for x in margin..width - margin {
-            let here = strength[y * width + x];
-            if here <= QUALITY * best || here <= f32::MIN_POSITIVE {
-                continue;
+    let margin = margin.max(REACH + 2);
+    let columns = width.div_ceil(CELL);
+    let mut cells: Vec<Vec<(f32, [usize; 2])>> = vec![Vec::new(); columns * height.div_ceil(CELL)];
+    for y in margin..height.saturating_sub(margin) {
+        for x in margin..width.saturating_sub(margin) {
+            let here = score[y * width + x];
+            if here > LEAST && is_peak(&score, width, x, y) {
+                cells[y / CELL * columns + x / CELL].push((here, [x, y]));
             }
-            let around = |dx: isize, dy: isize| {
-                strength[(y.wrapping_add_signed(dy)) * width + x.wrapping_add_signed(dx)]
+        }
+    }
+    for cell in &mut cells {
+        cell.sort_by(|a, b| b.0.total_cmp(&a.0));
+    }
+    let mut taken: Vec<[usize; 2]> = Vec::with_capacity(count);
+    let most = cells.iter().map(Vec::len).max().unwrap_or(0);
+    for round in 0..most {
+        let mut candidates: Vec<_> = cells.iter().filter_map(|cell| cell.get(round)).collect();
+        candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, at) in candidates {
+            let near = |other: &[usize; 2]| {
+                let square = |axis: usize| (at[axis] as f64 - other[axis] as f64).powi(2);
+                square(0) + square(1) < apart * apart
             };
-            let highest =
-                (-1..=1).all(|dy| (-1..=1).all(|dx| (dx, dy) == (0, 0) || around(dx, dy) <= here));
-            if highest {
-                peaks.push((here, x, y));
+            if !taken.iter().any(near) {
+                taken.push(*at);
+            }
+            if taken.len() == count {
+                return taken;
             }
         }
     }
-    peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.2, a.1).cmp(&(b.2, b.1))));
-    apart(&peaks, count, distance, width, height)
+    taken
 }
 
-/// The strongest peaks that keep their distance; a coarse grid makes the search for neighbours short.
-fn apart(
-    peaks: &[(f32, usize, usize)],
-    count: usize,
-    distance: usize,
-    width: usize,
-    height: usize,
-) -> Vec<[f32; 2]> {
-    let cell = distance.max(1);
-    let (columns, rows) = (width.div_ceil(cell), height.div_ceil(cell));
-    let mut taken: Vec<Vec<(usize, usize)>> = vec![Vec::new(); columns * rows];
-    let mut chosen = Vec::new();
-    for &(_, x, y) in peaks {
-        let (column, row) = (x / cell, y / cell);
-        let free = (row.saturating_sub(1)..(row + 2).min(rows)).all(|r| {
-            (column.saturating_sub(1)..(column + 2).min(columns)).all(|c| {
-                taken[r * columns + c].iter().all(|&(u, v)| {
-                    u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) >= distance * distance
-                })
-            })
-        });
-        if free {
-            taken[row * columns + column].push((x, y));
-            chosen.push([x as f32, y as f32]);
-            if chosen.len() == count {
-                break;
-            }
-        }
-    }
-    chosen
+/// Whether no neighbour is better. Of equal neighbours, the last counts.
+fn is_peak(score: &[f32], width: usize, x: usize, y: usize) -> bool {
+    let here = score[y * width + x];
+    let row = |y: usize| &score[y * width + x - 1..][..3];
+    let (above, level, below) = (row(y - 1), row(y), row(y + 1));
+    here >= level[0]
+        && here > level[2]
+        && above.iter().all(|s| here >= *s)
+        && below.iter().all(|s| here > *s)
 }
 
-/// The smaller eigenvalue at every pixel; zero within `WINDOW + 1` px of the border.
-fn strengths(plane: &Plane) -> Vec<f32> {
+/// The smaller eigenvalue at every pixel; 0 along the border.
+fn smaller_eigenvalue(plane: &Plane) -> Vec<f32> {
     let (width, height) = (plane.width, plane.height);
-    let size = width * height;
-    let (mut xx, mut xy, mut yy) = (vec![0.0f32; size], vec![0.0f32; size], vec![0.0f32; size]);
+    let mut score = vec![0.0_f32; width * height];
+    if width < 2 * REACH + 3 || height < 2 * REACH + 3 {
+        return score;
+    }
+    // Products gx gx, gx gy, gy gy of the row entering the window and running sums over its rows.
+    let mut sums = [0, 1, 2].map(|_| vec![0.0_f32; width]);
+    let mut products = [0, 1, 2].map(|_| vec![0.0_f32; width * height]);
     for y in 1..height - 1 {
-        let (above, row, below) = (plane.row(y - 1), plane.row(y), plane.row(y + 1));
+        let row = |y: usize| &plane.grey[y * plane.stride..][..width];
+        let (above, level, below) = (row(y - 1), row(y), row(y + 1));
+        let [xx, xy, yy] = &mut products;
+        let start = y * width;
+        let (xx, xy, yy) = (&mut xx[start..], &mut xy[start..], &mut yy[start..]);
         for x in 1..width - 1 {
-            let (gx, gy) = (row[x + 1] - row[x - 1], below[x] - above[x]);
-            let at = y * width + x;
-            (xx[at], xy[at], yy[at]) = (gx * gx, gx * gy, gy * gy);
+            let gx = 0.5 * (level[x + 1] - level[x - 1]);
+            let gy = 0.5 * (below[x] - above[x]);
+            xx[x] = gx * gx;
+            xy[x] = gx * gy;
+            yy[x] = gy * gy;
         }
     }
-    let (xx, xy, yy) = (boxed(&xx, width), boxed(&xy, width), boxed(&yy, width));
-    let eigenvalue = |i: usize| {
-        let (half_sum, half_difference) = (0.5 * (xx[i] + yy[i]), 0.5 * (xx[i] - yy[i]));
-        half_sum - (half_difference * half_difference + xy[i] * xy[i]).sqrt()
-    };
-    (0..size).map(eigenvalue).collect()
-}
-
-/// Sums over windows of `2 WINDOW + 1` px squared; zero near the border.
-fn boxed(values: &[f32], width: usize) -> Vec<f32> {
-    let side = 2 * WINDOW + 1;
-    let mut across = vec![0.0f32; values.len()];
-    for (out, row) in across
-        .chunks_exact_mut(width)
-        .zip(values.chunks_exact(width))
-    {
-        for (o, window) in out[WINDOW..].iter_mut().zip(row.windows(side)) {
-            *o = window.iter().sum();
-        }
-    }
-    let height = values.len() / width;
-    let mut down = vec![0.0f32; values.len()];
-    for y in WINDOW..height.saturating_sub(WINDOW) {
-        let out = &mut down[y * width..(y + 1) * width];
-        for v in y - WINDOW..=y + WINDOW {
-            for (o, a) in out.iter_mut().zip(&across[v * width..(v + 1) * width]) {
-                *o += a;
+    for y in 1 + REACH..height - 1 - REACH {
+        for (sum, product) in sums.iter_mut().zip(&products) {
+            sum.fill(0.0);
+            for inner in y - REACH..=y + REACH {
+                for (s, p) in sum.iter_mut().zip(&product[inner * width..]) {
+                    *s += p;
+                }
             }
         }
+        let out = &mut score[y * width..][..width];
+        let across = |sum: &[f32], x: usize| sum[x - REACH..=x + REACH].iter().sum::<f32>();
+        for (x, out) in out
+            .iter_mut()
+            .enumerate()
+            .take(width - 1 - REACH)
+            .skip(1 + REACH)
+        {
+            let [xx, xy, yy] = [0, 1, 2].map(|i| across(&sums[i], x));
+            let half = 0.5 * (xx - yy);
+            *out = 0.5 * (xx + yy) - (half * half + xy * xy).sqrt();
+        }
     }
-    down
+    score
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::flow::pyramid::Pyramid;
+    use crate::images::Image;
 
-    fn squares() -> Plane {
-        let inside = |x: usize, y: usize| (20..40).contains(&x) && (25..45).contains(&y);
-        let grey = (0..64 * 64)
-            .map(|i| if inside(i % 64, i / 64) { 200.0 } else { 20.0 })
-            .collect();
-        Plane {
-            width: 64,
-            height: 64,
+    fn plane(level: impl Fn(usize, usize) -> u8) -> Plane {
+        let grey = (0..120 * 100).map(|i| level(i % 120, i / 120)).collect();
+        let image = Image {
+            width: 120,
+            height: 100,
             grey,
-        }
-        .filtered()
+        };
+        Pyramid::new(&image, 1).levels.remove(0)
     }
 
     #[test]
     fn a_square_has_four_corners_and_its_edges_none() {
-        let mut found = corners(&squares(), 50, 6, 8);
-        found.sort_by(|a, b| (a[1], a[0]).partial_cmp(&(b[1], b[0])).unwrap());
-        let expected = [[20.0, 25.0], [39.0, 25.0], [20.0, 44.0], [39.0, 44.0]];
+        let square = |x, y| {
+            if (40..80).contains(&x) && (30..70).contains(&y) {
+                200
+            } else {
+                50
+            }
+        };
+        let mut found = corners(&plane(square), 10, 6.0, 50);
+        found.sort_unstable();
         assert_eq!(found.len(), 4, "{found:?}");
-        for (got, want) in found.iter().zip(expected) {
-            assert!(
-                (got[0] - want[0]).abs() <= 2.5 && (got[1] - want[1]).abs() <= 2.5,
-                "{found:?}"
-            );
+        for (at, expected) in found.iter().zip([[40, 30], [40, 69], [79, 30], [79, 69]]) {
+            assert!(at[0].abs_diff(expected[0]) <= 3 && at[1].abs_diff(expected[1]) <= 3);
         }
     }
 
     #[test]
-    fn count_distance_and_flat_images() {
-        assert_eq!(corners(&squares(), 2, 6, 8).len(), 2);
-        assert_eq!(corners(&squares(), 9, 40, 8).len(), 1);
-        let flat = Plane {
-            width: 64,
-            height: 64,
-            grey: vec![7.0; 64 * 64],
-        };
-        assert!(corners(&flat, 9, 5, 8).is_empty());
-        let tiny = Plane {
-            width: 6,
-            height: 6,
-            grey: vec![7.0; 36],
-        };
-        assert!(corners(&tiny, 9, 5, 8).is_empty());
+    fn an_even_image_and_a_slope_have_none() {
+        assert!(corners(&plane(|_, _| 128), 10, 6.0, 50).is_empty());
+        assert!(corners(&plane(|x, y| (x + y) as u8), 10, 6.0, 50).is_empty());
+    }
+
+    #[test]
+    fn corners_keep_their_distance() {
+        let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
+        let found = corners(&plane(noise), 10, 9.0, 500);
+        assert!(found.len() > 20);
+        for (i, a) in found.iter().enumerate() {
+            for b in &found[..i] {
+                let square = |axis: usize| (a[axis] as f64 - b[axis] as f64).powi(2);
+                assert!(square(0) + square(1) >= 81.0);
+            }
+        }
     }
 }

@@ -1,699 +1,400 @@
-//! From captures to matched, tracked points that agree on one displacement.
+//! From captures to matched, tracked points.
 //!
 //! ```text
-//! reference capture: filter, pyramids -> corners -> depth search in all cameras -> sub-pixel matches -> rig test
-//! every capture:     filter, pyramids -> rough displacement -> sub-pixel tracks, forwards and backwards -> rig test -> consensus
+//! capture -> pyramid -> corners -> stereo ----.                        (reference instant, once per keyframe)
+//! capture -> pyramid -> search -> follow -> consensus -> tracks        (now)
 //! ```
 //!
-//! The reference is a keyframe as long as [`Flow::set_reference`] is not called again. Nothing is known about the scene: depth is found per
-//! point, the displacement may be large, lighting may change, and a scene that repeats so that several answers would do is refused.
+//! * [`pyramid`] filters and halves the images; [`corner`] picks points in the reference camera, the one nearest the middle of the rig;
+//! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests a match must pass;
+//! * [`search`] finds the rough displacement, without knowing it either, and what else would explain the images;
+//! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
+//! * [`consensus`] keeps the points that move as one.
 //!
-//! A point is the same point in all cameras and at both instants, or it is dropped; [`Rejected`] counts why.
-
-mod consensus;
-mod corner;
-mod motion;
-mod patch;
-mod plane;
-mod stereo;
+//! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
 
 use crate::images::Capture;
-use motion::{Candidate, Mark};
-use patch::{Patch, Scratch};
-use plane::Pyramid;
 use shared::rig::Rig;
+
+pub mod consensus;
+pub mod corner;
+pub mod follow;
+pub mod geometry;
+pub mod likeness;
+pub mod lucas_kanade;
+pub mod pyramid;
+pub mod refusal;
+pub mod search;
+pub mod stereo;
+
+use follow::{Follow, Followed};
+use geometry::Geometry;
+use likeness::Field;
+use lucas_kanade::Large;
+use pyramid::Pyramid;
+pub use refusal::{Reason, Refusal, Rejected};
+use search::Search;
 use shared::sums::View;
-use shared::sums::centred::Geometry;
-use stereo::{Match, Search};
+use stereo::{Match, Stereo};
 
 /// One scene point, followed in every camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
-    /// Per camera, in the rig's order: pixel at the reference instant, pixel now (as seen, principal point and distortion not removed).
+    /// Per camera, in the rig's order: pixel at the reference instant, pixel now (as seen, principal
+    /// point and distortion not removed).
     pub pixels: Vec<[[f64; 2]; 2]>,
 }
 
-/// How points are chosen and compared.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What the matching is to be content with.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Corners looked for in the reference image.
+    /// Corners that are tried, at most.
     pub corners: usize,
-    /// Least distance between two corners, px.
-    pub distance_px: usize,
-    /// Half side of the finest square that is followed, px: 10 makes 21 x 21.
-    pub radius_px: usize,
-    /// Levels of the image pyramids.
-    pub levels: usize,
-    /// Farthest rough displacement looked for, px either way.
-    pub reach_px: usize,
-    /// Correlation that a match or track must reach.
-    pub min_likeness: f32,
-    /// How far a track followed back may miss its origin, px.
-    pub max_return_px: f32,
-    /// How far the views of one point may miss one scene point, px; 3 % of its largest disparity are added.
-    pub max_rig_px: f64,
+    /// Points that are followed, at most.
+    pub points: usize,
+    /// Least distance between corners, px.
+    pub apart_px: f64,
+    /// Least normalised cross-correlation of a match, -1 to 1.
+    pub least_likeness: f32,
+    /// Two explanations whose likenesses differ by less than this are alike.
+    pub rival_likeness: f32,
+    /// A point followed forth and back must return this near, px.
+    pub return_px: f64,
+    /// Largest residual of the vertical test and of constraint (3), px. Raise it for rigs that are not aligned.
+    pub view_residual_px: f64,
+    /// How far points may move between the two instants, in widths of the image.
+    pub reach: f64,
+    /// Points within this of the consensus agree with it even when most are nearer, px.
+    pub agree_px: f64,
+    /// Largest median residual of a consensus, px.
+    pub scatter_px: f64,
+    /// The least number of points of any use.
+    pub least_points: usize,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            corners: 300,
-            distance_px: 9,
-            radius_px: 10,
-            levels: 3,
-            reach_px: 64,
-            min_likeness: 0.8,
-            max_return_px: 0.3,
-            max_rig_px: 0.5,
+            corners: 400,
+            points: 220,
+            apart_px: 8.0,
+            least_likeness: 0.8,
+            rival_likeness: 0.08,
+            return_px: 0.3,
+            view_residual_px: 0.5,
+            reach: 0.2,
+            agree_px: 0.1,
+            scatter_px: 1.5,
+            least_points: 8,
         }
     }
 }
 
-/// Why a capture gives no displacement.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
-    /// A capture does not fit the rig.
-    #[error("the capture does not fit the rig: {0}")]
-    Capture(String),
-    /// The rig is not usable.
-    #[error("the rig has fewer than two cameras, or all in one place")]
-    WrongRig,
-    /// There is no reference capture.
-    #[error("there is no reference yet")]
-    NoReference,
-    /// The reference image shows nothing to follow.
-    #[error("too little texture: {found} corners, {fewest} are needed")]
-    Texture {
-        /// Corners found.
-        found: usize,
-        /// Corners needed.
-        fewest: usize,
-    },
-    /// Too few corners were found again in the other cameras.
-    #[error("too few points are seen by all cameras: {matched} of {corners} corners")]
-    Unmatched {
-        /// Corners that were matched.
-        matched: usize,
-        /// Corners looked for.
-        corners: usize,
-    },
-    /// The scene repeats: depths cannot be told apart.
-    #[error(
-        "ambiguous depth: {ambiguous} of {corners} corners fit at several depths (a repeating pattern)"
-    )]
-    AmbiguousDepth {
-        /// Corners that fit several depths.
-        ambiguous: usize,
-        /// Corners looked for.
-        corners: usize,
-    },
-    /// The scene repeats: several displacements explain it.
-    #[error(
-        "ambiguous motion: displacements {px:.0} px apart fit equally well (a repeating pattern)"
-    )]
-    AmbiguousMotion {
-        /// How far the two best are apart, px.
-        px: f32,
-    },
-    /// The target is not seen again.
-    #[error("the target was not found again")]
-    Lost,
-    /// Too few points could be followed.
-    #[error("too few points could be followed: {points}, {fewest} are needed")]
-    TooFewPoints {
-        /// Points followed.
-        points: usize,
-        /// Points needed.
-        fewest: usize,
-    },
-    /// The points do not move as one.
-    #[error("the points do not move as one: {agree} of {points} agree")]
-    NoAgreement {
-        /// Points that agree.
-        agree: usize,
-        /// Points followed.
-        points: usize,
-    },
-}
-
-/// Points that were dropped, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rejected {
-    /// No depth makes the views alike.
-    pub unmatched: usize,
-    /// Several depths do.
-    pub ambiguous: usize,
-    /// The views do not belong to one scene point: vertical offset or disparities (the paper's eqs. 2 and 3).
-    pub rig: usize,
-    /// Not found again in some camera, or unlike.
-    pub lost: usize,
-    /// Followed back, it did not return.
-    pub no_return: usize,
-    /// Moves unlike the majority.
-    pub disagree: usize,
-}
-
-impl Rejected {
-    /// All of them.
-    pub fn total(&self) -> usize {
-        self.unmatched + self.ambiguous + self.rig + self.lost + self.no_return + self.disagree
-    }
-}
-
-/// What one capture shows of the target.
+/// All tracked points of one frame.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// The points that agree.
+    /// Points that passed every test and agree.
     pub tracks: Vec<Track>,
-    /// The points that were dropped since the corners were chosen.
+    /// The same points, normalised: per point, one view per camera.
+    pub views: Vec<Vec<View>>,
+    /// The points that did not, by reason; those of the reference instant included.
     pub rejected: Rejected,
-    /// The displacement that the points agreed on, mm (f64 midpoint estimate over `tracks`).
+    /// The displacement they agree on (midpoint model), mm.
     pub displacement_mm: [f64; 3],
+    /// By how much the variance of the mean is larger than for independent points, at least 1: windows that overlap see the same
+    /// noise. The number of independent points is `tracks.len() / overlap`.
+    pub overlap: f64,
 }
 
-/// A corner that every camera sees.
+/// Matched points and images of the reference instant.
 #[derive(Clone, Debug)]
-struct Point {
-    /// Where each camera sees it, px.
-    at: Vec<[f32; 2]>,
-    /// 1/mm.
-    inverse_depth: f64,
-    /// The home camera's squares, finest level first.
-    home: Vec<Patch>,
-    /// The finest square in every camera.
-    patches: Vec<Patch>,
-}
-
-#[derive(Clone, Debug)]
-struct Reference {
-    views: Vec<Pyramid>,
-    points: Vec<Point>,
+struct Keyframe {
+    pyramids: Vec<Pyramid>,
+    coarse: Field,
+    matches: Vec<Match>,
     rejected: Rejected,
-    corners: usize,
-    /// Of the points' inverse depths, 1/mm.
-    median_depth: f64,
 }
 
-/// Measures a target's flow against a reference capture.
+/// Matches captures with a reference capture.
 #[derive(Clone, Debug)]
 pub struct Flow {
-    rig: Rig,
     geometry: Geometry,
     settings: Settings,
-    search: Search,
-    home: usize,
-    reference: Option<Reference>,
-    scratch: Scratch,
+    keyframe: Option<Keyframe>,
 }
 
-/// Fewest corners that are worth matching, and fewest points worth following.
-const FEWEST: usize = 8;
-
-/// A second displacement whose points are this much less alike is a different answer that fits as well.
-const AMBIGUOUS_MARGIN: f32 = 0.04;
+/// The level on which an image `width` px wide is at most `most` px wide.
+fn level_of(width: usize, most: usize) -> usize {
+    (0..).find(|level| width >> level <= most).unwrap_or(0)
+}
 
 impl Flow {
-    /// For a rig of 2 to 8 cameras.
+    /// Matching for this rig.
     ///
     /// # Errors
-    /// [`Refusal::WrongRig`] for any other.
+    /// [`Refusal::WrongRig`].
     pub fn new(rig: &Rig, settings: Settings) -> Result<Self, Refusal> {
-        let geometry = Geometry::new(rig).map_err(|_| Refusal::WrongRig)?;
-        let home = most_central(rig);
         Ok(Self {
-            rig: rig.clone(),
-            geometry,
+            geometry: Geometry::new(rig).ok_or(Refusal::WrongRig)?,
             settings,
-            search: Search::new(rig, home),
-            home,
-            reference: None,
-            scratch: Scratch::default(),
+            keyframe: None,
         })
     }
 
-    /// Takes a capture as the reference from now on. After a refusal there is none.
-    ///
-    /// # Errors
-    /// When too few points are seen by all cameras, or their depth is ambiguous.
-    pub fn set_reference(&mut self, capture: &Capture) -> Result<(), Refusal> {
-        self.reference = None;
-        let views = self.pyramids(capture)?;
-        self.reference = Some(self.match_points(views)?);
-        Ok(())
+    /// Level of the spatial search.
+    fn spatial_level(&self) -> usize {
+        level_of(self.geometry.rig.image_size_px[0] as usize, 240).max(1)
     }
 
-    /// Measures a capture against the reference.
-    ///
-    /// # Errors
-    /// The reason why there is no trustworthy displacement.
-    pub fn measure(&mut self, capture: &Capture) -> Result<Measurement, Refusal> {
-        let views = self.pyramids(capture)?;
-        let reference = self.reference.take().ok_or(Refusal::NoReference)?;
-        let outcome = self.follow(&reference, &views);
-        self.reference = Some(reference);
-        outcome
+    /// Level of the temporal search.
+    fn temporal_level(&self) -> usize {
+        level_of(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
     }
 
     fn pyramids(&self, capture: &Capture) -> Result<Vec<Pyramid>, Refusal> {
-        let cameras = self.rig.cameras.len();
+        let cameras = self.geometry.cameras();
         if capture.views.len() != cameras {
-            return Err(Refusal::Capture(format!(
-                "{} views for {cameras} cameras",
-                capture.views.len()
-            )));
+            return Err(Refusal::WrongViews {
+                found: capture.views.len(),
+                cameras,
+            });
         }
-        let [width, height] = self.rig.image_size_px.map(|side| side as usize);
-        for image in &capture.views {
-            if (image.width, image.height) != (width, height) || image.grey.len() != width * height
-            {
-                return Err(Refusal::Capture(format!(
-                    "{} x {} px instead of {width} x {height}",
-                    image.width, image.height
-                )));
+        let rig = self.geometry.rig.image_size_px.map(|side| side as usize);
+        for (camera, view) in capture.views.iter().enumerate() {
+            let found = [view.width, view.height];
+            if found != rig || view.grey.len() != rig[0] * rig[1] || rig.contains(&0) {
+                return Err(Refusal::WrongSize { camera, found, rig });
             }
         }
+        let levels = 1 + self.temporal_level().max(self.spatial_level());
         Ok(capture
             .views
             .iter()
-            .map(|image| Pyramid::new(image, self.settings.levels))
+            .map(|view| Pyramid::new(view, levels))
             .collect())
     }
 
-    /// Corners of the home image, found in all other cameras.
-    fn match_points(&mut self, views: Vec<Pyramid>) -> Result<Reference, Refusal> {
-        let Settings {
-            corners,
-            distance_px,
-            radius_px,
-            ..
-        } = self.settings;
-        let corners = corner::corners(
-            &views[self.home].levels[0],
-            corners,
-            distance_px,
-            radius_px + 2,
-        );
-        if corners.len() < FEWEST {
-            return Err(Refusal::Texture {
-                found: corners.len(),
-                fewest: FEWEST,
-            });
+    /// Makes `capture` the reference of all later measurements. After a refusal there is none.
+    ///
+    /// # Errors
+    /// [`Refusal`], with what was found.
+    pub fn set_reference(&mut self, capture: &Capture) -> Result<(), Refusal> {
+        self.keyframe = None;
+        let pyramids = self.pyramids(capture)?;
+        let settings = &self.settings;
+        let reference = self.geometry.reference;
+        let base = &pyramids[reference].levels[0];
+        let corners = corner::corners(base, Large::MARGIN + 1, settings.apart_px, settings.corners);
+        let least = settings.least_points;
+        if corners.len() < least {
+            let found = corners.len();
+            return Err(Refusal::FewCorners { found, least });
         }
+        let level = self.spatial_level();
+        let fields: Vec<Field> = pyramids
+            .iter()
+            .map(|p| Field::new(&p.levels[level]))
+            .collect();
+        let stereo = Stereo {
+            geometry: &self.geometry,
+            settings,
+            pyramids: &pyramids,
+            fields: &fields,
+            level,
+        };
         let mut rejected = Rejected::default();
-        let mut points = Vec::new();
-        for (index, corner) in corners.iter().enumerate() {
-            let pixel = spread_phase(index, *corner);
-            match self.search.find(&views, pixel, &mut self.scratch) {
-                Match::Unmatched => rejected.unmatched += 1,
-                Match::Ambiguous => rejected.ambiguous += 1,
-                Match::At(rho) => match self.refine(&views, pixel, rho) {
-                    None => rejected.unmatched += 1,
-                    Some(point)
-                        if self.misfit_px(&point.at) > self.rig_tolerance(point.inverse_depth) =>
-                    {
-                        rejected.rig += 1
-                    }
-                    Some(point) => points.push(point),
-                },
+        let mut matches = Vec::with_capacity(settings.points);
+        let mut tried = 0;
+        for (index, corner) in corners.into_iter().enumerate() {
+            if matches.len() == settings.points {
+                break;
+            }
+            tried += 1;
+            match stereo.find(spread_phase(index, corner)) {
+                Ok(matched) => matches.push(matched),
+                Err(reason) => rejected.add(reason),
             }
         }
-        let corners = corners.len();
-        // What repeats along x is ambiguous nearly everywhere; the few points that seem clear are then no better.
-        if rejected.ambiguous > points.len() {
-            return Err(Refusal::AmbiguousDepth {
-                ambiguous: rejected.ambiguous,
-                corners,
+        let (matched, ambiguous) = (matches.len(), rejected.of(Reason::Ambiguous));
+        if ambiguous > matched && 4 * ambiguous > tried {
+            return Err(Refusal::AmbiguousDepth { ambiguous, matched });
+        }
+        if matched < least {
+            return Err(Refusal::FewMatches {
+                matched,
+                corners: tried,
+                least,
             });
         }
-        if points.len() < FEWEST {
-            return Err(Refusal::Unmatched {
-                matched: points.len(),
-                corners,
-            });
-        }
-        let mut depths: Vec<f64> = points.iter().map(|point| point.inverse_depth).collect();
-        let middle = depths.len() / 2;
-        let median_depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
-        Ok(Reference {
-            views,
-            points,
+        let coarse = Field::new(&pyramids[reference].levels[self.temporal_level()]);
+        self.keyframe = Some(Keyframe {
+            pyramids,
+            coarse,
+            matches,
             rejected,
-            corners,
-            median_depth,
-        })
+        });
+        Ok(())
     }
 
-    /// Sub-pixel positions of a corner in all cameras, from its rough inverse depth.
-    fn refine(&mut self, views: &[Pyramid], pixel: [f32; 2], rho: f64) -> Option<Point> {
-        let radius = self.settings.radius_px;
-        let home: Vec<Patch> = views[self.home]
-            .levels
-            .iter()
-            .enumerate()
-            .map_while(|(level, plane)| {
-                let centre = pixel.map(|p| p / (1usize << level) as f32);
-                Patch::new(plane, centre, radius_at(radius, level), &mut self.scratch)
-            })
-            .collect();
-        let finest = home.first()?.clone();
-        let (mut at, mut patches) = (Vec::new(), Vec::new());
-        for (k, view) in views.iter().enumerate() {
-            if k == self.home {
-                at.push(pixel);
-                patches.push(finest.clone());
-                continue;
-            }
-            let mut guess = self.search.project(pixel, rho, k);
-            for level in (0..home.len().min(2)).rev() {
-                let scale = (1usize << level) as f32;
-                let found = home[level].find(
-                    &view.levels[level],
-                    guess.map(|p| p / scale),
-                    3.0,
-                    &mut self.scratch,
-                )?;
-                if found.likeness < self.settings.min_likeness {
-                    return None;
-                }
-                guess = found.at.map(|p| p * scale);
-            }
-            let patch = Patch::new(&view.levels[0], guess, radius, &mut self.scratch)?;
-            let back = patch.find(&views[self.home].levels[0], pixel, 3.0, &mut self.scratch)?;
-            if distance(back.at, pixel) > self.settings.max_return_px {
-                return None;
-            }
-            at.push(guess);
-            patches.push(patch);
-        }
-        let (inverse_depth, _) = self.geometry.fit(self.normalised(&at).into_iter());
-        (inverse_depth > 0.0).then_some(Point {
-            at,
-            inverse_depth,
-            home,
-            patches,
-        })
-    }
-
-    fn normalised(&self, at: &[[f32; 2]]) -> Vec<[f64; 2]> {
-        self.rig
-            .cameras
-            .iter()
-            .zip(at)
-            .map(|(camera, at)| camera.normalise(at.map(f64::from)))
-            .collect()
-    }
-
-    /// How far, at most, a camera's view of a point lies from where the other views put it, px. For three cameras on a line this is
-    /// the vertical-offset test together with the paper's constraint (3): both say that the views belong to one scene point.
-    fn misfit_px(&self, at: &[[f32; 2]]) -> f64 {
-        let seen = self.normalised(at);
-        let (inverse_depth, mean) = self.geometry.fit(seen.iter().copied());
-        let focal = self.rig.mean_focal_px();
-        let should = self.geometry.refit(inverse_depth, mean);
-        seen.iter()
-            .zip(should)
-            .map(|(a, b)| focal * (a[0] - b[0]).hypot(a[1] - b[1]))
-            .fold(0.0, f64::max)
-    }
-
-    fn rig_tolerance(&self, inverse_depth: f64) -> f64 {
-        let widest = (0..self.rig.cameras.len())
-            .flat_map(|a| (0..a).map(move |b| (a, b)))
-            .map(|(a, b)| {
-                let (a, b) = (self.rig.cameras[a].offset_mm, self.rig.cameras[b].offset_mm);
-                (a[0] - b[0]).hypot(a[1] - b[1])
-            })
-            .fold(0.0, f64::max);
-        self.settings.max_rig_px + 0.03 * widest * inverse_depth * self.rig.mean_focal_px()
-    }
-
-    /// All points of the reference in the present views.
-    fn follow(&mut self, reference: &Reference, views: &[Pyramid]) -> Result<Measurement, Refusal> {
-        let start = self.rough_flow(reference, views)?;
-        let mut rejected = reference.rejected;
-        let mut tracks = Vec::new();
-        for point in &reference.points {
-            let nearness = (point.inverse_depth / reference.median_depth) as f32;
-            match self.follow_point(reference, point, views, start.map(|s| s * nearness)) {
-                Followed::At(at)
-                    if self.misfit_px(&at) > self.rig_tolerance(point.inverse_depth) =>
-                {
-                    rejected.rig += 1
-                }
-                Followed::At(at) => tracks.push(track(point, &at)),
-                Followed::Lost => rejected.lost += 1,
-                Followed::NoReturn => rejected.no_return += 1,
+    /// Follows the reference's points into `capture`.
+    ///
+    /// # Errors
+    /// [`Refusal`], with what was found. The reference stays.
+    pub fn measure(&self, capture: &Capture) -> Result<Measurement, Refusal> {
+        let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
+        let pyramids = self.pyramids(capture)?;
+        let follow = Follow {
+            geometry: &self.geometry,
+            settings: &self.settings,
+            before: &keyframe.pyramids,
+            now: &pyramids,
+        };
+        let rough_mm = self.rough(keyframe, &pyramids, &follow)?;
+        let mut rejected = keyframe.rejected;
+        let mut followed: Vec<Followed> = Vec::with_capacity(keyframe.matches.len());
+        for matched in &keyframe.matches {
+            match follow.point(matched, rough_mm) {
+                Ok(point) => followed.push(point),
+                Err(reason) => rejected.add(reason),
             }
         }
-        let views: Vec<Vec<View>> = tracks.iter().map(|track| self.views(track)).collect();
-        let agreement = consensus::agree(&self.rig, &views)?;
-        rejected.disagree += tracks.len() - agreement.inliers.len();
-        debug_assert!(reference.corners == agreement.inliers.len() + rejected.total());
-        let tracks = agreement
-            .inliers
+        let least = self.settings.least_points;
+        if followed.len() < least {
+            return Err(Refusal::FewTracks {
+                followed: followed.len(),
+                matched: keyframe.matches.len(),
+                least,
+            });
+        }
+        self.settle(followed, rough_mm, rejected)
+    }
+
+    /// The displacement to a fraction of a pixel, or why there is none or more than one.
+    fn rough(
+        &self,
+        keyframe: &Keyframe,
+        pyramids: &[Pyramid],
+        follow: &Follow,
+    ) -> Result<[f64; 3], Refusal> {
+        let level = self.temporal_level();
+        let now = Field::new(&pyramids[self.geometry.reference].levels[level]);
+        let [width, _] = now.size();
+        let search = Search {
+            geometry: &self.geometry,
+            before: &keyframe.coarse,
+            now: &now,
+            scale: (1 << level) as f64,
+            reach: (self.settings.reach * width as f64).ceil() as usize,
+        };
+        let guesses = search.guesses(&keyframe.matches);
+        let best_score = guesses.first().map_or(0.0, |g| g.score);
+        let mut refined: Vec<follow::Refined> = guesses
             .iter()
-            .map(|&i| tracks[i].clone())
+            .filter_map(|g| follow.refine(&keyframe.matches, g.displacement_mm, level))
             .collect();
+        refined.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        let Some(first) = refined.first() else {
+            return Err(Refusal::Lost {
+                likeness: best_score,
+            });
+        };
+        if first.likeness < 0.4 {
+            return Err(Refusal::Lost {
+                likeness: first.likeness,
+            });
+        }
+        let mean_depth = keyframe
+            .matches
+            .iter()
+            .map(|m| m.ray.inverse_depth)
+            .sum::<f64>()
+            / keyframe.matches.len() as f64;
+        for other in &refined[1..] {
+            let [dx, dy] = [0, 1].map(|i| other.displacement_mm[i] - first.displacement_mm[i]);
+            let apart_px = dx.hypot(dy) * mean_depth * self.geometry.focal_px;
+            if apart_px > 2.0
+                && other.likeness > first.likeness - 2.0 * self.settings.rival_likeness
+            {
+                return Err(Refusal::AmbiguousMotion {
+                    first: first.displacement_mm,
+                    second: other.displacement_mm,
+                });
+            }
+        }
+        Ok(first.displacement_mm)
+    }
+
+    /// Keeps the points that agree.
+    fn settle(
+        &self,
+        followed: Vec<Followed>,
+        rough_mm: [f64; 3],
+        mut rejected: Rejected,
+    ) -> Result<Measurement, Refusal> {
+        let settings = &self.settings;
+        let count = followed.len();
+        let (tracks, views): (Vec<Track>, Vec<Vec<View>>) = followed
+            .into_iter()
+            .map(|f| (Track { pixels: f.pixels }, f.views))
+            .unzip();
+        let consensus = consensus::agree(&self.geometry, &views, rough_mm, settings.agree_px);
+        let (agree, median_px) = consensus.as_ref().map_or((0, f64::NAN), |c| {
+            (c.agrees.iter().filter(|a| **a).count(), c.median_px)
+        });
+        let refused = Refusal::NoAgreement {
+            agree,
+            followed: count,
+            median_px,
+        };
+        let Some(consensus) = consensus else {
+            return Err(refused);
+        };
+        if agree < settings.least_points || 2 * agree < count || median_px > settings.scatter_px {
+            return Err(refused);
+        }
+        for _ in agree..count {
+            rejected.add(Reason::Disagrees);
+        }
+        let keep = |index: &usize| consensus.agrees[*index];
+        let kept: Vec<usize> = (0..count).filter(keep).collect();
+        let tracks: Vec<Track> = kept.iter().map(|i| tracks[*i].clone()).collect();
+        let views = kept.iter().map(|i| views[*i].clone()).collect();
+        let overlap = overlap(&tracks, self.geometry.reference);
         Ok(Measurement {
             tracks,
+            views,
             rejected,
-            displacement_mm: agreement.displacement_mm,
+            displacement_mm: consensus.displacement_mm,
+            overlap,
         })
     }
-
-    fn views(&self, track: &Track) -> Vec<View> {
-        let cameras = self.rig.cameras.iter();
-        cameras
-            .zip(&track.pixels)
-            .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
-            .collect()
-    }
-
-    /// The flow of a point at the median depth in the home camera, px, good to a few pixels.
-    fn rough_flow(
-        &mut self,
-        reference: &Reference,
-        views: &[Pyramid],
-    ) -> Result<[f32; 2], Refusal> {
-        let level = reference.views[self.home].levels.len() - 1;
-        let scale = (1usize << level) as f32;
-        let before = &reference.views[self.home].levels[level];
-        let after = &views[self.home].levels[level];
-        let marks: Vec<Mark> = reference
-            .points
-            .iter()
-            .filter_map(|point| {
-                let nearness = (point.inverse_depth / reference.median_depth) as f32;
-                Mark::new(before, point.at[self.home].map(|p| p / scale), nearness)
-            })
-            .take(100)
-            .collect();
-        let reach = (self.settings.reach_px as f32 / scale).ceil() as usize;
-        let candidates = motion::candidates(&marks, after, reach);
-        let mut tried: Vec<Trial> = candidates
-            .iter()
-            .map(|candidate| self.attempt(reference, views, candidate, scale))
-            .filter(|trial| trial.share > 0.0)
-            .collect();
-        tried.sort_by(|a, b| b.worth().total_cmp(&a.worth()));
-        let best = *tried.first().ok_or(Refusal::Lost)?;
-        for other in &tried[1..] {
-            let px = distance(other.flow, best.flow);
-            let as_good =
-                other.share > 0.7 * best.share && other.likeness > best.likeness - AMBIGUOUS_MARGIN;
-            if px > 3.0 && as_good {
-                return Err(Refusal::AmbiguousMotion { px });
-            }
-        }
-        Ok(best.flow)
-    }
-
-    /// Follows some points at full resolution from a candidate.
-    fn attempt(
-        &mut self,
-        reference: &Reference,
-        views: &[Pyramid],
-        candidate: &Candidate,
-        scale: f32,
-    ) -> Trial {
-        let start = candidate.flow.map(|f| f * scale);
-        let every = reference.points.len().div_ceil(60);
-        let (mut flows, mut likeness, mut asked) = ([Vec::new(), Vec::new()], 0.0, 0);
-        for point in reference.points.iter().step_by(every) {
-            asked += 1;
-            let nearness = (point.inverse_depth / reference.median_depth) as f32;
-            let from = point.at[self.home];
-            let Some(found) = self.descend(
-                point,
-                &views[self.home],
-                [from[0] + start[0] * nearness, from[1] + start[1] * nearness],
-            ) else {
-                continue;
-            };
-            likeness += found.likeness;
-            for axis in 0..2 {
-                flows[axis].push((found.at[axis] - from[axis]) / nearness);
-            }
-        }
-        let found = flows[0].len();
-        if found == 0 {
-            return Trial {
-                flow: start,
-                share: 0.0,
-                likeness: 0.0,
-            };
-        }
-        let flow = flows.map(|mut f| *f.select_nth_unstable_by(found / 2, f32::total_cmp).1);
-        Trial {
-            flow,
-            share: found as f32 / asked as f32,
-            likeness: likeness / found as f32,
-        }
-    }
-
-    /// Through the home camera's pyramid, coarse to fine.
-    fn descend(&mut self, point: &Point, view: &Pyramid, start: [f32; 2]) -> Option<patch::Found> {
-        let mut at = start;
-        let mut found = None;
-        for level in (0..point.home.len().min(view.levels.len())).rev() {
-            let scale = (1usize << level) as f32;
-            let reach = if level == 0 { 4.0 } else { 5.0 };
-            match point.home[level].find(
-                &view.levels[level],
-                at.map(|p| p / scale),
-                reach,
-                &mut self.scratch,
-            ) {
-                Some(here) => {
-                    at = here.at.map(|p| p * scale);
-                    found = (level == 0).then_some(here);
-                }
-                // A coarse square may leave the image where the fine one does not.
-                None if level > 0 => {}
-                None => return None,
-            }
-        }
-        found.filter(|found| found.likeness >= self.settings.min_likeness)
-    }
-
-    fn follow_point(
-        &mut self,
-        reference: &Reference,
-        point: &Point,
-        views: &[Pyramid],
-        start: [f32; 2],
-    ) -> Followed {
-        let from = point.at[self.home];
-        let Some(found) = self.descend(
-            point,
-            &views[self.home],
-            [from[0] + start[0], from[1] + start[1]],
-        ) else {
-            return Followed::Lost;
-        };
-        let flow = [found.at[0] - from[0], found.at[1] - from[1]];
-        let mut at = Vec::with_capacity(views.len());
-        for (k, view) in views.iter().enumerate() {
-            let here = if k == self.home {
-                found.at
-            } else {
-                let (camera, home) = (&self.rig.cameras[k], &self.rig.cameras[self.home]);
-                let guess = std::array::from_fn(|i| {
-                    let zoom = camera.focal_px[i] / home.focal_px[i];
-                    point.at[k][i] + flow[i] * zoom as f32
-                });
-                let likely = point.patches[k].find(&view.levels[0], guess, 4.0, &mut self.scratch);
-                match likely.filter(|found| found.likeness >= self.settings.min_likeness) {
-                    Some(found) => found.at,
-                    None => return Followed::Lost,
-                }
-            };
-            let back = Patch::new(
-                &view.levels[0],
-                here,
-                self.settings.radius_px,
-                &mut self.scratch,
-            )
-            .and_then(|patch| {
-                patch.find(
-                    &reference.views[k].levels[0],
-                    point.at[k],
-                    3.0,
-                    &mut self.scratch,
-                )
-            });
-            match back {
-                Some(back) if distance(back.at, point.at[k]) <= self.settings.max_return_px => {
-                    at.push(here)
-                }
-                _ => return Followed::NoReturn,
-            }
-        }
-        Followed::At(at)
-    }
 }
 
-enum Followed {
-    At(Vec<[f32; 2]>),
-    Lost,
-    NoReturn,
-}
-
-/// How well a candidate displacement did at full resolution.
-#[derive(Clone, Copy, Debug)]
-struct Trial {
-    flow: [f32; 2],
-    /// Share of the points found.
-    share: f32,
-    /// Their mean correlation.
-    likeness: f32,
-}
-
-impl Trial {
-    fn worth(&self) -> f32 {
-        self.share * self.likeness
-    }
-}
-
-/// Moves a whole-pixel corner to another phase of the pixel grid, different for each index.
+/// A place within half a pixel of a corner, another one for every corner.
 ///
-/// Sub-pixel tracking errs by up to 0.008 px with the phases of start and end. Corners all at phase zero would all err alike, and the displacement
-/// with them; spread evenly (the plastic number's sequence) the errors cancel.
-fn spread_phase(index: usize, corner: [f32; 2]) -> [f32; 2] {
-    let turn = [0.754_877_67_f64, 0.569_840_29];
-    std::array::from_fn(|i| corner[i] + ((index as f64 * turn[i]).fract() - 0.5) as f32)
+/// Interpolation errs by a few thousandths of a pixel, depending on where between two pixels a template was taken. Taken always in the middle of
+/// a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
+/// along z. The places are those of the R2 sequence (Roberts 2018), evenly spread at any count.
+fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
+    let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
+    core::array::from_fn(|i| corner[i] as f64 + (index as f64 * turn[i]).fract() - 0.5)
 }
 
-fn track(point: &Point, now: &[[f32; 2]]) -> Track {
-    let pixels = point
-        .at
-        .iter()
-        .zip(now)
-        .map(|(start, end)| [start.map(f64::from), end.map(f64::from)]);
-    Track {
-        pixels: pixels.collect(),
-    }
-}
-
-/// Half side of the square at a level of the pyramid: coarse levels see more of the scene anyway.
-fn radius_at(finest: usize, level: usize) -> usize {
-    (finest >> level).max(5).min(finest)
-}
-
-fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
-/// The camera nearest to the middle of all.
-fn most_central(rig: &Rig) -> usize {
-    let count = rig.cameras.len() as f64;
-    let mean: [f64; 2] =
-        std::array::from_fn(|i| rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
-    let off = |k: &usize| {
-        let [x, y] = rig.cameras[*k].offset_mm;
-        (x - mean[0]).hypot(y - mean[1])
+/// Variance of the mean over all windows, relative to that of windows that do not overlap: the mean over all points
+/// of the sum of the shares each window has in common with the others, itself included.
+fn overlap(tracks: &[Track], reference: usize) -> f64 {
+    const SIDE_PX: f64 = 21.0;
+    let centres: Vec<[f64; 2]> = tracks.iter().map(|t| t.pixels[reference][0]).collect();
+    let shared = |a: &[f64; 2], b: &[f64; 2]| {
+        let side = |i: usize| (1.0 - (a[i] - b[i]).abs() / SIDE_PX).max(0.0);
+        side(0) * side(1)
     };
-    (0..rig.cameras.len())
-        .min_by(|a, b| off(a).total_cmp(&off(b)))
-        .unwrap_or(0)
+    let sum: f64 = centres
+        .iter()
+        .map(|a| centres.iter().map(|b| shared(a, b)).sum::<f64>())
+        .sum();
+    sum / centres.len().max(1) as f64
 }
+
+#[cfg(test)]
+mod tests;

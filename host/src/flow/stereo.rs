@@ -1,197 +1,362 @@
-//! Where one camera's points appear in the others, without knowing their depth.
+//! Which pixel of every camera shows the same point, without any idea of its depth.
 //!
-//! In a parallel rig one unknown per point, its inverse depth `ρ`, says where it appears in *all* cameras at once:
-//!
-//! ```text
-//! ξ_k = ξ_0 - (c_k - c_0) ρ
-//! ```
-//!
-//! So the search runs over `ρ` from infinity to the largest disparity that the images allow, and each try is judged by the mean
-//! correlation over all other cameras: what repeats in one pair of views rarely repeats in two with different baselines. A point whose
-//! second-best depth is nearly as good as its best is ambiguous and dropped.
+//! One inverse depth predicts a point's place in all cameras at once. So every corner of the reference image is tried at all inverse
+//! depths, in steps of half a pixel of a coarse level, and the likenesses in all cameras are averaged: what looks
+//! right to one camera by chance looks wrong to the others. Every depth that is nearly as good as the best is refined by Lucas and
+//! Kanade at full resolution; if two survive that are alike, the texture repeats and the corner is dropped as ambiguous.
 
-use super::patch::{Patch, Scratch};
-use super::plane::Pyramid;
-use shared::rig::{Camera, Rig};
+use super::geometry::{Geometry, Ray};
+use super::likeness::{Field, OUTSIDE};
+use super::lucas_kanade::{Large, Small};
+use super::pyramid::Pyramid;
+use super::{Reason, Settings};
 
-/// Half side of the square that is compared, px of the level searched.
-const RADIUS: usize = 5;
+/// Disparities below zero that are tried, px: principal points are not known better.
+const BEYOND_INFINITY_PX: f64 = 3.0;
+/// The largest disparity to the farthest camera, in image widths: nearer points are outside some camera anyway.
+const LARGEST_DISPARITY: f64 = 0.5;
+/// The least disparity of a point that is of use, px: depth is not known beyond.
+const LEAST_DISPARITY_PX: f64 = 1.0;
+/// Depths whose mean likeness at the coarse level is this close to the best are tried at full resolution. Large,
+/// since a coarse pixel may hit one repetition squarely and the other by half.
+const RIVAL: f32 = 0.25;
+/// As [`RIVAL`], for depths at which some camera would not see the point: they cannot be tried, only feared.
+const HIDDEN_RIVAL: f32 = 0.12;
+/// A corner with more rivals than this is ambiguous without trying them.
+const MOST_RIVALS: usize = 5;
+/// Steps of the iteration at each level.
+const STEPS: usize = 12;
 
-/// Level of the pyramid searched: half the resolution.
-const LEVEL: usize = 1;
-
-/// Mean correlation that a match must reach.
-const MIN_LIKENESS: f32 = 0.75;
-
-/// Another depth this much less alike is another match: the point is ambiguous.
-const MARGIN: f32 = 0.06;
-
-/// The largest disparity between the outermost cameras, as a share of the image's longer side.
-const MAX_DISPARITY: f64 = 0.8;
-
-/// How a search for one point ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Match {
-    /// At this inverse depth, 1/mm.
-    At(f64),
-    /// No depth makes the views alike.
-    Unmatched,
-    /// Several depths do.
-    Ambiguous,
-}
-
-/// The search for a rig seen from one of its cameras.
+/// A point matched in all cameras at one instant.
 #[derive(Clone, Debug)]
-pub struct Search {
-    cameras: Vec<Camera>,
-    home: usize,
-    /// Inverse depth between two tries, 1/mm: half a pixel of the level at the longest baseline.
-    step: f64,
-    tries: usize,
+pub struct Match {
+    /// Per camera, px as seen.
+    pub pixels: Vec<[f64; 2]>,
+    /// The same, normalised.
+    pub views: Vec<[f64; 2]>,
+    /// The point that fits them.
+    pub ray: Ray,
 }
 
-impl Search {
-    /// For points given in the image of camera `home`.
-    pub fn new(rig: &Rig, home: usize) -> Self {
-        let cameras = rig.cameras.to_vec();
-        let away = |camera: &Camera| {
-            let [x, y] = camera.offset_mm;
-            let [hx, hy] = cameras[home].offset_mm;
-            (x - hx).hypot(y - hy)
-        };
-        let longest = cameras.iter().map(away).fold(0.0, f64::max);
-        let widest = longest_baseline(&cameras);
-        let focal = rig.mean_focal_px();
-        let pixels_per_step = 0.5 * (1 << LEVEL) as f64;
-        let step = pixels_per_step / (focal * longest);
-        let largest_px = MAX_DISPARITY * f64::from(rig.image_size_px[0].max(rig.image_size_px[1]));
-        let tries = (largest_px / (focal * widest) / step).ceil() as usize + 1;
-        Self {
-            cameras,
-            home,
-            step,
-            tries,
-        }
-    }
+/// All cameras' images at one instant, and the rig.
+#[derive(Debug)]
+pub struct Stereo<'a> {
+    /// The rig.
+    pub geometry: &'a Geometry,
+    /// Thresholds.
+    pub settings: &'a Settings,
+    /// Per camera.
+    pub pyramids: &'a [Pyramid],
+    /// Per camera: the level that is searched.
+    pub fields: &'a [Field],
+    /// Which level that is.
+    pub level: usize,
+}
 
-    /// Finds the inverse depth of the point at `pixel` of the home camera.
-    pub fn find(&self, views: &[Pyramid], pixel: [f32; 2], scratch: &mut Scratch) -> Match {
-        let level = LEVEL.min(views[self.home].levels.len() - 1);
-        let scale = (1usize << level) as f32;
-        let centre = pixel.map(|p| p / scale);
-        let Some(patch) = Patch::new(&views[self.home].levels[level], centre, RADIUS, scratch)
-        else {
-            return Match::Unmatched;
-        };
-        let scores: Vec<f32> = (0..self.tries)
-            .map(|i| self.score(views, &patch, pixel, i as f64 * self.step, level, scratch))
-            .collect();
-        judge(&scores).map_or_else(|failure| failure, |at| Match::At(at * self.step))
-    }
+/// A depth that explains the coarse images.
+#[derive(Clone, Debug)]
+struct Candidate {
+    inverse_depth: f64,
+    score: f32,
+    /// Per camera: offset across the epipolar line, coarse px.
+    offsets: Vec<[f64; 2]>,
+}
 
-    /// Where the point appears in camera `k`, px, if it has inverse depth `rho` (1/mm).
-    pub fn project(&self, pixel: [f32; 2], rho: f64, k: usize) -> [f32; 2] {
-        let (home, camera) = (&self.cameras[self.home], &self.cameras[k]);
-        let seen = home.normalise(pixel.map(f64::from));
-        let moved =
-            std::array::from_fn(|i| seen[i] - (camera.offset_mm[i] - home.offset_mm[i]) * rho);
-        camera.denormalise(moved).map(|p| p as f32)
-    }
+/// A candidate at full resolution.
+struct Refined {
+    matched: Match,
+    likeness: f32,
+}
 
-    /// Mean likeness over the other cameras; -1 if one of them does not see it.
-    fn score(
-        &self,
-        views: &[Pyramid],
-        patch: &Patch,
-        pixel: [f32; 2],
-        rho: f64,
-        level: usize,
-        scratch: &mut Scratch,
-    ) -> f32 {
-        let scale = (1usize << level) as f32;
-        let mut total = 0.0;
-        for k in (0..self.cameras.len()).filter(|k| *k != self.home) {
-            let at = self.project(pixel, rho, k).map(|p| p / scale);
-            match patch.likeness(&views[k].levels[level], at, scratch) {
-                Some(likeness) => total += likeness,
-                None => return -1.0,
+impl Stereo<'_> {
+    /// The views of what the reference camera sees at `corner`.
+    ///
+    /// # Errors
+    /// Why there are none that can be trusted.
+    pub fn find(&self, corner: [f64; 2]) -> Result<Match, Reason> {
+        let candidates = self.candidates(corner)?;
+        let mut best: Option<(Refined, f32)> = None;
+        let mut second = f32::NEG_INFINITY;
+        let mut failed: Option<(f32, Reason)> = None;
+        for candidate in candidates {
+            match self.refine(corner, &candidate) {
+                Err(reason) => {
+                    if failed.is_none_or(|(score, _)| candidate.score > score) {
+                        failed = Some((candidate.score, reason));
+                    }
+                }
+                Ok(refined) => match &mut best {
+                    Some((found, score)) => {
+                        // Two candidates may lead to the same place.
+                        let apart = (found.matched.ray.inverse_depth
+                            - refined.matched.ray.inverse_depth)
+                            * self.px_per_inverse_mm();
+                        if apart.abs() < 1.0 {
+                            continue;
+                        }
+                        second = second.max(found.likeness.min(refined.likeness));
+                        if refined.likeness > found.likeness {
+                            (*found, *score) = (refined, candidate.score);
+                        }
+                    }
+                    None => best = Some((refined, candidate.score)),
+                },
             }
         }
-        total / (self.cameras.len() - 1) as f32
+        match (best, failed) {
+            (None, failed) => Err(failed.map_or(Reason::Unlike, |(_, reason)| reason)),
+            (Some((found, _)), _) if second > found.likeness - self.settings.rival_likeness => {
+                Err(Reason::Ambiguous)
+            }
+            // A better one that could not be refined: an occlusion, not a match.
+            (Some((_, score)), Some((better, reason))) if better > score + 0.05 => Err(reason),
+            (Some((found, _)), _) => Ok(found.matched),
+        }
     }
-}
 
-/// The best try as a fraction of steps, unless a separate peak is nearly as good.
-fn judge(scores: &[f32]) -> Result<f64, Match> {
-    let best = (0..scores.len())
-        .max_by(|&a, &b| scores[a].total_cmp(&scores[b]))
-        .ok_or(Match::Unmatched)?;
-    if scores[best] < MIN_LIKENESS {
-        return Err(Match::Unmatched);
+    /// Disparity to the farthest camera per unit of inverse depth.
+    fn px_per_inverse_mm(&self) -> f64 {
+        self.geometry.focal_px * self.geometry.reach_mm
     }
-    // The best peak's own slopes end where the score rises again.
-    let mut low = best;
-    while low > 0 && scores[low - 1] <= scores[low] {
-        low -= 1;
-    }
-    let mut high = best;
-    while high + 1 < scores.len() && scores[high + 1] <= scores[high] {
-        high += 1;
-    }
-    let others = scores[..low].iter().chain(&scores[high..]);
-    if others.copied().fold(-1.0, f32::max) > scores[best] - MARGIN {
-        return Err(Match::Ambiguous);
-    }
-    let at = |i: Option<usize>| i.and_then(|i| scores.get(i)).copied();
-    let peak = match (at(best.checked_sub(1)), at(Some(best + 1))) {
-        (Some(left), Some(right)) if left > -1.0 && right > -1.0 => {
-            let bend = left + right - 2.0 * scores[best];
-            if bend < 0.0 {
-                0.5 * f64::from((left - right) / bend)
-            } else {
-                0.0
+
+    /// All inverse depths that explain the coarse images nearly as well as the best one.
+    fn candidates(&self, corner: [f64; 2]) -> Result<Vec<Candidate>, Reason> {
+        let scale = (1 << self.level) as f64;
+        let reference = self.geometry.reference;
+        let coarse = corner.map(|c| (c / scale).round());
+        let probe = self.fields[reference]
+            .probe(coarse[0] as i64, coarse[1] as i64)
+            .ok_or(Reason::Unlike)?;
+        let at = self
+            .geometry
+            .normalise(reference, coarse.map(|c| c * scale));
+        let step = 0.5 * scale / self.px_per_inverse_mm();
+        let first = -BEYOND_INFINITY_PX / self.px_per_inverse_mm();
+        let width =
+            f64::from(self.geometry.rig.image_size_px[0].max(self.geometry.rig.image_size_px[1]));
+        let last = LARGEST_DISPARITY * width / self.px_per_inverse_mm();
+        let count = ((last - first) / step).ceil() as usize + 1;
+
+        let mut total = vec![0.0_f32; count];
+        let mut seen = vec![0_u8; count];
+        let mut offsets = vec![vec![[0_i8; 2]; self.geometry.cameras()]; count];
+        for k in (0..self.geometry.cameras()).filter(|k| *k != reference) {
+            let line: Vec<[i64; 2]> = (0..count)
+                .map(|h| {
+                    let pixel = self.geometry.transfer(k, at, first + step * h as f64);
+                    pixel.map(|p| (p / scale).round() as i64)
+                })
+                .collect();
+            let strip = Strip::around(&line, &self.fields[k], &probe);
+            for (h, place) in line.iter().enumerate() {
+                let (likeness, offset) = strip.best(*place);
+                if likeness > OUTSIDE {
+                    total[h] += likeness;
+                    seen[h] += 1;
+                    offsets[h][k] = offset;
+                }
             }
         }
-        _ => 0.0,
-    };
-    Ok(best as f64 + peak.clamp(-0.5, 0.5))
-}
-
-fn longest_baseline(cameras: &[Camera]) -> f64 {
-    let pairs = cameras
-        .iter()
-        .flat_map(|a| cameras.iter().map(move |b| (a.offset_mm, b.offset_mm)));
-    pairs
-        .map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))
-        .fold(0.0, f64::max)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_clear_peak_wins_and_two_are_ambiguous() {
-        let peak = |centre: f32, height: f32| {
-            move |i: usize| height * (-((i as f32 - centre) / 2.0).powi(2)).exp()
-        };
-        let one: Vec<f32> = (0..60).map(peak(20.3, 0.95)).collect();
-        assert!((judge(&one).unwrap() - 20.3).abs() < 0.05);
-        let second = peak(45.0, 0.93);
-        let two: Vec<f32> = one
-            .iter()
-            .enumerate()
-            .map(|(i, s)| s.max(second(i)))
+        let others = self.geometry.cameras() as u8 - 1;
+        let score: Vec<f32> = (total.iter().zip(&seen))
+            .map(|(sum, n)| {
+                if *n == 0 {
+                    OUTSIDE
+                } else {
+                    sum / f32::from(*n)
+                }
+            })
             .collect();
-        assert_eq!(judge(&two), Err(Match::Ambiguous));
-        let low: Vec<f32> = (0..60).map(peak(20.0, 0.5)).collect();
-        assert_eq!(judge(&low), Err(Match::Unmatched));
-        assert_eq!(judge(&[]), Err(Match::Unmatched));
+        let complete = |h: &usize| seen[*h] == others;
+        let best = (0..count)
+            .filter(complete)
+            .max_by(|a, b| score[*a].total_cmp(&score[*b]))
+            .ok_or(Reason::OutOfView)?;
+        if score[best] < self.settings.least_likeness - 0.15 {
+            return Err(Reason::Unlike);
+        }
+        let mut found = Vec::new();
+        for peak in peaks(&score, score[best] - RIVAL) {
+            if complete(&peak) {
+                found.push(Candidate {
+                    inverse_depth: first + step * (peak as f64 + vertex(&score, peak)),
+                    score: score[peak],
+                    offsets: offsets[peak].iter().map(|o| o.map(f64::from)).collect(),
+                });
+            } else if score[peak] > score[best] - HIDDEN_RIVAL {
+                return Err(Reason::Ambiguous);
+            }
+        }
+        if found.len() > MOST_RIVALS {
+            return Err(Reason::Ambiguous);
+        }
+        Ok(found)
     }
 
-    #[test]
-    fn the_search_covers_300_mm_with_the_papers_rig() {
-        let search = Search::new(&Rig::paper(), 1);
-        assert!(search.tries as f64 * search.step >= 1.0 / 300.0);
+    /// The match at full resolution, checked by every test there is.
+    fn refine(&self, corner: [f64; 2], candidate: &Candidate) -> Result<Refined, Reason> {
+        let geometry = self.geometry;
+        let reference = geometry.reference;
+        let at = geometry.normalise(reference, corner);
+        let mut pixels = vec![corner; geometry.cameras()];
+        let mut views = vec![at; geometry.cameras()];
+        let mut likeness = 0.0;
+        for k in (0..geometry.cameras()).filter(|k| *k != reference) {
+            let scale = (1 << self.level) as f64;
+            let on_line = geometry.transfer(k, at, candidate.inverse_depth);
+            let start = [0, 1].map(|i| on_line[i] + scale * candidate.offsets[k][i]);
+            let warp = geometry.stretch(k, corner, candidate.inverse_depth);
+            let mut place = start.map(|p| p as f32);
+            for level in (1..self.level).rev() {
+                let scale = (1 << level) as f32;
+                let levels = [reference, k].map(|k| &self.pyramids[k].levels[level]);
+                let template = Small::new(levels[0], corner.map(|c| c as f32 / scale), warp);
+                let found = template
+                    .and_then(|t| t.find(levels[1], place.map(|p| p / scale), STEPS))
+                    .ok_or(Reason::Unlike)?;
+                place = found.at.map(|p| p * scale);
+            }
+            let [base, other] = [reference, k].map(|k| &self.pyramids[k].levels[0]);
+            let template = Large::new(base, corner.map(|c| c as f32), warp).ok_or(Reason::Flat)?;
+            let found = template.find(other, place, STEPS).ok_or(Reason::Unlike)?;
+            if found.likeness < self.settings.least_likeness {
+                return Err(Reason::Unlike);
+            }
+            let back = Large::new(other, found.at, invert(warp)).ok_or(Reason::Flat)?;
+            let start = [0, 1].map(|i| corner[i] as f32 + found.at[i] - place[i]);
+            let returned = back.find(base, start, STEPS).ok_or(Reason::NoReturn)?;
+            let miss = [0, 1].map(|i| f64::from(returned.at[i]) - corner[i]);
+            if miss[0].hypot(miss[1]) > self.settings.return_px {
+                return Err(Reason::NoReturn);
+            }
+            likeness += found.likeness / (geometry.cameras() - 1) as f32;
+            pixels[k] = found.at.map(f64::from);
+            views[k] = geometry.normalise(k, pixels[k]);
+        }
+        check(geometry, self.settings, &views)?;
+        let ray = geometry.fit(&views);
+        if ray.inverse_depth * self.px_per_inverse_mm() < LEAST_DISPARITY_PX {
+            return Err(Reason::TooFar);
+        }
+        Ok(Refined {
+            matched: Match { pixels, views, ray },
+            likeness,
+        })
     }
+}
+
+/// Constraint (3) and the vertical test on one point's views.
+///
+/// # Errors
+/// Which of the two failed.
+pub fn check(geometry: &Geometry, settings: &Settings, views: &[[f64; 2]]) -> Result<(), Reason> {
+    if geometry.vertical_offset_px(views) > settings.view_residual_px {
+        return Err(Reason::Vertical);
+    }
+    if geometry.disparity_disagreement_px(views) > settings.view_residual_px {
+        return Err(Reason::Disparity);
+    }
+    Ok(())
+}
+
+/// Likenesses along a line of places and one pixel to either side of it.
+struct Strip {
+    /// Whether neighbours across the line are above and below.
+    flat: bool,
+    top: i64,
+    /// Per row: first column and likenesses.
+    rows: Vec<(i64, Vec<f32>)>,
+}
+
+impl Strip {
+    fn around(line: &[[i64; 2]], field: &Field, probe: &super::likeness::Probe) -> Self {
+        let extent = |axis: usize| {
+            let low = line.iter().map(|p| p[axis]).min().unwrap_or(0);
+            (low, line.iter().map(|p| p[axis]).max().unwrap_or(0))
+        };
+        let ((left, right), (top, bottom)) = (extent(0), extent(1));
+        let flat = right - left >= bottom - top;
+        let (grow_x, grow_y) = if flat { (0, 1) } else { (1, 0) };
+        let [width, height] = field.size().map(|s| s as i64);
+        // Places outside the image are known to be so without looking.
+        let (top, bottom) = ((top - grow_y).max(0), (bottom + grow_y).min(height - 1));
+        let mut spans = vec![(i64::MAX, i64::MIN); (bottom - top + 1).max(0) as usize];
+        for [x, y] in line {
+            for row in y - grow_y..=y + grow_y {
+                let index = usize::try_from(row - top).unwrap_or(usize::MAX);
+                if let Some(span) = spans.get_mut(index) {
+                    span.0 = span.0.min((x - grow_x).max(0));
+                    span.1 = span.1.max((x + grow_x).min(width - 1));
+                }
+            }
+        }
+        let rows = (top..)
+            .zip(&spans)
+            .map(|(y, (first, last))| {
+                let mut row = vec![OUTSIDE; (last.saturating_sub(*first) + 1).max(0) as usize];
+                field.compare(probe, *first, y, &mut row);
+                (*first, row)
+            })
+            .collect();
+        Self { flat, top, rows }
+    }
+
+    fn at(&self, x: i64, y: i64) -> f32 {
+        let row = usize::try_from(y - self.top)
+            .ok()
+            .and_then(|r| self.rows.get(r));
+        row.and_then(|(first, values)| values.get(usize::try_from(x - first).ok()?))
+            .copied()
+            .unwrap_or(OUTSIDE)
+    }
+
+    /// The best of a place and its neighbours across the line, and its offset. [`OUTSIDE`] if the place itself is.
+    fn best(&self, [x, y]: [i64; 2]) -> (f32, [i8; 2]) {
+        let mut best = (self.at(x, y), [0, 0]);
+        if best.0 == OUTSIDE {
+            return best;
+        }
+        for side in [-1_i8, 1] {
+            let offset = if self.flat { [0, side] } else { [side, 0] };
+            let likeness = self.at(x + i64::from(offset[0]), y + i64::from(offset[1]));
+            if likeness > best.0 {
+                best = (likeness, offset);
+            }
+        }
+        best
+    }
+}
+
+/// Indices of the local maxima above `least`. Of a plateau, the first.
+fn peaks(score: &[f32], least: f32) -> Vec<usize> {
+    (0..score.len())
+        .filter(|&i| {
+            let before = i.checked_sub(1).map_or(OUTSIDE, |b| score[b]);
+            let after = score.get(i + 1).copied().unwrap_or(OUTSIDE);
+            // Half steps of a rounded position may repeat a value.
+            score[i] > least && score[i] > before && score[i] >= after
+        })
+        .collect()
+}
+
+/// Where the parabola through a peak and its neighbours has its vertex, in steps from the peak.
+fn vertex(score: &[f32], peak: usize) -> f64 {
+    let before = peak.checked_sub(1).map_or(OUTSIDE, |b| score[b]);
+    let after = score.get(peak + 1).copied().unwrap_or(OUTSIDE);
+    let bend = before - 2.0 * score[peak] + after;
+    let offset = 0.5 * (before - after) / bend;
+    if offset.is_finite() {
+        f64::from(offset.clamp(-0.5, 0.5))
+    } else {
+        0.0
+    }
+}
+
+/// The inverse of a matrix near the identity.
+fn invert([[a, b], [c, d]]: [[f32; 2]; 2]) -> [[f32; 2]; 2] {
+    let determinant = a * d - b * c;
+    [
+        [d / determinant, -b / determinant],
+        [-c / determinant, a / determinant],
+    ]
 }

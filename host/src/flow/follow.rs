@@ -1,0 +1,161 @@
+//! Points followed in time, in every camera on its own, from where one rough displacement puts them.
+
+use shared::sums::View;
+
+use super::consensus::{self, Sighting};
+use super::geometry::Geometry;
+use super::lucas_kanade::{Found, Large, Small, Template};
+use super::pyramid::{Plane, Pyramid};
+use super::stereo::{self, Match};
+use super::{Reason, Settings};
+
+/// Steps of the iteration.
+const STEPS: usize = 12;
+
+/// Two instants, and the rig.
+#[derive(Debug)]
+pub struct Follow<'a> {
+    /// The rig.
+    pub geometry: &'a Geometry,
+    /// Thresholds.
+    pub settings: &'a Settings,
+    /// Per camera, at the reference instant.
+    pub before: &'a [Pyramid],
+    /// Per camera, now.
+    pub now: &'a [Pyramid],
+}
+
+/// A displacement, better known than its guess.
+#[derive(Clone, Copy, Debug)]
+pub struct Refined {
+    /// mm.
+    pub displacement_mm: [f64; 3],
+    /// Mean likeness over the points in view; those that could not be found or disagree count as 0.
+    pub likeness: f32,
+}
+
+impl Follow<'_> {
+    /// Improves a guess in the reference camera, from the level below `level` down to level 1.
+    pub fn refine(&self, matches: &[Match], guess_mm: [f64; 3], level: usize) -> Option<Refined> {
+        let mut refined = Refined {
+            displacement_mm: guess_mm,
+            likeness: 0.0,
+        };
+        for level in (1..level.max(2)).rev() {
+            refined = self.refine_at(matches, refined.displacement_mm, level)?;
+        }
+        Some(refined)
+    }
+
+    fn refine_at(&self, matches: &[Match], guess_mm: [f64; 3], level: usize) -> Option<Refined> {
+        let k = self.geometry.reference;
+        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let (before, now) = (before?, now?);
+        let scale = (1 << level) as f64;
+        let mut sightings = Vec::new();
+        let mut likenesses = Vec::new();
+        let mut in_view = 0_usize;
+        for matched in matches {
+            let rho = matched.ray.inverse_depth;
+            let from = matched.pixels[k].map(|p| (p / scale) as f32);
+            let expected = Sighting::predicted(matched.views[k], rho, guess_mm);
+            let to = self.geometry.pixel(k, expected).map(|p| (p / scale) as f32);
+            if !Small::fits(before, from) || !Small::fits(now, to) {
+                continue;
+            }
+            let Some(template) = Small::new(before, from, shrink(rho, guess_mm)) else {
+                continue;
+            };
+            in_view += 1;
+            if let Some(found) = template.find(now, to, STEPS) {
+                let pixel = found.at.map(|p| f64::from(p) * scale);
+                sightings.push(Sighting {
+                    before: matched.views[k],
+                    now: self.geometry.normalise(k, pixel),
+                    inverse_depth: rho,
+                });
+                likenesses.push(found.likeness);
+            }
+        }
+        if sightings.len() < self.settings.least_points {
+            return None;
+        }
+        let least = 0.5 * scale / self.geometry.focal_px;
+        let displacement_mm = consensus::fit(&sightings, guess_mm, least)?;
+        let mut sum = 0.0;
+        for (sighting, likeness) in sightings.iter().zip(&likenesses) {
+            if sighting.residual(displacement_mm) < 2.0 * least {
+                sum += likeness.max(0.0);
+            }
+        }
+        Some(Refined {
+            displacement_mm,
+            likeness: sum / in_view as f32,
+        })
+    }
+
+    /// One point in all cameras at full resolution: pixels now, and normalised views at both instants.
+    ///
+    /// # Errors
+    /// Why it could not be followed.
+    pub fn point(&self, matched: &Match, displacement_mm: [f64; 3]) -> Result<Followed, Reason> {
+        let cameras = self.geometry.cameras();
+        let mut pixels = Vec::with_capacity(cameras);
+        let mut views = Vec::with_capacity(cameras);
+        for k in 0..cameras {
+            let found = self.view(k, matched, displacement_mm)?;
+            let pixel = found.at.map(f64::from);
+            pixels.push([matched.pixels[k], pixel]);
+            views.push(View {
+                start: matched.views[k],
+                end: self.geometry.normalise(k, pixel),
+            });
+        }
+        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, self.settings, &ends)?;
+        Ok(Followed { pixels, views })
+    }
+
+    fn view(&self, k: usize, matched: &Match, displacement_mm: [f64; 3]) -> Result<Found, Reason> {
+        let [before, now]: [&Plane; 2] = [self.before, self.now].map(|p| &p[k].levels[0]);
+        let rho = matched.ray.inverse_depth;
+        let from = matched.pixels[k];
+        let expected = Sighting::predicted(matched.views[k], rho, displacement_mm);
+        let to = self.geometry.pixel(k, expected);
+        let start = to.map(|p| p as f32);
+        let warp = shrink(rho, displacement_mm);
+        if !Template::<21, 24>::fits(now, start) {
+            return Err(Reason::OutOfView);
+        }
+        let template = Large::new(before, from.map(|p| p as f32), warp).ok_or(Reason::Flat)?;
+        let found = template.find(now, start, STEPS).ok_or(Reason::Unlike)?;
+        if found.likeness < self.settings.least_likeness {
+            return Err(Reason::Unlike);
+        }
+        let grow = [[1.0 / warp[0][0], 0.0], [0.0, 1.0 / warp[1][1]]];
+        let back = Large::new(now, found.at, grow).ok_or(Reason::Flat)?;
+        // From where the rough displacement, not the match, puts it: else there would be nothing to find.
+        let start = [0, 1].map(|i| (from[i] - to[i]) as f32 + found.at[i]);
+        let returned = back.find(before, start, STEPS).ok_or(Reason::NoReturn)?;
+        let miss = [0, 1].map(|i| f64::from(returned.at[i]) - from[i]);
+        if miss[0].hypot(miss[1]) > self.settings.return_px {
+            return Err(Reason::NoReturn);
+        }
+        Ok(found)
+    }
+}
+
+/// A point at both instants.
+#[derive(Clone, Debug)]
+pub struct Followed {
+    /// Per camera: px at the reference instant and now.
+    pub pixels: Vec<[[f64; 2]; 2]>,
+    /// Per camera: normalised.
+    pub views: Vec<View>,
+}
+
+/// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by depth now over depth before.
+fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
+    let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
+    [[factor, 0.0], [0.0, factor]]
+}

@@ -1,0 +1,257 @@
+//! What one scene point looks like to all cameras of the rig, and whether its views can be one point at all.
+//!
+//! At one instant the normalised views of a point at inverse depth `ρ` obey, for camera `k` at `c_k`,
+//!
+//! ```text
+//! ξ_k = α - ρ c_k        (both axes; α is the point's direction from the rig's origin)
+//! ```
+//!
+//! Fitting `α` and `ρ` to the views leaves a residual per camera. Its part along the camera's own arm says that the
+//! disparities disagree (the paper's constraint (3): for in-line cameras the ratio of two disparities is that of the baselines, for
+//! every point); its part across the arm is the paper's vertical test (2).
+
+use shared::rig::Rig;
+
+/// The rig as the matching needs it.
+#[derive(Clone, Debug)]
+pub struct Geometry {
+    /// Cameras, image size.
+    pub rig: Rig,
+    /// The camera nearest to the centroid of all: corners are chosen in its image.
+    pub reference: usize,
+    /// Mean of all focal lengths, px.
+    pub focal_px: f64,
+    /// Largest distance of a camera from the reference camera, mm.
+    pub reach_mm: f64,
+    arms_mm: Vec<[f64; 2]>,
+    arms_squared_mm2: f64,
+}
+
+/// A point in space, seen from the rig's plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Direction from the centroid of the cameras.
+    pub direction: [f64; 2],
+    /// Inverse depth, 1/mm.
+    pub inverse_depth: f64,
+}
+
+impl Geometry {
+    /// `None` unless the rig has at least two cameras in different places.
+    pub fn new(rig: &Rig) -> Option<Self> {
+        let count = rig.cameras.len() as f64;
+        let mean: [f64; 2] = core::array::from_fn(|i| {
+            rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count
+        });
+        let arms_mm: Vec<[f64; 2]> = rig
+            .cameras
+            .iter()
+            .map(|c| [c.offset_mm[0] - mean[0], c.offset_mm[1] - mean[1]])
+            .collect();
+        let length = |arm: &[f64; 2]| arm[0].hypot(arm[1]);
+        let reference = (0..arms_mm.len())
+            .min_by(|&a, &b| length(&arms_mm[a]).total_cmp(&length(&arms_mm[b])))?;
+        let centre = arms_mm[reference];
+        let reach_mm = arms_mm
+            .iter()
+            .map(|arm| length(&[arm[0] - centre[0], arm[1] - centre[1]]))
+            .fold(0.0, f64::max);
+        let arms_squared_mm2 = arms_mm.iter().map(|[x, y]| x * x + y * y).sum();
+        (rig.cameras.len() >= 2 && arms_squared_mm2 > 0.0).then(|| Self {
+            rig: rig.clone(),
+            reference,
+            focal_px: rig.mean_focal_px(),
+            reach_mm,
+            arms_mm,
+            arms_squared_mm2,
+        })
+    }
+
+    /// Number of cameras.
+    pub fn cameras(&self) -> usize {
+        self.arms_mm.len()
+    }
+
+    /// Pixel of camera `k` to normalised coordinates.
+    pub fn normalise(&self, k: usize, pixel: [f64; 2]) -> [f64; 2] {
+        self.rig.cameras[k].normalise(pixel)
+    }
+
+    /// Normalised coordinates to the pixel of camera `k`.
+    pub fn pixel(&self, k: usize, normalised: [f64; 2]) -> [f64; 2] {
+        self.rig.cameras[k].denormalise(normalised)
+    }
+
+    /// Where camera `k` sees what the reference camera sees in the normalised direction `at`, px.
+    pub fn transfer(&self, k: usize, at: [f64; 2], inverse_depth: f64) -> [f64; 2] {
+        let (from, to) = (self.arms_mm[self.reference], self.arms_mm[k]);
+        self.pixel(
+            k,
+            core::array::from_fn(|i| at[i] - inverse_depth * (to[i] - from[i])),
+        )
+    }
+
+    /// How the reference image around `pixel` is stretched to become camera `k`'s, at constant depth: the matrix that takes offsets
+    /// in camera `k`'s image to offsets in the reference image.
+    pub fn stretch(&self, k: usize, pixel: [f64; 2], inverse_depth: f64) -> [[f32; 2]; 2] {
+        let (from, to) = (&self.rig.cameras[self.reference], &self.rig.cameras[k]);
+        if from.distortion == [0.0; 5] && to.distortion == [0.0; 5] {
+            let ratio: [f64; 2] = core::array::from_fn(|i| from.focal_px[i] / to.focal_px[i]);
+            return [[ratio[0] as f32, 0.0], [0.0, ratio[1] as f32]];
+        }
+        let moved = |dx: f64, dy: f64| {
+            let at = self.normalise(self.reference, [pixel[0] + dx, pixel[1] + dy]);
+            self.transfer(k, at, inverse_depth)
+        };
+        let (right, left, down, up) = (
+            moved(4.0, 0.0),
+            moved(-4.0, 0.0),
+            moved(0.0, 4.0),
+            moved(0.0, -4.0),
+        );
+        let [a, c] = [0, 1].map(|i| (right[i] - left[i]) / 8.0);
+        let [b, d] = [0, 1].map(|i| (down[i] - up[i]) / 8.0);
+        let determinant = a * d - b * c;
+        [[d, -b], [-c, a]].map(|row| row.map(|value| (value / determinant) as f32))
+    }
+
+    /// The point that fits the normalised views best.
+    pub fn fit(&self, views: &[[f64; 2]]) -> Ray {
+        let count = self.arms_mm.len() as f64;
+        let mut direction = [0.0; 2];
+        let mut lever = 0.0;
+        for (arm, view) in self.arms_mm.iter().zip(views) {
+            direction = [
+                direction[0] + view[0] / count,
+                direction[1] + view[1] / count,
+            ];
+            lever -= arm[0] * view[0] + arm[1] * view[1];
+        }
+        Ray {
+            direction,
+            inverse_depth: lever / self.arms_squared_mm2,
+        }
+    }
+
+    /// Where camera `k` should see `ray`, normalised.
+    pub fn view(&self, k: usize, ray: &Ray) -> [f64; 2] {
+        core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms_mm[k][i])
+    }
+
+    /// Constraint (3): by how much the disparities of one point's views disagree, px: the largest residual along a camera's arm.
+    pub fn disparity_disagreement_px(&self, views: &[[f64; 2]]) -> f64 {
+        self.worst_residual_px(views, |residual, unit| {
+            residual[0] * unit[0] + residual[1] * unit[1]
+        })
+    }
+
+    /// The vertical test (2): by how much one point's views lie off their epipolar lines, px: the largest residual across a
+    /// camera's arm.
+    pub fn vertical_offset_px(&self, views: &[[f64; 2]]) -> f64 {
+        self.worst_residual_px(views, |residual, unit| {
+            residual[1] * unit[0] - residual[0] * unit[1]
+        })
+    }
+
+    fn worst_residual_px(
+        &self,
+        views: &[[f64; 2]],
+        part: impl Fn([f64; 2], [f64; 2]) -> f64,
+    ) -> f64 {
+        let ray = self.fit(views);
+        let longest = self
+            .arms_mm
+            .iter()
+            .map(|a| a[0].hypot(a[1]))
+            .fold(0.0, f64::max);
+        let across = self.arms_mm.iter().find(|a| a[0].hypot(a[1]) == longest);
+        let main = across.map_or([1.0, 0.0], |a| a.map(|c| c / longest));
+        (0..views.len())
+            .map(|k| {
+                let expected = self.view(k, &ray);
+                let residual = core::array::from_fn(|i| views[k][i] - expected[i]);
+                let arm = self.arms_mm[k];
+                let length = arm[0].hypot(arm[1]);
+                // A camera in the middle has no arm of its own to speak of.
+                let unit = if length < 0.1 * longest {
+                    main
+                } else {
+                    arm.map(|c| c / length)
+                };
+                self.focal_px * part(residual, unit).abs()
+            })
+            .fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared::rig::Camera;
+
+    fn views(geometry: &Geometry, point: [f64; 3]) -> Vec<[f64; 2]> {
+        (0..geometry.cameras())
+            .map(|k| geometry.normalise(k, geometry.rig.cameras[k].project(point)))
+            .collect()
+    }
+
+    #[test]
+    fn a_true_point_passes_both_tests_and_gives_its_depth() {
+        let geometry = Geometry::new(&Rig::paper()).unwrap();
+        assert_eq!(geometry.reference, 1);
+        let views = views(&geometry, [30.0, -40.0, 850.0]);
+        assert!((1.0 / geometry.fit(&views).inverse_depth - 850.0).abs() < 1e-6);
+        assert!(geometry.disparity_disagreement_px(&views) < 1e-9);
+        assert!(geometry.vertical_offset_px(&views) < 1e-9);
+    }
+
+    #[test]
+    fn wrong_matches_fail_the_test_they_break() {
+        let geometry = Geometry::new(&Rig::paper()).unwrap();
+        let true_views = views(&geometry, [30.0, -40.0, 850.0]);
+        // Of 3 px along x in one outer view, the fit absorbs most; half a pixel is left.
+        let mut along = true_views.clone();
+        along[0][0] += 3.0 / geometry.focal_px;
+        assert!(geometry.disparity_disagreement_px(&along) > 0.5);
+        assert!(geometry.vertical_offset_px(&along) < 1e-9);
+        let mut across = true_views;
+        across[2][1] += 1.5 / geometry.focal_px;
+        assert!(geometry.vertical_offset_px(&across) > 0.5);
+    }
+
+    #[test]
+    fn the_constraint_is_the_papers() {
+        // (x_mi - x_li)(x_rj - x_mj) = (x_ri - x_mi)(x_mj - x_lj) for two points that pass.
+        let geometry = Geometry::new(&Rig::paper()).unwrap();
+        let [i, j] = [[30.0, -40.0, 850.0], [-50.0, 20.0, 930.0]].map(|p| views(&geometry, p));
+        let left = (i[1][0] - i[0][0]) * (j[2][0] - j[1][0]);
+        let right = (i[2][0] - i[1][0]) * (j[1][0] - j[0][0]);
+        assert!((left - right).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_stretch_follows_focal_lengths_and_lens() {
+        let mut rig = Rig::paper();
+        let geometry = Geometry::new(&rig).unwrap();
+        let plain = geometry.stretch(0, [200.0, 60.0], 1.0 / 850.0);
+        assert!((f64::from(plain[0][0]) - 538.14 / 533.16).abs() < 1e-6 && plain[0][1] == 0.0);
+        rig.cameras[0].distortion = [-0.2, 0.0, 0.0, 0.0, 0.0];
+        rig.cameras[1].distortion = [-0.2, 0.0, 0.0, 0.0, 0.0];
+        let bent = Geometry::new(&rig)
+            .unwrap()
+            .stretch(0, [200.0, 60.0], 1.0 / 850.0);
+        assert!(bent[0][1] != 0.0 && (bent[0][0] - plain[0][0]).abs() < 0.05);
+    }
+
+    #[test]
+    fn rigs_without_a_baseline_are_refused() {
+        let one = Camera::ideal([500.0; 2], [160.0, 120.0], [0.0; 2]);
+        for count in 0..3 {
+            let rig = Rig {
+                image_size_px: [320, 240],
+                cameras: (0..count).map(|_| one).collect(),
+            };
+            assert!(Geometry::new(&rig).is_none());
+        }
+    }
+}

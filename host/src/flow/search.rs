@@ -1,0 +1,202 @@
+//! Which displacement, roughly, explains what all points did: found without any idea of it.
+//!
+//! Since every point's depth is known from the spatial match, one displacement predicts the motion of all points:
+//!
+//! ```text
+//! ξ' = (ξ + ρ Tx) / (1 + ρ Tz)        (ξ normalised position, ρ inverse depth; y alike)
+//! ```
+//!
+//! So displacements are tried, not pixels: at a coarse level each voter's window is compared with all places around it, and a
+//! displacement's score is the mean likeness at the places it predicts. Displacements that score nearly as well as the best are
+//! handed on too: whether the texture repeats is decided at a finer level.
+
+use super::geometry::Geometry;
+use super::likeness::{Field, OUTSIDE};
+use super::stereo::Match;
+
+/// How many points vote, at most.
+const VOTERS: usize = 80;
+/// Displacements within this of the best score are rivals.
+const RIVAL: f32 = 0.3;
+/// How many rivals are looked at.
+const MOST_RIVALS: usize = 4;
+/// Two peaks nearer than this, coarse px, are one.
+const APART: f64 = 2.5;
+/// Magnifications that are tried: from 12 % away to 12 % nearer, in steps small enough for a coarse pixel.
+const DEPTH_CHANGES: [f64; 5] = [0.0, -0.06, 0.06, -0.12, 0.12];
+
+/// A displacement that explains the coarse images.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guess {
+    /// mm.
+    pub displacement_mm: [f64; 3],
+    /// Mean likeness of the voters.
+    pub score: f32,
+}
+
+/// The places around one point.
+struct Voter {
+    at: [f64; 2],
+    inverse_depth: f64,
+    /// Likeness at offsets from `-reach` to `reach`, row by row.
+    map: Vec<f32>,
+    /// Part of a pixel between the point and the middle of the map.
+    off: [f64; 2],
+}
+
+/// The coarse level at two instants.
+#[derive(Debug)]
+pub struct Search<'a> {
+    /// The rig.
+    pub geometry: &'a Geometry,
+    /// The reference camera's image at the reference instant.
+    pub before: &'a Field,
+    /// The same now.
+    pub now: &'a Field,
+    /// Image pixels per coarse pixel.
+    pub scale: f64,
+    /// How far points may move, coarse px.
+    pub reach: usize,
+}
+
+impl Search<'_> {
+    /// The best displacements, the best first; empty if too few points are in view.
+    pub fn guesses(&self, matches: &[Match]) -> Vec<Guess> {
+        let voters = self.voters(matches);
+        if voters.len() < 6 {
+            return Vec::new();
+        }
+        let mut depths: Vec<f64> = voters.iter().map(|v| v.inverse_depth).collect();
+        depths.sort_by(f64::total_cmp);
+        let median = depths[depths.len() / 2];
+        let near = depths[depths.len() * 9 / 10];
+        let focal = self.geometry.focal_px / self.scale;
+        // So fine that near points move by one coarse pixel per step.
+        let step = (median / near).clamp(0.4, 1.0);
+        let count = (self.reach as f64 / step) as i64;
+        let side = (2 * count + 1) as usize;
+        let per_px = 1.0 / (focal * median);
+        let mut peaks: Vec<Guess> = Vec::new();
+        for change in DEPTH_CHANGES {
+            let tz = change / median;
+            let mut plane = vec![OUTSIDE; side * side];
+            for (index, score) in plane.iter_mut().enumerate() {
+                let (i, j) = ((index % side) as i64 - count, (index / side) as i64 - count);
+                let place = [i, j].map(|c| c as f64 * step * per_px);
+                *score = self.score(&voters, [place[0], place[1], tz], focal);
+            }
+            for index in local_peaks(&plane, side) {
+                let (x, y) = (index % side, index / side);
+                let along = |offset: usize| {
+                    let [before, after] = [index - offset, index + offset].map(|n| plane[n]);
+                    let shift = 0.5 * (before - after) / (before - 2.0 * plane[index] + after);
+                    if shift.is_finite() {
+                        f64::from(shift.clamp(-0.5, 0.5))
+                    } else {
+                        0.0
+                    }
+                };
+                let px = [
+                    x as f64 - count as f64 + along(1),
+                    y as f64 - count as f64 + along(side),
+                ];
+                peaks.push(Guess {
+                    displacement_mm: [px[0] * step * per_px, px[1] * step * per_px, tz],
+                    score: plane[index],
+                });
+            }
+        }
+        self.rivals(peaks, focal * median)
+    }
+
+    fn voters(&self, matches: &[Match]) -> Vec<Voter> {
+        let reference = self.geometry.reference;
+        let side = 2 * self.reach + 1;
+        let mut voters = Vec::with_capacity(VOTERS);
+        for matched in matches {
+            let exact = matched.pixels[reference].map(|p| p / self.scale);
+            let centre = exact.map(|p| p.round() as i64);
+            let Some(probe) = self.before.probe(centre[0], centre[1]) else {
+                continue;
+            };
+            let mut map = vec![OUTSIDE; side * side];
+            for (row, out) in map.chunks_mut(side).enumerate() {
+                let y = centre[1] + row as i64 - self.reach as i64;
+                self.now
+                    .compare(&probe, centre[0] - self.reach as i64, y, out);
+            }
+            voters.push(Voter {
+                at: matched.views[reference],
+                inverse_depth: matched.ray.inverse_depth,
+                map,
+                off: [0, 1].map(|i| exact[i] - centre[i] as f64),
+            });
+            if voters.len() == VOTERS {
+                break;
+            }
+        }
+        voters
+    }
+
+    /// Mean likeness of the voters where `displacement_mm` puts them; [`OUTSIDE`] if that is out of view for half of them.
+    fn score(&self, voters: &[Voter], [tx, ty, tz]: [f64; 3], focal: f64) -> f32 {
+        let side = 2 * self.reach + 1;
+        let middle = self.reach as f64 + 0.5;
+        let (mut sum, mut seen) = (0.0_f32, 0_usize);
+        for voter in voters {
+            let shrink = 1.0 / (1.0 + voter.inverse_depth * tz);
+            let moved = |at: f64, t: f64| focal * ((at + voter.inverse_depth * t) * shrink - at);
+            let x = moved(voter.at[0], tx) + voter.off[0] * (shrink - 1.0) + middle;
+            let y = moved(voter.at[1], ty) + voter.off[1] * (shrink - 1.0) + middle;
+            if x < 0.0 || y < 0.0 || x >= side as f64 || y >= side as f64 {
+                continue;
+            }
+            let likeness = voter.map[y as usize * side + x as usize];
+            if likeness > OUTSIDE {
+                sum += likeness.max(0.0);
+                seen += 1;
+            }
+        }
+        if 2 * seen < voters.len() {
+            OUTSIDE
+        } else {
+            sum / seen as f32
+        }
+    }
+
+    /// The best of all peaks and its rivals.
+    fn rivals(&self, mut peaks: Vec<Guess>, px_per_mm: f64) -> Vec<Guess> {
+        peaks.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut kept: Vec<Guess> = Vec::new();
+        for peak in peaks {
+            let apart = |other: &Guess| {
+                let [dx, dy] = [0, 1].map(|i| other.displacement_mm[i] - peak.displacement_mm[i]);
+                dx.hypot(dy) * px_per_mm > APART
+            };
+            let close = kept
+                .first()
+                .is_none_or(|best| peak.score > best.score - RIVAL);
+            if close && kept.len() < MOST_RIVALS && kept.iter().all(apart) {
+                kept.push(peak);
+            }
+        }
+        kept
+    }
+}
+
+/// Indices of values that no neighbour exceeds, away from the border of a square raster.
+fn local_peaks(plane: &[f32], side: usize) -> Vec<usize> {
+    let mut found = Vec::new();
+    for y in 1..side.saturating_sub(1) {
+        for x in 1..side - 1 {
+            let here = plane[y * side + x];
+            let higher = (y - 1..=y + 1)
+                .flat_map(|row| &plane[row * side + x - 1..=row * side + x + 1])
+                .any(|other| *other > here);
+            if here > OUTSIDE && !higher {
+                found.push(y * side + x);
+            }
+        }
+    }
+    found
+}

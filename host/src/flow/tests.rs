@@ -1,0 +1,330 @@
+//! The whole way from images to tracks.
+
+use super::*;
+use crate::images::random::Random;
+use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
+use crate::rig_file::RigFile;
+use shared::estimate::midpoint::{self, Estimate};
+use shared::rig::Camera;
+use shared::sums::centred::CentredSums;
+use std::path::Path;
+
+/// The paper's Table 5.
+const MOVES: [[f64; 3]; 8] = [
+    [10.0, 10.0, 0.0],
+    [15.0, 15.0, 0.0],
+    [20.0, 20.0, 0.0],
+    [0.0, 0.0, 3.0],
+    [0.0, 0.0, 5.0],
+    [0.0, 0.0, 7.0],
+    [15.0, 15.0, 2.0],
+    [20.0, 20.0, 2.0],
+];
+
+fn estimate(rig: &Rig, measurement: &Measurement) -> Estimate {
+    let mut sums = CentredSums::new(rig).unwrap();
+    for track in &measurement.tracks {
+        let views: Vec<View> = (rig.cameras.iter().zip(&track.pixels))
+            .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
+            .collect();
+        assert!(sums.add(&views));
+    }
+    midpoint::solve(&sums).unwrap()
+}
+
+/// Error of the measured displacement, mm.
+fn error(rig: &Rig, measurement: &Measurement, target: [f64; 3]) -> [f64; 3] {
+    let found = estimate(rig, measurement).displacement_mm;
+    std::array::from_fn(|i| found[i] - target[i])
+}
+
+/// The bound of Table 5 on rendered images, mm.
+fn within(error: [f64; 3], xy: f64, z: f64) -> bool {
+    error[0].abs() <= xy && error[1].abs() <= xy && error[2].abs() <= z
+}
+
+/// A poster of this kind, square to the cameras.
+fn poster(rig: &Rig, kind: TextureKind, depth_mm: f64, seed: u64) -> Scene {
+    hung(rig, &Texture::of_kind(kind, seed), depth_mm, [0.0; 2])
+}
+
+fn hung(rig: &Rig, texture: &Texture, depth_mm: f64, tilt_rad: [f64; 2]) -> Scene {
+    let settings = SceneSettings {
+        depth_mm,
+        tilt_rad,
+        ..SceneSettings::default()
+    };
+    Scene::new(rig, texture, settings).unwrap()
+}
+
+/// A wall in running bond whose bricks (56 x 24 mm) differ in shade by `variety` grey levels.
+fn wall(variety: f64, seed: u64) -> Texture {
+    const BRICKS: usize = 24;
+    let mut random = Random::new(seed, 77);
+    let shades: Vec<f64> = (0..BRICKS * 2 * BRICKS)
+        .map(|_| 95.0 + variety * random.gaussian())
+        .collect();
+    let (width, height) = (BRICKS * 70, 2 * BRICKS * 30);
+    let grey = (0..width * height)
+        .map(|i| {
+            let (x, course) = (i % width, i / width / 30);
+            let shifted = (x + 35 * (course % 2)) % width;
+            if shifted % 70 < 4 || i / width % 30 < 4 {
+                return 200.0;
+            }
+            shades[course * BRICKS + shifted / 70].clamp(5.0, 250.0) as f32
+        })
+        .collect();
+    Texture {
+        width,
+        height,
+        mm_per_texel: 0.8,
+        grey,
+    }
+}
+
+/// Another light on what was seen.
+fn lit(mut capture: Capture, factor: f64, offset: f64) -> Capture {
+    for grey in capture.views.iter_mut().flat_map(|view| &mut view.grey) {
+        *grey = (factor * f64::from(*grey) + offset).round() as u8;
+    }
+    capture
+}
+
+/// A flow with the scene's undisplaced capture as its reference.
+fn referenced(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, Refusal> {
+    let mut flow = Flow::new(rig, Settings::default())?;
+    flow.set_reference(&scene.render([0.0; 3], 0, 1000 * seed))?;
+    Ok(flow)
+}
+
+/// Prints the table with `--nocapture`.
+#[test]
+fn table5_moves_are_measured_to_a_fiftieth_of_a_millimetre() {
+    let rig = Rig::paper();
+    // Clouds have a tenth of the leaves' gradients: noise alone is 0.03 mm in z.
+    for (kind, z) in [(TextureKind::Natural, 0.05), (TextureKind::Blobs, 0.12)] {
+        for seed in 0..3_u64 {
+            let depth = 800.0 + 45.0 * seed as f64;
+            let scene = poster(&rig, kind, depth, seed);
+            let flow = referenced(&rig, &scene, seed).unwrap();
+            for (i, target) in (1..).zip(MOVES) {
+                let now = scene.render(target, 0, 1000 * seed + i);
+                let measurement = flow.measure(&now).unwrap();
+                let error = error(&rig, &measurement, target);
+                println!(
+                    "{kind} {depth} mm, {target:?}: error {error:+.4?} mm, {} points",
+                    measurement.tracks.len()
+                );
+                assert!(
+                    within(error, 0.02, z),
+                    "{kind} {seed} {target:?}: {error:?}"
+                );
+                assert!(measurement.tracks.len() > 100);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_repetitive_texture_is_measured_rightly_or_refused() {
+    let rig = Rig::paper();
+    let mut outcomes = [0; 2];
+    let varieties = [0.0, 4.0, 15.0, 40.0].map(Some);
+    for variety in varieties.into_iter().chain([None]) {
+        for seed in 0..3_u64 {
+            let texture = variety.map_or_else(Texture::grid, |variety| wall(variety, seed));
+            let scene = hung(&rig, &texture, 800.0 + 33.3 * seed as f64, [0.0; 2]);
+            let flow = match referenced(&rig, &scene, seed) {
+                Ok(flow) => flow,
+                Err(refusal) => {
+                    let named = matches!(refusal, Refusal::AmbiguousDepth { .. });
+                    assert!(named, "{variety:?}: {refusal}");
+                    outcomes[1] += 1;
+                    continue;
+                }
+            };
+            for (i, target) in (1..).zip([[10.0, 10.0, 0.0], [60.0, 0.0, 0.0], [0.0, 26.0, 5.0]]) {
+                let now = scene.render(target, 0, 1000 * seed + i);
+                match flow.measure(&now) {
+                    Ok(measurement) => {
+                        let error = error(&rig, &measurement, target);
+                        assert!(
+                            within(error, 0.05, 0.1),
+                            "{variety:?} {seed} {target:?}: {error:?}"
+                        );
+                        outcomes[0] += 1;
+                    }
+                    Err(refusal) => {
+                        let named = matches!(refusal, Refusal::AmbiguousMotion { .. });
+                        assert!(named, "{variety:?}: {refusal}");
+                        outcomes[1] += 1;
+                    }
+                }
+            }
+        }
+    }
+    println!("{} measured, {} refused", outcomes[0], outcomes[1]);
+    assert!(
+        outcomes[0] > 0 && outcomes[1] > 0,
+        "both must occur: {outcomes:?}"
+    );
+}
+
+#[test]
+fn a_target_that_goes_right_down_and_away_is_displaced_by_plus_x_y_z() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 21);
+    let flow = referenced(&rig, &scene, 21).unwrap();
+    for axis in 0..3 {
+        let mut target = [0.0; 3];
+        target[axis] = 6.0;
+        let measurement = flow.measure(&scene.render(target, 0, 5)).unwrap();
+        let found = estimate(&rig, &measurement).displacement_mm;
+        assert!((found[axis] - 6.0).abs() < 0.05, "{axis}: {found:?}");
+        // And back.
+        let measurement = flow.measure(&scene.render([0.0; 3], 0, 6)).unwrap();
+        let found = estimate(&rig, &measurement).displacement_mm;
+        assert!(found.iter().all(|t| t.abs() < 0.05), "{axis}: {found:?}");
+    }
+}
+
+/// Real photographs: every pair of captures, so both kinds of reference. Prints the table with `--nocapture`.
+#[test]
+fn teddy_moves_by_the_cameras_steps() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/images/teddy");
+    let file = RigFile::read(&folder.join("rig.toml")).unwrap();
+    let rig = &file.rig;
+    let captures: Vec<Capture> = Folder::open(&folder, &file.names, rig.image_size_px, 33_333)
+        .unwrap()
+        .captures()
+        .map(Result::unwrap)
+        .collect();
+    let mut flow = Flow::new(rig, Settings::default()).unwrap();
+    for from in 0..captures.len() - 1 {
+        flow.set_reference(&captures[from]).unwrap();
+        for (to, capture) in captures.iter().enumerate().skip(from + 1) {
+            let measurement = flow.measure(capture).unwrap();
+            let target = [from as f64 - to as f64, 0.0, 0.0];
+            let error = error(rig, &measurement, target);
+            println!(
+                "{from} to {to}: error {error:+.4?} steps, {} points",
+                measurement.tracks.len()
+            );
+            let tolerance = [0.04, 0.03, 0.05];
+            assert!(
+                (0..3).all(|i| error[i].abs() <= tolerance[i]),
+                "{from} to {to}: {error:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn other_light_and_a_hand_in_the_picture_change_nothing() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 22);
+    let flow = referenced(&rig, &scene, 22).unwrap();
+    let target = [8.0, -5.0, 2.0];
+    let mut now = lit(scene.render(target, 0, 5), 0.7, 15.0);
+    // Another texture, nearer and moving otherwise, over a third of every image.
+    let other = poster(&rig, TextureKind::Blobs, 700.0, 23);
+    let hand = other.render([-9.0, 3.0, 0.0], 0, 7);
+    for (view, hand) in now.views.iter_mut().zip(&hand.views) {
+        for (i, grey) in view.grey.iter_mut().enumerate() {
+            if i % view.width > 2 * view.width / 3 {
+                *grey = hand.grey[i];
+            }
+        }
+    }
+    let measurement = flow.measure(&now).unwrap();
+    let error = error(&rig, &measurement, target);
+    assert!(within(error, 0.02, 0.08), "{error:?}");
+    assert!(measurement.rejected.of(Reason::Unlike) > 10);
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_by_name() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 24);
+    let still = scene.render([0.0; 3], 0, 1);
+    let mut flow = Flow::new(&rig, Settings::default()).unwrap();
+    assert_eq!(flow.measure(&still).unwrap_err(), Refusal::NoReference);
+
+    let grey = lit(still.clone(), 0.0, 128.0);
+    let refusal = flow.set_reference(&grey).unwrap_err();
+    assert!(matches!(refusal, Refusal::FewCorners { .. }), "{refusal}");
+
+    let mut mixed = still.clone();
+    mixed.views[0] = poster(&rig, TextureKind::Natural, 850.0, 99)
+        .render([0.0; 3], 0, 1)
+        .views
+        .remove(0);
+    let refusal = flow.set_reference(&mixed).unwrap_err();
+    assert!(matches!(refusal, Refusal::FewMatches { .. }), "{refusal}");
+
+    flow.set_reference(&still).unwrap();
+    let other = poster(&rig, TextureKind::Natural, 850.0, 25).render([0.0; 3], 0, 2);
+    for unlike in [&other, &grey] {
+        let refusal = flow.measure(unlike).unwrap_err();
+        let lost = matches!(refusal, Refusal::Lost { .. } | Refusal::FewTracks { .. });
+        assert!(lost, "{refusal}");
+    }
+    let mut few = still.clone();
+    few.views.pop();
+    let expected = Refusal::WrongViews {
+        found: 2,
+        cameras: 3,
+    };
+    assert_eq!(flow.measure(&few).unwrap_err(), expected);
+    let mut small = still.clone();
+    small.views[1].height -= 1;
+    let refusal = flow.measure(&small).unwrap_err();
+    assert!(
+        matches!(refusal, Refusal::WrongSize { camera: 1, .. }),
+        "{refusal}"
+    );
+    assert!(
+        flow.measure(&still).is_ok(),
+        "the reference outlives refusals"
+    );
+}
+
+#[test]
+fn two_cameras_and_a_square_of_four_work_as_well() {
+    let camera = |x, y| Camera::ideal([530.0, 528.0], [160.0, 120.0], [x, y]);
+    let pair = [camera(0.0, 0.0), camera(90.0, 0.0)];
+    let square = [
+        camera(-35.0, -30.0),
+        camera(35.0, -30.0),
+        camera(-35.0, 30.0),
+        camera(35.0, 30.0),
+    ];
+    let upright = [camera(0.0, -40.0), camera(0.0, 0.0), camera(0.0, 45.0)];
+    for cameras in [&pair[..], &square[..], &upright[..]] {
+        let rig = Rig {
+            image_size_px: [320, 240],
+            cameras: cameras.iter().copied().collect(),
+        };
+        let scene = hung(
+            &rig,
+            &Texture::of_kind(TextureKind::Natural, 26),
+            830.0,
+            [0.05, -0.1],
+        );
+        let flow = referenced(&rig, &scene, 26).unwrap();
+        let target = [12.0, -7.0, 3.0];
+        let measurement = flow.measure(&scene.render(target, 0, 5)).unwrap();
+        let error = error(&rig, &measurement, target);
+        println!(
+            "{} cameras: error {error:+.4?} mm, {} points",
+            cameras.len(),
+            measurement.tracks.len()
+        );
+        assert!(
+            within(error, 0.03, 0.08),
+            "{} cameras: {error:?}",
+            cameras.len()
+        );
+    }
+}
