@@ -1,11 +1,21 @@
 //! Tracks to sums.
 
-use crate::flow::Track;
+use crate::flow::{Measurement, Track};
 use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
+use shared::frame::message::Sums as FrameSums;
 use shared::rig::Rig;
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
+
+/// The station's estimators.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Estimator {
+    /// The paper's eq. 9.
+    ClosedForm,
+    /// The default.
+    Midpoint,
+}
 
 /// Both kinds of sums over the same points.
 #[derive(Clone, Debug)]
@@ -35,6 +45,27 @@ impl Sums {
             }
         }
         Ok(Self { centred, pairs })
+    }
+
+    /// Over the tracks of a measurement; sigma takes into account that its windows overlap.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongRig`] for fewer than two cameras.
+    pub fn of(rig: &Rig, measurement: &Measurement) -> Result<Self, Refusal> {
+        let mut sums = Self::new(rig, &measurement.tracks)?;
+        sums.centred.overlap = measurement.overlap;
+        Ok(sums)
+    }
+
+    /// As they cross the wire, for one of the station's estimators.
+    ///
+    /// # Errors
+    /// If the rig is not made for the estimator, or a number does not fit.
+    pub fn frame(&self, estimator: Estimator) -> Result<FrameSums, Refusal> {
+        match estimator {
+            Estimator::Midpoint => self.centred.quantise().map(FrameSums::Midpoint),
+            Estimator::ClosedForm => self.pairs?.quantise().map(FrameSums::ClosedForm),
+        }
     }
 
     /// All three estimates, in floating point.

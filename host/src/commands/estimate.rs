@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
-use host::flow::{Flow, Settings, Track};
+use host::flow::{Flow, Settings};
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::points;
 use host::rig_file::RigFile;
 use host::sums::Sums;
 use serde::Serialize;
 use shared::estimate::Refusal;
-use shared::rig::Rig;
 
 /// Estimate the target's displacement from matched points or from images
 ///
@@ -137,7 +136,8 @@ fn run_points<W: Write>(
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
-    printer.points(&rig.rig, &points.tracks, points.rejected)?;
+    let sums = Sums::new(&rig.rig, &points.tracks);
+    printer.sums(sums, points.tracks.len(), points.rejected)?;
     printer.finish()
 }
 
@@ -166,7 +166,11 @@ fn run_folder<W: Write>(
         let capture = capture?;
         // A bad reference spoils every frame that is measured against it, and its reason is theirs.
         match reference.clone().and_then(|()| flow.measure(&capture)) {
-            Ok(seen) => printer.points(&rig.rig, &seen.tracks, seen.rejected.total())?,
+            Ok(seen) => printer.sums(
+                Sums::of(&rig.rig, &seen),
+                seen.tracks.len(),
+                seen.rejected.total(),
+            )?,
             Err(refusal) => printer.refusal(refusal.to_string())?,
         }
         if options.reference == Reference::Previous {
@@ -185,11 +189,16 @@ struct Printer<'a, W> {
 }
 
 impl<W: Write> Printer<'_, W> {
-    /// The next frame, from its points and the number of those left out before.
-    fn points(&mut self, rig: &Rig, tracks: &[Track], rejected: usize) -> Result<(), Failure> {
-        match estimate(self.options.method, rig, tracks) {
+    /// The next frame, from the sums over its points and the number of those left out before.
+    fn sums(
+        &mut self,
+        sums: Result<Sums, Refusal>,
+        count: usize,
+        rejected: usize,
+    ) -> Result<(), Failure> {
+        match sums.and_then(|sums| estimate(self.options.method, &sums)) {
             Ok(solution) => {
-                let rejected = rejected + tracks.len() - solution.points;
+                let rejected = rejected + count - solution.points;
                 self.displacement(&Displacement {
                     frame: self.frames + 1,
                     displacement_mm: solution.displacement_mm,
@@ -199,10 +208,7 @@ impl<W: Write> Printer<'_, W> {
                     method: self.options.method,
                 })
             }
-            Err(reason) => {
-                let count = tracks.len();
-                self.refusal(format!("{reason} ({count} points, {rejected} rejected)"))
-            }
+            Err(reason) => self.refusal(format!("{reason} ({count} points, {rejected} rejected)")),
         }
     }
 
@@ -275,8 +281,7 @@ struct Solution {
     points: usize,
 }
 
-fn estimate(method: Method, rig: &Rig, tracks: &[Track]) -> Result<Solution, Refusal> {
-    let sums = Sums::new(rig, tracks)?;
+fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
     let estimates = sums.estimates();
     let (displacement_mm, sigma_mm) = match method {
         Method::Midpoint => {

@@ -7,7 +7,7 @@ use super::scene::SceneOptions;
 use clap::{Args, ValueEnum};
 use host::error::Failure;
 use host::experiment::path::Path;
-use host::experiment::servo;
+use host::sums;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -76,7 +76,7 @@ enum Estimator {
     Midpoint,
 }
 
-impl From<Estimator> for servo::Estimator {
+impl From<Estimator> for sums::Estimator {
     fn from(estimator: Estimator) -> Self {
         match estimator {
             Estimator::ClosedForm => Self::ClosedForm,

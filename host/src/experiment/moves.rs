@@ -101,6 +101,6 @@ fn estimates(
     picture: &crate::images::Capture,
 ) -> Result<(Sums, usize), Refusal> {
     let measured = flow.measure(picture)?;
-    let sums = Sums::new(rig, &measured.tracks).map_err(|_| Refusal::WrongRig)?;
+    let sums = Sums::of(rig, &measured).map_err(|_| Refusal::WrongRig)?;
     Ok((sums, measured.tracks.len()))
 }

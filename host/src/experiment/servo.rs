@@ -3,7 +3,7 @@
 use super::Error;
 use super::world::World;
 use crate::flow::{Flow, Settings};
-use crate::sums::Sums;
+use crate::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Denial, Frame, Sums as FrameSums};
 use shared::rig::Rig;
 use shared::safety::Fault;
@@ -26,15 +26,6 @@ impl Default for Timing {
             latency_us: 20_000,
         }
     }
-}
-
-/// Which of the station's estimators is used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Estimator {
-    /// The paper's eq. 9.
-    ClosedForm,
-    /// The default.
-    Midpoint,
 }
 
 /// What became of one picture.
@@ -163,14 +154,7 @@ impl Servo {
             .flow
             .measure(picture)
             .map_err(|refusal| refusal.to_string())?;
-        let sums = Sums::new(&self.rig, &measured.tracks).map_err(|refusal| refusal.to_string())?;
-        let frame = match self.estimator {
-            Estimator::Midpoint => sums.centred.quantise().map(FrameSums::Midpoint),
-            Estimator::ClosedForm => sums
-                .pairs
-                .and_then(|pairs| pairs.quantise())
-                .map(FrameSums::ClosedForm),
-        };
+        let frame = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(self.estimator));
         frame
             .map(|frame| (frame, measured.tracks.len()))
             .map_err(|refusal| refusal.to_string())

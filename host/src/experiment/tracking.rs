@@ -1,10 +1,11 @@
 //! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, B follows what its cameras see.
 
 use super::Error;
-use super::servo::{Estimator, Outcome, Servo, Step, Timing};
+use super::servo::{Outcome, Servo, Step, Timing};
 use super::world::World;
 use crate::images::{SceneSettings, Texture, TextureKind};
 use crate::station::stage::default_stage;
+use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::Command;
 use shared::rig::Rig;

@@ -11,8 +11,8 @@
 //! That is the weighted least-squares solution of `v/g = T_xy - ξ T_z`, which holds for finite `T` without approximation.
 //! It needs two cameras, and works for as many as the rig has, anywhere in a plane.
 //!
-//! The covariance is that of white noise which is independent between observations. It does not see what all
-//! points have in common.
+//! The covariance is that of white noise which is independent between observations, times the overlap that the caller states in
+//! [`CentredSums::overlap`]. It does not see what all points have in common.
 
 use super::{DisplacementNm, Refusal};
 use crate::fixed::{invert_mantissa, multiply_shift, narrow, shift_right_rounded, square_root};
@@ -66,7 +66,8 @@ pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     let [xi, eta] = sums.centroid;
     let tz = sums.coupling_sum / sums.spread_sum;
     let residual = sums.residual_mm2();
-    let variance = residual / freedom as f64;
+    let white = residual / freedom as f64;
+    let variance = white * sums.overlap.max(1.0);
     let u = [xi, eta, 1.0];
     let covariance_mm2 = core::array::from_fn(|i| {
         core::array::from_fn(|j| {
@@ -77,7 +78,7 @@ pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     Ok(Estimate {
         displacement_mm: [sums.mean_mm[0] + xi * tz, sums.mean_mm[1] + eta * tz, tz],
         covariance_mm2,
-        sigma_px: libm::sqrt(variance * sums.weight_px2()),
+        sigma_px: libm::sqrt(white * sums.weight_px2()),
     })
 }
 

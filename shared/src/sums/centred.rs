@@ -136,6 +136,9 @@ pub struct CentredSums {
     mean_focal_px: f64,
     /// How many points were added.
     pub points: u32,
+    /// By how much the estimate's variance is larger than with independent observations, at least 1: what is followed in overlapping
+    /// windows sees the same noise. 1 unless the caller knows better.
+    pub overlap: f64,
     /// `Σ g²` over points and cameras, 1/mm².
     pub weight: f64,
     /// Weighted mean of `v/g`, mm.
@@ -160,6 +163,7 @@ impl CentredSums {
             geometry: Geometry::new(rig)?,
             mean_focal_px: rig.mean_focal_px(),
             points: 0,
+            overlap: 1.0,
             weight: 0.0,
             mean_mm: [0.0; 2],
             centroid: [0.0; 2],
@@ -254,7 +258,7 @@ impl CentredSums {
         }
         Ok(FixedCentredSums {
             points: u16::try_from(self.points).map_err(|_| Refusal::OutOfRange)?,
-            freedom: u16::try_from(freedom).unwrap_or(u16::MAX),
+            freedom: effective_freedom(freedom, self.overlap),
             mean_nm: [nanometre(self.mean_mm[0])?, nanometre(self.mean_mm[1])?],
             centroid: [
                 fit(quantise(self.centroid[0], FixedCentredSums::CENTROID_BITS))?,
@@ -266,6 +270,12 @@ impl CentredSums {
             residual_nm: residual_nm as u32,
         })
     }
+}
+
+/// Degrees of freedom that give the widened variance, at least 1 and at most 65535 (which only makes sigma larger).
+fn effective_freedom(freedom: i64, overlap: f64) -> u16 {
+    let effective = freedom as f64 / overlap.max(1.0);
+    effective.clamp(1.0, f64::from(u16::MAX)) as u16
 }
 
 /// The centred sums as integers. No scale depends on the rig.

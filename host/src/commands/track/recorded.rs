@@ -108,15 +108,8 @@ fn follow(
     let measured = flow
         .measure(capture)
         .map_err(|refusal| refusal.to_string())?;
-    let sums = Sums::new(rig, &measured.tracks).map_err(|refusal| refusal.to_string())?;
-    let quantised = match method {
-        Estimator::Midpoint => sums.centred.quantise().map(FrameSums::Midpoint),
-        Estimator::ClosedForm => sums
-            .pairs
-            .and_then(|pairs| pairs.quantise())
-            .map(FrameSums::ClosedForm),
-    };
-    quantised.map_err(|refusal| refusal.to_string())
+    let frame = Sums::of(rig, &measured).and_then(|sums| sums.frame(method.into()));
+    frame.map_err(|refusal| refusal.to_string())
 }
 
 /// The station's own estimate, mm.
