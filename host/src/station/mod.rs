@@ -1,11 +1,13 @@
 //! The station from the host's side: commands out, reports in, over any byte link.
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
-//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line. [`stage`] turns the rig file's stage into a configuration.
+//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line. [`tape`] records a
+//! twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod client;
 pub mod serial;
 pub mod stage;
+pub mod tape;
 pub mod twin;
 
 use shared::frame::message::{Denial, Mismatch};

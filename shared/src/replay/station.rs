@@ -126,6 +126,8 @@ pub struct Replay<'a> {
     station: Station,
     log: Log<'a>,
     next: Option<(Instant, Entry<'a>)>,
+    /// Time has passed up to the next entry, and everything due by then is done.
+    arrived: bool,
 }
 
 impl<'a> Replay<'a> {
@@ -134,13 +136,25 @@ impl<'a> Replay<'a> {
     /// # Errors
     /// If the log's first entry is broken.
     pub fn new(station: Station, mut log: Log<'a>) -> Result<Self, LogFault> {
-        let next = log.entry()?;
-        Ok(Self { station, log, next })
+        let mut replay = Self {
+            next: log.entry()?,
+            station,
+            log,
+            arrived: false,
+        };
+        replay.arrived = replay.is_present();
+        Ok(replay)
     }
 
     /// The station.
     pub fn station(&self) -> &Station {
         &self.station
+    }
+
+    /// Entries of the present instant are taken before the station is asked again.
+    fn is_present(&self) -> bool {
+        let next = self.next.as_ref();
+        next.is_some_and(|(at, _)| *at <= self.station.now())
     }
 
     /// The next thing the station does, with the instant; `None` at the end of the log.
@@ -149,9 +163,11 @@ impl<'a> Replay<'a> {
     /// If the log is broken.
     pub fn step(&mut self, words: &mut [u32]) -> Result<Option<(Instant, Event)>, LogFault> {
         while let Some((at, entry)) = self.next {
-            match self.station.run(at, words) {
-                Event::Idle(_) => {}
-                event => return Ok(Some((self.station.now(), event))),
+            if !self.arrived {
+                match self.station.run(at, words) {
+                    Event::Idle(_) => {}
+                    event => return Ok(Some((self.station.now(), event))),
+                }
             }
             match entry {
                 Entry::Bytes(bytes) => self.station.receive(bytes),
@@ -159,6 +175,7 @@ impl<'a> Replay<'a> {
                 Entry::Wait => {}
             }
             self.next = self.log.entry()?;
+            self.arrived = self.is_present();
         }
         Ok(None)
     }
