@@ -1,4 +1,5 @@
 //! What the tests in this folder share.
 
 pub mod binary;
+pub mod emulator;
 pub mod points;

@@ -16,6 +16,7 @@
 //! | [`steps`] | segments to the words that make STEP and DIR edges |
 //! | [`safety`] | states, trust in the position, numbered faults |
 //! | [`machine`] | ties them together: `receive`, `sense`, `poll` |
+//! | [`replay`] | a run that can be repeated, and compared between machines |
 //! | [`fixed`], [`time`] | the arithmetic and the instants that all of them use |
 //!
 //! *Invariant:* nothing here reads a clock, allocates, blocks, or keeps global state; there are no callbacks, no `dyn`, no `async`.
@@ -33,6 +34,7 @@ pub mod fixed;
 pub mod frame;
 pub mod machine;
 pub mod motion;
+pub mod replay;
 pub mod rig;
 pub mod safety;
 pub mod steps;

@@ -7,6 +7,8 @@ use host::error::Failure;
 
 mod estimate;
 mod experiment;
+mod hello;
+mod ports;
 mod progress;
 mod scene;
 mod tables;
@@ -45,6 +47,8 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Estimate(estimate::Options),
+    Hello(hello::Options),
+    Ports(ports::Options),
     Tables(tables::Options),
     Track(track::Options),
 }
@@ -54,6 +58,8 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
+        Some(Command::Hello(options)) => hello::run(&options, out),
+        Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),
         Some(Command::Track(options)) => track::run(&options, out),
     }

@@ -1,10 +1,13 @@
 //! The station from the host's side: commands out, reports in, over any byte link.
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
-//! time, with a simulated stage at the step pins. [`stage`] turns the rig file's stage into a configuration.
+//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line. [`tape`] records a
+//! twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod client;
+pub mod serial;
 pub mod stage;
+pub mod tape;
 pub mod twin;
 
 use shared::frame::message::{Denial, Mismatch};
@@ -39,6 +42,14 @@ pub enum StationError {
     /// Its bytes were not understood.
     #[error("the link to the station garbles: {0:?}")]
     Garbled(Rejects),
+    /// The serial port cannot be used, or no longer.
+    #[error("{path}: {reason}")]
+    Port {
+        /// The port.
+        path: String,
+        /// What happened.
+        reason: String,
+    },
     /// The stage of the rig file cannot be put into a configuration.
     #[error("{field} of the stage is out of the station's range")]
     Stage {

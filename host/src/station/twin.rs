@@ -6,6 +6,7 @@
 use super::StationError;
 use super::client::Client;
 use super::stage::configuration;
+use super::tape::Tape;
 use crate::plant::Plant;
 use crate::rig_file::Stage;
 use shared::frame::encode::Bytes;
@@ -17,11 +18,14 @@ use shared::time::Instant;
 use std::collections::VecDeque;
 
 /// STEP and DIR pins of the twin's port.
-const STEP_PINS: [u8; 3] = [0, 1, 2];
-const DIR_PINS: [u8; 3] = [3, 4, 5];
+pub const PORT: PortMap = PortMap {
+    step: [0, 1, 2],
+    dir: [3, 4, 5],
+    invert: [false; 3],
+};
 
 /// Words the twin's step engine queues ahead, as the board's ring does: half a millisecond at 1 MHz.
-const RING_WORDS: usize = 512;
+pub const RING_WORDS: usize = 512;
 
 /// The heartbeat, µs.
 const PING_US: u64 = 20_000;
@@ -42,15 +46,11 @@ struct Hardware {
     now: Instant,
     /// What was sent, and when.
     to_host: Vec<(Instant, Bytes)>,
+    tape: Option<Tape>,
 }
 
 impl Hardware {
     fn new(stage: &Stage, name: &'static str, session: u32) -> Self {
-        let map = PortMap {
-            step: STEP_PINS,
-            dir: DIR_PINS,
-            invert: [false; 3],
-        };
         let rate = WordRate::MHZ_1;
         let board = Board {
             name,
@@ -62,11 +62,11 @@ impl Hardware {
         };
         Self {
             machine: Machine::new(board),
-            generator: Generator::new(map).expect("six distinct pins below 16"),
+            generator: Generator::new(PORT).expect("six distinct pins below 16"),
             plant: Plant::new(
                 PortMap {
                     invert: stage.invert,
-                    ..map
+                    ..PORT
                 },
                 stage.steps_per_mm,
             ),
@@ -75,7 +75,15 @@ impl Hardware {
             inputs: Inputs::default(),
             now: Instant::default(),
             to_host: Vec::new(),
+            tape: None,
         }
+    }
+
+    fn receive(&mut self, bytes: &[u8]) {
+        if let Some(tape) = &mut self.tape {
+            tape.received(self.now, bytes);
+        }
+        self.machine.receive(self.now, bytes);
     }
 
     /// Lets virtual time pass until `end`.
@@ -83,7 +91,12 @@ impl Hardware {
         loop {
             // The ring never holds more than its own length before a segment is added.
             match self.machine.poll(self.now, RING_WORDS) {
-                Output::Send(bytes) => self.to_host.push((self.now, bytes)),
+                Output::Send(bytes) => {
+                    if let Some(tape) = &mut self.tape {
+                        tape.sent(self.now, &bytes);
+                    }
+                    self.to_host.push((self.now, bytes));
+                }
                 Output::Segment(segment) => {
                     self.generator.set_invert(self.machine.inverted());
                     self.generator
@@ -92,6 +105,9 @@ impl Hardware {
                     let mut words = vec![0; usize::from(segment.slots()) * 2];
                     let made = self.generator.fill(&mut words);
                     assert_eq!(made, words.len(), "a segment fills its slots");
+                    if let Some(tape) = &mut self.tape {
+                        tape.segment(self.now, &segment, &words);
+                    }
                     self.ring.extend(words);
                 }
                 Output::Idle(until) if until > end => break,
@@ -151,8 +167,22 @@ impl Twin {
     /// # Errors
     /// If it does not answer, or speaks another protocol.
     pub fn power_on(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
+        Self::switch_on(Hardware::new(stage, name, 1))
+    }
+
+    /// As [`Twin::power_on`], and keeps a [`Tape`] of everything from then on.
+    ///
+    /// # Errors
+    /// As [`Twin::power_on`].
+    pub fn power_on_recorded(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
+        let mut hardware = Hardware::new(stage, name, 1);
+        hardware.tape = Some(Tape::new(PORT));
+        Self::switch_on(hardware)
+    }
+
+    fn switch_on(hardware: Hardware) -> Result<Self, StationError> {
         let mut twin = Self {
-            hardware: Hardware::new(stage, name, 1),
+            hardware,
             client: Client::default(),
             next_ping: Instant::default(),
             pings: true,
@@ -174,7 +204,7 @@ impl Twin {
 
     fn hello(&mut self) -> Result<(), StationError> {
         // A closing zero first, as on a real line that may hold half a packet.
-        self.hardware.machine.receive(self.now(), &[0]);
+        self.write(&[0]);
         let (_, bytes) = self.client.packet(Command::Hello);
         self.write(&bytes);
         self.wait("hello", |client| client.hello().map(|_| ()))?;
@@ -218,7 +248,12 @@ impl Twin {
 
     /// Puts raw bytes on the link to the station.
     pub fn write(&mut self, bytes: &[u8]) {
-        self.hardware.machine.receive(self.hardware.now, bytes);
+        self.hardware.receive(bytes);
+    }
+
+    /// Numbers a command as [`Twin::send`] does, without sending it: for tests of bad lines.
+    pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
+        self.client.packet(command)
     }
 
     /// Sends a command without waiting; returns its sequence number.
@@ -282,6 +317,9 @@ impl Twin {
             words_emitted,
             ..switches
         };
+        if let Some(tape) = &mut self.hardware.tape {
+            tape.switched(self.hardware.now, self.hardware.inputs);
+        }
     }
 
     /// The station's latest status.
@@ -308,6 +346,11 @@ impl Twin {
     /// Where the simulated stage stands, mm from where it was switched on: counted edges, nothing else.
     pub fn position_mm(&self) -> [f64; 3] {
         self.hardware.plant.position_mm()
+    }
+
+    /// The tape of a recorded twin.
+    pub fn tape(&self) -> Option<&Tape> {
+        self.hardware.tape.as_ref()
     }
 
     /// The simulated stage.

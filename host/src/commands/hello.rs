@@ -1,0 +1,108 @@
+//! `trinocular hello`: who is at the end of a serial line.
+
+use std::io::Write;
+use std::path::Path;
+
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::station::StationError;
+use host::station::serial::Serial;
+use serde_json::json;
+use shared::frame::message::{Hello, Mismatch};
+
+/// Ask the station on a serial port who it is
+///
+/// Sends a hello and nothing else: no configuration, no motion. When the firmware does not fit this program, every field
+/// that differs is named and the exit code is 3.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// The serial port, such as /dev/ttyACM0; `trinocular ports` lists them
+    #[arg(long, value_name = "PATH")]
+    port: String,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let serial = Serial::connect(&options.port).map_err(failure)?;
+    let Some(hello) = serial.who() else {
+        return Err(Failure::Station("no hello".to_owned()));
+    };
+    let mismatches = hello.mismatches();
+    if options.json {
+        writeln!(out, "{}", to_json(&options.port, &hello, &mismatches))?;
+    } else {
+        print(out, &options.port, &hello)?;
+    }
+    if mismatches.is_empty() {
+        Ok(())
+    } else {
+        Err(failure(StationError::Mismatch(mismatches.to_vec())))
+    }
+}
+
+/// A port that cannot be used is bad input; anything else is the station's doing.
+fn failure(error: StationError) -> Failure {
+    match error {
+        StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),
+        error => Failure::Station(error.to_string()),
+    }
+}
+
+fn version(hello: &Hello) -> String {
+    hello.version.map(|part| part.to_string()).join(".")
+}
+
+fn print(out: &mut impl Write, port: &str, hello: &Hello) -> Result<(), Failure> {
+    writeln!(
+        out,
+        "{} on {port}, firmware {}",
+        hello.board,
+        version(hello)
+    )?;
+    writeln!(
+        out,
+        "protocol      {}, schema {:08x}",
+        hello.protocol, hello.schema
+    )?;
+    writeln!(out, "port words    {} Hz", hello.word_rate_hz)?;
+    writeln!(out, "output delay  {} us", hello.delay_us)?;
+    writeln!(out, "session       {}", hello.session)?;
+    writeln!(
+        out,
+        "last start    {}",
+        words(&format!("{:?}", hello.reset_cause), ' ')
+    )?;
+    Ok(())
+}
+
+fn to_json(port: &str, hello: &Hello, mismatches: &[Mismatch]) -> serde_json::Value {
+    let mismatch = |m: &Mismatch| json!({"field": m.field, "station": m.station, "host": m.host});
+    json!({
+        "port": port,
+        "board": hello.board.as_str(),
+        "version": version(hello),
+        "protocol": hello.protocol,
+        "schema": hello.schema,
+        "word_rate_hz": hello.word_rate_hz,
+        "delay_us": hello.delay_us,
+        "session": hello.session,
+        "reset_cause": words(&format!("{:?}", hello.reset_cause), '_'),
+        "mismatches": mismatches.iter().map(mismatch).collect::<Vec<_>>(),
+    })
+}
+
+/// `PowerOn` as `power on`.
+fn words(name: &str, between: char) -> String {
+    let mut text = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push(between);
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}

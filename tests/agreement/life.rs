@@ -1,0 +1,359 @@
+//! An eventful life of a station: a few thousand frames and everything that can go wrong with them.
+
+use host::station::stage::{configuration, default_stage};
+use host::station::twin::Twin;
+use shared::frame::message::{Command, Frame, Mounting, Sums};
+use shared::rig::Rig;
+use shared::safety::Inputs;
+use shared::sums::View;
+use shared::sums::centred::CentredSums;
+use shared::sums::pair::PairSums;
+use shared::time::Instant;
+
+/// Frames between two events.
+const FRAMES: usize = 60;
+
+/// How often each event comes.
+const ROUNDS: usize = 3;
+
+/// Small numbers nobody chose (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+
+    /// In ±`size`.
+    fn spread(&mut self, size: f64) -> f64 {
+        size * (self.below(1 << 32) as f64 / (1u64 << 31) as f64 - 1.0)
+    }
+}
+
+/// The life so far.
+pub struct Life {
+    pub twin: Twin,
+    random: Random,
+    rig: Rig,
+    points_mm: Vec<[f64; 3]>,
+    /// A packet that may come again much later.
+    old: Vec<u8>,
+    /// Frames written to the link, whatever became of them.
+    pub frames: usize,
+}
+
+/// A moment at which pictures were taken, and where target and stage were.
+#[derive(Clone, Copy)]
+struct Picture {
+    at: Instant,
+    /// Target minus cameras, mm.
+    view_mm: [f64; 3],
+}
+
+impl Life {
+    /// Lives it all.
+    pub fn new(board: &'static str) -> Self {
+        let twin = Twin::power_on_recorded(&default_stage(), board).expect("the twin answers");
+        let mut random = Random(20_260_101);
+        let points_mm = (0..12)
+            .map(|_| {
+                [
+                    random.spread(120.0),
+                    random.spread(90.0),
+                    890.0 + random.spread(110.0),
+                ]
+            })
+            .collect();
+        let mut life = Self {
+            twin,
+            random,
+            rig: Rig::paper(),
+            points_mm,
+            old: Vec::new(),
+            frames: 0,
+        };
+        life.begin();
+        for _ in 0..ROUNDS {
+            for event in EVENTS {
+                life.follow(FRAMES);
+                event(&mut life);
+                life.recover();
+            }
+        }
+        life.wait(500_000);
+        life
+    }
+
+    fn wait(&mut self, us: u64) {
+        self.twin.advance(self.twin.now().plus_micros(us));
+    }
+
+    /// Sends, and lets the station live on for a moment of odd length.
+    fn send(&mut self, command: Command) {
+        self.twin.send(command);
+        let us = 500 + self.random.below(2_000);
+        self.wait(us);
+    }
+
+    /// Everything is refused at first; then the stage is configured and zeroed.
+    fn begin(&mut self) {
+        self.send(Command::Zero);
+        self.send(jog(1_000));
+        self.follow(20);
+        let good = configuration(&default_stage(), Mounting::OnStage).expect("the default fits");
+        let mut bad = good;
+        bad.matrix[1] = bad.matrix[0];
+        self.send(Command::Config(bad));
+        self.send(Command::Config(good));
+        self.follow(20);
+        self.send(jog(-700));
+        self.wait(600_000);
+        self.send(Command::Zero);
+    }
+
+    /// Back to a known position at rest, whatever happened.
+    fn recover(&mut self) {
+        self.twin.set_switches(Inputs::default());
+        self.twin.set_pings(true);
+        self.wait(400_000);
+        self.send(Command::Reset);
+        self.wait(100_000);
+        self.send(Command::Zero);
+    }
+
+    fn picture(&self) -> Picture {
+        let at = self.twin.now();
+        let s = at.micros() as f64 * 1e-6;
+        let target = [
+            14.0 * (1.7 * s).sin(),
+            9.0 * (2.9 * s).cos(),
+            7.0 * (1.1 * s).sin(),
+        ];
+        let camera = self.twin.position_mm();
+        Picture {
+            at,
+            view_mm: std::array::from_fn(|i| target[i] - camera[i]),
+        }
+    }
+
+    /// What the cameras saw of the target between two pictures.
+    fn sums(&mut self, from: Picture, to: Picture, noise: f64) -> Sums {
+        let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
+        let mut centred = CentredSums::new(&self.rig).expect("the paper's rig");
+        let mut pair = PairSums::new(&self.rig).expect("the paper's rig");
+        for point in &self.points_mm {
+            let views: Vec<View> = (self.rig.cameras.iter())
+                .map(|camera| {
+                    let see = |p: [f64; 3]| {
+                        let [x, y] = camera.project(p);
+                        (x, y)
+                    };
+                    let start = see(*point);
+                    let end = see(std::array::from_fn(|i| point[i] + shift[i]));
+                    let px = [
+                        end.0 + self.random.spread(noise),
+                        end.1 + self.random.spread(noise),
+                    ];
+                    View::from_pixels(camera, [start.0, start.1], px)
+                })
+                .collect();
+            centred.add(&views);
+            pair.add([views[0], views[1], views[2]]);
+        }
+        if self.random.below(4) == 0 {
+            Sums::ClosedForm(pair.quantise().expect("in range"))
+        } else {
+            Sums::Midpoint(centred.quantise().expect("in range"))
+        }
+    }
+
+    /// `count` frames, some of them bad, on a line that is not good either.
+    fn follow(&mut self, count: usize) {
+        let mut keyframe = self.picture();
+        let mut last = (keyframe, None);
+        for _ in 0..count {
+            let pause = 1_000 + self.random.below(4_000);
+            self.wait(pause);
+            // Mostly the keyframe stays. Sometimes the previous picture becomes the new one, which the station knows if it used it.
+            let status = self.twin.status();
+            let used = status.and_then(|status| status.estimate.map(|e| e.sequence));
+            if (used == last.1 && self.random.below(5) == 0) || self.random.below(400) == 0 {
+                keyframe = last.0;
+            }
+            let now = self.picture();
+            let noise = if self.random.below(20) == 0 {
+                40.0
+            } else {
+                0.2
+            };
+            let sums = self.sums(keyframe, now, noise);
+            let mut frame = Frame {
+                capture: now.at,
+                reference: keyframe.at,
+                sums,
+            };
+            self.spoil(&mut frame);
+            let latency = 300 + self.random.below(4_000);
+            self.wait(latency);
+            last = (now, Some(self.write(frame)));
+        }
+    }
+
+    /// One frame in six is wrong in some way.
+    fn spoil(&mut self, frame: &mut Frame) {
+        let kind = self.random.below(48);
+        match (kind, &mut frame.sums) {
+            (0, _) => frame.capture = frame.capture.plus_micros(50_000),
+            (1, _) => frame.capture = frame.reference,
+            (2, _) => frame.reference = frame.reference.plus_micros(1),
+            (3, _) => frame.capture = Instant::from_micros(17),
+            (4, Sums::Midpoint(sums)) => sums.points = 3,
+            (4, Sums::ClosedForm(sums)) => sums.points = 3,
+            (5, Sums::Midpoint(sums)) => sums.spread = 7,
+            (5, Sums::ClosedForm(sums)) => sums.a1 = 0,
+            (6, Sums::Midpoint(sums)) => sums.mean_nm[1] = i32::MIN,
+            (6, Sums::ClosedForm(sums)) => sums.d2 = i32::MAX,
+            (7, Sums::Midpoint(sums)) => sums.residual_nm = u32::MAX,
+            (7, Sums::ClosedForm(sums)) => sums.b2 = -sums.b2,
+            _ => {}
+        }
+    }
+
+    /// Writes the frame on a line that repeats, cuts, flips and mixes; returns its sequence number.
+    fn write(&mut self, frame: Frame) -> u16 {
+        self.frames += 1;
+        let kind = self.random.below(40);
+        let (sequence, packet) = self.twin.packet(Command::Frame(frame));
+        let mut bytes = packet.to_vec();
+        let at = self.random.below(bytes.len() as u64) as usize;
+        match kind {
+            0 => bytes.extend_from_within(..),
+            1 => bytes[at] ^= 1 << self.random.below(8),
+            2 => bytes.truncate(at),
+            3 => {
+                let noise = [self.random.next().to_le_bytes(); 40];
+                self.twin.write(noise.as_flattened());
+            }
+            4 => {
+                // Two halves, a while apart.
+                self.twin.write(&bytes[..at]);
+                self.wait(1_300);
+                bytes.drain(..at);
+            }
+            5 => {
+                let old = self.old.clone();
+                self.twin.write(&old);
+            }
+            6 => self.old = bytes.clone(),
+            _ => {}
+        }
+        self.twin.write(&bytes);
+        sequence
+    }
+}
+
+fn jog(um: i32) -> Command {
+    Command::Jog {
+        distance_um: [um, -um, um / 2],
+    }
+}
+
+/// What happens between the frames.
+const EVENTS: [fn(&mut Life); 13] = [
+    |life| life.send(Command::Stop),
+    |life| {
+        // Frames go on after a stop, and are refused.
+        life.send(Command::Stop);
+        life.follow(15);
+    },
+    |life| {
+        life.twin.set_switches(Inputs {
+            emergency_stop: true,
+            ..Inputs::default()
+        });
+        life.wait(3_000);
+        life.send(Command::Reset);
+    },
+    |life| {
+        life.twin.set_switches(Inputs {
+            limits: [[true, true], [false, true], [true, false]],
+            ..Inputs::default()
+        });
+        life.follow(10);
+    },
+    |life| {
+        life.twin.set_switches(Inputs {
+            driver_fault: true,
+            ..Inputs::default()
+        });
+        life.wait(20_000);
+    },
+    |life| {
+        life.twin.set_pings(false);
+        life.follow(40);
+    },
+    |life| {
+        // A whole new stage: other scale, one axis turned round, cameras beside it.
+        life.send(Command::Stop);
+        life.wait(400_000);
+        life.send(Command::Reset);
+        let mut stage = default_stage();
+        stage.steps_per_mm = [100.0, 64.0, 200.0];
+        stage.invert = [false, true, false];
+        stage.matrix = [[0.0, 1.0, 0.0], [-0.9, 0.1, 0.0], [0.0, 0.2, 1.1]];
+        let config = configuration(&stage, Mounting::Fixed).expect("it fits");
+        life.send(Command::Config(config));
+        life.send(Command::Zero);
+        life.follow(20);
+    },
+    |life| {
+        life.send(Command::Stop);
+        life.wait(400_000);
+        let config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
+        life.send(Command::Config(config));
+        life.send(Command::Reset);
+        life.send(Command::Zero);
+    },
+    |life| {
+        // Setpoints in mid-move.
+        for k in 0..20 {
+            let um = 1_000 * (k % 7) - 2_500;
+            life.send(Command::Setpoint {
+                position_um: [um, 2 * um, -um],
+            });
+            life.wait(7_000);
+        }
+    },
+    |life| {
+        // More commands than one tick takes.
+        for _ in 0..14 {
+            life.twin.send(jog(100));
+        }
+        life.wait(50_000);
+    },
+    |life| {
+        // Onto a tripped limit switch, from rest.
+        life.send(Command::Stop);
+        life.wait(400_000);
+        life.send(Command::Reset);
+        life.twin.set_switches(Inputs {
+            limits: [[true; 2]; 3],
+            ..Inputs::default()
+        });
+        life.send(jog(500));
+    },
+    |life| life.twin.write(&[0x55; 700]),
+    |life| {
+        // The host starts anew, with any number.
+        life.twin.send(Command::Hello);
+        life.follow(5);
+    },
+];
