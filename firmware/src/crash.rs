@@ -1,0 +1,137 @@
+//! What the last life of the program left behind.
+//!
+//! A panic or a hard fault stops motion, writes a few words into memory that a reset does not clear, and waits for the watchdog. The next start
+//! reads them, together with the chip's own record of what reset it.
+
+use crate::vectors::RETAINED;
+use crate::{engine, pins};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use embassy_stm32::pac;
+use shared::frame::message::ResetCause;
+
+/// Bytes of a source file's name that are kept: its end.
+const NAME_BYTES: usize = 24;
+
+/// Words of memory that this module wants: seal, starts, kind, line, fault, name.
+pub const WORDS: usize = 5 + NAME_BYTES / 4;
+
+/// Marks the words as written by this program. Chance makes it once in 2^32 power-ons.
+const SEAL: u32 = 0x5b1d_c0de;
+
+/// How the program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Kind {
+    /// Not by itself: power, pin, or a watchdog that nobody fed.
+    None = 0,
+    /// It panicked; `place` is the line.
+    Panic = 1,
+    /// The processor faulted; `place` is the program counter.
+    HardFault = 2,
+}
+
+/// What is known about the time before this start.
+#[derive(Clone, Copy, Debug)]
+pub struct History {
+    /// What reset the chip.
+    pub cause: ResetCause,
+    /// Starts since power-on, this one included.
+    pub starts: u32,
+    /// How the program ended.
+    pub kind: Kind,
+    /// A source line or a program counter; see [`Kind`].
+    pub place: u32,
+    /// The end of the source file's name, filled with zeros.
+    pub name: [u8; NAME_BYTES],
+    /// Number of the last fault of the machine, plus one; 0 is none.
+    pub fault: u32,
+}
+
+fn word(index: usize) -> &'static AtomicU32 {
+    static NOWHERE: AtomicU32 = AtomicU32::new(0);
+    RETAINED.get(index).unwrap_or(&NOWHERE)
+}
+
+/// Reads the record and opens a new one. Once, at the start.
+pub fn begin() -> History {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular to the general.
+    let cause = if flags.wdgrstf() || flags.wwdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf() {
+        ResetCause::Software
+    } else if flags.porrstf() {
+        ResetCause::PowerOn
+    } else if flags.borrstf() {
+        ResetCause::BrownOut
+    } else {
+        ResetCause::Pin
+    };
+    let valid = word(0).load(Relaxed) == SEAL;
+    let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
+    let mut name = [0; NAME_BYTES];
+    for (index, bytes) in (5..).zip(name.as_chunks_mut::<4>().0) {
+        *bytes = old(index).to_le_bytes();
+    }
+    let history = History {
+        cause,
+        starts: old(1).saturating_add(1),
+        kind: match old(2) {
+            1 => Kind::Panic,
+            2 => Kind::HardFault,
+            _ => Kind::None,
+        },
+        place: old(3),
+        fault: old(4),
+        name,
+    };
+    word(0).store(SEAL, Relaxed);
+    word(1).store(history.starts, Relaxed);
+    for index in 2..WORDS {
+        word(index).store(0, Relaxed);
+    }
+    history
+}
+
+/// Keeps the machine's fault for the next start.
+pub fn keep_fault(number: Option<u8>) {
+    word(4).store(number.map_or(0, |number| u32::from(number) + 1), Relaxed);
+}
+
+/// Stops the step timer and the drivers, leaves the message, and waits for the watchdog.
+pub fn end(kind: Kind, place: u32, name: &str) -> ! {
+    cortex_m::interrupt::disable();
+    engine::stop();
+    pins::set_drivers(false);
+    word(2).store(kind as u32, Relaxed);
+    word(3).store(place, Relaxed);
+    let tail = name.len().saturating_sub(NAME_BYTES);
+    let (words, rest) = name
+        .as_bytes()
+        .get(tail..)
+        .unwrap_or_default()
+        .as_chunks::<4>();
+    let mut last = [0; 4];
+    for (to, from) in last.iter_mut().zip(rest) {
+        *to = *from;
+    }
+    for (index, bytes) in (5..WORDS).zip(words.iter().chain([&last])) {
+        word(index).store(u32::from_le_bytes(*bytes), Relaxed);
+    }
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo) -> ! {
+    #[cfg(feature = "defmt")]
+    if let Some(place) = info.location() {
+        defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
+    }
+    match info.location() {
+        Some(place) => end(Kind::Panic, place.line(), place.file()),
+        None => end(Kind::Panic, 0, ""),
+    }
+}
