@@ -1,7 +1,7 @@
 //! What the last life of the program left behind.
 //!
 //! A panic or a hard fault stops motion, writes a few words into memory that a reset does not clear, and waits for the watchdog. The next start
-//! reads them, together with the chip's own record of what reset it.
+//! reads them, together with the chip's own record of what reset it. What the place means, `addr2line -fie station-b ADDRESS` says.
 
 use crate::vectors::RETAINED;
 use crate::{engine, pins};
@@ -9,11 +9,8 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_stm32::pac;
 use shared::frame::message::ResetCause;
 
-/// Bytes of a source file's name that are kept: its end.
-const NAME_BYTES: usize = 24;
-
-/// Words of memory that this module wants: seal, starts, kind, line, fault, name.
-pub const WORDS: usize = 5 + NAME_BYTES / 4;
+/// Words of memory that this module wants: seal, starts, kind, place, fault.
+pub const WORDS: usize = 5;
 
 /// Marks the words as written by this program. Chance makes it once in 2^32 power-ons.
 const SEAL: u32 = 0x5b1d_c0de;
@@ -24,9 +21,9 @@ const SEAL: u32 = 0x5b1d_c0de;
 pub enum Kind {
     /// Not by itself: power, pin, or a watchdog that nobody fed.
     None = 0,
-    /// It panicked; `place` is the line.
+    /// It panicked; `place` is where to, had the panic returned: in the function that panicked.
     Panic = 1,
-    /// The processor faulted; `place` is the program counter.
+    /// The processor faulted; `place` is the instruction.
     HardFault = 2,
 }
 
@@ -39,10 +36,8 @@ pub struct History {
     pub starts: u32,
     /// How the program ended.
     pub kind: Kind,
-    /// A source line or a program counter; see [`Kind`].
+    /// An address in the program; see [`Kind`].
     pub place: u32,
-    /// The end of the source file's name, filled with zeros.
-    pub name: [u8; NAME_BYTES],
     /// Number of the last fault of the machine, plus one; 0 is none.
     pub fault: u32,
 }
@@ -70,10 +65,6 @@ pub fn begin() -> History {
     };
     let valid = word(0).load(Relaxed) == SEAL;
     let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
-    let mut name = [0; NAME_BYTES];
-    for (index, bytes) in (5..).zip(name.as_chunks_mut::<4>().0) {
-        *bytes = old(index).to_le_bytes();
-    }
     let history = History {
         cause,
         starts: old(1).saturating_add(1),
@@ -84,7 +75,6 @@ pub fn begin() -> History {
         },
         place: old(3),
         fault: old(4),
-        name,
     };
     word(0).store(SEAL, Relaxed);
     word(1).store(history.starts, Relaxed);
@@ -100,38 +90,26 @@ pub fn keep_fault(number: Option<u8>) {
 }
 
 /// Stops the step timer and the drivers, leaves the message, and waits for the watchdog.
-pub fn end(kind: Kind, place: u32, name: &str) -> ! {
+pub fn end(kind: Kind, place: u32) -> ! {
     cortex_m::interrupt::disable();
     engine::stop();
     pins::set_drivers(false);
     word(2).store(kind as u32, Relaxed);
     word(3).store(place, Relaxed);
-    let tail = name.len().saturating_sub(NAME_BYTES);
-    let (words, rest) = name
-        .as_bytes()
-        .get(tail..)
-        .unwrap_or_default()
-        .as_chunks::<4>();
-    let mut last = [0; 4];
-    for (to, from) in last.iter_mut().zip(rest) {
-        *to = *from;
-    }
-    for (index, bytes) in (5..WORDS).zip(words.iter().chain([&last])) {
-        word(index).store(u32::from_le_bytes(*bytes), Relaxed);
-    }
     loop {
         cortex_m::asm::nop();
     }
 }
 
+/// A panic becomes a fault of the processor: the undefined instruction. Its handler then knows where it came from without the tables of file names
+/// and lines that `info` would bring along (12 KiB).
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     #[cfg(feature = "defmt")]
     if let Some(place) = info.location() {
         defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
     }
-    match info.location() {
-        Some(place) => end(Kind::Panic, place.line(), place.file()),
-        None => end(Kind::Panic, 0, ""),
-    }
+    #[cfg(not(feature = "defmt"))]
+    let _ = info;
+    cortex_m::asm::udf()
 }

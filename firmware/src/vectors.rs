@@ -17,6 +17,7 @@
 //! (UART4 and UART5 themselves are not used: their vectors are free.)
 #![allow(unsafe_code)]
 
+use crate::crash;
 use core::sync::atomic::AtomicU32;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -79,14 +80,20 @@ fn UART4() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// The processor stopped itself: as after a panic, with the program counter for a message.
+/// The processor stopped itself, of its own accord or because of a panic, which executes the undefined instruction.
 // SAFETY: the exception's handler has this signature; it does not return and takes no lock.
 #[cortex_m_rt::exception]
 unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    crash::end(crash::Kind::HardFault, frame.pc(), "")
+    /// `udf #0`
+    const UNDEFINED: u16 = 0xde00;
+    let code = 0x0800_0000..0x0810_0000;
+    let at = frame.pc();
+    // SAFETY: an even address within flash, which can always be read.
+    if code.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED {
+        crash::end(crash::Kind::Panic, frame.lr())
+    }
+    crash::end(crash::Kind::HardFault, at)
 }
-
-use crate::crash;
 
 /// Words that a reset leaves as they are; what they mean is the business of [`crash`]. After power-on they hold anything.
 // SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
