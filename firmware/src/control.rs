@@ -26,10 +26,11 @@ pub async fn run(history: History, session: u32) {
         })
     });
     note!(
-        "start {}, place {}, fault {}",
+        "start {}, after {}: places {:x}, fault {}",
         history.starts,
-        history.place,
-        history.fault
+        history.kind as u32,
+        history.places,
+        history.fault,
     );
     let mut words_given: u64 = 0;
     let mut words_emitted: u64 = 0;

@@ -1,7 +1,7 @@
 //! What the last life of the program left behind.
 //!
 //! A panic or a hard fault stops motion, writes a few words into memory that a reset does not clear, and waits for the watchdog. The next start
-//! reads them, together with the chip's own record of what reset it. What the place means, `addr2line -fie station-b ADDRESS` says.
+//! reads them, together with the chip's own record of what reset it. What an address means, `addr2line -fie station-b ADDRESS` says.
 
 use crate::vectors::RETAINED;
 use crate::{engine, pins};
@@ -9,8 +9,11 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_stm32::pac;
 use shared::frame::message::ResetCause;
 
-/// Words of memory that this module wants: seal, starts, kind, place, fault.
-pub const WORDS: usize = 5;
+/// Addresses that are kept of a crash: the instruction, the return address, and what on the stack looks like one.
+pub const PLACES: usize = 6;
+
+/// Words of memory that this module wants: seal, starts, kind, fault, places.
+pub const WORDS: usize = 4 + PLACES;
 
 /// Marks the words as written by this program. Chance makes it once in 2^32 power-ons.
 const SEAL: u32 = 0x5b1d_c0de;
@@ -21,9 +24,9 @@ const SEAL: u32 = 0x5b1d_c0de;
 pub enum Kind {
     /// Not by itself: power, pin, or a watchdog that nobody fed.
     None = 0,
-    /// It panicked; `place` is where to, had the panic returned: in the function that panicked.
+    /// It panicked.
     Panic = 1,
-    /// The processor faulted; `place` is the instruction.
+    /// The processor faulted.
     HardFault = 2,
 }
 
@@ -36,8 +39,8 @@ pub struct History {
     pub starts: u32,
     /// How the program ended.
     pub kind: Kind,
-    /// An address in the program; see [`Kind`].
-    pub place: u32,
+    /// Where: the instruction first, then whoever called, as far as the stack shows it.
+    pub places: [u32; PLACES],
     /// Number of the last fault of the machine, plus one; 0 is none.
     pub fault: u32,
 }
@@ -73,8 +76,8 @@ pub fn begin() -> History {
             2 => Kind::HardFault,
             _ => Kind::None,
         },
-        place: old(3),
-        fault: old(4),
+        places: core::array::from_fn(|index| old(4 + index)),
+        fault: old(3),
     };
     word(0).store(SEAL, Relaxed);
     word(1).store(history.starts, Relaxed);
@@ -86,16 +89,18 @@ pub fn begin() -> History {
 
 /// Keeps the machine's fault for the next start.
 pub fn keep_fault(number: Option<u8>) {
-    word(4).store(number.map_or(0, |number| u32::from(number) + 1), Relaxed);
+    word(3).store(number.map_or(0, |number| u32::from(number) + 1), Relaxed);
 }
 
 /// Stops the step timer and the drivers, leaves the message, and waits for the watchdog.
-pub fn end(kind: Kind, place: u32) -> ! {
+pub fn end(kind: Kind, places: impl Iterator<Item = u32>) -> ! {
     cortex_m::interrupt::disable();
     engine::stop();
     pins::set_drivers(false);
     word(2).store(kind as u32, Relaxed);
-    word(3).store(place, Relaxed);
+    for (index, place) in (4..WORDS).zip(places) {
+        word(index).store(place, Relaxed);
+    }
     loop {
         cortex_m::asm::nop();
     }

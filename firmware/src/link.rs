@@ -13,6 +13,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
+use shared::frame::MAX_PACKET;
 use shared::frame::encode::Bytes;
 
 /// How long a write may take.
@@ -163,18 +164,17 @@ async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
             torn = true;
             continue;
         }
-        let written = with_timeout(WRITE_LIMIT, async {
-            if torn {
-                tx.write_all(&[0]).await?;
-            }
-            tx.write_all(&bytes).await?;
-            if bytes.len() % PACKET == 0 {
-                // A USB host waits for more after a full packet. An empty packet of ours, one zero byte, means nothing and ends the wait.
-                tx.write_all(&[0]).await?;
-            }
-            tx.flush().await
-        })
-        .await;
+        let mut line: heapless::Vec<u8, { MAX_PACKET + 2 }> = heapless::Vec::new();
+        // The room is there, so none of these is refused.
+        if torn {
+            let _ = line.push(0);
+        }
+        let _ = line.extend_from_slice(&bytes);
+        if line.len().is_multiple_of(PACKET) {
+            // A USB host waits for more after a full packet. An empty packet of ours, one zero byte, means nothing and ends the wait.
+            let _ = line.push(0);
+        }
+        let written = with_timeout(WRITE_LIMIT, tx.write_all(&line)).await;
         torn = !matches!(written, Ok(Ok(())));
     }
 }

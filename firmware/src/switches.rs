@@ -9,6 +9,7 @@
 use crate::engine;
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use embassy_stm32::exti::ExtiInput;
+use embassy_stm32::gpio::Level;
 use embassy_stm32::mode::Async;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -50,60 +51,57 @@ pub fn inputs(words_emitted: u64) -> Inputs {
     }
 }
 
-fn open(bit: u8) {
-    OPEN.fetch_or(bit, Relaxed);
-    CHANGED.signal(());
-}
-
-fn close(bit: u8) {
-    OPEN.fetch_and(!bit, Relaxed);
-}
-
 /// Watches a contact to ground. `number` counts the limit switches from 0 to 5.
 #[embassy_executor::task(pool_size = 6)]
 pub async fn limit(number: u8, switch: ExtiInput<'static, Async>) {
-    watch(switch, 1 << (number & 7), || {}).await
+    watch(switch, 1 << (number & 7), Level::High, || {}).await
 }
 
 /// Watches the emergency stop, beside the step engine.
 #[embassy_executor::task]
 pub async fn emergency_stop(switch: ExtiInput<'static, Async>) {
-    watch(switch, EMERGENCY_STOP, engine::hush).await
+    watch(switch, EMERGENCY_STOP, Level::High, engine::hush).await
 }
 
 /// Watches a line that is low when a driver is in trouble.
 #[embassy_executor::task]
-pub async fn driver_fault(mut line: ExtiInput<'static, Async>) {
-    loop {
-        line.wait_for_low().await;
-        Timer::after_micros(SPARK_US).await;
-        if line.is_high() {
-            continue;
-        }
-        open(DRIVER_FAULT);
-        Timer::after_micros(HOLD_US).await;
-        line.wait_for_high().await;
-        close(DRIVER_FAULT);
-    }
+pub async fn driver_fault(line: ExtiInput<'static, Async>) {
+    watch(line, DRIVER_FAULT, Level::Low, || {}).await
 }
 
-async fn watch(mut switch: ExtiInput<'static, Async>, bit: u8, act: fn()) {
+/// Shows `bit` while the pin has the level that means trouble. `act` is called as soon as it has.
+async fn watch(mut pin: ExtiInput<'static, Async>, bit: u8, trouble: Level, act: fn()) {
     loop {
-        switch.wait_for_high().await;
+        wait(&mut pin, trouble).await;
         Timer::after_micros(SPARK_US).await;
-        if switch.is_low() {
+        if pin.get_level() != trouble {
             continue;
         }
         act();
-        open(bit);
+        OPEN.fetch_or(bit, Relaxed);
+        CHANGED.signal(());
         // Contacts bounce: closed is what was closed for a while.
         loop {
             Timer::after_micros(HOLD_US).await;
-            if switch.is_low() {
+            if pin.get_level() != trouble {
                 break;
             }
-            switch.wait_for_low().await;
+            wait(&mut pin, opposite(trouble)).await;
         }
-        close(bit);
+        OPEN.fetch_and(!bit, Relaxed);
+    }
+}
+
+async fn wait(pin: &mut ExtiInput<'static, Async>, level: Level) {
+    match level {
+        Level::High => pin.wait_for_high().await,
+        Level::Low => pin.wait_for_low().await,
+    }
+}
+
+const fn opposite(level: Level) -> Level {
+    match level {
+        Level::High => Level::Low,
+        Level::Low => Level::High,
     }
 }

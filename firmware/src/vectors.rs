@@ -80,20 +80,39 @@ fn UART4() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// The processor stopped itself, of its own accord or because of a panic, which executes the undefined instruction.
+/// The processor stopped itself, of its own accord or because of a panic, which executes the undefined instruction. Return addresses are odd (Thumb).
 // SAFETY: the exception's handler has this signature; it does not return and takes no lock.
 #[cortex_m_rt::exception]
 unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
     /// `udf #0`
     const UNDEFINED: u16 = 0xde00;
-    let code = 0x0800_0000..0x0810_0000;
     let at = frame.pc();
     // SAFETY: an even address within flash, which can always be read.
-    if code.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED {
-        crash::end(crash::Kind::Panic, frame.lr())
-    }
-    crash::end(crash::Kind::HardFault, at)
+    let panicked = CODE.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED;
+    let kind = match panicked {
+        true => crash::Kind::Panic,
+        false => crash::Kind::HardFault,
+    };
+    let above = core::ptr::from_ref(frame) as usize as u32 + FRAME;
+    let top = &raw const _stack_start as usize as u32;
+    // SAFETY: aligned words between the exception's frame and the end of RAM, which is where the stack begins.
+    let stack = (above..top)
+        .step_by(4)
+        .map(|address| unsafe { (address as *const u32).read() })
+        .filter(|word| word % 2 == 1 && CODE.contains(word));
+    crash::end(kind, [at, frame.lr()].into_iter().chain(stack))
 }
+
+/// Where flash is.
+const CODE: core::ops::Range<u32> = 0x0800_0000..0x0810_0000;
+
+unsafe extern "C" {
+    /// The end of RAM, by cortex-m-rt's linker script: where the stack begins. Only its address means anything.
+    static _stack_start: u32;
+}
+
+/// What the processor puts on the stack before a fault's handler: eight registers.
+const FRAME: u32 = 32;
 
 /// Words that a reset leaves as they are; what they mean is the business of [`crash`]. After power-on they hold anything.
 // SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
