@@ -34,6 +34,46 @@ pub fn multiply_shift(a: i32, b: i32, bits: u32) -> i64 {
     shift_right_rounded(i64::from(a) * i64::from(b), bits)
 }
 
+/// `a b`, exactly: two 63-bit sizes make at most 126 bits.
+///
+/// A function of its own, because a checked 128-bit product takes some 300 bytes wherever it stands.
+#[inline(never)]
+pub fn wide(a: i64, b: i64) -> i128 {
+    i128::from(a).wrapping_mul(i128::from(b))
+}
+
+/// `a b`, saturating.
+///
+/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it stands.
+#[inline(never)]
+pub fn times(a: i64, b: i64) -> i64 {
+    let product = wide(a, b);
+    i64::try_from(product).unwrap_or(if product < 0 { i64::MIN } else { i64::MAX })
+}
+
+/// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay below 2^63.
+///
+/// Bit by bit: for values that are worked out once, where a 128-bit division would take more memory than time.
+#[inline(never)]
+pub fn ratio(a: u64, divisor: u64) -> u64 {
+    let (Some(whole), Some(mut rest)) = (a.checked_div(divisor), a.checked_rem(divisor)) else {
+        return u64::MAX;
+    };
+    if whole >> 32 != 0 {
+        return u64::MAX;
+    }
+    let mut quotient = whole;
+    for _ in 0..32 {
+        rest <<= 1;
+        quotient <<= 1;
+        if rest >= divisor {
+            rest -= divisor;
+            quotient |= 1;
+        }
+    }
+    quotient
+}
+
 /// One over a positive number, as a 32-bit mantissa and an exponent.
 ///
 /// For `d` normalised to a mantissa `m` in `[2^31, 2^32)`, `mantissa` is `2^63 / m` to within 2^-29.6 of itself, and
@@ -128,6 +168,24 @@ mod tests {
             } else {
                 prop_assert!(got.abs_diff(0) > 1 << 62);
             }
+        }
+
+        #[test]
+        fn wide_products_are_exact(a: i64, b: i64) {
+            prop_assert_eq!(Some(wide(a, b)), i128::from(a).checked_mul(i128::from(b)));
+        }
+
+        #[test]
+        fn times_saturates(a: i64, b: i64, small: i32) {
+            prop_assert_eq!(times(a, b), a.saturating_mul(b));
+            prop_assert_eq!(times(a, small.into()), a.saturating_mul(small.into()));
+        }
+
+        #[test]
+        fn ratio_matches_wide_division(a: u64, bits in 0u32..63, low: u64) {
+            let divisor = (1 << bits) | (low & ((1 << bits) - 1));
+            let exact = (u128::from(a) << 32) / u128::from(divisor);
+            prop_assert_eq!(ratio(a, divisor), u64::try_from(exact).unwrap_or(u64::MAX));
         }
 
         #[test]

@@ -1,7 +1,7 @@
 //! A configuration that was checked, with what the control loop needs worked out once.
 
 use crate::estimate::{DisplacementNm, Gate};
-use crate::fixed::multiply_shift;
+use crate::fixed::{multiply_shift, ratio, wide};
 use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting};
 use crate::motion::{AxisConfig, Limits};
 use crate::steps::WordRate;
@@ -21,8 +21,8 @@ pub(super) struct Active {
     pub limits: Limits,
     /// For motion while the position is unknown: slow, and without soft limits.
     pub slow: Limits,
-    /// 2⁻³² steps per nm on each axis, Q48.16.
-    fine_per_nm: [u64; 3],
+    /// 2⁻³² steps per nm on each axis, Q48.16. Below 2⁵¹.
+    fine_per_nm: [i64; 3],
 }
 
 impl Active {
@@ -52,8 +52,7 @@ impl Active {
             slow: limits(&slow)?,
             fine_per_nm: config.axes.map(|axis| {
                 // steps/m 2^32 2^16 / 10^9 nm/m: below 2^51.
-                let per_m = u128::from(axis.steps_per_m) << (32 + SCALE_BITS);
-                (per_m / 1_000_000_000) as u64
+                ratio(u64::from(axis.steps_per_m) << SCALE_BITS, 1_000_000_000) as i64
             }),
         })
     }
@@ -91,7 +90,7 @@ impl Active {
             let (Some(nm), Some(scale)) = (stage_nm.get(axis), self.fine_per_nm.get(axis)) else {
                 return 0;
             };
-            let product = (i128::from(*nm) * i128::from(*scale)) >> SCALE_BITS;
+            let product = wide(*nm, *scale) >> SCALE_BITS;
             i64::try_from(product).unwrap_or(if *nm < 0 { i64::MIN } else { i64::MAX })
         })
     }
@@ -115,6 +114,13 @@ fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
 
 /// Determinant of three rows of Q.29 numbers, Q.87. Below 2^97 in size.
 fn determinant(m: &[[i32; 3]; 3]) -> i128 {
-    let [[a, b, c], [d, e, f], [g, h, i]] = m.map(|row| row.map(i128::from));
-    a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    let [[a, b, c], [d, e, f], [g, h, i]] = m.map(|row| row.map(i64::from));
+    // Products below 2^62 in size, so only a difference of two extremes saturates, by one.
+    let minor = |p: i64, q: i64, r: i64, s: i64| (p * q).saturating_sub(r * s);
+    let terms = [
+        wide(a, minor(e, i, f, h)),
+        wide(b, minor(f, g, d, i)),
+        wide(c, minor(d, h, e, g)),
+    ];
+    terms.into_iter().fold(0, i128::wrapping_add)
 }

@@ -210,6 +210,11 @@ impl Machine {
         self.state
     }
 
+    /// The latched fault, for shells that keep it across a restart.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
     /// Which axes count against their motor: the shell hands this to the step generator before each segment.
     pub fn inverted(&self) -> [bool; 3] {
         self.active.as_ref().map_or([false; 3], |active| {

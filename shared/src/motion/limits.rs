@@ -2,6 +2,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fixed::ratio;
 use crate::steps::{AXES, Position, WordRate};
 
 /// One axis of the stage as the host describes it: physical units, integers only.
@@ -128,7 +129,7 @@ pub struct AxisLimits {
 }
 
 /// Positions of soft limits stay within this, steps: leaves room to stop within the range of [`Position`] from anywhere.
-const FARTHEST: i128 = 1 << 29;
+const FARTHEST: i64 = 1 << 29;
 
 impl AxisLimits {
     /// The largest multiples of the grid's quanta that exceed nothing in `config`.
@@ -147,40 +148,34 @@ impl AxisLimits {
                 return Err(LimitFault::Zero(field));
             }
         }
-        // µm per second to fine units per slot, then to the grid. Below 2⁹⁶ all the way.
-        let fine_per_m = u128::from(config.steps_per_m) << 32;
-        let slots_per_s = u128::from(rate.slots_per_s());
-        let quantum = 2 * u128::from(rate.slots_per_tick());
-        let micro = 1_000_000;
-        let fine_per_slot = fine_per_m * u128::from(config.max_speed_um_s) / (micro * slots_per_s);
+        // µm per second to fine units per slot, then to the grid: speed quanta, and these per tick, and per tick again.
+        // Dividing by one factor after the other rounds down just as dividing by the product does.
+        let um = |per_s: u32| u64::from(config.steps_per_m) * u64::from(per_s);
+        let um_slots = 1_000_000 * u64::from(rate.slots_per_s());
+        let quantum = 2 * u64::from(rate.slots_per_tick());
+        let fine_per_slot = ratio(um(config.max_speed_um_s), um_slots);
         if fine_per_slot > 1 << 32 {
-            let steps_per_s =
-                u64::from(config.steps_per_m) * u64::from(config.max_speed_um_s) / 1_000_000;
             return Err(LimitFault::TooFast {
-                steps_per_s,
+                steps_per_s: um(config.max_speed_um_s) / 1_000_000,
                 most: rate.slots_per_s(),
             });
         }
         // Exactly one step per slot is one fine unit more than an increment can hold.
-        let speed = (fine_per_slot.min(u128::from(u32::MAX)) / quantum) as u32;
+        let speed = (fine_per_slot.min(u64::from(u32::MAX)) / quantum) as u32;
         if speed == 0 {
             return Err(LimitFault::TooSmall(Field::MaxSpeed));
         }
-        // Per tick, and per tick again.
-        let mut denominator = micro * slots_per_s * quantum;
-        let mut quantise = |per_s: u32, field| {
-            denominator *= u128::from(WordRate::TICKS_PER_S);
-            let value = fine_per_m * u128::from(per_s) / denominator;
-            // More than the whole speed in one tick is no use.
-            let value = value.min(u128::from(speed)) as u32;
-            if value == 0 {
-                Err(LimitFault::TooSmall(field))
-            } else {
-                Ok(value)
+        // `ticks` is how many ticks of a second come in. More than the whole speed in one tick is no use.
+        let quantise = |per_s: u32, ticks: u64, field| {
+            let value = ratio(um(per_s), um_slots * quantum) / ticks;
+            match value.min(u64::from(speed)) as u32 {
+                0 => Err(LimitFault::TooSmall(field)),
+                value => Ok(value),
             }
         };
-        let acceleration = quantise(config.max_acceleration_um_s2, Field::MaxAcceleration)?;
-        let jerk = quantise(config.max_jerk_um_s3, Field::MaxJerk)?;
+        const TICKS: u64 = WordRate::TICKS_PER_S as u64;
+        let acceleration = quantise(config.max_acceleration_um_s2, TICKS, Field::MaxAcceleration)?;
+        let jerk = quantise(config.max_jerk_um_s3, TICKS * TICKS, Field::MaxJerk)?;
         Ok(Self {
             speed,
             acceleration,
@@ -212,8 +207,9 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     if low >= high {
         return Err(LimitFault::NoTravel);
     }
-    let micro_steps = |um: i32| i128::from(um) * i128::from(config.steps_per_m);
-    let floor = |value: i128| value.div_euclid(1_000_000);
+    // Below 2^63 in size.
+    let micro_steps = |um: i32| i64::from(um) * i64::from(config.steps_per_m);
+    let floor = |value: i64| value.div_euclid(1_000_000);
     let (low, high) = (-floor(-micro_steps(low)), floor(micro_steps(high)));
     if low < -FARTHEST || high > FARTHEST {
         return Err(LimitFault::TravelTooFar);

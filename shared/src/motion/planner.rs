@@ -1,5 +1,6 @@
 use super::stopping::Pace;
 use super::{AxisLimits, Limits};
+use crate::fixed::times;
 use crate::steps::{AXES, AxisMotion, Position, Segment, WordRate};
 
 const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
@@ -103,14 +104,15 @@ impl Axis {
     /// Moves on by what was planned for a tick.
     fn advance(&mut self, way: i64, acceleration: i64, quantum: i64) {
         self.position = self.position.saturating_add(way);
-        self.target = self.target.saturating_add(2 * quantum * self.drift);
+        self.target = self.target.saturating_add(times(2 * quantum, self.drift));
         self.speed += acceleration;
         self.acceleration = acceleration;
     }
 
     /// The way to rest at full braking, fine units.
     fn stopping_way(&self, quantum: i64) -> i64 {
-        quantum.saturating_mul(Pace::of(&self.limits).stopping_way(self.speed, self.acceleration))
+        let way = Pace::of(&self.limits).stopping_way(self.speed, self.acceleration);
+        times(quantum, way)
     }
 }
 
@@ -136,7 +138,7 @@ impl Line {
             .max_by_key(|(_, way)| way.unsigned_abs())?;
         // 31 bits of the longest way.
         let shift = 33u32.saturating_sub(way.unsigned_abs().leading_zeros());
-        let ways = ways.map(|each| (each >> shift).saturating_mul(way.signum()));
+        let ways = ways.map(|each| times(each >> shift, way.signum()));
         let longest = way.saturating_abs() >> shift;
         (longest > 0).then_some(Self {
             leader,
@@ -177,11 +179,11 @@ impl Line {
     fn share(&mut self, speed: i64) -> [i64; AXES] {
         let mut shares = [0; AXES];
         for ((share, excess), way) in shares.iter_mut().zip(&mut self.excess).zip(self.ways) {
-            let exact = speed * way;
+            let exact = times(speed, way);
             let up = *excess <= 0 && exact.rem_euclid(self.longest) != 0;
             *share = exact.div_euclid(self.longest) + i64::from(up);
             // The speed counts in the tick it ends and in the one it starts.
-            *excess += 2 * (*share * self.longest - exact);
+            *excess += 2 * (times(*share, self.longest) - exact);
         }
         shares
     }
@@ -199,11 +201,11 @@ impl Ramp {
     fn quarter(self, slots: u16, quarter: i64) -> AxisMotion {
         let n = i64::from(slots);
         let e = self.acceleration;
-        let start = 2 * n * (4 * self.speed + e * quarter);
-        let end = start + 2 * n * e;
-        if start.signum() * end.signum() < 0 {
+        let start = times(2 * n, 4 * self.speed + times(e, quarter));
+        let end = start + times(2 * n, e);
+        if (start < 0 && end > 0) || (start > 0 && end < 0) {
             // Turning: the mean speed, which is a whole number too.
-            let mean = start + n * e;
+            let mean = start + times(n, e);
             return motion(mean, 0, mean < 0);
         }
         let backward = start < 0 || end < 0;
@@ -213,8 +215,17 @@ impl Ramp {
 
 /// From signed increments. Whatever did not fit would be rest; speeds on the grid do fit.
 fn motion(first: i64, change: i64, backward: bool) -> AxisMotion {
-    let sign = if backward { -1 } else { 1 };
-    match (u32::try_from(sign * first), i32::try_from(sign * change)) {
+    let forwards = |value: i64| {
+        if backward {
+            value.saturating_neg()
+        } else {
+            value
+        }
+    };
+    match (
+        u32::try_from(forwards(first)),
+        i32::try_from(forwards(change)),
+    ) {
         (Ok(first), Ok(change)) => AxisMotion {
             first,
             change,
@@ -388,7 +399,7 @@ impl Planner {
         let per_segment = quantum / SEGMENTS as i64;
         let left = (SEGMENTS - self.given) as i64;
         self.axes
-            .map(|axis| quantum * axis.speed - per_segment * left * axis.acceleration)
+            .map(|axis| times(quantum, axis.speed) - times(per_segment * left, axis.acceleration))
     }
 
     /// How far each axis would still go after the present tick if [`Planner::stop`] were called now, 2⁻³² step, negative

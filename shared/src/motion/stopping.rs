@@ -1,4 +1,5 @@
 use super::AxisLimits;
+use crate::fixed::times;
 
 /// Speed, acceleration and jerk an axis keeps to, in the grid of the [module](super): speed quanta, change of speed
 /// per tick, change of that per tick.
@@ -56,7 +57,8 @@ impl Pace {
     pub(super) fn easing(&self, d: i64) -> i64 {
         let size = d.abs();
         let q = size / self.jerk;
-        (q * size - self.jerk * (q * (q + 1) / 2)) * d.signum()
+        let easing = times(q, size) - times(self.jerk, triangle(q));
+        if d < 0 { -easing } else { easing }
     }
 
     /// Whole levels in the fall from speed `u >= 0`: the largest `q` with `J q(q+1)/2 <= u`.
@@ -69,7 +71,7 @@ impl Pace {
     /// The largest `d` with `d + T(d) <= u`, for `u >= 0`.
     fn steepest(&self, u: i64) -> i64 {
         let q = self.levels(u);
-        q * self.jerk + (u - self.jerk * (q * (q + 1) / 2)) / (q + 1)
+        times(q, self.jerk) + (u - times(self.jerk, triangle(q))) / (q + 1)
     }
 
     /// The acceleration of the next tick by the braking rule, after one with acceleration `e`.
@@ -106,17 +108,17 @@ impl Pace {
     fn stopping_ahead(&self, u: i64, d: i64) -> i64 {
         let jerk = self.jerk;
         let (k, s) = (d.div_euclid(jerk), d.rem_euclid(jerk));
-        let spare = u + jerk * (k * (k + 1) / 2) + s * k;
+        let spare = u + times(jerk, triangle(k)) + times(s, k);
         // J q² + 2 s q <= spare is (Jq + s)² <= s² + J spare. Below level 0 nothing is in the way.
         let level = if spare < 0 {
             -1
         } else {
-            ((s * s + jerk * spare).isqrt() - s) / jerk
+            ((times(s, s) + times(jerk, spare)).isqrt() - s) / jerk
         };
         let level = level.min((self.acceleration - s).div_euclid(jerk)).max(k);
         let c = level - k;
-        let climb = 2 * u * c - c * c * d - jerk * (c * (c + 1) * (2 * c + 1) / 6);
-        climb + self.falling_way(u - c * d - jerk * (c * (c + 1) / 2))
+        let climb = times(c, 2 * u - times(c, d)) - times(jerk, pyramid(c));
+        climb + self.falling_way(u - times(c, d) - times(jerk, triangle(c)))
     }
 
     /// The way of holding and falling from speed `u >= 0`.
@@ -124,14 +126,15 @@ impl Pace {
         let a = self.acceleration;
         let full = a + self.easing(a);
         let held = if u >= full { (u - full) / a + 1 } else { 0 };
-        let hold = 2 * u * held - a * held * held;
-        let u = u - a * held;
+        let hold = times(held, 2 * u - times(a, held));
+        let u = u - times(a, held);
         let q = self.levels(u);
-        let rest = u - self.jerk * (q * (q + 1) / 2);
+        let rest = u - times(self.jerk, triangle(q));
         let (s, w) = (rest / (q + 1), rest % (q + 1));
-        let square = (q + 1) * (q + 1);
-        hold + self.jerk * (q * (q + 1) * (2 * q + 1) / 6) + s * square + square
-            - (q + 1 - w) * (q + 1 - w)
+        // (q+1)² - (q+1-w)² is w (2(q+1) - w).
+        hold + times(self.jerk, pyramid(q))
+            + times(s, times(q + 1, q + 1))
+            + times(w, 2 * (q + 1) - w)
     }
 
     /// The highest acceleration of the next tick after which the axis can still stop within `ahead` distance quanta
@@ -157,6 +160,16 @@ impl Pace {
         }
         good
     }
+}
+
+/// `1 + 2 + ... + q`.
+fn triangle(q: i64) -> i64 {
+    times(q, q + 1) / 2
+}
+
+/// `1 + 4 + ... + q²`.
+fn pyramid(q: i64) -> i64 {
+    times(times(q, q + 1), 2 * q + 1) / 6
 }
 
 #[cfg(test)]

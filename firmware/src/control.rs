@@ -1,0 +1,103 @@
+//! The machine and its wires: bytes and switches in, bytes and segments out.
+
+use crate::crash::{self, History};
+use crate::{board, engine, link, pins, switches, watch};
+use embassy_futures::select::select3;
+use embassy_time::{Instant, Timer};
+use shared::machine::{Board, Machine, Output};
+use shared::safety::State;
+use static_cell::StaticCell;
+
+/// How long to wait when a segment is due and the engine has no room, µs.
+const NO_ROOM_US: u64 = 50;
+
+/// Runs the machine for ever.
+#[embassy_executor::task]
+pub async fn run(history: History, session: u32) {
+    static MACHINE: StaticCell<Machine> = StaticCell::new();
+    let machine = MACHINE.init_with(|| {
+        Machine::new(Board {
+            name: board::NAME,
+            version: VERSION,
+            word_rate: board::WORD_RATE,
+            delay_us: engine::DELAY_US,
+            session,
+            reset_cause: history.cause,
+        })
+    });
+    note!(
+        "start {}, after {}: places {:x}, fault {}",
+        history.starts,
+        history.kind as u32,
+        history.places,
+        history.fault,
+    );
+    let mut words_given: u64 = 0;
+    let mut words_emitted: u64 = 0;
+    let mut driven = false;
+    loop {
+        if engine::plays() {
+            let queued =
+                u64::from(engine::queued_us()) * u64::from(board::WORD_RATE.hz()) / 1_000_000;
+            words_emitted = words_given.saturating_sub(queued).max(words_emitted);
+        }
+        machine.sense(switches::inputs(words_emitted));
+        while let Some(chunk) = link::received() {
+            machine.receive(chunk.at, &chunk.bytes);
+        }
+        match machine.poll(now(), engine::room()) {
+            Output::Send(bytes) => link::send(bytes),
+            Output::Segment(segment) => {
+                words_given = words_given.saturating_add(u64::from(segment.slots()) * 2);
+                // `poll` was told that there is room.
+                let _ = engine::give(segment, machine.inverted());
+            }
+            Output::Idle(until) => {
+                watch::alive(watch::Task::Control);
+                let state = machine.state();
+                watch::show(state);
+                crash::keep_fault(machine.fault().map(shared::safety::Fault::number));
+                if !driven && state != State::Unconfigured {
+                    driven = true;
+                    pins::set_drivers(true);
+                }
+                let moves = matches!(state, State::Moving | State::Following | State::Stopping);
+                if !moves {
+                    engine::resume();
+                }
+                let wake = until
+                    .micros()
+                    .max(now().micros() + if until > now() { 0 } else { NO_ROOM_US });
+                select3(
+                    Timer::at(Instant::from_micros(wake)),
+                    link::wait(),
+                    switches::changed(),
+                )
+                .await;
+            }
+        }
+    }
+}
+
+/// The station's clock.
+pub fn now() -> shared::time::Instant {
+    shared::time::Instant::from_micros(Instant::now().as_micros())
+}
+
+/// The crate's version, as hello says it.
+const VERSION: [u8; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+const fn number(text: &str) -> u8 {
+    let digits = text.as_bytes();
+    let mut value = 0;
+    let mut at = 0;
+    while at < digits.len() {
+        value = value * 10 + (digits[at] - b'0');
+        at += 1;
+    }
+    value
+}

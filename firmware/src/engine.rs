@@ -1,0 +1,394 @@
+//! The step engine: segments to port words, and these to the pins without the processor.
+//!
+//! ```text
+//!  TIM8 update ---> DMA2 stream 1 ("player") : ring[n] -> BSRR of the step port
+//!  TIM8 compare 1 -> DMA2 stream 2 ("eraser") : idle word -> ring[n], half a word later
+//! ```
+//!
+//! TIM8 overflows once per word. Each overflow makes the player copy the next word of the ring into the port's set/reset register, so an edge
+//! lies where the timer puts it; what is left of jitter is the bus matrix granting the DMA its transfer, some tens of ns.
+//!
+//! # Why old words cannot be replayed
+//! A circular DMA goes round for ever, and would play the last millisecond of motion again and again if the refill stopped. Here a second stream
+//! runs half a word behind the first and overwrites each word that was just played with the *idle word*, which lowers the STEP pins and can
+//! raise none. Both streams are started by the same timer's events, so the eraser never lags by more than one word and needs no software
+//! at all: a word is played at most once after each time it was written. When the processor stops writing, for whatever reason, the ring
+//! runs dry within its remaining words (at most 750 µs of motion, [`LEAD`] blocks and the one being filled) and from then on every
+//! word is the idle word.
+//!
+//! | what happens | what ends the steps |
+//! |---|---|
+//! | the refill stalls, interrupts stay masked, the processor hangs | the eraser; then the watchdog's reset |
+//! | panic, hard fault | the handler stops TIM8; if even that fails, the eraser |
+//! | a debugger halts the processor | TIM8 freezes with it (DBGMCU); without that, the eraser |
+//! | a stream dies (transfer error), or loses a request | `check` sees it at the next segment, 250 µs later, and stops TIM8 |
+//! | reset | the pins become inputs; the drivers' enable lines have their own pull-ups |
+//!
+//! So a single failure, of the processor or of a stream, gives no step that was not planned. (The eraser alone failing is seen by the processor;
+//! only both failing within the same 250 µs would replay.)
+//!
+//! The alternatives were a second timer that counts words and gates TIM8, and TIM8 in one-pulse mode with its repetition counter. Both stop
+//! the timer at a count that software must move on in time, one write away from an error at each wrap, and both lose the time base on a stop. Erasing
+//! keeps it: after an underrun the next word still goes out when its time has come.
+//!
+//! # Blocks
+//! A segment of the machine is a *block* of 250 words; the ring holds four. Block `b` is played from `b` times 250 µs after the engine's
+//! start. A segment given out during block `b` becomes block `b + 2`, whose first word comes 500 µs after the segment was due:
+//! that is the machine's `delay_us`. A segment that comes later than its block is an underrun: nothing more is played until the
+//! machine has noticed (it sees that words are not emitted), faulted, and stands.
+
+use crate::board::{STEP_PINS, STEP_PORT, WORD_RATE};
+use crate::pins::IDLE_WORD;
+use crate::watch;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed, fence};
+use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
+use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, TIM8};
+use embassy_stm32::{Peri, pac};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::Instant;
+use shared::machine::SEGMENT_US;
+use shared::steps::{AxisMotion, Generator, Segment};
+
+/// TIM8's clock: twice APB2.
+const TIMER_HZ: u32 = 168_000_000;
+
+/// Timer counts per word.
+const PERIOD: u32 = TIMER_HZ / WORD_RATE.hz();
+const _: () =
+    assert!(TIMER_HZ.is_multiple_of(WORD_RATE.hz()) && PERIOD >= 16 && PERIOD <= 0x1_0000);
+
+/// Words of a segment.
+pub const BLOCK: usize = WORD_RATE.slots_per_segment() as usize * 2;
+
+/// Blocks in the ring.
+const BLOCKS: u64 = 4;
+
+/// Blocks between the one being played when a segment is due and the segment's own.
+const LEAD: u64 = 2;
+
+/// From a segment's due time to its first word, µs.
+pub const DELAY_US: u32 = LEAD as u32 * SEGMENT_US as u32;
+
+const RING: usize = BLOCK * BLOCKS as usize;
+const _: () = assert!(RING <= 0xffff, "a stream counts to 65535");
+
+/// A block is not written when it starts sooner than this, µs: the player could overtake.
+const MARGIN_US: u64 = 30;
+
+/// The start's last wait, with interrupts masked, µs.
+const UNDISTURBED_US: u64 = 10;
+
+/// How far the player may be from where time says it is, words.
+const SLIP: usize = 2;
+
+/// The words between processor and DMA.
+static WORDS: [AtomicU32; RING] = [const { AtomicU32::new(0) }; RING];
+
+/// What the eraser writes.
+static ERASED: AtomicU32 = AtomicU32::new(IDLE_WORD);
+
+static SEGMENTS: Channel<CriticalSectionRawMutex, (Segment, [bool; 3]), 2> = Channel::new();
+
+/// When the last planned word is out: low half of the station's clock, µs.
+static END: AtomicU32 = AtomicU32::new(0);
+
+/// The present [`Trouble`], or 0.
+static TROUBLE: AtomicU8 = AtomicU8::new(0);
+
+/// The emergency stop is open: words are erased instead of written, until [`resume`].
+static HUSHED: AtomicBool = AtomicBool::new(false);
+
+static RESTART: AtomicBool = AtomicBool::new(false);
+
+/// Why nothing is played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Trouble {
+    /// A segment with motion came after its time.
+    Late = 1,
+    /// A segment came before there was room.
+    Early = 2,
+    /// The generator refused a segment.
+    Refused = 3,
+    /// A stream stopped, or is not where the time says.
+    Stream = 4,
+}
+
+/// Timer and streams that the engine takes for itself: whoever has this knows that nobody else has them.
+#[expect(dead_code, reason = "the registers are used directly")]
+pub struct Hardware {
+    /// One overflow per word.
+    pub timer: Peri<'static, TIM8>,
+    /// DMA2 stream 1, which TIM8's update can request.
+    pub player: Peri<'static, DMA2_CH1>,
+    /// DMA2 stream 2, which TIM8's compare 1 can request.
+    pub eraser: Peri<'static, DMA2_CH2>,
+}
+
+fn player() -> pac::dma::St {
+    pac::DMA2.st(1)
+}
+
+fn eraser() -> pac::dma::St {
+    pac::DMA2.st(2)
+}
+
+/// The channel of both requests (RM0090, table "DMA2 request mapping").
+const REQUEST: u8 = 7;
+
+/// Turns segments into words as they come.
+#[embassy_executor::task]
+pub async fn run(_hardware: Hardware) {
+    let Ok(generator) = Generator::new(STEP_PINS) else {
+        panic!("board.rs: STEP and DIR pins")
+    };
+    let mut engine = Engine {
+        generator,
+        began_us: 0,
+        next: 0,
+        motion_end: 0,
+    };
+    engine.start();
+    loop {
+        let (segment, invert) = SEGMENTS.receive().await;
+        if RESTART.swap(false, Relaxed) {
+            note!("step engine: restart after {}", TROUBLE.load(Relaxed));
+            engine.start();
+        }
+        engine.feed(&segment, invert);
+        watch::alive(watch::Task::Step);
+    }
+}
+
+struct Engine {
+    generator: Generator,
+    /// When block 0 began, µs.
+    began_us: u64,
+    /// The block that the next segment becomes.
+    next: u64,
+    /// One past the last block with motion.
+    motion_end: u64,
+}
+
+impl Engine {
+    /// Starts timer and streams on an empty ring, at a multiple of 250 µs of the station's clock, as segments are due.
+    fn start(&mut self) {
+        stop();
+        for word in &WORDS {
+            word.store(IDLE_WORD, Relaxed);
+        }
+        prepare_timer();
+        prepare_streams();
+        // Once per start, at most 270 µs; nothing is played meanwhile. The last of it undisturbed, since `check` compares by the word.
+        let began_us =
+            (Instant::now().as_micros() + UNDISTURBED_US) / SEGMENT_US * SEGMENT_US + SEGMENT_US;
+        while Instant::now().as_micros() + UNDISTURBED_US < began_us {}
+        cortex_m::interrupt::free(|_| {
+            while Instant::now().as_micros() < began_us {}
+            pac::TIM8.cr1().modify(|w| w.set_cen(true));
+        });
+        self.began_us = began_us;
+        self.next = LEAD;
+        self.motion_end = 0;
+        TROUBLE.store(0, Relaxed);
+        self.publish();
+    }
+
+    fn block_start(&self, block: u64) -> u64 {
+        self.began_us
+            .saturating_add(block.saturating_mul(SEGMENT_US))
+    }
+
+    /// Turns a segment into the words of its block.
+    fn feed(&mut self, segment: &Segment, invert: [bool; 3]) {
+        let now = Instant::now().as_micros();
+        let playing = now.saturating_sub(self.began_us) / SEGMENT_US;
+        if TROUBLE.load(Relaxed) == 0 && !check(self.began_us) {
+            stop();
+            TROUBLE.store(Trouble::Stream as u8, Relaxed);
+        }
+        let rest = segment.axes().iter().all(AxisMotion::is_rest);
+        if rest {
+            // Idle words are in the ring already, so a pause may lie anywhere: it leads the blocks back to their place in time.
+            self.next = self.motion_end.max(playing.saturating_add(LEAD));
+        } else if now.saturating_add(MARGIN_US) > self.block_start(self.next) {
+            self.fail(Trouble::Late);
+        } else if self.next >= playing.saturating_add(BLOCKS) {
+            self.fail(Trouble::Early);
+        }
+        let block = self.next;
+        self.next = block.saturating_add(1);
+        let silent = rest || TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed);
+        if !silent {
+            self.motion_end = self.next;
+        }
+        // The generator always runs, so that its count stays the sum of all segments.
+        self.generator.set_invert(invert);
+        if self.generator.load(segment).is_err() {
+            self.generator.halt();
+            self.fail(Trouble::Refused);
+            return;
+        }
+        let from = (block % BLOCKS) as usize * BLOCK;
+        let mut place = WORDS.iter().skip(from).take(BLOCK);
+        let mut words = [0; 50];
+        loop {
+            let made = self.generator.fill(&mut words);
+            if made == 0 {
+                break;
+            }
+            if !silent {
+                for (place, word) in place.by_ref().zip(words.iter().take(made)) {
+                    place.store(*word, Relaxed);
+                }
+            }
+        }
+        // All words are in memory before the task goes to sleep.
+        fence(core::sync::atomic::Ordering::SeqCst);
+        self.publish();
+    }
+
+    /// Erases what is queued and plays nothing more until a restart.
+    fn fail(&mut self, trouble: Trouble) {
+        if TROUBLE.load(Relaxed) == 0 {
+            TROUBLE.store(trouble as u8, Relaxed);
+            erase();
+        }
+    }
+
+    fn publish(&self) {
+        END.store(self.block_start(self.next) as u32, Relaxed);
+    }
+}
+
+/// Stops the timer, and with it every edge. From any context, a panic's too.
+pub fn stop() {
+    pac::TIM8.cr1().modify(|w| w.set_cen(false));
+    STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
+}
+
+/// Plays nothing more, at once: for the emergency stop. The machine learns of it at its next tick.
+pub fn hush() {
+    HUSHED.store(true, Relaxed);
+    erase();
+}
+
+/// The machine stands: play again what comes from now on.
+pub fn resume() {
+    HUSHED.store(false, Relaxed);
+    if TROUBLE.load(Relaxed) != 0 {
+        RESTART.store(true, Relaxed);
+    }
+}
+
+/// Overwrites the whole ring, beginning with what would be played next.
+fn erase() {
+    let next = RING.saturating_sub(usize::from(player().ndtr().read().ndt()));
+    let (played, ahead) = WORDS.split_at(next.min(RING));
+    for word in ahead.iter().chain(played) {
+        word.store(IDLE_WORD, Relaxed);
+    }
+}
+
+/// Hands a segment to the engine. False when it has no place, which [`room`] tells beforehand.
+pub fn give(segment: Segment, invert: [bool; 3]) -> bool {
+    SEGMENTS.try_send((segment, invert)).is_ok()
+}
+
+/// Words that can be given now.
+pub fn room() -> usize {
+    // The engine's executor is the more urgent one: an empty channel means that END is up to date.
+    let queued = queued_us() / SEGMENT_US as u32;
+    if SEGMENTS.is_empty() && u64::from(queued) < BLOCKS - 1 {
+        BLOCK
+    } else {
+        0
+    }
+}
+
+/// Planned words that are not on the pins yet, as time, µs.
+pub fn queued_us() -> u32 {
+    let now = Instant::now().as_micros() as u32;
+    END.load(Relaxed).wrapping_sub(now).cast_signed().max(0) as u32
+}
+
+/// Whether the engine plays what it is given.
+pub fn plays() -> bool {
+    TROUBLE.load(Relaxed) == 0 && !RESTART.load(Relaxed)
+}
+
+fn prepare_timer() {
+    pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
+    let timer = pac::TIM8;
+    timer.dier().write(|_| {});
+    timer.psc().write_value(0);
+    // PERIOD fits, by the assertion above.
+    timer.arr().write(|w| w.set_arr((PERIOD - 1) as u16));
+    timer.ccr(0).write(|w| w.set_ccr((PERIOD / 2) as u16));
+    timer.rcr().write(|_| {});
+    timer.egr().write(|w| w.set_ug(true));
+    timer.sr().write(|_| {});
+    // Past the compare value, so that the first event is the player's.
+    timer
+        .cnt()
+        .write(|w| w.set_cnt((PERIOD / 2 + PERIOD / 4) as u16));
+    timer.dier().write(|w| {
+        w.set_ude(true);
+        w.set_ccde(0, true);
+    });
+}
+
+fn prepare_streams() {
+    pac::RCC.ahb1enr().modify(|w| w.set_dma2en(true));
+    for stream in [player(), eraser()] {
+        stream.cr().modify(|w| w.set_en(false));
+        // The end of a transfer under way: some cycles.
+        while stream.cr().read().en() {}
+        stream.fcr().write(|_| {}); // direct mode
+        stream.ndtr().write(|w| w.set_ndt(RING as u16));
+        stream.m0ar().write_value(WORDS.as_ptr() as u32);
+    }
+    // All flags of streams 0 to 3; 0 and 3 are nobody's.
+    pac::DMA2.ifcr(0).write(|w| w.0 = 0x0f7d_0f7d);
+    player().par().write_value(STEP_PORT.bsrr().as_ptr() as u32);
+    eraser().par().write_value(ERASED.as_ptr() as u32);
+    for (stream, direction, priority) in [
+        (player(), Dir::MEMORY_TO_PERIPHERAL, Pl::VERY_HIGH),
+        (eraser(), Dir::PERIPHERAL_TO_MEMORY, Pl::HIGH),
+    ] {
+        stream.cr().write(|w| {
+            w.set_chsel(REQUEST);
+            w.set_dir(direction);
+            w.set_circ(true);
+            w.set_minc(true);
+            w.set_msize(Size::BITS32);
+            w.set_psize(Size::BITS32);
+            w.set_pl(priority);
+        });
+        stream.cr().modify(|w| w.set_en(true));
+    }
+}
+
+/// Both streams run, the player is where the time says, and the eraser is right behind it.
+fn check(began_us: u64) -> bool {
+    let (now, played, erased, running) = cortex_m::interrupt::free(|_| {
+        (
+            Instant::now().as_micros(),
+            player().ndtr().read().ndt(),
+            eraser().ndtr().read().ndt(),
+            player().cr().read().en() && eraser().cr().read().en(),
+        )
+    });
+    // A stream counts down; a count of 0 means the same as RING.
+    let at = |left: u16| RING.saturating_sub(usize::from(left)) % RING;
+    let words = now
+        .saturating_sub(began_us)
+        .saturating_mul(u64::from(WORD_RATE.hz()))
+        / 1_000_000;
+    let expected = (words % RING as u64) as usize;
+    let slip = (at(played) + RING + SLIP - expected) % RING;
+    // The eraser follows within a word, and a word may pass between the two readings.
+    let behind = (at(played) + RING + 1 - at(erased)) % RING;
+    running && slip <= 2 * SLIP && behind <= 2
+}

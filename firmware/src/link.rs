@@ -1,0 +1,187 @@
+//! Bytes to and from the host, over USB or UART.
+//!
+//! Both links run the same code. The machine talks to one of them at a time: to whichever spoke first, until that has been silent for half a second
+//! (a host sends a heartbeat every 20 ms). A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to
+//! anybody else is dropped, so an absent or hanging host costs nothing. Every write has a time limit; a packet that was cut off is closed by a zero
+//! byte before the next one. So unplugging, plugging in again, and a host that died need no special case.
+
+use crate::watch::{self, Task};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use embassy_futures::join::join;
+use embassy_stm32::usart::BufferedUart;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, Instant, Timer, with_timeout};
+use embedded_io_async::{Read, Write};
+use shared::frame::MAX_PACKET;
+use shared::frame::encode::Bytes;
+
+/// How long a write may take.
+const WRITE_LIMIT: Duration = Duration::from_millis(50);
+
+/// How long to wait for bytes before saying that the task is alive.
+const READ_LIMIT: Duration = Duration::from_millis(5);
+
+/// Silence after which the other link may speak, ms.
+const SILENCE_MS: u32 = 500;
+
+/// A full-speed USB packet.
+pub const PACKET: usize = 64;
+
+/// Which link.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Port {
+    /// USB CDC-ACM.
+    Usb,
+    /// The UART.
+    Uart,
+}
+
+/// Bytes with the time of their arrival.
+pub struct Chunk {
+    /// When they came.
+    pub at: shared::time::Instant,
+    /// In the order they came.
+    pub bytes: heapless::Vec<u8, PACKET>,
+}
+
+static RECEIVED: Channel<CriticalSectionRawMutex, Chunk, 4> = Channel::new();
+static TO_USB: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
+static TO_UART: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
+
+/// Who speaks (0 nobody, 1 USB, 2 UART) in the lowest two bits, and when it was last heard in the others, ms.
+static SPEAKER: AtomicU32 = AtomicU32::new(0);
+
+impl Port {
+    const fn mark(self) -> u32 {
+        match self {
+            Self::Usb => 1,
+            Self::Uart => 2,
+        }
+    }
+
+    fn queue(self) -> &'static Channel<CriticalSectionRawMutex, Bytes, 4> {
+        match self {
+            Self::Usb => &TO_USB,
+            Self::Uart => &TO_UART,
+        }
+    }
+
+    const fn task(self) -> Task {
+        match self {
+            Self::Usb => Task::Usb,
+            Self::Uart => Task::Uart,
+        }
+    }
+
+    /// Notes that this link was heard. `None`: the other one speaks. `Some(true)`: this one takes over.
+    fn heard(self) -> Option<bool> {
+        let speaker = speaker();
+        if speaker.is_some_and(|other| other != self) {
+            return None;
+        }
+        SPEAKER.store(milliseconds() << 2 | self.mark(), Relaxed);
+        Some(speaker.is_none())
+    }
+}
+
+fn milliseconds() -> u32 {
+    // 30 bits: they wrap every twelve days, and only differences matter.
+    (Instant::now().as_millis() as u32) & (u32::MAX >> 2)
+}
+
+/// The link that was heard lately.
+fn speaker() -> Option<Port> {
+    let word = SPEAKER.load(Relaxed);
+    let silence = milliseconds().wrapping_sub(word >> 2) & (u32::MAX >> 2);
+    match word & 3 {
+        1 if silence < SILENCE_MS => Some(Port::Usb),
+        2 if silence < SILENCE_MS => Some(Port::Uart),
+        _ => None,
+    }
+}
+
+/// The next bytes for the machine.
+pub fn received() -> Option<Chunk> {
+    RECEIVED.try_receive().ok()
+}
+
+/// Until there are bytes for the machine.
+pub async fn wait() {
+    RECEIVED.ready_to_receive().await;
+}
+
+/// Sends a packet to whoever speaks. Never waits: with a full queue or nobody there it is dropped.
+pub fn send(bytes: Bytes) {
+    if let Some(port) = speaker() {
+        let _ = port.queue().try_send(bytes);
+    }
+}
+
+/// Serves one link for ever. `open` says whether the other end listens at all.
+pub async fn serve(port: Port, rx: impl Read, tx: impl Write, open: impl Fn() -> bool) {
+    join(receive(port, rx), transmit(port, tx, open)).await;
+}
+
+async fn receive(port: Port, mut rx: impl Read) {
+    let mut buffer = [0; PACKET];
+    loop {
+        watch::alive(port.task());
+        let count = match with_timeout(READ_LIMIT, rx.read(&mut buffer)).await {
+            Ok(Ok(count)) => count,
+            // Not plugged in, or a byte was lost: the packet's checksum tells.
+            Ok(Err(_)) => {
+                Timer::after(READ_LIMIT).await;
+                continue;
+            }
+            Err(_) => continue,
+        };
+        let at = crate::control::now();
+        let Some(takes_over) = port.heard() else {
+            continue;
+        };
+        if takes_over {
+            // Ends what the other link may have left half said.
+            pass(port, at, &[0]).await;
+        }
+        pass(port, at, buffer.get(..count).unwrap_or_default()).await;
+    }
+}
+
+/// Gives bytes to the machine. It takes them within a control tick, so this never waits long.
+async fn pass(port: Port, at: shared::time::Instant, bytes: &[u8]) {
+    let bytes = heapless::Vec::from_slice(bytes).unwrap_or_default();
+    watch::alive(port.task());
+    RECEIVED.send(Chunk { at, bytes }).await;
+}
+
+async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
+    // The host may have been in the middle of something else.
+    let mut torn = true;
+    loop {
+        let bytes = port.queue().receive().await;
+        if !open() {
+            torn = true;
+            continue;
+        }
+        let mut line: heapless::Vec<u8, { MAX_PACKET + 2 }> = heapless::Vec::new();
+        // The room is there, so none of these is refused.
+        if torn {
+            let _ = line.push(0);
+        }
+        let _ = line.extend_from_slice(&bytes);
+        if line.len().is_multiple_of(PACKET) {
+            // A USB host waits for more after a full packet. An empty packet of ours, one zero byte, means nothing and ends the wait.
+            let _ = line.push(0);
+        }
+        let written = with_timeout(WRITE_LIMIT, tx.write_all(&line)).await;
+        torn = !matches!(written, Ok(Ok(())));
+    }
+}
+
+/// The UART link. It has no DTR: the host is there while it is heard.
+#[embassy_executor::task]
+pub async fn uart(uart: BufferedUart<'static>) {
+    let (tx, rx) = uart.split();
+    serve(Port::Uart, rx, tx, || true).await
+}

@@ -1,0 +1,107 @@
+//! Limit switches, emergency stop and the drivers' fault line.
+//!
+//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does not stop the stage, and then holds the switch as open
+//! for at least two control ticks: so the machine, which looks once per tick, misses nothing that lasted 20 µs.
+//!
+//! The emergency stop does not wait for the machine: its task runs beside the step engine and empties the ring. Drivers stay energised, since a
+//! stage without current may fall; who wants the current off takes a second contact for the motor supply.
+
+use crate::engine;
+use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use embassy_stm32::exti::ExtiInput;
+use embassy_stm32::gpio::Level;
+use embassy_stm32::mode::Async;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::Timer;
+use shared::safety::Inputs;
+
+/// A level must last this long, µs.
+const SPARK_US: u64 = 20;
+
+/// An open switch is shown for at least this long, µs: two control ticks.
+const HOLD_US: u64 = 2_000;
+
+const EMERGENCY_STOP: u8 = 1 << 6;
+const DRIVER_FAULT: u8 = 1 << 7;
+
+/// Bits 0 to 5: limit switches, two per axis, negative end first.
+static OPEN: AtomicU8 = AtomicU8::new(0);
+
+static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// Until a switch opens.
+pub async fn changed() {
+    CHANGED.wait().await;
+}
+
+/// What the machine is to know.
+pub fn inputs(words_emitted: u64) -> Inputs {
+    let open = OPEN.load(Relaxed);
+    let limit = |number: u8| open & 1 << number != 0;
+    Inputs {
+        limits: [
+            [limit(0), limit(1)],
+            [limit(2), limit(3)],
+            [limit(4), limit(5)],
+        ],
+        emergency_stop: open & EMERGENCY_STOP != 0,
+        driver_fault: open & DRIVER_FAULT != 0,
+        words_emitted,
+    }
+}
+
+/// Watches a contact to ground. `number` counts the limit switches from 0 to 5.
+#[embassy_executor::task(pool_size = 6)]
+pub async fn limit(number: u8, switch: ExtiInput<'static, Async>) {
+    watch(switch, 1 << (number & 7), Level::High, || {}).await
+}
+
+/// Watches the emergency stop, beside the step engine.
+#[embassy_executor::task]
+pub async fn emergency_stop(switch: ExtiInput<'static, Async>) {
+    watch(switch, EMERGENCY_STOP, Level::High, engine::hush).await
+}
+
+/// Watches a line that is low when a driver is in trouble.
+#[embassy_executor::task]
+pub async fn driver_fault(line: ExtiInput<'static, Async>) {
+    watch(line, DRIVER_FAULT, Level::Low, || {}).await
+}
+
+/// Shows `bit` while the pin has the level that means trouble. `act` is called as soon as it has.
+async fn watch(mut pin: ExtiInput<'static, Async>, bit: u8, trouble: Level, act: fn()) {
+    loop {
+        wait(&mut pin, trouble).await;
+        Timer::after_micros(SPARK_US).await;
+        if pin.get_level() != trouble {
+            continue;
+        }
+        act();
+        OPEN.fetch_or(bit, Relaxed);
+        CHANGED.signal(());
+        // Contacts bounce: closed is what was closed for a while.
+        loop {
+            Timer::after_micros(HOLD_US).await;
+            if pin.get_level() != trouble {
+                break;
+            }
+            wait(&mut pin, opposite(trouble)).await;
+        }
+        OPEN.fetch_and(!bit, Relaxed);
+    }
+}
+
+async fn wait(pin: &mut ExtiInput<'static, Async>, level: Level) {
+    match level {
+        Level::High => pin.wait_for_high().await,
+        Level::Low => pin.wait_for_low().await,
+    }
+}
+
+const fn opposite(level: Level) -> Level {
+    match level {
+        Level::High => Level::Low,
+        Level::Low => Level::High,
+    }
+}

@@ -1,0 +1,67 @@
+//! The USB device: one CDC-ACM interface.
+
+use crate::board;
+use crate::link::{self, PACKET, Port};
+use crate::vectors::Irqs;
+use embassy_executor::Spawner;
+use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
+use embassy_stm32::usb::{Config, Driver};
+use embassy_stm32::{Peri, uid};
+use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
+use embassy_usb::{Builder, UsbDevice};
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// The numbers by which the host's program finds the station: pid.codes' test product. Replace it before making more than one's own.
+const VENDOR: u16 = 0x1209;
+const PRODUCT: u16 = 0x0001;
+
+type Otg = Driver<'static, USB_OTG_FS>;
+
+/// Starts the device and its link. Once.
+pub fn start(
+    spawner: Spawner,
+    controller: Peri<'static, USB_OTG_FS>,
+    dp: Peri<'static, PA12>,
+    dm: Peri<'static, PA11>,
+) {
+    static OUT: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+    static CONFIG: ConstStaticCell<[u8; 128]> = ConstStaticCell::new([0; 128]);
+    static BOS: ConstStaticCell<[u8; 32]> = ConstStaticCell::new([0; 32]);
+    static CONTROL: ConstStaticCell<[u8; 64]> = ConstStaticCell::new([0; 64]);
+    static STATE: StaticCell<State> = StaticCell::new();
+
+    let mut driver_config = Config::default();
+    // PA9 need not be wired to the bus voltage.
+    driver_config.vbus_detection = false;
+    let driver = Driver::new_fs(controller, Irqs, dp, dm, OUT.take(), driver_config);
+    let mut config = embassy_usb::Config::new(VENDOR, PRODUCT);
+    config.manufacturer = Some("Trinocular");
+    config.product = Some(board::NAME);
+    config.serial_number = Some(uid::uid_hex());
+    let mut builder = Builder::new(
+        driver,
+        config,
+        CONFIG.take(),
+        BOS.take(),
+        &mut [],
+        CONTROL.take(),
+    );
+    let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
+    let _ = device(builder.build()).map(|task| spawner.spawn(task));
+    let _ = serve(class).map(|task| spawner.spawn(task));
+}
+
+#[embassy_executor::task]
+async fn device(mut device: UsbDevice<'static, Otg>) {
+    device.run().await;
+}
+
+#[embassy_executor::task]
+async fn serve(class: CdcAcmClass<'static, Otg>) {
+    static BUFFER: ConstStaticCell<[u8; PACKET]> = ConstStaticCell::new([0; PACKET]);
+    let (tx, rx, control) = class.split_with_control();
+    link::serve(Port::Usb, rx.into_buffered(BUFFER.take()), tx, || {
+        control.dtr()
+    })
+    .await
+}

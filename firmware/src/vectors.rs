@@ -1,0 +1,128 @@
+//! Interrupts, executors and the memory that survives a reset.
+//!
+//! The only file with unsafe code: whatever must be said to hardware, linker or vector table without the compiler's help is said here, in few lines.
+//!
+//! # Priorities
+//! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few dozen instructions.
+//!
+//! | priority | interrupt | longest work |
+//! |---|---|---|
+//! | 0 | TIM5 (time), EXTI (switches) | wakes a task |
+//! | 2 | USART3 | a byte; it must not wait for 250 words |
+//! | 3 | UART5, the executor of [`engine`](crate::engine) | the 250 words of a segment |
+//! | 4 | OTG_FS | a packet of 64 bytes |
+//! | 5 | UART4, the executor of [`control`](crate::control) | a control tick |
+//! | - | thread: links, watchdog, LED | |
+//!
+//! (UART4 and UART5 themselves are not used: their vectors are free.)
+#![allow(unsafe_code)]
+
+use crate::crash;
+use core::sync::atomic::AtomicU32;
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::{bind_interrupts, exti, peripherals, rng, usart, usb};
+use static_cell::ConstStaticCell;
+
+bind_interrupts!(
+    /// The handlers of the HAL's drivers.
+    pub struct Irqs {
+        OTG_FS => usb::InterruptHandler<peripherals::USB_OTG_FS>;
+        USART3 => usart::BufferedInterruptHandler<peripherals::USART3>;
+        RNG => rng::InterruptHandler<peripherals::RNG>;
+        EXTI0 => exti::InterruptHandler<interrupt::typelevel::EXTI0>;
+        EXTI1 => exti::InterruptHandler<interrupt::typelevel::EXTI1>;
+        EXTI2 => exti::InterruptHandler<interrupt::typelevel::EXTI2>;
+        EXTI3 => exti::InterruptHandler<interrupt::typelevel::EXTI3>;
+        EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+        EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
+        EXTI15_10 => exti::InterruptHandler<interrupt::typelevel::EXTI15_10>;
+    }
+);
+
+static STEP: InterruptExecutor = InterruptExecutor::new();
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+
+/// Whom a task may interrupt.
+#[derive(Clone, Copy)]
+pub enum Level {
+    /// The step engine's.
+    Step,
+    /// The machine's.
+    Control,
+}
+
+/// Starts an executor and sets the other interrupts' priorities around it. Once per level.
+pub fn executor(level: Level) -> SendSpawner {
+    interrupt::USART3.set_priority(Priority::P2);
+    interrupt::OTG_FS.set_priority(Priority::P4);
+    match level {
+        Level::Step => {
+            interrupt::UART5.set_priority(Priority::P3);
+            STEP.start(interrupt::UART5)
+        }
+        Level::Control => {
+            interrupt::UART4.set_priority(Priority::P5);
+            CONTROL.start(interrupt::UART4)
+        }
+    }
+}
+
+#[embassy_stm32::interrupt]
+fn UART5() {
+    // SAFETY: this is the interrupt that STEP was started with, and nobody else calls it.
+    unsafe { STEP.on_interrupt() }
+}
+
+#[embassy_stm32::interrupt]
+fn UART4() {
+    // SAFETY: this is the interrupt that CONTROL was started with, and nobody else calls it.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+/// The processor stopped itself, of its own accord or because of a panic, which executes the undefined instruction. Return addresses are odd (Thumb).
+// SAFETY: the exception's handler has this signature; it does not return and takes no lock.
+#[cortex_m_rt::exception]
+unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
+    /// `udf #0`
+    const UNDEFINED: u16 = 0xde00;
+    let at = frame.pc();
+    // SAFETY: an even address within flash, which can always be read.
+    let panicked = CODE.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED;
+    let kind = match panicked {
+        true => crash::Kind::Panic,
+        false => crash::Kind::HardFault,
+    };
+    let above = core::ptr::from_ref(frame) as usize as u32 + FRAME;
+    let top = &raw const _stack_start as usize as u32;
+    // SAFETY: aligned words between the exception's frame and the end of RAM, which is where the stack begins.
+    let stack = (above..top)
+        .step_by(4)
+        .map(|address| unsafe { (address as *const u32).read() })
+        .filter(|word| word % 2 == 1 && CODE.contains(word));
+    crash::end(kind, [at, frame.lr()].into_iter().chain(stack))
+}
+
+/// Where flash is.
+const CODE: core::ops::Range<u32> = 0x0800_0000..0x0810_0000;
+
+unsafe extern "C" {
+    /// The end of RAM, by cortex-m-rt's linker script: where the stack begins. Only its address means anything.
+    static _stack_start: u32;
+}
+
+/// What the processor puts on the stack before a fault's handler: eight registers.
+const FRAME: u32 = 32;
+
+/// Words that a reset leaves as they are; what they mean is the business of [`crash`]. After power-on they hold anything.
+// SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
+// all accesses go through atomics, which the compiler may not fold into the initial value.
+#[unsafe(link_section = ".uninit.retained")]
+pub static RETAINED: [AtomicU32; crash::WORDS] = [const { AtomicU32::new(0) }; crash::WORDS];
+
+/// Memory of the UART's driver: a few packets each way. The second call finds it gone and panics.
+pub fn uart_buffers() -> (&'static mut [u8], &'static mut [u8]) {
+    static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+    static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+    (TX.take(), RX.take())
+}

@@ -1,0 +1,84 @@
+//! The watchdog and the status LED.
+
+use crate::board::LED;
+use crate::pins;
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
+use embassy_stm32::Peri;
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_time::{Duration, Ticker};
+use shared::safety::State;
+
+/// Nominal patience. Its oscillator runs at 17 to 47 kHz instead of 32 (data sheet), so it is 34 to 94 ms in truth.
+const PATIENCE_US: u32 = 50_000;
+
+/// How often the tasks are looked at.
+const LOOK_MS: u64 = 10;
+
+/// Who must be alive.
+#[derive(Clone, Copy)]
+pub enum Task {
+    /// Turned a segment into words.
+    Step,
+    /// Asked the machine what to do.
+    Control,
+    /// Looked for bytes on USB; a host is not needed.
+    Usb,
+    /// Looked for bytes on the UART.
+    Uart,
+}
+
+const EVERYONE: u32 = 0b1111;
+
+static ALIVE: AtomicU32 = AtomicU32::new(0);
+static STATE: AtomicU8 = AtomicU8::new(0);
+
+/// Says that a task is alive: each at least every 10 ms, give or take a look.
+pub fn alive(task: Task) {
+    ALIVE.fetch_or(1 << task as u32, Relaxed);
+}
+
+/// The state that the LED shows.
+pub fn show(state: State) {
+    STATE.store(state as u8, Relaxed);
+}
+
+/// Starts the watchdog. Nothing but a reset stops it.
+pub fn unleash(watchdog: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IWDG> {
+    let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE_US);
+    watchdog.unleash();
+    watchdog
+}
+
+/// Feeds the watchdog while everyone is alive; blinks.
+///
+/// | LED | state |
+/// |---|---|
+/// | short flash every second | not configured |
+/// | on | at rest |
+/// | 2 Hz | moving or following |
+/// | 8 Hz | stopped or faulted |
+pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
+    let mut ticker = Ticker::every(Duration::from_millis(LOOK_MS));
+    let mut seen = 0;
+    let mut looks: u32 = 0;
+    loop {
+        ticker.next().await;
+        // A task that comes round every 10 ms may miss one look; two such looks still leave time for a third.
+        seen |= ALIVE.swap(0, Relaxed);
+        if seen == EVERYONE {
+            seen = 0;
+            watchdog.pet();
+        }
+        looks = looks.wrapping_add(1);
+        let on = match STATE.load(Relaxed) {
+            state if state == State::Unconfigured as u8 => looks % 100 < 5,
+            state if state == State::Idle as u8 => true,
+            state if state == State::Moving as u8 || state == State::Following as u8 => {
+                looks % 50 < 25
+            }
+            _ => looks % 12 < 6,
+        };
+        pins::set(LED, on);
+    }
+}
