@@ -1,0 +1,118 @@
+//! A poster before a rig, photographed and measured as `estimate` does it.
+
+use host::flow::{Flow, Measurement, Refusal, Settings};
+use host::images::{Capture, Scene, SceneSettings, Texture};
+use host::sums::Sums;
+use shared::rig::Rig;
+
+/// How exact an estimate has to be at the paper's distance: what the project sets itself for the paper's Table 5.
+pub const TOLERANCE_MM: [f64; 3] = [0.02, 0.02, 0.05];
+
+/// The true displacements of the paper's Table 5, mm.
+pub const TABLE_5_MM: [[f64; 3]; 8] = [
+    [10.0, 10.0, 0.0],
+    [15.0, 15.0, 0.0],
+    [20.0, 20.0, 0.0],
+    [0.0, 0.0, 3.0],
+    [0.0, 0.0, 5.0],
+    [0.0, 0.0, 7.0],
+    [15.0, 15.0, 2.0],
+    [20.0, 20.0, 2.0],
+];
+
+/// A displacement that the whole path gave.
+#[derive(Clone, Debug)]
+pub struct Got {
+    pub displacement_mm: [f64; 3],
+    pub sigma_mm: [f64; 3],
+    pub points: usize,
+}
+
+impl Got {
+    fn new(rig: &Rig, seen: &Measurement) -> Self {
+        let sums = Sums::new(rig, &seen.tracks).expect("a rig of two or more cameras");
+        let estimate = sums.estimates().midpoint.expect("points enough");
+        Self {
+            displacement_mm: estimate.displacement_mm,
+            sigma_mm: estimate.sigma_mm(),
+            points: seen.tracks.len(),
+        }
+    }
+
+    pub fn error_mm(&self, truth_mm: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|i| self.displacement_mm[i] - truth_mm[i])
+    }
+
+    pub fn is_within(&self, truth_mm: [f64; 3], bound_mm: [f64; 3]) -> bool {
+        let error = self.error_mm(truth_mm);
+        (0..3).all(|i| error[i].abs() <= bound_mm[i])
+    }
+
+    /// Neither wrong nor wrongly sure: off by at most five standard deviations beyond the tolerance.
+    pub fn is_honest(&self, truth_mm: [f64; 3]) -> bool {
+        let bound = |i: usize| TOLERANCE_MM[i] + 5.0 * self.sigma_mm[i];
+        self.is_within(truth_mm, std::array::from_fn(bound))
+    }
+
+    #[track_caller]
+    pub fn assert_within(&self, truth_mm: [f64; 3], bound_mm: [f64; 3], what: &str) {
+        assert!(
+            self.is_within(truth_mm, bound_mm),
+            "{what}: {:?} mm off {truth_mm:?} with sigma {:?}, {} points",
+            self.error_mm(truth_mm),
+            self.sigma_mm,
+            self.points
+        );
+    }
+}
+
+/// Measures captures against one reference, as the sequence of a folder is.
+pub struct Watch {
+    rig: Rig,
+    flow: Flow,
+}
+
+impl Watch {
+    pub fn new(rig: &Rig, reference: &Capture) -> Result<Self, Refusal> {
+        let mut flow = Flow::new(rig, Settings::default())?;
+        flow.set_reference(reference)?;
+        let rig = rig.clone();
+        Ok(Self { rig, flow })
+    }
+
+    pub fn measure(&mut self, capture: &Capture) -> Result<Got, Refusal> {
+        let seen = self.flow.measure(capture)?;
+        Ok(Got::new(&self.rig, &seen))
+    }
+}
+
+/// A poster before a rig.
+pub struct Bench {
+    pub rig: Rig,
+    pub scene: Scene,
+}
+
+impl Bench {
+    /// Before the paper's rig.
+    pub fn new(texture: &Texture, settings: SceneSettings) -> Self {
+        Self::with_rig(Rig::paper(), texture, settings)
+    }
+
+    pub fn with_rig(rig: Rig, texture: &Texture, settings: SceneSettings) -> Self {
+        let scene = Scene::new(&rig, texture, settings).expect("a scene that can be rendered");
+        Self { rig, scene }
+    }
+
+    /// Measures each displacement from rest. `seed` draws the noise, anew for every capture.
+    pub fn measure_all(&self, moves_mm: &[[f64; 3]], seed: u64) -> Vec<Result<Got, Refusal>> {
+        let seed = seed * 1000;
+        let mut watch = match Watch::new(&self.rig, &self.scene.render([0.0; 3], 0, seed)) {
+            Ok(watch) => watch,
+            Err(refusal) => return moves_mm.iter().map(|_| Err(refusal.clone())).collect(),
+        };
+        let captures = moves_mm.iter().zip(1..);
+        captures
+            .map(|(moved, i)| watch.measure(&self.scene.render(*moved, i, seed + i)))
+            .collect()
+    }
+}

@@ -1,0 +1,127 @@
+//! Posters with rich texture, before the paper's rig.
+
+use host::images::{Capture, SceneSettings, Texture, TextureKind};
+
+use super::bench::{Bench, TABLE_5_MM, TOLERANCE_MM, Watch};
+
+#[test]
+fn table_5_is_met_within_its_tolerance_on_every_natural_poster() {
+    for seed in 0..4 {
+        let bench = Bench::new(&Texture::natural(seed), SceneSettings::default());
+        let got = bench.measure_all(&TABLE_5_MM, seed);
+        for (moved, got) in TABLE_5_MM.into_iter().zip(got) {
+            let got = got.expect("rich texture");
+            got.assert_within(moved, TOLERANCE_MM, &format!("natural {seed}"));
+        }
+    }
+}
+
+/// Wrong here, the stage would run away from its target.
+#[test]
+fn right_down_and_away_are_positive_x_y_and_z() {
+    let bench = Bench::new(&Texture::natural(9), SceneSettings::default());
+    let looking_at = |moved: [f64; 3]| bench.scene.render(moved, 0, 1);
+    let (rest, right) = (looking_at([0.0; 3]), looking_at([3.0, 0.0, 0.0]));
+    // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further right in the picture itself.
+    let difference = |before: usize, after: usize| -> u64 {
+        let row = |capture: &Capture, column: usize| -> Vec<i64> {
+            let view = &capture.views[1];
+            let rows = 20..view.height - 20;
+            rows.map(|y| i64::from(view.grey[y * view.width + column]))
+                .collect()
+        };
+        let pairs = row(&rest, before).into_iter().zip(row(&right, after));
+        pairs.map(|(a, b)| a.abs_diff(b)).sum()
+    };
+    let total = |shift: isize| -> u64 {
+        (20..300)
+            .map(|x: usize| difference(x, x.wrapping_add_signed(shift)))
+            .sum()
+    };
+    assert!(total(2) < total(0) && total(0) < total(-2));
+
+    let moves = [
+        [3.0, 0.0, 0.0],
+        [0.0, 3.0, 0.0],
+        [0.0, 0.0, 3.0],
+        [-3.0, 0.0, 0.0],
+        [0.0, -3.0, 0.0],
+        [0.0, 0.0, -3.0],
+    ];
+    for (moved, got) in moves.into_iter().zip(bench.measure_all(&moves, 9)) {
+        got.expect("rich texture")
+            .assert_within(moved, TOLERANCE_MM, "sign");
+    }
+}
+
+/// Every view brightens or darkens by its own gain and offset between the two instants.
+#[test]
+fn changed_lighting_moves_nothing() {
+    for kind in [TextureKind::Natural, TextureKind::Blobs] {
+        // Contrast to spare, so that the brightest view does not saturate.
+        let mut texture = Texture::of_kind(kind, 3);
+        texture.grey.iter_mut().for_each(|g| *g = 35.0 + 0.6 * *g);
+        let bench = Bench::new(&texture, SceneSettings::default());
+        let moved = [6.0, -4.0, 2.0];
+        let mut watch = Watch::new(&bench.rig, &bench.scene.render([0.0; 3], 0, 1)).unwrap();
+        let plain = bench.scene.render(moved, 1, 2);
+        let steady = watch.measure(&plain).expect("plain");
+        for light in [
+            [(1.3, 0.0), (1.3, 0.0), (1.3, 0.0)],
+            [(0.6, 0.0), (0.6, 0.0), (0.6, 0.0)],
+            [(1.0, 50.0), (1.0, -30.0), (1.0, 0.0)],
+            [(0.7, 40.0), (1.25, -10.0), (0.9, 10.0)],
+        ] {
+            let mut lit = plain.clone();
+            for (view, (gain, offset)) in lit.views.iter_mut().zip(light) {
+                for grey in &mut view.grey {
+                    *grey = (gain * f64::from(*grey) + offset).round() as u8;
+                }
+            }
+            let got = watch.measure(&lit).expect("only the light has changed");
+            let bound = std::array::from_fn(|i| 0.02f64.max(5.0 * steady.sigma_mm[i]));
+            got.assert_within(moved, bound, &format!("{kind} {light:?}"));
+            assert!(
+                got.points * 10 >= steady.points * 9,
+                "{kind} {light:?}: {} points left of {}",
+                got.points,
+                steady.points
+            );
+        }
+    }
+}
+
+/// Far from the paper's distance and square view: what comes out is right, or honest about how far it is off.
+#[test]
+fn near_far_tilted_and_large_moves_are_right_or_refused() {
+    let mut answered = 0;
+    for (seed, depth_mm) in [(1, 500.0), (2, 850.0), (3, 1400.0)] {
+        for tilt_rad in [[0.0, 0.0], [0.5, 0.0], [-0.3, 0.4]] {
+            let settings = SceneSettings {
+                depth_mm,
+                tilt_rad,
+                ..SceneSettings::default()
+            };
+            let bench = Bench::new(&Texture::natural(seed), settings);
+            let pixel = depth_mm / 533.0;
+            let moves = [
+                [60.0 * pixel, 0.0, 0.0],
+                [-40.0 * pixel, 40.0 * pixel, 0.0],
+                [0.0, 0.0, -0.06 * depth_mm],
+                [5.0 * pixel, -11.0 * pixel, 0.06 * depth_mm],
+            ];
+            for (moved, got) in moves.into_iter().zip(bench.measure_all(&moves, seed)) {
+                let Ok(got) = got else { continue };
+                answered += 1;
+                let what = format!("{depth_mm} mm, tilt {tilt_rad:?}");
+                assert!(
+                    got.is_honest(moved),
+                    "{what}: {:?} off {moved:?}, sigma {:?}",
+                    got.error_mm(moved),
+                    got.sigma_mm
+                );
+            }
+        }
+    }
+    assert!(answered >= 28, "only {answered} of 36 were answered");
+}

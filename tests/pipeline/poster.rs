@@ -1,0 +1,127 @@
+//! Posters that mislead: exact repetition in several forms, faint texture, and few marks that tell places apart.
+
+use host::images::Texture;
+
+/// Size of a texel, mm; a pixel of the paper's rig at 850 mm is four texels.
+const MM_PER_TEXEL: f64 = 0.4;
+
+/// What one period of a repeating poster looks like.
+#[derive(Clone, Copy, Debug)]
+pub enum Motif {
+    /// Two dark squares on the diagonal.
+    Checks,
+    /// A dark disc a quarter of the period wide, which leaves no edge straight.
+    Dots,
+    /// Dark lines along both axes, an eighth of the period wide.
+    Lines,
+    /// Vertical stripes: nothing to hold on to along y.
+    Stripes,
+    /// Random grey blots: rich in texture, yet each period equals the next.
+    Wallpaper,
+}
+
+impl Motif {
+    pub const ALL: [Self; 5] = [
+        Self::Checks,
+        Self::Dots,
+        Self::Lines,
+        Self::Stripes,
+        Self::Wallpaper,
+    ];
+
+    /// Brightness 0..=1 at a place of the period, both 0..1.
+    fn level(self, [u, v]: [f64; 2], blots: Option<&Texture>) -> f64 {
+        let dark = match self {
+            Self::Checks => (u < 0.5) == (v < 0.5),
+            Self::Dots => (u - 0.5).hypot(v - 0.5) < 0.25,
+            Self::Lines => u < 0.125 || v < 0.125,
+            Self::Stripes => u < 0.5,
+            Self::Wallpaper => {
+                let Some(blots) = blots else { return 0.5 };
+                let texel = |c: f64| (c * blots.width as f64) as usize;
+                return f64::from(blots.grey[texel(v) * blots.width + texel(u)]) / 255.0;
+            }
+        };
+        if dark { 0.0 } else { 1.0 }
+    }
+}
+
+/// An endless poster of `motif` with the given period: grey 128 plus and minus half of `contrast`.
+pub fn repeating(motif: Motif, period_mm: f64, contrast: f64, seed: u64) -> Texture {
+    // One period is the whole texture, which repeats by itself, so the repetition is exact.
+    let side = (period_mm / MM_PER_TEXEL).round() as usize;
+    let blots = matches!(motif, Motif::Wallpaper).then(|| corner_of(&Texture::natural(seed), side));
+    let texel = |i: usize| {
+        let place = [i % side, i / side].map(|c| (c as f64 + 0.5) / side as f64);
+        (128.0 + contrast * (motif.level(place, blots.as_ref()) - 0.5)) as f32
+    };
+    Texture {
+        width: side,
+        height: side,
+        mm_per_texel: MM_PER_TEXEL,
+        grey: (0..side * side).map(texel).collect(),
+    }
+}
+
+/// The upper left part of a poster.
+fn corner_of(texture: &Texture, side: usize) -> Texture {
+    let texel = |i: usize| texture.grey[i / side * texture.width + i % side];
+    Texture {
+        width: side,
+        height: side,
+        mm_per_texel: texture.mm_per_texel,
+        grey: (0..side * side).map(texel).collect(),
+    }
+}
+
+/// The same poster over an area of about 820 mm, with `count` small black or white squares of `size_mm` strewn over it.
+pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) -> Texture {
+    let periods = (2048 / repeating.width).max(1);
+    let side = periods * repeating.width;
+    let mut grey: Vec<f32> = (0..side * side)
+        .map(|i| {
+            let (x, y) = (i % side % repeating.width, i / side % repeating.height);
+            repeating.grey[y * repeating.width + x]
+        })
+        .collect();
+    let mut random = seed;
+    let size = (size_mm / repeating.mm_per_texel).round() as usize;
+    for _ in 0..count {
+        let [x, y] = [0; 2].map(|_| draw(&mut random) as usize % (side - size));
+        let level = if draw(&mut random) % 2 == 0 {
+            0.0
+        } else {
+            255.0
+        };
+        for row in y..y + size {
+            grey[row * side + x..row * side + x + size].fill(level);
+        }
+    }
+    Texture {
+        width: side,
+        height: side,
+        mm_per_texel: repeating.mm_per_texel,
+        grey,
+    }
+}
+
+/// The poster with its contrast scaled about mid grey.
+pub fn fainter(mut texture: Texture, contrast: f32) -> Texture {
+    for level in &mut texture.grey {
+        *level = 128.0 + contrast * (*level - 128.0);
+    }
+    texture
+}
+
+/// splitmix64.
+pub fn draw(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Evenly spread from `low` to `high`.
+pub fn between(state: &mut u64, low: f64, high: f64) -> f64 {
+    low + (high - low) * (draw(state) >> 11) as f64 / (1u64 << 53) as f64
+}

@@ -1,0 +1,56 @@
+//! Other rigs than the paper's: the midpoint takes any cameras in a plane.
+
+use host::images::{SceneSettings, Texture};
+use shared::rig::{Camera, Rig};
+
+use super::bench::{Bench, TOLERANCE_MM};
+
+const MOVES_MM: [[f64; 3]; 4] = [
+    [10.0, 10.0, 0.0],
+    [0.0, 0.0, 7.0],
+    [-15.0, 8.0, 2.0],
+    [4.0, 4.0, 1.0],
+];
+
+/// Cameras of the paper's kind at the given places, no two quite alike.
+fn rig(offsets_mm: &[[f64; 2]]) -> Rig {
+    let mut rig = Rig::paper();
+    let camera = |(i, offset_mm): (usize, &[f64; 2])| {
+        let turn = i as f64;
+        Camera {
+            focal_px: [531.0 + 2.0 * turn, 529.0 + turn],
+            principal_px: [158.0 + 4.0 * turn, 122.0 - 3.0 * turn],
+            offset_mm: *offset_mm,
+            ..rig.cameras[0].clone()
+        }
+    };
+    rig.cameras = offsets_mm.iter().enumerate().map(camera).collect();
+    rig
+}
+
+#[track_caller]
+fn assert_measures(rig: Rig, what: &str) {
+    let bench = Bench::with_rig(rig, &Texture::natural(4), SceneSettings::default());
+    for (moved, got) in MOVES_MM.into_iter().zip(bench.measure_all(&MOVES_MM, 4)) {
+        let got = got.unwrap_or_else(|refusal| panic!("{what}: {refusal}"));
+        got.assert_within(moved, TOLERANCE_MM, what);
+    }
+}
+
+#[test]
+fn two_cameras_are_enough() {
+    assert_measures(rig(&[[-45.0, 0.0], [45.0, 0.0]]), "two side by side");
+    assert_measures(rig(&[[0.0, -40.0], [0.0, 40.0]]), "two upon each other");
+}
+
+#[test]
+fn five_cameras_in_a_cross() {
+    let cross = [
+        [0.0, 0.0],
+        [-60.0, 0.0],
+        [60.0, 0.0],
+        [0.0, -50.0],
+        [0.0, 50.0],
+    ];
+    assert_measures(rig(&cross), "cross");
+}

@@ -1,0 +1,116 @@
+//! The committed results: `tests/golden/pipeline.txt`, renewed by running these tests with `REGENERATE=1`.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use host::images::{SceneSettings, Texture, TextureKind};
+
+use super::bench::{Bench, Got, TABLE_5_MM};
+
+const HEADER: &str = "\
+# Estimates of the whole vision path on rendered posters: the paper's rig, 850 mm, noise of 2 grey levels, midpoint.
+# poster seed, true x y z -> estimated x y z, sigma x y z (mm), points
+";
+
+fn file() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/pipeline.txt")
+}
+
+/// One line of the table: what was asked, and the numbers that came out.
+struct Row {
+    case: String,
+    /// Displacement, sigma, points; none if refused.
+    numbers: Option<[f64; 7]>,
+}
+
+impl Row {
+    fn new(case: String, got: Option<&Got>) -> Self {
+        let numbers = got.map(|got| {
+            let ([x, y, z], [a, b, c]) = (got.displacement_mm, got.sigma_mm);
+            [x, y, z, a, b, c, got.points as f64]
+        });
+        Self { case, numbers }
+    }
+
+    fn parse(line: &str) -> Self {
+        let (case, result) = line.split_once(" -> ").expect("an arrow");
+        let numbers = (result != "refused").then(|| {
+            let numbers = result
+                .split_whitespace()
+                .map(|n| n.parse().expect("a number"));
+            let numbers: Vec<f64> = numbers.collect();
+            numbers.try_into().expect("seven numbers")
+        });
+        let case = case.to_owned();
+        Self { case, numbers }
+    }
+
+    fn print(&self, out: &mut String) {
+        let result = match self.numbers {
+            None => "refused".to_owned(),
+            Some([x, y, z, a, b, c, points]) => {
+                format!("{x:.4} {y:.4} {z:.4} {a:.4} {b:.4} {c:.4} {points}")
+            }
+        };
+        writeln!(out, "{} -> {result}", self.case).expect("text grows");
+    }
+
+    /// The same result, but for what another machine's arithmetic may change.
+    ///
+    /// The renderer's noise is drawn through logarithms, sines and cosines of the system's own library, the last bits of which differ between
+    /// systems. Where a grey level is then near the edge between two values, it may fall on the other side. Few pixels of many do, so an estimate changes
+    /// by much less than its standard deviation; but a point at the limit of a test may come or go.
+    fn agrees_with(&self, other: &Self) -> bool {
+        let numbers_agree = match (self.numbers, other.numbers) {
+            (None, None) => true,
+            (Some(a), Some(b)) => {
+                (0..3).all(|i| (a[i] - b[i]).abs() <= 0.3 * b[i + 3] + 1e-4)
+                    && (3..6).all(|i| (a[i] - b[i]).abs() <= 0.1 * b[i] + 1e-4)
+                    && (a[6] - b[6]).abs() <= 3.0
+            }
+            _ => false,
+        };
+        self.case == other.case && numbers_agree
+    }
+}
+
+fn measured() -> Vec<Row> {
+    let mut rows = Vec::new();
+    for kind in TextureKind::ALL {
+        for seed in 10..12 {
+            let texture = Texture::of_kind(kind, seed);
+            let bench = Bench::new(&texture, SceneSettings::default());
+            let got = bench.measure_all(&TABLE_5_MM, seed);
+            for ([x, y, z], got) in TABLE_5_MM.into_iter().zip(got) {
+                let case = format!("{kind} {seed}, {x} {y} {z}");
+                rows.push(Row::new(case, got.as_ref().ok()));
+            }
+        }
+    }
+    rows
+}
+
+#[test]
+fn results_are_those_committed() {
+    let measured = measured();
+    if std::env::var_os("REGENERATE").is_some() {
+        let mut text = HEADER.to_owned();
+        measured.iter().for_each(|row| row.print(&mut text));
+        fs::write(file(), text).expect("the table can be written");
+    }
+    let text = fs::read_to_string(file()).expect("the table; REGENERATE=1 makes it");
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let committed: Vec<Row> = lines.map(Row::parse).collect();
+    assert_eq!(measured.len(), committed.len());
+    for (now, then) in measured.iter().zip(&committed) {
+        assert!(
+            now.agrees_with(then),
+            "now {} {:?}, committed {} {:?}",
+            now.case,
+            now.numbers,
+            then.case,
+            then.numbers
+        );
+    }
+}
