@@ -40,7 +40,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut progress = Progress::new("tracking");
     let run = tracking::run(&settings, |share| progress.at(share)).map_err(super::failed)?;
     drop(progress);
-    writeln!(out, "{}", present::stops(&run.stops).to_text())?;
+    writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
     for (name, value) in present::facts(&settings, &run) {
         writeln!(out, "{name:>22}: {value}")?;
     }
@@ -48,7 +48,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .write(&options.report)
         .map_err(super::unwritable)?;
     if let Some(path) = &options.figure {
-        let picture = present::path(&run).sized(760, 520).to_svg();
+        let picture = present::path(&run, None).sized(760, 520).to_svg();
         picture
             .and_then(|svg| write_atomically(path, &svg))
             .map_err(super::unwritable)?;

@@ -7,8 +7,8 @@ use crate::report::{Cell, Figure, LinePlot, Page, Path3d, Scatter, Style, Table}
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// Table 6: the paper's station B and ours.
-pub fn stops(stops: &[Stop]) -> Table {
+/// Table 6: the paper's station B and ours, which used this estimator.
+pub fn stops(estimator: &str, stops: &[Stop]) -> Table {
     let columns = [
         "stop",
         "true, mm",
@@ -17,10 +17,8 @@ pub fn stops(stops: &[Stop]) -> Table {
         "tracked, mm",
         "error, mm",
     ];
-    let table = Table::new(
-        "Table 6: where station B stood after each move of A",
-        columns,
-    );
+    let caption = format!("Table 6: where station B stood after each move of A ({estimator})");
+    let table = Table::new(caption, columns);
     stops
         .iter()
         .enumerate()
@@ -79,18 +77,22 @@ pub fn moves(rows: &[Row]) -> Table {
     })
 }
 
-/// Fig. 7: both paths in space.
-pub fn path(run: &Run) -> Path3d {
+/// Fig. 7: both paths in space; with the closed form's, if there is one.
+pub fn path(run: &Run, closed_form: Option<&Run>) -> Path3d {
     let truth = (0..=tracking::MOVES).map(|n| MOVE_MM.map(|d| d * n as f64));
     let paper = std::iter::once([0.0; 3]).chain(run.stops.iter().map(|stop| stop.paper_mm));
-    Path3d::new("Tracking path (Fig. 7)", ["X, mm", "Y, mm", "Z, mm"])
+    let cameras = |run: &Run| -> Vec<[f64; 3]> {
+        let positions = run.samples.iter().map(|sample| sample.camera_mm);
+        positions.collect()
+    };
+    let figure = Path3d::new("Tracking path (Fig. 7)", ["X, mm", "Y, mm", "Z, mm"])
         .series("target (A)", Style::Marked, truth)
         .series("paper's B", Style::Dashed, paper)
-        .series(
-            "our B",
-            Style::Line,
-            run.samples.iter().map(|sample| sample.camera_mm),
-        )
+        .series("our B", Style::Line, cameras(run));
+    match closed_form {
+        Some(run) => figure.series("our B, closed form", Style::Line, cameras(run)),
+        None => figure,
+    }
 }
 
 /// Fig. 8: where a laser on B marks the poster on A.
@@ -243,9 +245,9 @@ pub fn page(settings: &Settings, run: &Run) -> Page {
              them, and keeps its view of it constant. Pictures are rendered through the paper's cameras; everything from the pictures to the step \
              pulses is the code that also runs with real hardware. Positions are counted from edges at the step pins.",
         )
-        .table(stops(&run.stops))
+        .table(stops("midpoint", &run.stops))
         .facts(&facts(settings, run))
-        .plots([path(run).into(), laser(run).into()]);
+        .plots([path(run, None).into(), laser(run).into()]);
     curves(run)
         .into_iter()
         .fold(page.section("Over time", ""), |page, figure| {
