@@ -30,7 +30,7 @@ pub struct Got {
 
 impl Got {
     fn new(rig: &Rig, seen: &Measurement) -> Self {
-        let sums = Sums::new(rig, &seen.tracks).expect("a rig of two or more cameras");
+        let sums = Sums::of(rig, seen).expect("a rig of two or more cameras");
         let estimate = sums.estimates().midpoint.expect("points enough");
         Self {
             displacement_mm: estimate.displacement_mm,

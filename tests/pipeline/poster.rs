@@ -88,7 +88,7 @@ pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) ->
     let size = (size_mm / repeating.mm_per_texel).round() as usize;
     for _ in 0..count {
         let [x, y] = [0; 2].map(|_| draw(&mut random) as usize % (side - size));
-        let level = if draw(&mut random) % 2 == 0 {
+        let level = if draw(&mut random).is_multiple_of(2) {
             0.0
         } else {
             255.0

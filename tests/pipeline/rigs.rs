@@ -21,7 +21,7 @@ fn rig(offsets_mm: &[[f64; 2]]) -> Rig {
             focal_px: [531.0 + 2.0 * turn, 529.0 + turn],
             principal_px: [158.0 + 4.0 * turn, 122.0 - 3.0 * turn],
             offset_mm: *offset_mm,
-            ..rig.cameras[0].clone()
+            ..rig.cameras[0]
         }
     };
     rig.cameras = offsets_mm.iter().enumerate().map(camera).collect();
