@@ -14,5 +14,7 @@ mod poster;
 mod repetition;
 #[path = "pipeline/rigs.rs"]
 mod rigs;
+#[path = "pipeline/sigma.rs"]
+mod sigma;
 #[path = "pipeline/table.rs"]
 mod table;

@@ -125,3 +125,52 @@ fn near_far_tilted_and_large_moves_are_right_or_refused() {
     }
     assert!(answered >= 28, "only {answered} of 36 were answered");
 }
+
+/// A poster nearer by hangs in front of the right two fifths of every view and moves on its own.
+#[test]
+fn two_fifths_hidden_behind_something_that_moves_differently_never_deceive() {
+    let settings = SceneSettings::default();
+    let nearer = SceneSettings {
+        depth_mm: 700.0,
+        ..settings
+    };
+    let mut measured = 0;
+    for seed in 0..4 {
+        let target = Bench::new(&Texture::natural(50 + seed), settings);
+        let cover = Bench::new(&Texture::natural(60 + seed), nearer);
+        let edge_mm = 30.0;
+        let both = |target_mm: [f64; 3], cover_mm: [f64; 3], seed: u64| -> Capture {
+            let mut capture = target.scene.render(target_mm, 0, 2 * seed);
+            let front = cover.scene.render(cover_mm, 0, 2 * seed + 1);
+            let views = capture.views.iter_mut().zip(front.views);
+            for ((view, front), camera) in views.zip(&target.rig.cameras) {
+                // The cover's left edge is a vertical line in space.
+                let edge = camera.project([edge_mm + cover_mm[0], 0.0, 700.0 + cover_mm[2]]);
+                for (i, grey) in view.grey.iter_mut().enumerate() {
+                    if (i % view.width) as f64 > edge[0] {
+                        *grey = front.grey[i];
+                    }
+                }
+            }
+            capture
+        };
+        let reference = both([0.0; 3], [0.0; 3], 10 * seed);
+        let mut watch = Watch::new(&target.rig, &reference).expect("rich texture");
+        let moved = [6.0, -5.0, 2.0];
+        for (cover_mm, k) in [[-4.0, 7.0, 0.0], [9.0, 2.0, -6.0], [0.0; 3]]
+            .into_iter()
+            .zip(1..)
+        {
+            let Ok(got) = watch.measure(&both(moved, cover_mm, 10 * seed + k)) else {
+                continue; // refused, with a reason
+            };
+            measured += 1;
+            got.assert_within(
+                moved,
+                TOLERANCE_MM,
+                &format!("cover {seed} moved by {cover_mm:?}"),
+            );
+        }
+    }
+    assert!(measured > 0, "everything was refused");
+}

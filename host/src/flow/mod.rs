@@ -84,7 +84,7 @@ impl Default for Settings {
             view_residual_px: 0.5,
             reach: 0.2,
             agree_px: 0.1,
-            scatter_px: 1.5,
+            scatter_px: 0.5,
             least_points: 8,
         }
     }
