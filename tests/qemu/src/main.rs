@@ -9,13 +9,11 @@
 //! |---|---|
 //! | `live [TRACE]` | a station on UART0, on the emulated clock; its trace goes to the file |
 //! | `replay LOG TRACE [MICROSECONDS]` | lives through a recorded log on virtual time; prints all edges of the segment given out at that instant |
-//! | `bench` | counts instructions (needs `-icount shift=3`) and stack |
 //!
-//! `live` never ends; the others exit with 0 when all went well.
+//! `live` never ends; `replay` exits with 0 when all went well.
 #![no_std]
 #![no_main]
 
-mod bench;
 mod board;
 mod executor;
 mod interrupts;
@@ -23,7 +21,6 @@ mod live;
 mod port_log;
 mod registers;
 mod replay;
-mod stack;
 mod time;
 mod uart;
 
@@ -62,8 +59,7 @@ fn start() -> Result<(), Failure> {
             let closer = closer.map_err(|_| Failure("MICROSECONDS is a whole number"))?;
             replay::run(&Path::new(log)?, &Path::new(trace)?, closer)
         }
-        Some("bench") => bench::run(),
-        _ => Err(Failure("first argument: live, replay or bench")),
+        _ => Err(Failure("first argument: live or replay")),
     }
 }
 
