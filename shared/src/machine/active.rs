@@ -114,13 +114,14 @@ fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
 
 /// Determinant of three rows of Q.29 numbers, Q.87. Below 2^97 in size.
 fn determinant(m: &[[i32; 3]; 3]) -> i128 {
-    let [[a, b, c], [d, e, f], [g, h, i]] = m.map(|row| row.map(i64::from));
-    // Products below 2^62 in size, so only a difference of two extremes saturates, by one.
-    let minor = |p: i64, q: i64, r: i64, s: i64| (p * q).saturating_sub(r * s);
+    let &[[a, b, c], [d, e, f], [g, h, i]] = m;
+    let product = |p: i32, q: i32| i64::from(p) * i64::from(q);
+    // The difference of two products of 32-bit numbers is below 2^63.
+    let minor = |p, q, r, s| product(p, q).saturating_sub(product(r, s));
     let terms = [
-        wide(a, minor(e, i, f, h)),
-        wide(b, minor(f, g, d, i)),
-        wide(c, minor(d, h, e, g)),
+        wide(i64::from(a), minor(e, i, f, h)),
+        wide(i64::from(b), minor(f, g, d, i)),
+        wide(i64::from(c), minor(d, h, e, g)),
     ];
     terms.into_iter().fold(0, i128::wrapping_add)
 }
