@@ -103,7 +103,7 @@ impl Reciprocal {
         let low = u64::from(numerator as u32) * u64::from(self.mantissa);
         let product = high.saturating_add((low >> 32) as i64); // numerator mantissa 2^-32
         // numerator / divisor = product 2^(zeros - 63)
-        match (self.zeros as i32 - 63).saturating_add(bits) {
+        match (self.zeros as i32).saturating_sub(63).saturating_add(bits) {
             right @ ..=0 => shift_right_rounded(product, right.unsigned_abs()),
             left => {
                 let limit = i64::MAX >> left.min(62);
