@@ -13,7 +13,7 @@
 //! runs half a word behind the first and overwrites each word that was just played with the *idle word*, which lowers the STEP pins and can
 //! raise none. Both streams are started by the same timer's events, so the eraser never lags by more than one word and needs no software
 //! at all: a word is played at most once after each time it was written. When the processor stops writing, for whatever reason, the ring
-//! runs dry within its remaining words (at most 750 µs of motion, [`LEAD`] blocks and the one being filled) and from then on every
+//! runs dry within its remaining words (at most 1 ms of motion, [`LEAD`] blocks and the one that was filled) and from then on every
 //! word is the idle word.
 //!
 //! | what happens | what ends the steps |
@@ -32,8 +32,8 @@
 //! keeps it: after an underrun the next word still goes out when its time has come.
 //!
 //! # Blocks
-//! A segment of the machine is a *block* of 250 words; the ring holds four. Block `b` is played from `b` times 250 µs after the engine's
-//! start. A segment given out during block `b` becomes block `b + 2`, whose first word comes 500 µs after the segment was due:
+//! A segment of the machine is a *block* of 250 words; the ring holds five. Block `b` is played from `b` times 250 µs after the engine's
+//! start. A segment given out during block `b` becomes block `b + 3`, whose first word comes 750 µs after the segment was due:
 //! that is the machine's `delay_us`. A segment that comes later than its block is an underrun: nothing more is played until the
 //! machine has noticed (it sees that words are not emitted), faulted, and stands.
 
@@ -62,10 +62,12 @@ const _: () =
 pub const BLOCK: usize = WORD_RATE.slots_per_segment() as usize * 2;
 
 /// Blocks in the ring.
-const BLOCKS: u64 = 4;
+const BLOCKS: u64 = 5;
 
-/// Blocks between the one being played when a segment is due and the segment's own.
-const LEAD: u64 = 2;
+/// Blocks between the one being played when a segment is due and the segment's own: how long the machine may think about a tick. With the
+/// segment itself that is 1 ms of motion, the most that may be under way.
+const LEAD: u64 = 3;
+const _: () = assert!(LEAD + 2 <= BLOCKS && (LEAD + 1) * SEGMENT_US <= 1000);
 
 /// From a segment's due time to its first word, µs.
 pub const DELAY_US: u32 = LEAD as u32 * SEGMENT_US as u32;

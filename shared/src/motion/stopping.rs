@@ -139,23 +139,57 @@ impl Pace {
 
     /// The highest acceleration of the next tick after which the axis can still stop within `ahead` distance quanta
     /// of where it is now, and ease off before it is faster than `fastest`. The braking rule's, if there is none.
+    ///
+    /// The way to rest grows with the acceleration, almost in proportion. So the highest one is looked for by interpolation (the
+    /// Illinois rule), which takes some five evaluations where halving the interval takes one for each bit of the jerk.
     pub(super) fn next_acceleration(&self, u: i64, e: i64, ahead: i64, fastest: i64) -> i64 {
-        let allowed = |e: i64| {
+        // How far past the goal the axis would come to rest.
+        let past = |e: i64| {
             let end = u + e;
-            let too_fast = e > 0 && end + self.easing(e) > fastest;
-            !too_fast && u + end + self.stopping_way(end, e) <= ahead
+            (u + end + self.stopping_way(end, e)).saturating_sub(ahead)
         };
-        let highest = (e + self.jerk).min(self.acceleration);
-        if allowed(highest) {
-            return highest;
+        let lowest = self.brake(u, e);
+        // Easing off takes T(e) on top of e.
+        let most = match fastest - u {
+            room @ 0.. => self.steepest(room),
+            _ => 0,
+        };
+        let highest = (e + self.jerk).min(self.acceleration).min(most);
+        if highest <= lowest {
+            return lowest;
         }
-        let (mut good, mut bad) = (self.brake(u, e), highest);
-        while bad - good > 1 {
-            let middle = good + (bad - good) / 2;
-            if allowed(middle) {
-                good = middle;
+        let (mut good, mut bad) = (lowest, highest);
+        let mut past_bad = past(bad);
+        if past_bad <= 0 {
+            return bad;
+        }
+        let mut past_good = past(good);
+        // 1 if the last evaluation moved `good`, -1 if `bad`.
+        let mut moved = 0;
+        // Halves whenever interpolation was unlucky for long, so at most some 60 rounds.
+        let mut rounds = 0;
+        while bad - good > 1 && past_good <= 0 {
+            rounds += 1;
+            let width = bad - good;
+            let step = if rounds % 4 == 0 {
+                width / 2
             } else {
-                bad = middle;
+                times(width, past_good.saturating_neg()) / past_bad.saturating_sub(past_good).max(1)
+            };
+            let middle = good + step.clamp(1, width - 1);
+            let here = past(middle);
+            if here <= 0 {
+                (good, past_good) = (middle, here);
+                if moved == 1 {
+                    past_bad /= 2;
+                }
+                moved = 1;
+            } else {
+                (bad, past_bad) = (middle, here);
+                if moved == -1 {
+                    past_good /= 2;
+                }
+                moved = -1;
             }
         }
         good
@@ -176,6 +210,29 @@ fn pyramid(q: i64) -> i64 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// The definition: the highest acceleration that is allowed, by halving.
+    fn next_by_halving(pace: &Pace, u: i64, e: i64, ahead: i64, fastest: i64) -> i64 {
+        let allowed = |e: i64| {
+            let end = u + e;
+            let too_fast = e > 0 && end + pace.easing(e) > fastest;
+            !too_fast && u + end + pace.stopping_way(end, e) <= ahead
+        };
+        let highest = (e + pace.jerk).min(pace.acceleration);
+        if allowed(highest) {
+            return highest;
+        }
+        let (mut good, mut bad) = (pace.brake(u, e), highest);
+        while bad - good > 1 {
+            let middle = good + (bad - good) / 2;
+            if allowed(middle) {
+                good = middle;
+            } else {
+                bad = middle;
+            }
+        }
+        good
+    }
 
     /// Follows the braking rule tick by tick, checking it against its definition, and adds up the way.
     fn slow_stop(pace: &Pace, mut u: i64, mut e: i64) -> i64 {
@@ -228,6 +285,22 @@ mod tests {
             prop_assert!(fits(d) && !fits(d + 1));
             prop_assert_eq!(pace.easing(d), slow_easing(d, pace.jerk));
             prop_assert_eq!(pace.easing(-d), -slow_easing(d, pace.jerk));
+        }
+
+        #[test]
+        fn interpolating_finds_what_halving_finds(
+            speed in 1u32..1 << 28, acceleration in 1u32..1 << 28, jerk in 1u32..1 << 26,
+            (v, a, spare, margin) in (any::<i32>(), any::<i32>(), 0..1i64 << 40, 0..1i64 << 28),
+        ) {
+            let pace = Pace::new(speed, acceleration, jerk);
+            let u = i64::from(v) % (pace.speed + 1);
+            let e = i64::from(a) % (pace.acceleration + 1);
+            let ahead = pace.stopping_way(u, e) + spare;
+            let fastest = u.abs() + margin;
+            prop_assert_eq!(
+                pace.next_acceleration(u, e, ahead, fastest),
+                next_by_halving(&pace, u, e, ahead, fastest)
+            );
         }
 
         #[test]
