@@ -47,13 +47,16 @@ impl Sums {
         Ok(Self { centred, pairs })
     }
 
-    /// Over the tracks of a measurement; sigma takes into account that its windows overlap.
+    /// Over the tracks of a measurement; sigma takes into account that its windows overlap and what all of them have in common.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for fewer than two cameras.
     pub fn of(rig: &Rig, measurement: &Measurement) -> Result<Self, Refusal> {
         let mut sums = Self::new(rig, &measurement.tracks)?;
-        sums.centred.overlap = measurement.overlap;
+        if let Ok(white) = midpoint::solve(&sums.centred) {
+            let count = f64::from(2 * sums.centred.observations());
+            sums.centred.overlap = widening(measurement.overlap, white.sigma_px, count);
+        }
         Ok(sums)
     }
 
@@ -78,6 +81,25 @@ impl Sums {
             least_squares: with_pairs(least_squares::solve),
             midpoint: midpoint::solve(&self.centred),
         }
+    }
+}
+
+/// Error of sub-pixel tracking that all points have in common, px: what is left of its dependence on the phase of the pixel grid when the
+/// points are spread over all phases. No residual shows it. Measured: with noise of half a grey level, errors on natural posters are 0.0003 px in all.
+const COMMON_PX: f64 = 0.0003;
+
+/// By how much the variance of a mean over `count` flow components is larger than their scatter `sigma_px` tells:
+///
+/// ```text
+/// variance = overlap s²/count + common² = (overlap + common² count/s²) s²/count
+/// ```
+fn widening(overlap: f64, sigma_px: f64, count: f64) -> f64 {
+    let common = COMMON_PX * COMMON_PX * count / (sigma_px * sigma_px);
+    // Without scatter there is nothing to widen.
+    if common.is_finite() {
+        overlap + common
+    } else {
+        overlap
     }
 }
 
