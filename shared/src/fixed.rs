@@ -22,8 +22,8 @@ pub fn shift_right_rounded(value: i64, bits: u32) -> i64 {
         0 => value,
         1..=63 => {
             // (value + half) >> bits without the overflow: floor plus the bit below it.
-            let below = (value >> (bits - 1)) & 1;
-            (value >> bits) + below
+            let halves = value >> (bits - 1);
+            (halves >> 1) + (halves & 1)
         }
         _ => 0,
     }
@@ -44,11 +44,51 @@ pub fn wide(a: i64, b: i64) -> i128 {
 
 /// `a b`, saturating.
 ///
-/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it stands.
+/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it stands. Fast for factors of 32 bits.
 #[inline(never)]
 pub fn times(a: i64, b: i64) -> i64 {
+    if let (Ok(a), Ok(b)) = (i32::try_from(a), i32::try_from(b)) {
+        return i64::from(a).wrapping_mul(i64::from(b)); // 63 bits
+    }
     let product = wide(a, b);
     i64::try_from(product).unwrap_or(if product < 0 { i64::MIN } else { i64::MAX })
+}
+
+/// `a b`, for numbers that were shown to fit: checked in debug builds only. Three instructions on a Cortex-M4, where a check takes twenty.
+#[inline(always)]
+pub const fn product(a: i64, b: i64) -> i64 {
+    debug_assert!(a.checked_mul(b).is_some());
+    a.wrapping_mul(b)
+}
+
+/// `a / divisor`, rounded down. A divisor below 1 counts as 1.
+///
+/// Numbers of 32 bits take the processor's own division, an order of magnitude faster than one of 64 bits.
+#[inline(never)]
+pub fn quotient(a: i64, divisor: i64) -> i64 {
+    let divisor = divisor.max(1);
+    let floor = |quotient: i64, rest: bool| quotient.wrapping_sub(i64::from(rest));
+    match (i32::try_from(a), i32::try_from(divisor)) {
+        (Ok(a), Ok(divisor)) => {
+            let quotient = a.wrapping_div(divisor);
+            let rest = quotient.wrapping_mul(divisor) > a;
+            floor(quotient.into(), rest)
+        }
+        _ => {
+            let quotient = a.wrapping_div(divisor);
+            floor(quotient, quotient.wrapping_mul(divisor) > a)
+        }
+    }
+}
+
+/// The square root, rounded down; 0 of negative numbers. Faster for 32 bits.
+#[inline(never)]
+pub fn root(a: i64) -> i64 {
+    match (u32::try_from(a), u64::try_from(a)) {
+        (Ok(small), _) => small.isqrt().into(),
+        (_, Ok(a)) => a.isqrt() as i64,
+        _ => 0,
+    }
 }
 
 /// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay below 2^63.
@@ -87,6 +127,7 @@ pub struct Reciprocal {
 
 impl Reciprocal {
     /// The reciprocal of `divisor`, or `None` if it is not positive.
+    #[inline(always)]
     pub fn of(divisor: i64) -> Option<Self> {
         let divisor = u64::try_from(divisor).ok().filter(|d| *d > 0)?;
         let zeros = divisor.leading_zeros();
@@ -98,8 +139,10 @@ impl Reciprocal {
     }
 
     /// `numerator / divisor 2^bits`, rounded towards minus infinity within the reciprocal's error, saturating.
+    #[inline(always)]
     pub fn times(self, numerator: i64, bits: i32) -> i64 {
-        let high = (numerator >> 32) * i64::from(self.mantissa);
+        // The upper half fits an i32, which makes this one product of the processor.
+        let high = i64::from((numerator >> 32) as i32) * i64::from(self.mantissa);
         let low = u64::from(numerator as u32) * u64::from(self.mantissa);
         let product = high.saturating_add((low >> 32) as i64); // numerator mantissa 2^-32
         // numerator / divisor = product 2^(zeros - 63)
@@ -128,8 +171,10 @@ pub fn invert_mantissa(mantissa: u32) -> u32 {
     let guess = u32::MAX / (mantissa >> 16); // 2^48 / m, at most 17 bits
     // m guess / 2^16 is 2^32 (1 - e), and guess (1 + e) is the refined quotient.
     let product = (u64::from(mantissa) * u64::from(guess)) >> 16;
-    let error = (1i64 << 32) - product as i64;
-    let refined = (i64::from(guess) << 15) + ((i64::from(guess) * error) >> 17);
+    // Below 2^18 in size.
+    let error = (product as u32).wrapping_neg().cast_signed();
+    let refined =
+        (i64::from(guess) << 15) + ((i64::from(guess.cast_signed()) * i64::from(error)) >> 17);
     refined.clamp(1 << 31, i64::from(u32::MAX)) as u32
 }
 
@@ -186,6 +231,17 @@ mod tests {
             let divisor = (1 << bits) | (low & ((1 << bits) - 1));
             let exact = (u128::from(a) << 32) / u128::from(divisor);
             prop_assert_eq!(ratio(a, divisor), u64::try_from(exact).unwrap_or(u64::MAX));
+        }
+
+        #[test]
+        fn products_quotients_and_roots_are_exact(
+            a: i64, b: i64, shifts in (0u32..64, 0u32..64),
+        ) {
+            let (a, b) = (a >> shifts.0, b >> shifts.1);
+            let exact = i128::from(a) * i128::from(b);
+            prop_assert_eq!(i128::from(times(a, b)), exact.clamp(i64::MIN.into(), i64::MAX.into()));
+            prop_assert_eq!(quotient(a, b), a.div_euclid(b.max(1)));
+            prop_assert_eq!(root(a), if a < 0 { 0 } else { a.isqrt() });
         }
 
         #[test]

@@ -51,13 +51,21 @@ impl Rejects {
     }
 }
 
-/// Collects bytes until a packet is complete.
+/// Collects bytes until a packet is complete, and undoes the COBS stuffing on the way: each block is a code and code - 1 bytes, and stands
+/// for these bytes and a zero; but for a code of 255, and at the end of the packet, there is no zero.
 ///
-/// *Invariant:* `length` bytes of `buffer` are the packet so far, or `overrun` is set and the rest of it is being skipped.
+/// *Invariant:* the first `length` bytes of `buffer` are the packet so far, or `overrun` is set and the rest of it is being skipped.
 #[derive(Clone, Debug)]
 pub struct Receiver<T> {
-    buffer: [u8; MAX_PACKET],
+    /// A packet without its code and its closing zero.
+    buffer: [u8; MAX_PACKET - 1],
     length: usize,
+    /// Bytes of the block that are still to come.
+    block: u8,
+    /// The block ends with a zero, unless the packet ends there.
+    zero: bool,
+    /// At least one byte of the packet has come.
+    begun: bool,
     overrun: bool,
     message: PhantomData<T>,
 }
@@ -65,8 +73,11 @@ pub struct Receiver<T> {
 impl<T> Default for Receiver<T> {
     fn default() -> Self {
         Self {
-            buffer: [0; MAX_PACKET],
+            buffer: [0; MAX_PACKET - 1],
             length: 0,
+            block: 0,
+            zero: false,
+            begun: false,
             overrun: false,
             message: PhantomData,
         }
@@ -86,22 +97,36 @@ impl<T: DeserializeOwned> Receiver<T> {
                 continue;
             }
             let length = core::mem::take(&mut self.length);
-            if core::mem::take(&mut self.overrun) {
-                return Some(Err(Reject::TooLong));
-            }
-            if length > 0 {
-                return Some(
-                    self.buffer
-                        .get_mut(..length)
-                        .ok_or(Reject::TooLong)
-                        .and_then(decode),
-                );
+            let block = core::mem::take(&mut self.block);
+            let overrun = core::mem::take(&mut self.overrun);
+            self.zero = false;
+            if core::mem::take(&mut self.begun) {
+                return Some(match self.buffer.get(..length) {
+                    Some(bytes) if !overrun && block == 0 => decode(bytes),
+                    _ if overrun => Err(Reject::TooLong),
+                    _ => Err(Reject::Framing),
+                });
             }
         }
         None
     }
 
+    /// Takes one byte of a packet, which is not zero.
     fn push(&mut self, byte: u8) {
+        self.begun = true;
+        if let Some(left) = self.block.checked_sub(1) {
+            self.block = left;
+            self.keep(byte);
+        } else {
+            if self.zero {
+                self.keep(0);
+            }
+            self.block = byte.wrapping_sub(1);
+            self.zero = byte != u8::MAX;
+        }
+    }
+
+    fn keep(&mut self, byte: u8) {
         match self.buffer.get_mut(self.length) {
             Some(slot) => {
                 *slot = byte;
@@ -112,11 +137,9 @@ impl<T: DeserializeOwned> Receiver<T> {
     }
 }
 
-/// One packet without its closing zero. The buffer is used up.
-fn decode<T: DeserializeOwned>(packet: &mut [u8]) -> Result<T, Reject> {
-    let length = cobs::decode_in_place(packet).map_err(|_| Reject::Framing)?;
-    let bytes = packet.get(..length).ok_or(Reject::Framing)?;
-    let body = length.checked_sub(4).ok_or(Reject::Checksum)?;
+/// The message in one packet.
+fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Reject> {
+    let body = bytes.len().checked_sub(4).ok_or(Reject::Checksum)?;
     let (body, sum) = bytes.split_at_checked(body).ok_or(Reject::Checksum)?;
     if sum != CRC.checksum(body).to_le_bytes() {
         return Err(Reject::Checksum);

@@ -27,10 +27,10 @@ impl Machine {
             [0; 3]
         };
         let displacement = active.to_stage(displacement_nm);
-        let mut tracker = self.tracker.clone();
-        let target = tracker.update(frame.reference, frame.capture, displacement, stage)?;
-        self.go(target, State::Following)?;
-        self.tracker = tracker;
+        let reference = self.tracker.reference(frame.reference, frame.capture)?;
+        let view = reference.moved(frame.capture, displacement);
+        self.go(view.target(stage), State::Following)?;
+        self.tracker.keep(reference, view);
         let first_word = self.now().plus_micros(u64::from(self.board.delay_us));
         let latency_us = first_word.since(frame.capture);
         self.estimate = Some(EstimateReport {

@@ -1,6 +1,6 @@
 use super::stopping::Pace;
 use super::{AxisLimits, Limits};
-use crate::fixed::times;
+use crate::fixed::{product, quotient, times};
 use crate::steps::{AXES, AxisMotion, Position, Segment, WordRate};
 
 const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
@@ -9,6 +9,9 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     limits: AxisLimits,
+    /// That of the limits.
+    own: Pace,
+    /// The one in use: slower for the leader of a line.
     pace: Pace,
     position: Position,
     /// Speed quanta, negative backwards. Within the limits.
@@ -23,9 +26,11 @@ struct Axis {
 
 impl Axis {
     fn new(limits: AxisLimits, position: Position) -> Self {
+        let own = Pace::of(&limits);
         Self {
             limits,
-            pace: Pace::of(&limits),
+            own,
+            pace: own,
             position,
             speed: 0,
             acceleration: 0,
@@ -35,7 +40,7 @@ impl Axis {
     }
 
     fn aim(&mut self, target: Position, drift: i64) {
-        self.pace = Pace::of(&self.limits);
+        self.pace = self.own;
         self.target = self.limits.clamp(target);
         self.drift = drift.clamp(-self.pace.speed, self.pace.speed);
     }
@@ -57,18 +62,32 @@ impl Axis {
     fn choose(&self, quantum: i64) -> i64 {
         let speed = self.speed - self.drift;
         let way = self.way();
-        let ahead = way.div_euclid(quantum);
-        if self.pace.stopping_way(speed, self.acceleration) <= ahead {
-            let fastest = self.pace.speed - self.drift;
-            self.pace
-                .next_acceleration(speed, self.acceleration, ahead, fastest)
+        let ahead = quotient(way, quantum);
+        let stop = self.pace.stopping_way(speed, self.acceleration);
+        if stop <= ahead {
+            self.towards(1, speed, ahead, self.pace.speed - self.drift, stop)
         } else {
-            let ahead = way.saturating_neg().div_euclid(quantum);
-            let fastest = self.pace.speed + self.drift;
-            -self
-                .pace
-                .next_acceleration(-speed, -self.acceleration, ahead, fastest)
+            let ahead = quotient(way.saturating_neg(), quantum);
+            self.towards(-1, speed, ahead, self.pace.speed + self.drift, stop)
         }
+    }
+
+    /// The next acceleration, looked for in the direction of `sign`, where `ahead` is the room and `fastest` the limit. `speed` and `stop`, the way
+    /// to rest, count forwards.
+    #[inline(never)]
+    fn towards(&self, sign: i64, speed: i64, ahead: i64, fastest: i64, stop: i64) -> i64 {
+        let signed = |value: i64| {
+            if sign < 0 {
+                value.wrapping_neg()
+            } else {
+                value
+            }
+        };
+        let (speed, last) = (signed(speed), signed(self.acceleration));
+        signed(
+            self.pace
+                .next_acceleration(speed, last, ahead, fastest, signed(stop)),
+        )
     }
 
     /// `wanted`, or the acceleration nearest to it after which the axis can still stop within the soft limits. (A target
@@ -78,14 +97,15 @@ impl Axis {
             .limits
             .ends()
             .map(|end| end.fine().saturating_sub(self.position.fine()));
-        let (speed, last, fastest) = (self.speed, self.acceleration, self.pace.speed);
-        let brake = self.pace.brake(speed, last);
+        let (speed, fastest) = (self.speed, self.pace.speed);
+        let brake = self.pace.brake(speed, self.acceleration);
+        let stop = self.pace.stopping_way(speed, self.acceleration);
         if wanted > brake {
-            let room = high.div_euclid(quantum);
-            wanted.min(self.pace.next_acceleration(speed, last, room, fastest))
+            let room = quotient(high, quantum);
+            wanted.min(self.towards(1, speed, room, fastest, stop))
         } else if wanted < brake {
-            let room = low.saturating_neg().div_euclid(quantum);
-            wanted.max(-self.pace.next_acceleration(-speed, -last, room, fastest))
+            let room = quotient(low.saturating_neg(), quantum);
+            wanted.max(self.towards(-1, speed, room, fastest, stop))
         } else {
             wanted
         }
@@ -104,14 +124,14 @@ impl Axis {
     /// Moves on by what was planned for a tick.
     fn advance(&mut self, way: i64, acceleration: i64, quantum: i64) {
         self.position = self.position.saturating_add(way);
-        self.target = self.target.saturating_add(times(2 * quantum, self.drift));
+        self.target = self.target.saturating_add(product(2 * quantum, self.drift));
         self.speed += acceleration;
         self.acceleration = acceleration;
     }
 
     /// The way to rest at full braking, fine units.
     fn stopping_way(&self, quantum: i64) -> i64 {
-        let way = Pace::of(&self.limits).stopping_way(self.speed, self.acceleration);
+        let way = self.own.stopping_way(self.speed, self.acceleration);
         times(quantum, way)
     }
 }
@@ -138,7 +158,7 @@ impl Line {
             .max_by_key(|(_, way)| way.unsigned_abs())?;
         // 31 bits of the longest way.
         let shift = 33u32.saturating_sub(way.unsigned_abs().leading_zeros());
-        let ways = ways.map(|each| times(each >> shift, way.signum()));
+        let ways = ways.map(|each| product(each >> shift, way.signum()));
         let longest = way.saturating_abs() >> shift;
         (longest > 0).then_some(Self {
             leader,
@@ -179,11 +199,11 @@ impl Line {
     fn share(&mut self, speed: i64) -> [i64; AXES] {
         let mut shares = [0; AXES];
         for ((share, excess), way) in shares.iter_mut().zip(&mut self.excess).zip(self.ways) {
-            let exact = times(speed, way);
+            let exact = product(speed, way);
             let up = *excess <= 0 && exact.rem_euclid(self.longest) != 0;
             *share = exact.div_euclid(self.longest) + i64::from(up);
             // The speed counts in the tick it ends and in the one it starts.
-            *excess += 2 * (times(*share, self.longest) - exact);
+            *excess += 2 * (product(*share, self.longest) - exact);
         }
         shares
     }
@@ -201,11 +221,12 @@ impl Ramp {
     fn quarter(self, slots: u16, quarter: i64) -> AxisMotion {
         let n = i64::from(slots);
         let e = self.acceleration;
-        let start = times(2 * n, 4 * self.speed + times(e, quarter));
-        let end = start + times(2 * n, e);
+        // All below 2^40: speeds are below 2^32 fine units per slot.
+        let start = product(2 * n, 4 * self.speed + product(e, quarter));
+        let end = start + product(2 * n, e);
         if (start < 0 && end > 0) || (start > 0 && end < 0) {
             // Turning: the mean speed, which is a whole number too.
-            let mean = start + times(n, e);
+            let mean = start + product(n, e);
             return motion(mean, 0, mean < 0);
         }
         let backward = start < 0 || end < 0;
@@ -320,7 +341,7 @@ impl Planner {
         let quantum = self.distance_quantum();
         self.line = None;
         for axis in &mut self.axes {
-            axis.pace = Pace::of(&axis.limits);
+            axis.pace = axis.own;
             axis.target = axis.position.saturating_add(axis.stopping_way(quantum));
             axis.drift = 0;
         }
@@ -390,7 +411,7 @@ impl Planner {
 
     /// Where the axes are going, within the soft limits.
     pub fn targets(&self) -> [Position; AXES] {
-        self.axes.map(|axis| axis.target)
+        self.axes.each_ref().map(|axis| axis.target)
     }
 
     /// Speeds after the segments handed out so far, fine units (2⁻³² step) per slot, negative backwards.
@@ -398,15 +419,16 @@ impl Planner {
         let quantum = self.speed_quantum();
         let per_segment = quantum / SEGMENTS as i64;
         let left = (SEGMENTS - self.given) as i64;
-        self.axes
-            .map(|axis| times(quantum, axis.speed) - times(per_segment * left, axis.acceleration))
+        self.axes.each_ref().map(|axis| {
+            product(quantum, axis.speed) - product(per_segment * left, axis.acceleration)
+        })
     }
 
     /// How far each axis would still go after the present tick if [`Planner::stop`] were called now, 2⁻³² step, negative
     /// backwards. Exact.
     pub fn stopping_ways(&self) -> [i64; AXES] {
         let quantum = self.distance_quantum();
-        self.axes.map(|axis| axis.stopping_way(quantum))
+        self.axes.each_ref().map(|axis| axis.stopping_way(quantum))
     }
 
     /// No axis moves in the present tick, nor has speed left after it.

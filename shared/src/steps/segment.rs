@@ -1,6 +1,7 @@
 use core::fmt;
 
 use super::AXES;
+use crate::fixed::product;
 
 /// What one axis does in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine units
 /// (2⁻³² step) forwards, or backwards.
@@ -29,14 +30,15 @@ impl AxisMotion {
 
     /// The increment of slot `k`, were there no limit to its range. Below 2⁴⁸ in size.
     const fn increment(&self, k: u16) -> i64 {
-        self.first as i64 + self.change as i64 * k as i64
+        self.first as i64 + product(self.change as i64, k as i64)
     }
 
     /// Distance of the first `slots` slots without sign: `slots * first + change * slots (slots - 1) / 2`, fine units.
     /// Below 2⁶³ in size for all arguments.
     pub(super) const fn distance(&self, slots: u16) -> i64 {
         let n = slots as i64;
-        n * self.first as i64 + n * (n - 1) / 2 * self.change as i64
+        let pairs = product(n, n - 1) >> 1;
+        product(n, self.first as i64) + product(pairs, self.change as i64)
     }
 }
 

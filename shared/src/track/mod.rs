@@ -25,7 +25,7 @@ const RECENT: usize = 8;
 
 /// An instant at which the view is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct View {
+pub struct View {
     instant: Instant,
     /// Target minus stage, relative to the first reference.
     error: Fine,
@@ -57,30 +57,55 @@ impl Tracker {
         displacement: Fine,
         stage: Fine,
     ) -> Result<Fine, Denial> {
+        let from = self.reference(reference, capture)?;
+        let view = from.moved(capture, displacement);
+        self.keep(from, view);
+        Ok(view.target(stage))
+    }
+
+    /// The view that a frame refers to, if the tracker can take the frame.
+    ///
+    /// # Errors
+    /// [`Denial::UnknownReference`], [`Denial::CaptureOutOfOrder`].
+    pub fn reference(&self, reference: Instant, capture: Instant) -> Result<View, Denial> {
         let newest = self.recent.back().map(|view| view.instant);
         if capture <= reference || newest.is_some_and(|newest| capture <= newest) {
             return Err(Denial::CaptureOutOfOrder);
         }
         let known = self.reference.iter().chain(self.recent.iter());
-        let reference = match known.into_iter().find(|view| view.instant == reference) {
-            Some(view) => *view,
-            None if self.reference.is_none() => View {
+        match known.into_iter().find(|view| view.instant == reference) {
+            Some(view) => Ok(*view),
+            None if self.reference.is_none() => Ok(View {
                 instant: reference,
                 error: [0; 3],
-            },
-            None => return Err(Denial::UnknownReference),
-        };
-        let error = add(reference.error, displacement);
+            }),
+            None => Err(Denial::UnknownReference),
+        }
+    }
+
+    /// Remembers a view that is going to be used, and what it refers to.
+    pub fn keep(&mut self, reference: View, view: View) {
         if self.recent.is_full() {
             self.recent.pop_front();
         }
         // There is room: the oldest was dropped above.
-        let _ = self.recent.push_back(View {
-            instant: capture,
-            error,
-        });
+        let _ = self.recent.push_back(view);
         self.reference = Some(reference);
-        Ok(add(stage, error))
+    }
+}
+
+impl View {
+    /// The view at a later instant, from which the target was displaced.
+    pub fn moved(&self, instant: Instant, displacement: Fine) -> Self {
+        Self {
+            instant,
+            error: add(self.error, displacement),
+        }
+    }
+
+    /// Where the target is, for a stage at `stage`.
+    pub fn target(&self, stage: Fine) -> Fine {
+        add(stage, self.error)
     }
 }
 

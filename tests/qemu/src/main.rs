@@ -9,18 +9,22 @@
 //! |---|---|
 //! | `live [TRACE]` | a station on UART0, on the emulated clock; its trace goes to the file |
 //! | `replay LOG TRACE [MICROSECONDS]` | lives through a recorded log on virtual time; prints all edges of the segment given out at that instant |
+//! | `bench` | counts instructions (needs `-icount shift=3`) and stack |
 //!
-//! `live` never ends; `replay` exits with 0 when all went well.
+//! `live` never ends; the others exit with 0 when all went well.
 #![no_std]
 #![no_main]
 
+mod bench;
 mod board;
+mod count;
 mod executor;
 mod interrupts;
 mod live;
 mod port_log;
 mod registers;
 mod replay;
+mod stack;
 mod time;
 mod uart;
 
@@ -59,7 +63,8 @@ fn start() -> Result<(), Failure> {
             let closer = closer.map_err(|_| Failure("MICROSECONDS is a whole number"))?;
             replay::run(&Path::new(log)?, &Path::new(trace)?, closer)
         }
-        _ => Err(Failure("first argument: live or replay")),
+        Some("bench") => bench::run(),
+        _ => Err(Failure("first argument: live, replay or bench")),
     }
 }
 

@@ -1,0 +1,326 @@
+//! What the run path costs: instructions and stack, as a table.
+//!
+//! Rows with a limit fail the run when they exceed it. Counts move a little with inlining: the limits are those of the project, not of the
+//! last run.
+
+mod sample;
+
+use crate::board::{BOARD, PORT, SEGMENT_WORDS};
+use crate::count::{Counter, Sum};
+use crate::{Failure, stack};
+use core::hint::black_box;
+use sample::Host;
+use semihosting::println;
+use shared::estimate::{closed_form, midpoint};
+use shared::frame::encode::encode;
+use shared::frame::message::{Command, Packet, Report};
+use shared::frame::receive::Receiver;
+use shared::machine::{Machine, Output, TICK_US};
+use shared::steps::{AxisMotion, Generator, Segment};
+
+/// Control ticks that each kind of tick is measured over.
+const TICKS: u64 = 100;
+
+/// Prints rows and remembers whether all were within their limits.
+struct Table {
+    good: bool,
+}
+
+impl Table {
+    fn row(&mut self, name: &str, instructions: u64, limit: Option<u64>) {
+        match limit {
+            Some(limit) => println!("| {name} | {instructions} | {limit} |"),
+            None => println!("| {name} | {instructions} | |"),
+        }
+        self.good &= limit.is_none_or(|limit| instructions <= limit);
+    }
+
+    fn row_tenths(&mut self, name: &str, tenths: u64, limit: Option<u64>) {
+        let (whole, part) = (tenths / 10, tenths % 10);
+        match limit {
+            Some(limit) => println!("| {name} | {whole}.{part} | {limit} |"),
+            None => println!("| {name} | {whole}.{part} | |"),
+        }
+        self.good &= limit.is_none_or(|limit| tenths <= 10 * limit);
+    }
+}
+
+/// Measures everything.
+pub fn run() -> Result<(), Failure> {
+    let core = cortex_m::Peripherals::take().ok_or(Failure("the core's peripherals are taken"))?;
+    let mut counter = Counter::new(core.SYST);
+    let mut table = Table { good: true };
+    println!("| what | instructions | limit |");
+    println!("|---|---:|---:|");
+    estimators(&mut counter, &mut table);
+    wire(&mut counter, &mut table);
+    let word = generator(&mut counter, &mut table)?;
+    let (tick, segment, frame, reports) = control(&mut counter, &mut table)?;
+    // Four segments a tick, the first with the control in it; words at 1 MHz; a hundred frames a second.
+    let million = |instructions_per_s: u64| instructions_per_s.div_ceil(1_000_000);
+    let words = million(word * 1_000_000 / 10);
+    let ticks = million((tick + 3 * segment) * 1_000);
+    let link = million((frame + reports) * 100);
+    println!();
+    println!("| per second, in millions | instructions |");
+    println!("|---|---:|");
+    println!("| 1 M port words, three axes stepping | {words} |");
+    println!("| 1,000 control ticks of four segments, following | {ticks} |");
+    println!("| 100 frames and their reports | {link} |");
+    let sum = words + ticks + link;
+    println!("| sum | {sum} |");
+    println!("| of 168 | {} % |", sum * 100 / 168);
+    println!();
+    stacks()?;
+    match table.good {
+        true => Ok(()),
+        false => Err(Failure("a limit is exceeded")),
+    }
+}
+
+fn estimators(counter: &mut Counter, table: &mut Table) {
+    let (pair, centred) = sample::sums();
+    let (Ok(fixed_pair), Ok(fixed)) = (pair.quantise(), centred.quantise()) else {
+        return;
+    };
+    let closed = counter.calls(|| closed_form::solve_fixed(black_box(&fixed_pair)));
+    table.row(
+        "closed form, fixed point: displacement",
+        closed.per(1),
+        Some(400),
+    );
+    let short = counter.calls(|| midpoint::displacement_fixed(black_box(&fixed)));
+    table.row(
+        "midpoint, fixed point: displacement",
+        short.per(1),
+        Some(400),
+    );
+    let long = counter.calls(|| midpoint::solve_fixed(black_box(&fixed)));
+    table.row(
+        "midpoint, fixed point: displacement and variances",
+        long.per(1),
+        Some(1_000),
+    );
+    let sigma = counter
+        .calls(|| midpoint::solve_fixed(black_box(&fixed)).map(|estimate| estimate.sigma_nm()));
+    table.row(
+        "midpoint, fixed point: displacement and sigmas",
+        sigma.per(1),
+        None,
+    );
+    let sums = sample::single(&pair);
+    let ours = counter.calls(|| sample::closed_form_f32(black_box(&sums)));
+    table.row("for comparison: closed form, f32", ours.per(1), None);
+    let theirs = counter.calls(|| sample::least_squares_f32(black_box(&sums)));
+    table.row(
+        "for comparison: least squares, f32, nalgebra's Cholesky",
+        theirs.per(1),
+        None,
+    );
+}
+
+fn wire(counter: &mut Counter, table: &mut Table) {
+    let packet = Packet {
+        sequence: 7,
+        command: sample::frame(1_000_000, 900_000),
+    };
+    let Ok(bytes) = encode(&packet) else { return };
+    let mut receiver = Receiver::<Packet>::default();
+    let decoding = counter.calls(|| receiver.next(&mut black_box(&bytes[..])));
+    table.row("decode a flow frame", decoding.per(1), None);
+    let encoding = counter.calls(|| encode(black_box(&packet)));
+    table.row("encode a flow frame", encoding.per(1), None);
+    let status = sample::status();
+    let encoding = counter.calls(|| encode(black_box(&status)));
+    table.row("encode a status", encoding.per(1), None);
+}
+
+/// Also returns the tenths of instructions per word with three axes stepping.
+fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
+    let slots = BOARD.word_rate.slots_per_segment();
+    let moving = AxisMotion {
+        first: 0xf000_0000,
+        change: 1 << 20,
+        backward: false,
+    };
+    let fast = Segment::new(slots, [moving; 3]).map_err(|_| Failure("too fast"))?;
+    let mut generator = Generator::new(PORT).map_err(|_| Failure("impossible pins"))?;
+    let mut words = [0; SEGMENT_WORDS];
+    let mut measure = |segment: &Segment| -> Result<Sum, Failure> {
+        let mut sum = Sum::default();
+        for _ in 0..TICKS {
+            let loaded = counter.add(&mut sum, || {
+                generator.load(segment).map(|()| generator.fill(&mut words))
+            });
+            if loaded != Ok(SEGMENT_WORDS) {
+                return Err(Failure("the generator refused a segment"));
+            }
+        }
+        Ok(sum)
+    };
+    let rest = measure(&Segment::pause(slots))?;
+    // Slow enough to turn: writes the DIR pins.
+    let slow = AxisMotion {
+        first: 1 << 30,
+        change: 0,
+        backward: false,
+    };
+    measure(&Segment::new(slots, [slow; 3]).map_err(|_| Failure("too fast"))?)?;
+    let busy = measure(&fast)?;
+    let words = SEGMENT_WORDS as u64;
+    table.row_tenths("a port word, at rest", rest.tenths_per(words), Some(12));
+    let busy = busy.tenths_per(words);
+    table.row_tenths(
+        "a port word, three axes accelerating at up to 500 kHz",
+        busy,
+        Some(12),
+    );
+    Ok(busy)
+}
+
+/// Instructions of a tick's first segment and of each further one while following, of a frame from bytes to segment, and of its reports.
+fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u64), Failure> {
+    let mut host = Host::new(Machine::new(BOARD));
+    let idle = ticks(counter, &mut host, |_| {})?;
+    table.row(
+        "control tick with its first segment, unconfigured",
+        idle.0.per(1),
+        None,
+    );
+    host.begin();
+    let ready = ticks(counter, &mut host, |_| {})?;
+    table.row(
+        "control tick with its first segment, at rest",
+        ready.0.per(1),
+        None,
+    );
+    table.row(
+        "each of its three other segments, at rest",
+        ready.1.per(1),
+        None,
+    );
+    host.send(sample::setpoint());
+    host.tick();
+    let moving = ticks(counter, &mut host, |_| {})?;
+    table.row(
+        "control tick with its first segment, moving on three axes",
+        moving.0.per(1),
+        None,
+    );
+    table.row(
+        "each of its three other segments, moving",
+        moving.1.per(1),
+        None,
+    );
+    host.settle();
+    let (received, polled, reported) = frames(counter, &mut host)?;
+    table.row("take in a frame's bytes", received.per(1), None);
+    table.row(
+        "the tick that uses it, up to its first segment",
+        polled.per(1),
+        None,
+    );
+    let whole = received.per(1) + polled.per(1);
+    table.row("whole frame, from bytes to segment", whole, Some(20_000));
+    table.row("its answer and status, encoded", reported.per(1), None);
+    Ok((
+        moving.0.per(1),
+        moving.1.per(1),
+        received.per(1) + polled.per(1) - moving.0.per(1),
+        reported.per(1),
+    ))
+}
+
+/// Hundred ticks: the first segment of each, and the others. Packets that go out between them are not counted.
+fn ticks(
+    counter: &mut Counter,
+    host: &mut Host,
+    mut before: impl FnMut(&mut Host),
+) -> Result<(Sum, Sum), Failure> {
+    let (mut first, mut others) = (Sum::default(), Sum::default());
+    for _ in 0..TICKS {
+        host.ping();
+        before(host);
+        host.flush();
+        for k in 0..4 {
+            let now = host.after(k * TICK_US / 4);
+            let sum = if k == 0 { &mut first } else { &mut others };
+            let machine = &mut host.machine;
+            let output = counter.add(sum, || machine.poll(now, SEGMENT_WORDS));
+            let Output::Segment(_) = output else {
+                return Err(Failure("a segment was due"));
+            };
+            host.flush_at(now);
+        }
+        host.next_tick();
+    }
+    Ok((first, others))
+}
+
+/// Hundred frames: taking in the bytes, the tick, the reports.
+fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum), Failure> {
+    let (mut received, mut polled, mut reported) = (Sum::default(), Sum::default(), Sum::default());
+    for _ in 0..TICKS {
+        host.ping();
+        host.tick();
+        host.flush();
+        let bytes = host.frame();
+        let (machine, before) = (&mut host.machine, host.now);
+        counter.add(&mut received, || machine.receive(before, &bytes));
+        let now = host.after(0);
+        let machine = &mut host.machine;
+        let output = counter.add(&mut polled, || machine.poll(now, SEGMENT_WORDS));
+        let Output::Segment(_) = output else {
+            return Err(Failure("a segment was due"));
+        };
+        let machine = &mut host.machine;
+        let reports = counter.add(&mut reported, || {
+            (
+                machine.poll(now, SEGMENT_WORDS),
+                machine.poll(now, SEGMENT_WORDS),
+            )
+        });
+        let (Output::Send(answer), Output::Send(_)) = reports else {
+            return Err(Failure("answer and status were due"));
+        };
+        if !host.is_accepted(&answer) {
+            return Err(Failure("the frame was refused"));
+        }
+        host.rest_of_tick();
+    }
+    Ok((received, polled, reported))
+}
+
+fn stacks() -> Result<(), Failure> {
+    let mut host = Host::new(Machine::new(BOARD));
+    host.begin();
+    let bytes = host.frame();
+    println!("| what | bytes of stack |");
+    println!("|---|---:|");
+    let config = host.config_packet();
+    let taken = stack::used(|| host.machine.receive(host.now, &config));
+    println!("| take in a configuration, the largest packet | {taken} |");
+    let now = host.after(0);
+    let applied = stack::used(|| drop(host.machine.poll(now, SEGMENT_WORDS)));
+    println!("| the tick that uses it | {applied} |");
+    host.rest_of_tick();
+    host.zero();
+    host.machine.receive(host.now, &bytes);
+    let now = host.after(0);
+    let followed = stack::used(|| drop(host.machine.poll(now, SEGMENT_WORDS)));
+    println!("| the tick that uses a frame | {followed} |");
+    let status = sample::status();
+    let encoded = stack::used(|| drop(encode::<Report>(&status)));
+    println!("| encode a status | {encoded} |");
+    println!(
+        "| worst | {} |",
+        taken.max(applied).max(followed).max(encoded)
+    );
+    println!();
+    println!("| what | bytes |");
+    println!("|---|---:|");
+    println!("| the machine | {} |", size_of::<Machine>());
+    println!("| the generator | {} |", size_of::<Generator>());
+    println!("| a command as it waits | {} |", size_of::<Command>());
+    Ok(())
+}

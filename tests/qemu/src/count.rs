@@ -1,0 +1,82 @@
+//! Counts instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts at 25 MHz, once in 5 instructions.
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+
+/// Instructions to a tick of SysTick.
+const INSTRUCTIONS_PER_TICK: u64 = 5;
+
+/// The largest count of SysTick.
+const LARGEST: u32 = 0xff_ffff;
+
+/// SysTick as a counter of instructions.
+pub struct Counter {
+    /// Runs as long as this lives.
+    _timer: SYST,
+    /// What counting itself costs, ticks.
+    own: u32,
+}
+
+/// Many runs of one thing.
+#[derive(Clone, Copy, Default)]
+pub struct Sum {
+    ticks: u64,
+    runs: u64,
+}
+
+impl Sum {
+    /// Instructions of one run, rounded up, of `units` each.
+    pub fn per(self, units: u64) -> u64 {
+        (self.ticks * INSTRUCTIONS_PER_TICK).div_ceil((self.runs * units).max(1))
+    }
+
+    /// The same in tenths.
+    pub fn tenths_per(self, units: u64) -> u64 {
+        (self.ticks * INSTRUCTIONS_PER_TICK * 10).div_ceil((self.runs * units).max(1))
+    }
+}
+
+impl Counter {
+    /// Starts counting.
+    pub fn new(mut timer: SYST) -> Self {
+        timer.set_clock_source(SystClkSource::Core);
+        timer.set_reload(LARGEST);
+        timer.clear_current();
+        timer.enable_counter();
+        let mut counter = Self {
+            _timer: timer,
+            own: 0,
+        };
+        let mut empty = Sum::default();
+        for _ in 0..100 {
+            counter.add(&mut empty, || ());
+        }
+        counter.own = (empty.ticks / empty.runs) as u32;
+        counter
+    }
+
+    /// Runs `work` and adds its instructions to `sum`. At most 16 M ticks.
+    #[inline(never)]
+    pub fn add<R>(&mut self, sum: &mut Sum, work: impl FnOnce() -> R) -> R {
+        // Counting down. Interrupts are not enabled in this mode of the image.
+        let before = SYST::get_current();
+        let result = core::hint::black_box(work());
+        let after = SYST::get_current();
+        let ticks = before.wrapping_sub(after) & LARGEST;
+        sum.ticks += u64::from(ticks.saturating_sub(self.own));
+        sum.runs += 1;
+        result
+    }
+
+    /// A hundred calls in one go, their loop included.
+    pub fn calls<R>(&mut self, mut call: impl FnMut() -> R) -> Sum {
+        let mut sum = Sum::default();
+        self.add(&mut sum, || {
+            for _ in 0..100 {
+                core::hint::black_box(call());
+            }
+        });
+        sum.runs = 100;
+        sum
+    }
+}
