@@ -1,0 +1,233 @@
+//! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this computer's clock, strangers, and QEMU.
+
+#[path = "serial/far_end.rs"]
+mod far_end;
+
+use far_end::{FarEnd, mute, saying, station};
+use host::station::StationError;
+use host::station::serial::Serial;
+use host::station::stage::default_stage;
+use shared::frame::encode::encode;
+use shared::frame::message::{Command, Denial, Hello, Mounting, Report, ResetCause, Status};
+use shared::frame::{PROTOCOL, SCHEMA_HASH};
+use shared::replay::Record;
+use shared::safety::{Fault, State, Trust};
+use std::time::{Duration, Instant};
+use trinocular_tests::binary::trinocular;
+use trinocular_tests::emulator::Emulator;
+
+/// Long enough for any machine; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn start(path: &str) -> Serial {
+    Serial::start(path, &default_stage(), Mounting::OnStage).expect("the station starts")
+}
+
+fn setpoint(mm: [i32; 3]) -> Command {
+    Command::Setpoint {
+        position_um: mm.map(|mm| mm * 1000),
+    }
+}
+
+/// Waits for a status that satisfies `wanted`.
+fn wait(serial: &Serial, wanted: impl Fn(&Status) -> bool) -> Status {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        serial.check().expect("the line works");
+        match serial.status() {
+            Some(status) if wanted(&status) => return status,
+            last => assert!(Instant::now() < end, "{last:?}"),
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn arrived(serial: &Serial, steps: [i32; 3]) -> Status {
+    wait(serial, |status| {
+        status.state == State::Idle && status.position_steps == steps
+    })
+}
+
+/// Exit code, standard output, standard error.
+fn hello(path: &str, options: &[&str]) -> (Option<i32>, String, String) {
+    let done = trinocular()
+        .args(["hello", "--port", path])
+        .args(options)
+        .output()
+        .expect("trinocular runs");
+    let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+    (done.status.code(), text(done.stdout), text(done.stderr))
+}
+
+/// Says hello with another protocol and schema.
+fn stranger() -> FarEnd {
+    let hello = Report::Hello(Hello {
+        protocol: PROTOCOL + 1,
+        schema: SCHEMA_HASH ^ 1,
+        version: [9, 8, 7],
+        board: "elsewhere".try_into().expect("a short name"),
+        word_rate_hz: 1_000_000,
+        delay_us: 500,
+        session: 3,
+        reset_cause: ResetCause::Watchdog,
+    });
+    saying(encode(&hello).expect("it fits").to_vec())
+}
+
+#[test]
+fn a_station_is_configured_moved_and_stopped() {
+    let end = station();
+    let mut serial = start(&end.path);
+    assert_eq!(
+        serial.who().map(|hello| hello.board.to_string()),
+        Some("far end".to_owned())
+    );
+    serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
+    let status = arrived(&serial, [320, -320, 80]);
+    assert_eq!(status.trust, Trust::Homed);
+    match serial.command("setpoint", Command::Config(far_end::impossible())) {
+        Err(StationError::Denied { denial, .. }) => {
+            assert!(matches!(denial, Denial::Config(_)), "{denial:?}");
+        }
+        other => panic!("{other:?}"),
+    }
+    serial.command("stop", Command::Stop).unwrap();
+    wait(&serial, |status| status.state == State::Stopped);
+    assert!(serial.client().clock().offset_us().is_some());
+}
+
+/// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it stops.
+#[test]
+fn the_heartbeat_goes_on_without_the_caller() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([40, 0, 0])).unwrap();
+    std::thread::sleep(Duration::from_millis(1_500));
+    arrived(&serial, [3_200, 0, 0]);
+    serial.command("setpoint", setpoint([-40, 0, 0])).unwrap();
+    serial.set_pings(false);
+    let status = wait(&serial, |status| {
+        status.fault.is_some() && status.state == State::Faulted
+    });
+    assert_eq!(status.fault, Some(Fault::Heartbeat));
+    assert!(status.position_steps[0] > -3_200);
+}
+
+#[test]
+fn other_firmware_is_named_field_by_field_and_never_moved() {
+    let end = stranger();
+    match Serial::start(&end.path, &default_stage(), Mounting::OnStage) {
+        Err(StationError::Mismatch(fields)) => {
+            let names: Vec<_> = fields.iter().map(|mismatch| mismatch.field).collect();
+            assert_eq!(names, ["protocol", "schema"]);
+        }
+        other => panic!("{other:?}"),
+    }
+    // Hellos with their leading zeros came, and nothing else.
+    let received = end.received();
+    assert!(!received.is_empty());
+    let longest = received.split(|byte| *byte == 0).map(<[u8]>::len).max();
+    assert!(longest < Some(12), "{received:?}");
+
+    let (code, out, err) = hello(&stranger().path, &[]);
+    assert_eq!(code, Some(3));
+    assert!(out.contains("elsewhere") && out.contains("9.8.7"), "{out}");
+    for field in ["protocol is 2 there and 1 here", "schema is"] {
+        assert!(err.contains(field), "{err}");
+    }
+    let (code, out, _) = hello(&stranger().path, &["--json"]);
+    assert_eq!(code, Some(3));
+    let line: serde_json::Value = serde_json::from_str(&out).expect("one JSON object");
+    assert_eq!(line["mismatches"][0]["field"], "protocol");
+    assert_eq!(line["mismatches"][0]["station"], PROTOCOL + 1);
+    assert_eq!(line["reset_cause"], "watchdog");
+}
+
+#[test]
+fn silence_and_noise_are_told_apart() {
+    match Serial::connect(&mute().path) {
+        Err(StationError::Silent { command, .. }) => assert_eq!(command, "hello"),
+        other => panic!("{other:?}"),
+    }
+    match Serial::connect(&saying(b"login: \0\0login: \0".to_vec()).path) {
+        Err(StationError::Garbled(rejects)) => assert!(rejects.total() > 0),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_lost_line_is_reported() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.check().expect("it works");
+    drop(end);
+    match serial.command("setpoint", setpoint([1, 1, 1])) {
+        Err(StationError::Port { .. } | StationError::Silent { .. }) => {}
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_port_that_does_not_exist_is_bad_input() {
+    let (code, _, err) = hello("/dev/no-such-port", &[]);
+    assert_eq!(code, Some(1));
+    assert!(err.contains("/dev/no-such-port"), "{err}");
+}
+
+#[test]
+fn ports_are_listed() {
+    let done = trinocular()
+        .args(["ports", "--json"])
+        .output()
+        .expect("trinocular runs");
+    assert!(done.status.success());
+    for line in String::from_utf8(done.stdout).expect("UTF-8").lines() {
+        let port: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        assert!(
+            port["path"].is_string() && port["is_station"].is_boolean(),
+            "{line}"
+        );
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
+fn the_emulated_board_makes_exactly_the_commanded_steps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trace = folder.path().join("trace");
+    let (emulator, path) = Emulator::live(&trace);
+    let (code, out, err) = hello(&path, &["--json"]);
+    assert_eq!(code, Some(0), "{err}");
+    let line: serde_json::Value = serde_json::from_str(&out).expect("one JSON object");
+    assert_eq!(line["board"], "qemu-mps2-an386");
+    assert_eq!(line["mismatches"], serde_json::json!([]));
+
+    let mut serial = start(&path);
+    serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
+    arrived(&serial, [320, -320, 80]);
+    serial.command("setpoint", setpoint([0, 10, -3])).unwrap();
+    arrived(&serial, [0, 800, -240]);
+    let (_, bound_us) = serial.client().clock().offset_us().expect("pongs came");
+    println!("time sync to {bound_us} us");
+    // The trace is written every 100 ms; the packets go on, so does the time.
+    let tick = serial.status().expect("a status").tick;
+    wait(&serial, |status| status.tick > tick + 500);
+    drop(serial);
+    drop(emulator);
+    let bytes = std::fs::read(&trace).expect("the image wrote its trace");
+    let mut rest = &bytes[..];
+    let records = std::iter::from_fn(|| Record::read(&mut rest));
+    let digests = records.filter_map(|record| match record {
+        Record::Digest(_, digest) => Some(digest),
+        Record::Sent(..) => None,
+    });
+    let (mut rises, mut steps) = ([0u64; 3], [0; 3]);
+    for digest in digests {
+        steps = digest.steps;
+        for (sum, count) in rises.iter_mut().zip(digest.edges.rises) {
+            *sum += u64::from(count);
+        }
+    }
+    assert_eq!(steps, [0, 800, -240]);
+    assert_eq!(rises, [320 + 320, 320 + 1_120, 80 + 320]);
+}
