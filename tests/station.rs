@@ -208,6 +208,25 @@ fn a_silent_host_means_a_ramped_stop_and_no_resume() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
+/// Also in the very tick in which braking ends.
+#[test]
+fn a_stop_while_braking_for_a_fault_changes_nothing() {
+    for after_ms in 100..300 {
+        let mut twin = twin();
+        twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
+        wait(&mut twin, 200);
+        twin.set_pings(false);
+        wait(&mut twin, after_ms);
+        twin.command("stop", Command::Stop).unwrap();
+        let stopped = status(&mut twin);
+        assert_eq!(
+            (stopped.state, stopped.fault),
+            (State::Faulted, Some(Fault::Heartbeat)),
+            "after {after_ms} ms"
+        );
+    }
+}
+
 #[test]
 fn stop_ramps_down_and_stays_stopped_until_reset() {
     let mut twin = twin();

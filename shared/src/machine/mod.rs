@@ -15,12 +15,13 @@
 //! Switches and heartbeat, then a stop, then the other commands in the order they came, then motion. A stop never waits in the queue.
 
 mod active;
+mod command;
+mod fault;
 mod follow;
 
 use crate::frame::encode::{Bytes, encode};
 use crate::frame::message::{
-    Command, Config, Denial, Drops, EstimateReport, Hello, Outcome, Packet, Report, ResetCause,
-    Status,
+    Command, Denial, Drops, EstimateReport, Hello, Outcome, Packet, Report, ResetCause, Status,
 };
 use crate::frame::receive::Receiver;
 use crate::frame::{PROTOCOL, SCHEMA_HASH};
@@ -111,6 +112,7 @@ pub struct Machine {
     history: History,
     tracker: Tracker,
     state: State,
+    /// While there is one, the state is `Stopping` or `Faulted`.
     fault: Option<Fault>,
     trust: Trust,
     frames_used: u32,
@@ -345,7 +347,7 @@ impl Machine {
         self.check_switches();
         self.check_heartbeat();
         if let Some(sequence) = self.stop.take() {
-            self.halt_on_ramp(State::Stopped);
+            self.halt_on_ramp();
             self.answer(sequence, Ok(()));
         }
         let mut followed = false;
@@ -381,252 +383,6 @@ impl Machine {
             estimate: self.estimate,
         }
     }
-
-    fn apply(&mut self, sequence: u16, command: Command) -> Result<(), Denial> {
-        match command {
-            Command::Config(config) => self.configure(&config),
-            Command::Frame(frame) => {
-                let outcome = self.follow(sequence, &frame);
-                let counter = if outcome.is_ok() {
-                    &mut self.frames_used
-                } else {
-                    &mut self.frames_refused
-                };
-                *counter = counter.wrapping_add(1);
-                outcome
-            }
-            Command::Setpoint { position_um } => self.setpoint(position_um),
-            Command::Jog { distance_um } => self.jog(distance_um),
-            Command::Zero => self.zero(),
-            Command::Reset => self.reset(),
-            // Handled on arrival.
-            Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
-        }
-    }
-
-    fn configure(&mut self, config: &Config) -> Result<(), Denial> {
-        self.require_rest()?;
-        let active = Active::new(config, self.board.word_rate).map_err(Denial::Config)?;
-        let same_scale = self.active.as_ref().is_some_and(|old| {
-            let scale = |config: &Config| config.axes.map(|axis| (axis.steps_per_m, axis.invert));
-            scale(&old.config) == scale(config)
-        });
-        if self.trust == Trust::Homed && !same_scale {
-            self.trust = Trust::Degraded;
-        }
-        self.active = Some(active);
-        self.use_limits();
-        self.tracker.reset();
-        if self.state == State::Unconfigured {
-            self.state = State::Idle;
-        }
-        Ok(())
-    }
-
-    /// Plans anew from where the stage stands, with the limits that go with the present trust.
-    fn use_limits(&mut self) {
-        let Some(active) = &self.active else { return };
-        let limits = if self.trust == Trust::Homed {
-            active.limits
-        } else {
-            active.slow
-        };
-        let start = [Position::centre(0); 3];
-        let positions = self.planner.as_ref().map_or(start, Planner::positions);
-        self.planner = Some(Planner::new(limits, positions));
-    }
-
-    fn setpoint(&mut self, position_um: [i32; 3]) -> Result<(), Denial> {
-        self.require_ready()?;
-        self.require_homed()?;
-        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let target = active.fine_from_um(position_um);
-        self.go(target, State::Moving)?;
-        self.tracker.reset();
-        Ok(())
-    }
-
-    fn jog(&mut self, distance_um: [i32; 3]) -> Result<(), Denial> {
-        self.require_ready()?;
-        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let distance = active.fine_from_um(distance_um);
-        let from = self.position();
-        let target = core::array::from_fn(|i| {
-            let (from, distance) = (from.get(i).copied(), distance.get(i).copied());
-            from.unwrap_or(0).saturating_add(distance.unwrap_or(0))
-        });
-        self.go(target, State::Moving)?;
-        self.tracker.reset();
-        Ok(())
-    }
-
-    /// Sends the stage to `target`, 2⁻³² steps from zero, rounded to whole steps and clamped to the soft limits.
-    fn go(&mut self, target: Fine, state: State) -> Result<(), Denial> {
-        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
-        let target = target.map(to_centre);
-        for axis in 0..3 {
-            let (Some(target), Some(position)) =
-                (target.get(axis), planner.positions().get(axis).copied())
-            else {
-                continue;
-            };
-            let [negative, positive] = self.inputs.limits.get(axis).copied().unwrap_or_default();
-            if (negative && *target < position) || (positive && *target > position) {
-                return Err(Denial::LimitSwitch);
-            }
-        }
-        match state {
-            State::Following => planner.set_target(target),
-            _ => planner.move_in_step(target),
-        }
-        self.state = state;
-        Ok(())
-    }
-
-    fn zero(&mut self) -> Result<(), Denial> {
-        self.require_rest()?;
-        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
-        // Whole steps only: the generator's phase stays as it is.
-        let by = planner
-            .positions()
-            .map(|p| -(i64::from(p.whole_steps()) << 32));
-        let zeroed = planner
-            .positions()
-            .map(|p| Position::from_fine(i64::from(p.phase())));
-        planner.resume_at(zeroed);
-        self.history.shift(by);
-        self.trust = Trust::Homed;
-        self.use_limits();
-        self.tracker.reset();
-        Ok(())
-    }
-
-    fn reset(&mut self) -> Result<(), Denial> {
-        self.require_rest()?;
-        let remains = match self.fault {
-            Some(Fault::EmergencyStop) => self.inputs.emergency_stop,
-            Some(Fault::Driver) => self.inputs.driver_fault,
-            _ => false,
-        };
-        if remains {
-            return Err(Denial::CauseRemains);
-        }
-        self.fault = None;
-        self.tracker.reset();
-        self.state = if self.active.is_some() {
-            State::Idle
-        } else {
-            State::Unconfigured
-        };
-        Ok(())
-    }
-
-    fn require_rest(&self) -> Result<(), Denial> {
-        match self.stands() {
-            true => Ok(()),
-            false => Err(Denial::Moving),
-        }
-    }
-
-    /// The stage stands, and no motion is planned.
-    fn stands(&self) -> bool {
-        self.planner.as_ref().is_none_or(Planner::has_arrived)
-    }
-
-    fn require_ready(&self) -> Result<(), Denial> {
-        match self.state {
-            State::Unconfigured => Err(Denial::Unconfigured),
-            State::Stopping | State::Stopped => Err(Denial::Stopped),
-            State::Faulted => Err(Denial::Faulted),
-            State::Idle | State::Moving | State::Following => match self.fault {
-                Some(_) => Err(Denial::Faulted),
-                None => Ok(()),
-            },
-        }
-    }
-
-    fn require_homed(&self) -> Result<(), Denial> {
-        match self.trust {
-            Trust::Homed => Ok(()),
-            Trust::Unknown | Trust::Degraded => Err(Denial::PositionUnknown),
-        }
-    }
-
-    fn check_switches(&mut self) {
-        if self.inputs.emergency_stop {
-            self.fail(Fault::EmergencyStop);
-        }
-        if self.inputs.driver_fault {
-            self.fail(Fault::Driver);
-        }
-        if let Some(planner) = &self.planner {
-            let towards = planner.speeds().into_iter().zip(self.inputs.limits);
-            let met = |(v, [negative, positive]): (i64, [bool; 2])| {
-                (negative && v < 0) || (positive && v > 0)
-            };
-            if towards.into_iter().any(met) {
-                self.fail(Fault::Limit);
-            }
-        }
-        let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
-        let queued_us = lag.saturating_mul(1_000_000) / u64::from(self.board.word_rate.hz());
-        if !self.stands() && queued_us > u64::from(self.board.delay_us) + MAX_LAG_US {
-            self.fail(Fault::Underrun);
-        }
-    }
-
-    fn check_heartbeat(&mut self) {
-        let Some(active) = &self.active else { return };
-        let moving = matches!(self.state, State::Moving | State::Following);
-        if moving && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks() {
-            self.fail(Fault::Heartbeat);
-        }
-    }
-
-    /// Latches a fault and stops; the first one stays.
-    fn fail(&mut self, fault: Fault) {
-        if self.fault.is_none() {
-            self.fault = Some(fault);
-        }
-        if fault.is_abrupt() {
-            if !self.stands() {
-                if self.trust == Trust::Homed {
-                    self.trust = Trust::Degraded;
-                }
-                self.use_limits();
-            }
-            self.tracker.reset();
-            self.state = State::Faulted;
-        } else {
-            self.halt_on_ramp(State::Faulted);
-        }
-    }
-
-    /// Ramps down; `settle` goes on to the state that fits when the stage stands.
-    fn halt_on_ramp(&mut self, then: State) {
-        if let Some(planner) = &mut self.planner {
-            planner.stop();
-        }
-        self.tracker.reset();
-        self.state = match self.state {
-            State::Faulted => State::Faulted,
-            _ if !self.stands() => State::Stopping,
-            _ => then,
-        };
-    }
-
-    /// What follows from standing still.
-    fn settle(&mut self) {
-        if !self.stands() {
-            return;
-        }
-        self.state = match self.state {
-            State::Moving => State::Idle,
-            State::Stopping if self.fault.is_some() => State::Faulted,
-            State::Stopping => State::Stopped,
-            state => state,
-        };
-    }
 }
 
 /// Fills in the moment of sending.
@@ -646,10 +402,4 @@ fn stamped(report: Report, now: Instant) -> Report {
 /// A planner position to the distance from zero: resting positions become whole steps.
 fn from_centre(position: Position) -> i64 {
     position.fine().saturating_sub(Position::centre(0).fine())
-}
-
-/// The resting position nearest to a distance from zero.
-fn to_centre(fine: i64) -> Position {
-    let nearest = Position::from_fine(fine.saturating_add(Position::centre(0).fine()));
-    Position::centre(nearest.whole_steps())
 }

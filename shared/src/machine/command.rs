@@ -1,0 +1,179 @@
+//! What a command does, or why it is denied.
+
+use super::Machine;
+use super::active::Active;
+use crate::frame::message::{Command, Config, Denial};
+use crate::motion::Planner;
+use crate::safety::{Fault, State, Trust};
+use crate::steps::Position;
+use crate::track::Fine;
+
+impl Machine {
+    pub(super) fn apply(&mut self, sequence: u16, command: Command) -> Result<(), Denial> {
+        match command {
+            Command::Config(config) => self.configure(&config),
+            Command::Frame(frame) => {
+                let outcome = self.follow(sequence, &frame);
+                let counter = if outcome.is_ok() {
+                    &mut self.frames_used
+                } else {
+                    &mut self.frames_refused
+                };
+                *counter = counter.wrapping_add(1);
+                outcome
+            }
+            Command::Setpoint { position_um } => self.setpoint(position_um),
+            Command::Jog { distance_um } => self.jog(distance_um),
+            Command::Zero => self.zero(),
+            Command::Reset => self.reset(),
+            // Handled on arrival.
+            Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
+        }
+    }
+
+    fn configure(&mut self, config: &Config) -> Result<(), Denial> {
+        self.require_rest()?;
+        let active = Active::new(config, self.board.word_rate).map_err(Denial::Config)?;
+        let same_scale = self.active.as_ref().is_some_and(|old| {
+            let scale = |config: &Config| config.axes.map(|axis| (axis.steps_per_m, axis.invert));
+            scale(&old.config) == scale(config)
+        });
+        if self.trust == Trust::Homed && !same_scale {
+            self.trust = Trust::Degraded;
+        }
+        self.active = Some(active);
+        self.use_limits();
+        self.tracker.reset();
+        if self.state == State::Unconfigured {
+            self.state = State::Idle;
+        }
+        Ok(())
+    }
+
+    /// Plans anew from where the stage stands, with the limits that go with the present trust.
+    pub(super) fn use_limits(&mut self) {
+        let Some(active) = &self.active else { return };
+        let limits = if self.trust == Trust::Homed {
+            active.limits
+        } else {
+            active.slow
+        };
+        let start = [Position::centre(0); 3];
+        let positions = self.planner.as_ref().map_or(start, Planner::positions);
+        self.planner = Some(Planner::new(limits, positions));
+    }
+
+    fn setpoint(&mut self, position_um: [i32; 3]) -> Result<(), Denial> {
+        self.require_ready()?;
+        self.require_homed()?;
+        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
+        let target = active.fine_from_um(position_um);
+        self.go(target, State::Moving)?;
+        self.tracker.reset();
+        Ok(())
+    }
+
+    fn jog(&mut self, distance_um: [i32; 3]) -> Result<(), Denial> {
+        self.require_ready()?;
+        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
+        let distance = active.fine_from_um(distance_um);
+        let from = self.position();
+        let target = core::array::from_fn(|i| {
+            let (from, distance) = (from.get(i).copied(), distance.get(i).copied());
+            from.unwrap_or(0).saturating_add(distance.unwrap_or(0))
+        });
+        self.go(target, State::Moving)?;
+        self.tracker.reset();
+        Ok(())
+    }
+
+    /// Sends the stage to `target`, 2⁻³² steps from zero, rounded to whole steps and clamped to the soft limits.
+    pub(super) fn go(&mut self, target: Fine, state: State) -> Result<(), Denial> {
+        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
+        let target = target.map(to_centre);
+        for axis in 0..3 {
+            let (Some(target), Some(position)) =
+                (target.get(axis), planner.positions().get(axis).copied())
+            else {
+                continue;
+            };
+            let [negative, positive] = self.inputs.limits.get(axis).copied().unwrap_or_default();
+            if (negative && *target < position) || (positive && *target > position) {
+                return Err(Denial::LimitSwitch);
+            }
+        }
+        match state {
+            State::Following => planner.set_target(target),
+            _ => planner.move_in_step(target),
+        }
+        self.state = state;
+        Ok(())
+    }
+
+    fn zero(&mut self) -> Result<(), Denial> {
+        self.require_rest()?;
+        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
+        // Whole steps only: the generator's phase stays as it is.
+        let by = planner
+            .positions()
+            .map(|p| -(i64::from(p.whole_steps()) << 32));
+        let zeroed = planner
+            .positions()
+            .map(|p| Position::from_fine(i64::from(p.phase())));
+        planner.resume_at(zeroed);
+        self.history.shift(by);
+        self.trust = Trust::Homed;
+        self.use_limits();
+        self.tracker.reset();
+        Ok(())
+    }
+
+    fn reset(&mut self) -> Result<(), Denial> {
+        self.require_rest()?;
+        let remains = match self.fault {
+            Some(Fault::EmergencyStop) => self.inputs.emergency_stop,
+            Some(Fault::Driver) => self.inputs.driver_fault,
+            _ => false,
+        };
+        if remains {
+            return Err(Denial::CauseRemains);
+        }
+        self.fault = None;
+        self.tracker.reset();
+        self.state = if self.active.is_some() {
+            State::Idle
+        } else {
+            State::Unconfigured
+        };
+        Ok(())
+    }
+
+    fn require_rest(&self) -> Result<(), Denial> {
+        match self.stands() {
+            true => Ok(()),
+            false => Err(Denial::Moving),
+        }
+    }
+
+    pub(super) fn require_ready(&self) -> Result<(), Denial> {
+        match self.state {
+            State::Unconfigured => Err(Denial::Unconfigured),
+            State::Stopping | State::Stopped => Err(Denial::Stopped),
+            State::Faulted => Err(Denial::Faulted),
+            State::Idle | State::Moving | State::Following => Ok(()),
+        }
+    }
+
+    pub(super) fn require_homed(&self) -> Result<(), Denial> {
+        match self.trust {
+            Trust::Homed => Ok(()),
+            Trust::Unknown | Trust::Degraded => Err(Denial::PositionUnknown),
+        }
+    }
+}
+
+/// The resting position nearest to a distance from zero.
+fn to_centre(fine: i64) -> Position {
+    let nearest = Position::from_fine(fine.saturating_add(Position::centre(0).fine()));
+    Position::centre(nearest.whole_steps())
+}

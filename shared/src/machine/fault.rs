@@ -1,0 +1,86 @@
+//! Faults and stops: what is looked for at every tick, and how motion ends.
+
+use super::{MAX_LAG_US, Machine};
+use crate::motion::Planner;
+use crate::safety::{Fault, State, Trust};
+
+impl Machine {
+    /// The stage stands, and no motion is planned.
+    pub(super) fn stands(&self) -> bool {
+        self.planner.as_ref().is_none_or(Planner::has_arrived)
+    }
+
+    pub(super) fn check_switches(&mut self) {
+        if self.inputs.emergency_stop {
+            self.fail(Fault::EmergencyStop);
+        }
+        if self.inputs.driver_fault {
+            self.fail(Fault::Driver);
+        }
+        if let Some(planner) = &self.planner {
+            let towards = planner.speeds().into_iter().zip(self.inputs.limits);
+            let met = |(v, [negative, positive]): (i64, [bool; 2])| {
+                (negative && v < 0) || (positive && v > 0)
+            };
+            if towards.into_iter().any(met) {
+                self.fail(Fault::Limit);
+            }
+        }
+        let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
+        let queued_us = lag.saturating_mul(1_000_000) / u64::from(self.board.word_rate.hz());
+        if !self.stands() && queued_us > u64::from(self.board.delay_us) + MAX_LAG_US {
+            self.fail(Fault::Underrun);
+        }
+    }
+
+    pub(super) fn check_heartbeat(&mut self) {
+        let Some(active) = &self.active else { return };
+        let moving = matches!(self.state, State::Moving | State::Following);
+        if moving && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks() {
+            self.fail(Fault::Heartbeat);
+        }
+    }
+
+    /// Latches a fault and stops; the first one stays.
+    pub(super) fn fail(&mut self, fault: Fault) {
+        if self.fault.is_none() {
+            self.fault = Some(fault);
+        }
+        if fault.is_abrupt() {
+            if !self.stands() {
+                if self.trust == Trust::Homed {
+                    self.trust = Trust::Degraded;
+                }
+                self.use_limits();
+            }
+            self.tracker.reset();
+            self.state = State::Faulted;
+        } else {
+            self.halt_on_ramp();
+        }
+    }
+
+    /// Ramps down; [`Machine::settle`] goes on to the state that fits when the stage stands.
+    pub(super) fn halt_on_ramp(&mut self) {
+        if let Some(planner) = &mut self.planner {
+            planner.stop();
+        }
+        self.tracker.reset();
+        if self.state != State::Faulted {
+            self.state = State::Stopping;
+        }
+    }
+
+    /// What follows from standing still.
+    pub(super) fn settle(&mut self) {
+        if !self.stands() {
+            return;
+        }
+        self.state = match self.state {
+            State::Moving => State::Idle,
+            State::Stopping if self.fault.is_some() => State::Faulted,
+            State::Stopping => State::Stopped,
+            state => state,
+        };
+    }
+}
