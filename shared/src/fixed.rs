@@ -1,6 +1,9 @@
-//! Fixed-point arithmetic: the only file with naked shifts.
+//! Fixed-point arithmetic: what has to hold for any numbers.
 //!
-//! Everything here is total: no panic, no wrap, for any input. Results that do not fit saturate.
+//! Everything here is total: no panic, no wrap, for any input. Results that do not fit saturate. ([`product`] alone trusts its caller.)
+//!
+//! Elsewhere a shift stands where the bits themselves are meant (a step in a [`Position`](crate::steps::Position), a pin in a port
+//! word) or where a comment beside it gives the format it leads to.
 
 /// `value 2^bits` rounded to the nearest `i32`, or `None` if it is not finite or does not fit.
 ///
@@ -81,13 +84,17 @@ pub fn quotient(a: i64, divisor: i64) -> i64 {
     }
 }
 
-/// The square root, rounded down; 0 of negative numbers. Faster for 32 bits.
-#[inline(never)]
+/// The square root, rounded down; 0 of negative numbers.
 pub fn root(a: i64) -> i64 {
-    match (u32::try_from(a), u64::try_from(a)) {
-        (Ok(small), _) => small.isqrt().into(),
-        (_, Ok(a)) => a.isqrt() as i64,
-        _ => 0,
+    square_root(u64::try_from(a).unwrap_or(0)).into()
+}
+
+/// The integer square root, rounded down: exact for every input. Faster for 32 bits.
+#[inline(never)]
+pub fn square_root(value: u64) -> u32 {
+    match u32::try_from(value) {
+        Ok(small) => small.isqrt(),
+        Err(_) => value.isqrt() as u32,
     }
 }
 
@@ -178,11 +185,6 @@ pub fn invert_mantissa(mantissa: u32) -> u32 {
     refined.clamp(1 << 31, i64::from(u32::MAX)) as u32
 }
 
-/// The integer square root, rounded down: exact for every input.
-pub fn square_root(value: u64) -> u32 {
-    value.isqrt() as u32
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -242,6 +244,7 @@ mod tests {
             prop_assert_eq!(i128::from(times(a, b)), exact.clamp(i64::MIN.into(), i64::MAX.into()));
             prop_assert_eq!(quotient(a, b), a.div_euclid(b.max(1)));
             prop_assert_eq!(root(a), if a < 0 { 0 } else { a.isqrt() });
+            prop_assert_eq!(u64::from(square_root(a.cast_unsigned())), a.cast_unsigned().isqrt());
         }
 
         #[test]
