@@ -44,25 +44,6 @@ impl Tracker {
         *self = Self::default();
     }
 
-    /// Takes one displacement in stage axes; gives the target's position.
-    ///
-    /// `stage` is the emitted position at the capture for cameras on the stage; for cameras beside it, any constant.
-    ///
-    /// # Errors
-    /// [`Denial::UnknownReference`], [`Denial::CaptureOutOfOrder`]; then nothing has changed.
-    pub fn update(
-        &mut self,
-        reference: Instant,
-        capture: Instant,
-        displacement: Fine,
-        stage: Fine,
-    ) -> Result<Fine, Denial> {
-        let from = self.reference(reference, capture)?;
-        let view = from.moved(capture, displacement);
-        self.keep(from, view);
-        Ok(view.target(stage))
-    }
-
     /// The view that a frame refers to, if the tracker can take the frame.
     ///
     /// # Errors
@@ -103,7 +84,7 @@ impl View {
         }
     }
 
-    /// Where the target is, for a stage at `stage`.
+    /// Where the target is, for a stage that was at `stage` at this view's instant; with cameras beside the stage any constant does.
     pub fn target(&self, stage: Fine) -> Fine {
         add(stage, self.error)
     }
@@ -124,6 +105,22 @@ mod tests {
 
     fn at(ms: u64) -> Instant {
         Instant::from_micros(ms * 1000)
+    }
+
+    impl Tracker {
+        /// Takes one displacement as the machine does; gives the target's position.
+        fn update(
+            &mut self,
+            reference: Instant,
+            capture: Instant,
+            displacement: Fine,
+            stage: Fine,
+        ) -> Result<Fine, Denial> {
+            let from = self.reference(reference, capture)?;
+            let view = from.moved(capture, displacement);
+            self.keep(from, view);
+            Ok(view.target(stage))
+        }
     }
 
     /// Target and stage move on their own; each reference mode must find the target.
