@@ -238,26 +238,44 @@ fn worst_nm(fixed: [i32; 3], exact_mm: [f64; 3]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 3000, ..ProptestConfig::default() })]
+/// 3,000 cases, or as many more as `PROPTEST_CASES` asks for; a test that cannot use two of three fails.
+fn cases() -> ProptestConfig {
+    let config = ProptestConfig::default();
+    let cases = config.cases.max(3_000);
+    ProptestConfig {
+        cases,
+        max_global_rejects: cases / 2,
+        ..config
+    }
+}
 
-    /// Closed form: within 1 µm of the oracle on unquantised sums.
+proptest! {
+    #![proptest_config(cases())]
+
+    /// Closed form: within 1 µm of the oracle on unquantised sums. One case in four is beyond it: so far and noisy that the disparities
+    /// mean nothing, or the answer leaves the rated range.
     #[test]
     fn closed_form_fixed_point_follows_the_oracle(case in rated(60.0..300.0)) {
         let sums = pairs(&case.rig, &case.cloud.views(&case.rig, &mut Random(case.seed)));
-        let (Ok(exact), Ok(words)) = (closed_form::solve(&sums), sums.quantise()) else { return Ok(()) };
-        prop_assume!(exact.iter().all(|v| v.abs() <= 100.0));
-        match closed_form::solve_fixed(&words) {
-            Ok(fixed) => prop_assert!(worst_nm(fixed, exact) <= 1000.0, "{fixed:?} {exact:?}"),
-            Err(refusal) => prop_assert!(refusal == Refusal::Degenerate && case.cloud.depth_mm[1] + 100.0 > 1900.0, "{refusal:?}"),
+        let words = sums.quantise();
+        if words == Err(Refusal::OutOfRange) {
+            prop_assert!(case.cloud.depth_mm[0] + case.cloud.displacement_mm[2] < 300.0, "refused within the rated depth");
+            return Err(TestCaseError::reject("nearer than the rated depth"));
         }
+        let words = words.unwrap();
+        let exact = closed_form::solve(&sums);
+        prop_assume!(exact != Err(Refusal::Degenerate));
+        let exact = exact.unwrap();
+        prop_assume!(exact.iter().all(|v| v.abs() <= 100.0));
+        let fixed = closed_form::solve_fixed(&words).unwrap();
+        prop_assert!(worst_nm(fixed, exact) <= 1000.0, "{fixed:?} {exact:?}");
     }
 
     /// Midpoint: within 0.1 µm, variances within 1 %.
     #[test]
     fn midpoint_fixed_point_follows_the_oracle(case in rated(30.0..300.0)) {
         let sums = centred(&case.rig, &case.cloud.views(&case.rig, &mut Random(case.seed)));
-        let Ok(exact) = midpoint::solve(&sums) else { return Ok(()) };
+        let exact = midpoint::solve(&sums).unwrap();
         prop_assume!(exact.displacement_mm.iter().all(|v| v.abs() <= 110.0));
         let words = sums.quantise().unwrap();
         let fixed = midpoint::solve_fixed(&words).unwrap();

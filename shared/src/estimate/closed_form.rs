@@ -66,7 +66,7 @@ pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
 /// The target's displacement in nm, in integers.
 ///
 /// Within 1 µm per axis of [`solve`] on the unquantised sums for baselines of 60 to 300 mm, depth 300-2000 mm,
-/// focal lengths 300-2500 px, displacements up to 100 mm (test `fixed_point_follows_the_oracle`). Saturates at ±128 mm.
+/// focal lengths 300-2500 px, displacements up to 100 mm (test `closed_form_fixed_point_follows_the_oracle`). Saturates at ±128 mm.
 ///
 /// # Errors
 /// [`Refusal::Degenerate`] if `q` is too small to divide by, or negative.

@@ -101,7 +101,7 @@ impl FixedEstimate {
 /// The target's displacement in nm, without variances. Saturates at ±268 mm.
 ///
 /// Within 0.1 µm per axis of [`solve`] on the unquantised sums, for displacements up to 100 mm, depth 300-2000 mm, focal lengths 300-2500 px,
-/// 8-4000 points (test `fixed_point_follows_the_oracle`): nothing in it depends on rig or depth.
+/// 8-4000 points (test `midpoint_fixed_point_follows_the_oracle`): nothing in it depends on rig or depth.
 ///
 /// # Errors
 /// [`Refusal::TooFewPoints`], [`Refusal::Degenerate`] if the spread is too small or its mantissa not normalised.

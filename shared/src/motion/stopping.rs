@@ -424,6 +424,13 @@ mod tests {
         sum
     }
 
+    /// 2,000 cases, or as many more as `PROPTEST_CASES` asks for.
+    fn cases() -> ProptestConfig {
+        let config = ProptestConfig::default();
+        let cases = config.cases.max(2_000);
+        ProptestConfig { cases, ..config }
+    }
+
     prop_compose! {
         fn states()(speed in 1..5_000u32, acceleration in 1..300u32, jerk in 1..300u32, u in -1.0..1.0f64, e in -1.0..1.0f64)
             -> (Pace, i64, i64) {
@@ -434,7 +441,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2_000))]
+        #![proptest_config(cases())]
 
         #[test]
         fn stopping_way_is_that_of_the_braking_rule((pace, u, e) in states()) {
