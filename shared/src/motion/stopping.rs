@@ -1,5 +1,5 @@
 use super::AxisLimits;
-use crate::fixed::{product, quotient, root};
+use crate::fixed::{product, quotient, root, square_root_32};
 use core::ops::{Add, Neg, Sub};
 
 /// Speed, acceleration and jerk an axis keeps to, in the grid of the [module](super): speed quanta, change of speed
@@ -115,7 +115,7 @@ exact!(
     Narrow,
     i32,
     quotient_32,
-    |a: i32| a.max(0).unsigned_abs().isqrt() as i32
+    |a: i32| square_root_32(a.max(0).unsigned_abs()).cast_signed()
 );
 
 /// `a / divisor`, rounded down; a divisor below 1 counts as 1.
