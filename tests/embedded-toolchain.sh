@@ -29,9 +29,13 @@ embedded_toolchain() {
 }
 
 # cargo SUBCOMMAND ARGUMENTS.. for the target.
+#
+# Functions that a crate marks #[inline] are inlined up to six times the usual size even where size counts; serde's and postcard's
+# are so many that it costs 2 KB of flash. The threshold makes them ordinary ones.
 embedded_cargo() {
     embedded_toolchain || return 1
     local subcommand=$1
+    local -x CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS="-C llvm-args=-inlinehint-threshold=50"
     shift
     case $embedded_kind in
     rustup)

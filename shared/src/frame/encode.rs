@@ -12,11 +12,14 @@ pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 /// # Errors
 /// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test `every_message_fits`).
 pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
-    let mut buffer = [0; MAX_PACKET];
-    let stuffed = Cobs::try_new(Slice::new(&mut buffer)).map_err(|_| TooLong)?;
+    let mut bytes = Bytes::new();
+    bytes.resize(MAX_PACKET, 0).map_err(|_| TooLong)?;
+    let stuffed = Cobs::try_new(Slice::new(&mut bytes)).map_err(|_| TooLong)?;
     let flavor = CrcModifier::new(stuffed, CRC.digest());
     let packet = postcard::serialize_with_flavor(message, flavor).map_err(|_| TooLong)?;
-    Bytes::from_slice(packet).map_err(|_| TooLong)
+    let length = packet.len();
+    bytes.truncate(length);
+    Ok(bytes)
 }
 
 /// The message does not fit one packet.

@@ -54,14 +54,16 @@ impl Tracker {
             return Err(Denial::CaptureOutOfOrder);
         }
         let known = self.reference.iter().chain(self.recent.iter());
-        match known.into_iter().find(|view| view.instant == reference) {
-            Some(view) => Ok(*view),
-            None if self.reference.is_none() => Ok(View {
-                instant: reference,
-                error: [0; 3],
-            }),
-            None => Err(Denial::UnknownReference),
-        }
+        let found = known.into_iter().find(|view| view.instant == reference);
+        let [x, y, z] = match found {
+            Some(view) => view.error,
+            None if self.reference.is_none() => [0; 3],
+            None => return Err(Denial::UnknownReference),
+        };
+        Ok(View {
+            instant: reference,
+            error: [x, y, z],
+        })
     }
 
     /// Remembers a view that is going to be used, and what it refers to.

@@ -110,10 +110,10 @@ fn estimators(counter: &mut Counter, table: &mut Table) {
     );
     let sums = sample::single(&pair);
     let ours = counter.calls(|| sample::closed_form_f32(black_box(&sums)));
-    table.row("for comparison: closed form, f32", ours.per(1), None);
+    table.row("for comparison, built for size: closed form, f32", ours.per(1), None);
     let theirs = counter.calls(|| sample::least_squares_f32(black_box(&sums)));
     table.row(
-        "for comparison: least squares, f32, nalgebra's Cholesky",
+        "for comparison, built for size: least squares, f32, nalgebra's Cholesky",
         theirs.per(1),
         None,
     );
