@@ -3,6 +3,8 @@
 use host::experiment::follower::Place;
 use host::experiment::tracking::{self, BOUND_MM, MOVES, Run, Settings};
 use serde_json::Value;
+use std::io::{BufRead as _, BufReader};
+use std::process::Stdio;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use trinocular_tests::binary::trinocular;
@@ -116,6 +118,63 @@ fn track_follows_with_a_station_on_a_port() {
         steps.iter().all(|steps| (60..=660).contains(steps)),
         "{steps:?}"
     );
+}
+
+/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program inherits the pseudo-terminal from this process,
+/// so to it the line does not break, as in `serial.rs`, but falls silent.
+fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<i32>, String) {
+    let mut running = trinocular()
+        .args([
+            "track",
+            "--sim",
+            "--port",
+            &end.path,
+            "--heartbeat",
+            heartbeat,
+        ])
+        .args(["--path", "line", "--seconds", "8", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("trinocular runs");
+    let mut lines = BufReader::new(running.stdout.take().expect("piped")).lines();
+    for _ in 0..2 {
+        lines.next().expect("a picture").expect("UTF-8");
+    }
+    end.unplug();
+    std::thread::sleep(away);
+    end.plug();
+    // Whoever does not read holds up the writer.
+    for line in lines {
+        line.expect("UTF-8");
+    }
+    let done = running.wait_with_output().expect("it ends");
+    let text = String::from_utf8(done.stderr).expect("UTF-8");
+    (done.status.code(), text)
+}
+
+#[test]
+fn a_break_that_the_station_did_not_notice_is_got_over() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let end = station();
+    let (code, err) = track_with_a_break(&end, "10000", Duration::from_millis(100));
+    assert_eq!(code, Some(0), "{err}");
+    assert!(err.contains("following error"), "{err}");
+}
+
+#[test]
+fn a_break_that_stopped_the_station_ends_the_run() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let end = station();
+    let (code, err) = track_with_a_break(&end, "1000", Duration::from_secs(3));
+    assert_eq!(code, Some(3), "{err}");
+    assert!(
+        err.contains(&end.path) && err.contains("the line was lost for"),
+        "{err}"
+    );
+    let stood = end.steps();
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(end.steps(), stood);
 }
 
 #[test]

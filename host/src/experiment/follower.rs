@@ -15,8 +15,8 @@ use shared::time::Instant;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
 
-/// How long a report may be awaited: ten come in that time.
-const REPORT_PATIENCE: Duration = Duration::from_secs(1);
+/// How long a report may be awaited: thirty come in that time, and a line that fell silent is noticed and looked for before.
+const REPORT_PATIENCE: Duration = Duration::from_secs(3);
 
 /// How long the answer to a frame may be awaited; after that it was lost on the line, and the next frame does better.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
@@ -131,7 +131,7 @@ impl Follower {
     /// The first moment from `due` on at which it is known where the cameras are.
     ///
     /// # Errors
-    /// If the line breaks or the station says nothing for a second.
+    /// If the line breaks or the station says nothing for three seconds.
     pub fn moment(&mut self, due: Instant) -> Result<Moment, StationError> {
         match self {
             Self::Twin(twin) => {

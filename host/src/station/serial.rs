@@ -1,6 +1,6 @@
 //! A station at the end of a serial line: the board over USB or UART, or the emulated board behind a pseudo-terminal.
 //!
-//! The [line](line) is shared between the caller, who sends commands and waits for answers, and one thread, which sends the heartbeat and takes
+//! The [`line`] is shared between the caller, who sends commands and waits for answers, and one thread, which sends the heartbeat and takes
 //! in what the station says. So the heartbeat goes on while the caller looks at pictures, and stops with the process: a host that crashed
 //! does not keep a stage moving. A lost line is looked for by the same thread; the caller hears of it from the next call that can fail, and
 //! decides what to do when it is back.
