@@ -197,6 +197,9 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let sync = run
         .sync_bound_us
         .map(|bound_us| format!(", its clock known to {bound_us} us"));
+    let cleared = run
+        .cleared
+        .map(|fault| format!("; its fault {} was cleared", fault.number()));
     let steps_per_mm = default_stage().steps_per_mm[0];
     let scene = settings.scene;
     [
@@ -236,7 +239,10 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
         ),
         (
             "station B",
-            format!("{}{}", run.station, sync.unwrap_or_default()),
+            [Some(run.station.clone()), sync, cleared]
+                .into_iter()
+                .flatten()
+                .collect(),
         ),
         (
             "stage",

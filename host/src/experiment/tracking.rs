@@ -11,6 +11,7 @@ use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::{Command, Status};
 use shared::rig::Rig;
+use shared::safety::Fault;
 
 /// One move of station A, mm.
 pub const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
@@ -122,6 +123,8 @@ pub struct Run {
     pub pulses: [Pulses; 2],
     /// What B was, for people.
     pub station: String,
+    /// The fault that B had latched before, and that the start cleared.
+    pub cleared: Option<Fault>,
     /// The bound of B's time sync, µs; `None` for a twin.
     pub sync_bound_us: Option<u64>,
 }
@@ -256,6 +259,7 @@ pub fn run(
         samples,
         pulses,
         station: world.b.name(),
+        cleared: world.b.serial().and_then(Serial::cleared),
         sync_bound_us: sync.map(|(_, bound_us)| bound_us),
     })
 }
