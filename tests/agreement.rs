@@ -186,25 +186,25 @@ fn a_nanometre_in_one_frame_is_noticed() {
     let mut writer = Writer(|part: &[u8]| changed.extend_from_slice(part));
     let mut midpoint_frames = 0;
     while let Some((at, entry)) = log.entry().expect("a whole log") {
-        let frame = match entry {
+        let packet = match entry {
             Entry::Bytes(bytes) => Receiver::<Packet>::default().next(&mut &bytes[..]),
             _ => None,
         };
-        match frame {
-            Some(Ok(mut packet)) => {
-                if let Command::Frame(Frame {
-                    sums: Sums::Midpoint(sums),
-                    ..
-                }) = &mut packet.command
-                {
-                    midpoint_frames += 1;
-                    sums.mean_nm[0] += i32::from(midpoint_frames == 1_000);
-                }
+        if let Some(Ok(mut packet)) = packet
+            && let Command::Frame(Frame {
+                sums: Sums::Midpoint(sums),
+                ..
+            }) = &mut packet.command
+        {
+            midpoint_frames += 1;
+            if midpoint_frames == 1_000 {
+                sums.mean_nm[0] += 1;
                 let bytes = encode(&packet).expect("it was a packet");
                 writer.entry(at, Entry::Bytes(&bytes));
+                continue;
             }
-            _ => writer.entry(at, entry),
         }
+        writer.entry(at, entry);
     }
     assert!(midpoint_frames > 1_000);
     let replayed = replay(&changed, |_, _, _| {});

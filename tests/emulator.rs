@@ -1,5 +1,6 @@
 //! The station in QEMU: builds the image, starts the emulator, and ends it whatever happens.
 
+use shared::replay::Record;
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -24,6 +25,23 @@ pub fn image() -> &'static Path {
         assert!(status.success(), "the image for QEMU could not be built");
         tests.join("qemu/target/thumbv7em-none-eabihf/release/station-qemu")
     })
+}
+
+/// The step pins of a station that has ended, from its trace: steps since the start, and rising edges per axis.
+pub fn pins(trace: &Path) -> ([i64; 3], [u64; 3]) {
+    let bytes = std::fs::read(trace).expect("the image wrote its trace");
+    let mut rest = &bytes[..];
+    let (mut rises, mut steps) = ([0; 3], [0; 3]);
+    while let Some(record) = Record::read(&mut rest) {
+        let Record::Digest(_, digest) = record else {
+            continue;
+        };
+        steps = digest.steps.map(i64::from);
+        for (sum, count) in rises.iter_mut().zip(digest.edges.rises) {
+            *sum += u64::from(count);
+        }
+    }
+    (steps, rises)
 }
 
 /// A started emulator; ends with this value.

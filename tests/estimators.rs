@@ -1,11 +1,12 @@
 //! The three estimators: signs, the paper's identities, and fixed point against floating point.
 
+use host::random::Random;
 use proptest::prelude::*;
 use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
 use shared::rig::Rig;
 use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
-use trinocular_tests::points::{Cloud, Random, centred, ideal_rig, pairs};
+use trinocular_tests::points::{Cloud, centred, ideal_rig, pairs};
 
 const LINE: [[f64; 2]; 3] = [[-70.0, 0.0], [0.0, 0.0], [68.0, 0.0]];
 
@@ -27,7 +28,7 @@ fn object_right_down_away_is_plus_x_y_z() {
         for direction in [1.0, -1.0] {
             let mut moved = [0.0; 3];
             moved[axis] = direction;
-            let views = cloud(moved).views(&rig, &mut Random(1));
+            let views = cloud(moved).views(&rig, &mut Random::seeded(1));
             let (pair, mid) = (pairs(&rig, &views), centred(&rig, &views));
             let all = [
                 closed_form::solve(&pair).unwrap(),
@@ -53,7 +54,7 @@ fn object_right_down_away_is_plus_x_y_z() {
 #[test]
 fn flow_signs_are_those_of_ordinary_images() {
     let rig = ideal_rig(530.0, &LINE);
-    let seen = |displacement| cloud(displacement).views(&rig, &mut Random(2));
+    let seen = |displacement| cloud(displacement).views(&rig, &mut Random::seeded(2));
     assert!(
         seen([1.0, 0.0, 0.0])
             .iter()
@@ -78,7 +79,7 @@ fn flow_signs_are_those_of_ordinary_images() {
 #[test]
 fn appendix_a_disparity_products_commute() {
     let rig = ideal_rig(530.0, &[[-90.0, 0.0], [0.0, 0.0], [31.0, 0.0]]);
-    let views = cloud([0.0; 3]).views(&rig, &mut Random(3));
+    let views = cloud([0.0; 3]).views(&rig, &mut Random::seeded(3));
     let x = |p: usize, camera: usize| views[p][camera].start[0];
     for i in 0..views.len() {
         for j in 0..views.len() {
@@ -99,7 +100,7 @@ fn appendix_b_normal_matrix_and_determinant() {
             noise_px,
             ..cloud([3.0, 2.0, 1.0])
         };
-        let s = pairs(&rig, &scene.views(&rig, &mut Random(4)));
+        let s = pairs(&rig, &scene.views(&rig, &mut Random::seeded(4)));
         let a = least_squares::matrix(&s);
         let normal = a.transpose() * a;
         let n = s.a1 * s.a1 + s.b1 * s.b1;
@@ -131,7 +132,7 @@ fn midpoint_needs_no_third_camera_and_takes_eight() {
         .collect();
     for offsets in [&LINE[..2], &eight[..]] {
         let rig = ideal_rig(530.0, offsets);
-        let views = cloud([5.0, -3.0, 4.0]).views(&rig, &mut Random(5));
+        let views = cloud([5.0, -3.0, 4.0]).views(&rig, &mut Random::seeded(5));
         let got = midpoint::solve(&centred(&rig, &views))
             .unwrap()
             .displacement_mm;
@@ -146,7 +147,7 @@ fn midpoint_needs_no_third_camera_and_takes_eight() {
 #[test]
 fn degenerate_input_is_refused_by_name() {
     let rig = ideal_rig(530.0, &LINE);
-    let views = cloud([1.0, 1.0, 1.0]).views(&rig, &mut Random(6));
+    let views = cloud([1.0, 1.0, 1.0]).views(&rig, &mut Random::seeded(6));
     // Cameras in the wrong order: disparities and q change sign.
     let mut mirrored = pairs(&rig, &[]);
     for p in &views {
@@ -256,7 +257,7 @@ proptest! {
     /// mean nothing, or the answer leaves the rated range.
     #[test]
     fn closed_form_fixed_point_follows_the_oracle(case in rated(60.0..300.0)) {
-        let sums = pairs(&case.rig, &case.cloud.views(&case.rig, &mut Random(case.seed)));
+        let sums = pairs(&case.rig, &case.cloud.views(&case.rig, &mut Random::seeded(case.seed)));
         let words = sums.quantise();
         if words == Err(Refusal::OutOfRange) {
             prop_assert!(case.cloud.depth_mm[0] + case.cloud.displacement_mm[2] < 300.0, "refused within the rated depth");
@@ -274,7 +275,7 @@ proptest! {
     /// Midpoint: within 0.1 µm, variances within 1 %.
     #[test]
     fn midpoint_fixed_point_follows_the_oracle(case in rated(30.0..300.0)) {
-        let sums = centred(&case.rig, &case.cloud.views(&case.rig, &mut Random(case.seed)));
+        let sums = centred(&case.rig, &case.cloud.views(&case.rig, &mut Random::seeded(case.seed)));
         let exact = midpoint::solve(&sums).unwrap();
         prop_assume!(exact.displacement_mm.iter().all(|v| v.abs() <= 110.0));
         let words = sums.quantise().unwrap();

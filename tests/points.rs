@@ -1,35 +1,10 @@
 //! Random point sets seen by a rig before and after a displacement, with optional pixel noise.
 
+use host::random::Random;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
-
-/// Seeded random numbers (splitmix64): the same on every machine.
-#[derive(Clone, Debug)]
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next 64 bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in `[low, high)`.
-    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Normal with mean 0 and standard deviation 1 (Box-Muller).
-    pub fn normal(&mut self) -> f64 {
-        let (u, v) = (self.uniform(f64::MIN_POSITIVE, 1.0), self.uniform(0.0, 1.0));
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    }
-}
 
 /// A rig of ideal cameras with one focal length, principal point at the origin.
 pub fn ideal_rig(focal_px: f64, offsets_mm: &[[f64; 2]]) -> Rig {
@@ -62,9 +37,9 @@ impl Cloud {
     }
 
     fn point(&self, rig: &Rig, random: &mut Random) -> Vec<View> {
-        let z = random.uniform(self.depth_mm[0], self.depth_mm[1]);
-        let x = z * random.uniform(-self.field[0], self.field[0]);
-        let y = z * random.uniform(-self.field[1], self.field[1]);
+        let z = random.between(self.depth_mm[0], self.depth_mm[1]);
+        let x = z * random.between(-self.field[0], self.field[0]);
+        let y = z * random.between(-self.field[1], self.field[1]);
         let start = [x, y, z];
         let end = std::array::from_fn(|i| start[i] + self.displacement_mm[i]);
         let mut seen = |camera: &Camera, point: [f64; 3]| {
@@ -72,7 +47,7 @@ impl Cloud {
             if self.noise_px == 0.0 {
                 return pixel;
             }
-            pixel.map(|p| p + self.noise_px * random.normal())
+            pixel.map(|p| p + self.noise_px * random.gaussian())
         };
         rig.cameras
             .iter()

@@ -1,20 +1,16 @@
 //! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this computer's clock, strangers, and QEMU.
 
-#[path = "serial/far_end.rs"]
-mod far_end;
-
-use far_end::{FarEnd, mute, saying, station};
 use host::station::StationError;
 use host::station::serial::Serial;
 use host::station::stage::default_stage;
 use shared::frame::encode::encode;
 use shared::frame::message::{Command, Denial, Hello, Mounting, Report, ResetCause, Status};
 use shared::frame::{PROTOCOL, SCHEMA_HASH};
-use shared::replay::Record;
 use shared::safety::{Fault, State, Trust};
 use std::time::{Duration, Instant};
 use trinocular_tests::binary::trinocular;
-use trinocular_tests::emulator::Emulator;
+use trinocular_tests::emulator::{Emulator, pins};
+use trinocular_tests::far_end::{self, FarEnd, mute, saying, station};
 
 /// Long enough for any machine; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -93,7 +89,7 @@ fn a_station_is_configured_moved_and_stopped() {
     }
     serial.command("stop", Command::Stop).unwrap();
     wait(&serial, |status| status.state == State::Stopped);
-    assert!(serial.client().clock().offset_us().is_some());
+    assert!(serial.offset_us().is_some());
 }
 
 /// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it stops.
@@ -156,15 +152,134 @@ fn silence_and_noise_are_told_apart() {
 }
 
 #[test]
-fn a_lost_line_is_reported() {
+fn a_line_that_stays_away_is_reported() {
     let end = station();
     let mut serial = start(&end.path);
+    serial.set_reconnect_patience(Duration::from_millis(300));
     serial.check().expect("it works");
-    drop(end);
+    end.unplug();
     match serial.command("setpoint", setpoint([1, 1, 1])) {
-        Err(StationError::Port { .. } | StationError::Silent { .. }) => {}
+        Err(error @ StationError::Lost { .. }) => {
+            assert!(error.to_string().contains(&end.path), "{error}");
+        }
         other => panic!("{other:?}"),
     }
+}
+
+/// Waits until the line is back, or something else is said of it.
+fn back(serial: &Serial) -> StationError {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        match serial.check() {
+            Err(StationError::Lost { .. }) | Ok(()) => assert!(Instant::now() < end),
+            Err(error) => return error,
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_line_is_found_again_and_used_when_told() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
+    arrived(&serial, [320, -320, 80]);
+    end.unplug();
+    end.plug();
+    let error = back(&serial);
+    assert!(
+        matches!(error, StationError::Interrupted { .. }) && error.to_string().contains(&end.path),
+        "{error}"
+    );
+    // Nothing goes through until somebody has decided, and nothing that was sent meanwhile does later.
+    serial.send(setpoint([9, 9, 9]));
+    assert!(serial.command("setpoint", setpoint([9, 9, 9])).is_err());
+    serial.resume().expect("nothing was lost");
+    serial.command("setpoint", setpoint([5, -4, 1])).unwrap();
+    arrived(&serial, [400, -320, 80]);
+    assert_eq!(end.steps(), [400, -320, 80]);
+}
+
+#[test]
+fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&serial, |status| status.position_steps[0] > 80);
+    end.unplug();
+    let stood = standing(&end);
+    assert!(stood[0] < 4_000, "{stood:?}");
+    end.plug();
+    assert!(matches!(back(&serial), StationError::Interrupted { .. }));
+    match serial.resume() {
+        Err(StationError::Faulted(Fault::Heartbeat)) => {}
+        other => panic!("{other:?}"),
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(end.steps(), stood);
+    let status = serial.status().expect("it goes on telling");
+    assert_eq!(status.trust, Trust::Homed);
+    assert_eq!(status.position_steps.map(i64::from), stood);
+}
+
+/// Waits until no more edges come.
+fn standing(end: &FarEnd) -> [i64; 3] {
+    let patience = Instant::now() + PATIENCE;
+    loop {
+        let steps = end.steps();
+        std::thread::sleep(Duration::from_millis(300));
+        if end.steps() == steps {
+            return steps;
+        }
+        assert!(Instant::now() < patience);
+    }
+}
+
+#[test]
+fn a_station_that_restarted_is_not_moved() {
+    let end = station();
+    let mut serial = start(&end.path);
+    end.unplug();
+    end.restart();
+    end.plug();
+    let error = back(&serial);
+    assert!(
+        matches!(error, StationError::Restarted { .. }) && error.to_string().contains("power on"),
+        "{error}"
+    );
+    assert!(matches!(
+        serial.resume(),
+        Err(StationError::Restarted { .. })
+    ));
+    // Starting again is a decision; the new station is at rest where the old one stood.
+    drop(serial);
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([1, 0, 0])).unwrap();
+    arrived(&serial, [80, 0, 0]);
+}
+
+#[test]
+fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&serial, |status| status.position_steps[0] > 80);
+    // As a crash does: without a word.
+    drop(serial);
+    let mut serial = start(&end.path);
+    let stood = end.steps();
+    assert!(stood[0] < 4_000, "{stood:?}");
+    serial.command("setpoint", setpoint([0, 1, 0])).unwrap();
+    arrived(&serial, [0, 80, 0]);
+    assert_eq!(end.steps(), [stood[0], 80, 0]);
+    drop(serial);
+    // Left alone while it moved, it has a fault to tell of.
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&serial, |status| status.position_steps[0] > 80);
+    drop(serial);
+    standing(&end);
+    assert_eq!(start(&end.path).cleared(), Some(Fault::Heartbeat));
 }
 
 #[test]
@@ -207,27 +322,14 @@ fn the_emulated_board_makes_exactly_the_commanded_steps() {
     arrived(&serial, [320, -320, 80]);
     serial.command("setpoint", setpoint([0, 10, -3])).unwrap();
     arrived(&serial, [0, 800, -240]);
-    let (_, bound_us) = serial.client().clock().offset_us().expect("pongs came");
+    let (_, bound_us) = serial.offset_us().expect("pongs came");
     println!("time sync to {bound_us} us");
     // The trace is written every 100 ms; the packets go on, so does the time.
     let tick = serial.status().expect("a status").tick;
     wait(&serial, |status| status.tick > tick + 500);
     drop(serial);
     drop(emulator);
-    let bytes = std::fs::read(&trace).expect("the image wrote its trace");
-    let mut rest = &bytes[..];
-    let records = std::iter::from_fn(|| Record::read(&mut rest));
-    let digests = records.filter_map(|record| match record {
-        Record::Digest(_, digest) => Some(digest),
-        Record::Sent(..) => None,
-    });
-    let (mut rises, mut steps) = ([0u64; 3], [0; 3]);
-    for digest in digests {
-        steps = digest.steps;
-        for (sum, count) in rises.iter_mut().zip(digest.edges.rises) {
-            *sum += u64::from(count);
-        }
-    }
+    let (steps, rises) = pins(&trace);
     assert_eq!(steps, [0, 800, -240]);
     assert_eq!(rises, [320 + 320, 320 + 1_120, 80 + 320]);
 }

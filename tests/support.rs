@@ -2,4 +2,5 @@
 
 pub mod binary;
 pub mod emulator;
+pub mod far_end;
 pub mod points;

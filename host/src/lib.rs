@@ -6,6 +6,7 @@ pub mod flow;
 pub mod images;
 pub mod plant;
 pub mod points;
+pub mod random;
 pub mod report;
 pub mod rig_file;
 pub mod station;

@@ -1,5 +1,6 @@
 //! An eventful life of a station: a few thousand frames and everything that can go wrong with them.
 
+use host::random::Random;
 use host::station::stage::{configuration, default_stage};
 use host::station::twin::Twin;
 use shared::frame::message::{Command, Frame, Mounting, Sums};
@@ -15,28 +16,6 @@ const FRAMES: usize = 60;
 
 /// How often each event comes.
 const ROUNDS: usize = 3;
-
-/// Small numbers nobody chose (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, end: u64) -> u64 {
-        self.next() % end
-    }
-
-    /// In ±`size`.
-    fn spread(&mut self, size: f64) -> f64 {
-        size * (self.below(1 << 32) as f64 / (1u64 << 31) as f64 - 1.0)
-    }
-}
 
 /// The life so far.
 pub struct Life {
@@ -62,13 +41,13 @@ impl Life {
     /// Lives it all.
     pub fn new(board: &'static str) -> Self {
         let twin = Twin::power_on_recorded(&default_stage(), board).expect("the twin answers");
-        let mut random = Random(20_260_101);
+        let mut random = Random::seeded(20_260_101);
         let points_mm = (0..12)
             .map(|_| {
                 [
-                    random.spread(120.0),
-                    random.spread(90.0),
-                    890.0 + random.spread(110.0),
+                    random.between(-120.0, 120.0),
+                    random.between(-90.0, 90.0),
+                    random.between(780.0, 1_000.0),
                 ]
             })
             .collect();
@@ -92,8 +71,8 @@ impl Life {
         life
     }
 
-    fn wait(&mut self, us: u64) {
-        self.twin.advance(self.twin.now().plus_micros(us));
+    fn wait(&mut self, us: usize) {
+        self.twin.advance(self.twin.now().plus_micros(us as u64));
     }
 
     /// Sends, and lets the station live on for a moment of odd length.
@@ -159,8 +138,8 @@ impl Life {
                     let start = see(*point);
                     let end = see(std::array::from_fn(|i| point[i] + shift[i]));
                     let px = [
-                        end.0 + self.random.spread(noise),
-                        end.1 + self.random.spread(noise),
+                        end.0 + self.random.between(-noise, noise),
+                        end.1 + self.random.between(-noise, noise),
                     ];
                     View::from_pixels(camera, [start.0, start.1], px)
                 })
@@ -233,13 +212,13 @@ impl Life {
         let kind = self.random.below(40);
         let (sequence, packet) = self.twin.packet(Command::Frame(frame));
         let mut bytes = packet.to_vec();
-        let at = self.random.below(bytes.len() as u64) as usize;
+        let at = self.random.below(bytes.len());
         match kind {
             0 => bytes.extend_from_within(..),
             1 => bytes[at] ^= 1 << self.random.below(8),
             2 => bytes.truncate(at),
             3 => {
-                let noise = [self.random.next().to_le_bytes(); 40];
+                let noise = [self.random.next_u64().to_le_bytes(); 40];
                 self.twin.write(noise.as_flattened());
             }
             4 => {

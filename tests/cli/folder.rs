@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use host::random::Random;
 use serde_json::Value;
 use shared::rig::{Camera, Rig};
 
@@ -25,9 +26,7 @@ fn poster(x: f64, y: f64) -> f64 {
 fn blot(x: f64, y: f64, seed: i64) -> f64 {
     let node = |i: f64, j: f64| {
         let key = (i as i64) * 0x1F12_3BB5 + (j as i64) * 0x5851_F42D + seed * 0x2545_F491;
-        let mixed = (key as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        (mixed >> 40) as f64 / f64::from(1 << 23) - 1.0
+        Random::seeded(key as u64).between(-1.0, 1.0)
     };
     let (i, j) = (x.floor(), y.floor());
     let ease = |t: f64| t * t * t * (t * (6.0 * t - 15.0) + 10.0);

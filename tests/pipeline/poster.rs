@@ -1,6 +1,7 @@
 //! Posters that mislead: exact repetition in several forms, faint texture, and few marks that tell places apart.
 
 use host::images::Texture;
+use host::random::Random;
 
 /// Size of a texel, mm; a pixel of the paper's rig at 850 mm is four texels.
 const MM_PER_TEXEL: f64 = 0.4;
@@ -84,11 +85,11 @@ pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) ->
             repeating.grey[y * repeating.width + x]
         })
         .collect();
-    let mut random = seed;
+    let mut random = Random::seeded(seed);
     let size = (size_mm / repeating.mm_per_texel).round() as usize;
     for _ in 0..count {
-        let [x, y] = [0; 2].map(|_| draw(&mut random) as usize % (side - size));
-        let level = if draw(&mut random).is_multiple_of(2) {
+        let [x, y] = [0; 2].map(|_| random.below(side - size));
+        let level = if random.next_u64().is_multiple_of(2) {
             0.0
         } else {
             255.0
@@ -111,17 +112,4 @@ pub fn fainter(mut texture: Texture, contrast: f32) -> Texture {
         *level = 128.0 + contrast * (*level - 128.0);
     }
     texture
-}
-
-/// splitmix64.
-pub fn draw(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
-}
-
-/// Evenly spread from `low` to `high`.
-pub fn between(state: &mut u64, low: f64, high: f64) -> f64 {
-    low + (high - low) * (draw(state) >> 11) as f64 / (1u64 << 53) as f64
 }

@@ -2,9 +2,10 @@
 
 use host::flow::Refusal;
 use host::images::{SceneSettings, Texture, TextureKind};
+use host::random::Random;
 
 use super::bench::{Bench, Got};
-use super::poster::{Motif, between, fainter, repeating, with_marks};
+use super::poster::{Motif, fainter, repeating, with_marks};
 
 /// Counts answers, and fails on one that is wrong.
 #[derive(Default)]
@@ -44,8 +45,8 @@ impl Jury {
 }
 
 /// Whole periods and half periods, along one axis and both, and two displacements that are no multiples.
-fn treacherous(period_mm: f64, random: &mut u64) -> [[f64; 3]; 6] {
-    let any = |random: &mut u64, most: f64| between(random, -most, most);
+fn treacherous(period_mm: f64, random: &mut Random) -> [[f64; 3]; 6] {
+    let any = |random: &mut Random, most: f64| random.between(-most, most);
     [
         [period_mm, 0.0, 0.0],
         [0.0, period_mm, 0.0],
@@ -56,17 +57,17 @@ fn treacherous(period_mm: f64, random: &mut u64) -> [[f64; 3]; 6] {
     ]
 }
 
-fn tilted(seed: u64, random: &mut u64) -> SceneSettings {
+fn tilted(seed: u64, random: &mut Random) -> SceneSettings {
     let mut settings = SceneSettings::default();
     if seed % 2 == 1 {
-        settings.tilt_rad = [(); 2].map(|()| between(random, -0.4, 0.4));
+        settings.tilt_rad = [(); 2].map(|()| random.between(-0.4, 0.4));
     }
     settings
 }
 
 #[test]
 fn exact_repetition_never_deceives() {
-    let (mut jury, mut random) = (Jury::default(), 11);
+    let (mut jury, mut random) = (Jury::default(), Random::seeded(11));
     for seed in 0..2 {
         for motif in Motif::ALL {
             for (period_mm, contrast) in [(9.0, 180.0), (19.0, 60.0), (40.0, 180.0), (70.0, 120.0)]
@@ -84,7 +85,7 @@ fn exact_repetition_never_deceives() {
 
 #[test]
 fn bricks_and_grids_never_deceive() {
-    let (mut jury, mut random) = (Jury::default(), 12);
+    let (mut jury, mut random) = (Jury::default(), Random::seeded(12));
     for seed in 0..2 {
         for kind in [TextureKind::Bricks, TextureKind::Grid] {
             let texture = Texture::of_kind(kind, seed);
@@ -106,7 +107,7 @@ fn bricks_and_grids_never_deceive() {
 /// Few marks make the answer no easier, many do: with both, it is right or refused.
 #[test]
 fn marks_on_a_repeating_poster_help_or_do_no_harm() {
-    let mut random = 13;
+    let mut random = Random::seeded(13);
     let mut right = Vec::new();
     for marks in [10, 60, 400, 2500] {
         let mut jury = Jury::default();

@@ -1,16 +1,16 @@
 //! Whether the stated sigma is the true one: errors over many captures, each divided by its own sigma.
 
 use host::images::{SceneSettings, Texture, TextureKind};
+use host::random::Random;
 use shared::rig::Rig;
 
 use super::bench::{Bench, Watch};
-use super::poster::between;
 
 /// Mean square per axis of error over sigma: 1 if sigma is right, above 1 if it promises too much. Every displacement has its own
 /// reference, since the noise of a shared one would be in all of them.
 fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     let (posters, pairs) = (2, 20);
-    let (mut squares, mut random) = ([0.0; 3], 21);
+    let (mut squares, mut random) = ([0.0; 3], Random::seeded(21));
     for poster in 0..posters {
         let settings = SceneSettings {
             noise_grey,
@@ -18,7 +18,7 @@ fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
         };
         let bench = Bench::new(&Texture::of_kind(kind, 30 + poster), settings);
         for pair in 0..pairs {
-            let mut place = |most: [f64; 3]| most.map(|m| between(&mut random, -m, m));
+            let mut place = |most: [f64; 3]| most.map(|m| random.between(-m, m));
             let from = place([20.0, 20.0, 3.0]);
             let moved = place([20.0, 20.0, 7.0]);
             let to = std::array::from_fn(|i| from[i] + moved[i]);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use host::images::{SceneSettings, Texture, TextureKind};
 
-use super::bench::{Bench, Got, TABLE_5_MM};
+use super::bench::{Bench, Got, table_5_mm};
 
 const HEADER: &str = "\
 # Estimates of the whole vision path on rendered posters: the paper's rig, 850 mm, noise of 2 grey levels, midpoint.
@@ -81,8 +81,8 @@ fn measured() -> Vec<Row> {
         for seed in 10..12 {
             let texture = Texture::of_kind(kind, seed);
             let bench = Bench::new(&texture, SceneSettings::default());
-            let got = bench.measure_all(&TABLE_5_MM, seed);
-            for ([x, y, z], got) in TABLE_5_MM.into_iter().zip(got) {
+            let got = bench.measure_all(&table_5_mm(), seed);
+            for ([x, y, z], got) in table_5_mm().into_iter().zip(got) {
                 let case = format!("{kind} {seed}, {x} {y} {z}");
                 rows.push(Row::new(case, got.as_ref().ok()));
             }

@@ -1,5 +1,6 @@
 //! `trinocular` without a command: the paper's tracking experiment in closed loop.
 
+use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
 use clap::Args;
@@ -26,6 +27,9 @@ pub struct Options {
     figure: Option<PathBuf>,
 
     #[command(flatten)]
+    station: PortOption,
+
+    #[command(flatten)]
     scene: SceneOptions,
 }
 
@@ -37,8 +41,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         scene: options.scene.settings(),
         ..tracking::Settings::default()
     };
+    let port = options.station.resolve()?;
+    let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, |share| progress.at(share)).map_err(super::failed)?;
+    let run = tracking::run(&settings, place, |share| progress.at(share))
+        .map_err(|error| super::failed_at(port.as_deref(), error))?;
     drop(progress);
     writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
     for (name, value) in present::facts(&settings, &run) {
@@ -53,17 +60,20 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             .and_then(|svg| write_atomically(path, &svg))
             .map_err(super::unwritable)?;
     }
-    let [x, y, z] = run.worst_mm();
+    let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
     writeln!(
         out,
-        "{:>22}: {x:.4} {y:.4} {z:.4} mm (the paper's: 0.2345 0.2626 0.1856 mm)",
-        "largest error"
+        "{:>22}: {} (the paper's: {})",
+        "largest error",
+        mm(run.worst_mm()),
+        mm(tracking::paper_worst_mm())
     )?;
     writeln!(out, "{:>22}: {}", "report", options.report.display())?;
     if run.succeeded() {
         return Ok(());
     }
-    Err(Failure::Station(
-        "the stops are not within 0.02, 0.02, 0.05 mm, or steps were lost".to_owned(),
-    ))
+    let [x, y, z] = tracking::BOUND_MM;
+    Err(Failure::Station(format!(
+        "the stops are not within {x}, {y}, {z} mm, or steps were lost"
+    )))
 }

@@ -1,12 +1,11 @@
 //! `trinocular hello`: who is at the end of a serial line.
 
 use std::io::Write;
-use std::path::Path;
 
 use clap::Args;
-use host::error::{Failure, InputError};
-use host::station::StationError;
+use host::error::Failure;
 use host::station::serial::Serial;
+use host::station::{StationError, ports, reset_cause};
 use serde_json::json;
 use shared::frame::message::{Hello, Mismatch};
 
@@ -16,7 +15,7 @@ use shared::frame::message::{Hello, Mismatch};
 /// that differs is named and the exit code is 3.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// The serial port, such as /dev/ttyACM0; `trinocular ports` lists them
+    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
     port: String,
 
@@ -27,28 +26,22 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let serial = Serial::connect(&options.port).map_err(failure)?;
+    let port = ports::resolve(&options.port).map_err(super::station_failed)?;
+    let failed = |error: StationError| super::failed_at(Some(&port), error.into());
+    let serial = Serial::connect(&port).map_err(failed)?;
     let Some(hello) = serial.who() else {
-        return Err(Failure::Station("no hello".to_owned()));
+        return Err(Failure::Station(format!("{port}: no hello")));
     };
     let mismatches = hello.mismatches();
     if options.json {
-        writeln!(out, "{}", to_json(&options.port, &hello, &mismatches))?;
+        writeln!(out, "{}", to_json(&port, &hello, &mismatches))?;
     } else {
-        print(out, &options.port, &hello)?;
+        print(out, &port, &hello)?;
     }
     if mismatches.is_empty() {
         Ok(())
     } else {
-        Err(failure(StationError::Mismatch(mismatches.to_vec())))
-    }
-}
-
-/// A port that cannot be used is bad input; anything else is the station's doing.
-fn failure(error: StationError) -> Failure {
-    match error {
-        StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),
-        error => Failure::Station(error.to_string()),
+        Err(failed(StationError::Mismatch(mismatches.to_vec())))
     }
 }
 
@@ -71,11 +64,7 @@ fn print(out: &mut impl Write, port: &str, hello: &Hello) -> Result<(), Failure>
     writeln!(out, "port words    {} Hz", hello.word_rate_hz)?;
     writeln!(out, "output delay  {} us", hello.delay_us)?;
     writeln!(out, "session       {}", hello.session)?;
-    writeln!(
-        out,
-        "last start    {}",
-        words(&format!("{:?}", hello.reset_cause), ' ')
-    )?;
+    writeln!(out, "last start    {}", reset_cause(hello.reset_cause))?;
     Ok(())
 }
 
@@ -90,19 +79,7 @@ fn to_json(port: &str, hello: &Hello, mismatches: &[Mismatch]) -> serde_json::Va
         "word_rate_hz": hello.word_rate_hz,
         "delay_us": hello.delay_us,
         "session": hello.session,
-        "reset_cause": words(&format!("{:?}", hello.reset_cause), '_'),
+        "reset_cause": reset_cause(hello.reset_cause).replace(' ', "_"),
         "mismatches": mismatches.iter().map(mismatch).collect::<Vec<_>>(),
     })
-}
-
-/// `PowerOn` as `power on`.
-fn words(name: &str, between: char) -> String {
-    let mut text = String::new();
-    for letter in name.chars() {
-        if letter.is_uppercase() && !text.is_empty() {
-            text.push(between);
-        }
-        text.extend(letter.to_lowercase());
-    }
-    text
 }

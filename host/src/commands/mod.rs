@@ -1,13 +1,16 @@
 //! What `trinocular` can do: one file per command, each with its options and its `run`.
 
 use std::io::Write;
+use std::path::Path;
 
 use clap::{Parser, Subcommand};
-use host::error::Failure;
+use host::error::{Failure, InputError};
+use host::station::StationError;
 
 mod estimate;
 mod experiment;
 mod hello;
+mod port;
 mod ports;
 mod progress;
 mod scene;
@@ -70,8 +73,26 @@ fn failed(error: host::experiment::Error) -> Failure {
     use host::experiment::Error;
     match error {
         Error::Scene(scene) => Failure::Usage(scene.to_string()),
-        Error::Station(station) => Failure::Station(station.to_string()),
+        Error::Station(station) => station_failed(station),
         Error::Reference(refusal) => Failure::Scene(refusal.to_string()),
+    }
+}
+
+/// As [`failed`], for an experiment with a station on `port`: the message names it.
+fn failed_at(port: Option<&str>, error: host::experiment::Error) -> Failure {
+    match (port, failed(error)) {
+        (Some(port), Failure::Station(reason)) if !reason.starts_with(port) => {
+            Failure::Station(format!("{port}: {reason}"))
+        }
+        (_, failure) => failure,
+    }
+}
+
+/// A port that cannot be used is bad input; anything else is the station's doing.
+fn station_failed(error: StationError) -> Failure {
+    match error {
+        StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),
+        error => Failure::Station(error.to_string()),
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::Args;
 use host::error::Failure;
-use host::station::serial::{Candidate, candidates};
+use host::station::ports::{Candidate, candidates};
 
 /// List the serial ports a station may be on
 ///
@@ -19,7 +19,7 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let list = candidates().map_err(|error| Failure::Station(error.to_string()))?;
+    let list = candidates().map_err(super::station_failed)?;
     if options.json {
         for port in &list {
             let line = serde_json::to_string(port).map_err(std::io::Error::from)?;

@@ -4,6 +4,7 @@ use super::progress::Progress;
 use super::scene::SceneOptions;
 use clap::Args;
 use host::error::Failure;
+use host::experiment::follower::Place;
 use host::experiment::tracking::Stop;
 use host::experiment::{moves, present, tracking};
 use host::report::Page;
@@ -53,13 +54,16 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     };
     // Least squares does not run on the station; it equals the closed form to a nanometre in every table.
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, |share| progress.at(0.5 * share)).map_err(super::failed)?;
+    let run = tracking::run(&settings, Place::Twin, |share| progress.at(0.5 * share))
+        .map_err(super::failed)?;
     let closed_form = tracking::Settings {
         estimator: Estimator::ClosedForm,
         ..settings
     };
-    let closed_form = tracking::run(&closed_form, |share| progress.at(0.5 + 0.5 * share))
-        .map_err(super::failed)?;
+    let closed_form = tracking::run(&closed_form, Place::Twin, |share| {
+        progress.at(0.5 + 0.5 * share)
+    })
+    .map_err(super::failed)?;
     drop(progress);
 
     if let Some(path) = &options.report {
@@ -108,8 +112,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 "noise_grey": scene.noise_grey,
                 "frames_per_s": settings.timing.frames_per_s,
                 "latency_ms": settings.timing.latency_us as f64 * 1e-3,
-                "pulses_commanded": run.pulses.map(|[commanded, _]| commanded),
-                "pulses_counted": run.pulses.map(|[_, counted]| counted),
+                "pulses_commanded": run.pulses.map(|pulses| pulses.commanded),
+                "pulses_counted": run.pulses.map(|pulses| pulses.counted),
             },
         });
         writeln!(out, "{object}")?;

@@ -3,6 +3,7 @@
 mod recorded;
 mod simulated;
 
+use super::port::PortOption;
 use super::scene::SceneOptions;
 use clap::{Args, ValueEnum};
 use host::error::Failure;
@@ -26,7 +27,8 @@ pub struct Source {
 
 /// Follow a target: simulated cameras in closed loop, or recorded images
 ///
-/// The station is the built-in twin: the controller board's own code on virtual time. With --sim the cameras ride on the stage and see a poster
+/// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim, one on a serial --port, in real time.
+/// With --sim the cameras ride on the stage and see a poster
 /// that moves along --path. With --images the pictures come from a folder; since they cannot react to the stage, the cameras count as
 /// fixed, and the stage copies the target's motion. One line per picture goes to standard output.
 #[derive(Debug, Args)]
@@ -38,6 +40,9 @@ pub struct Options {
     /// The rig file (TOML); with a `stage` section that stage is used, else 80 steps/mm, 100 mm/s
     #[arg(long, value_name = "RIG.toml", conflicts_with = "sim")]
     rig: Option<PathBuf>,
+
+    #[command(flatten)]
+    station: PortOption,
 
     /// How the simulated target moves: steps, line, circle, lissajous or still
     #[arg(long, default_value_t = Path::Circle)]
@@ -89,6 +94,7 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
   trinocular track --sim --path lissajous --seconds 16 --json > run.jsonl
+  trinocular track --sim --port /dev/ttyACM0 --path still
   trinocular track --images captures/ --rig rig.toml";
 
 /// Runs the command.
@@ -104,6 +110,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let longest_ms = (1000.0 / options.fps - 3.0).max(1.0).floor();
     range("latency", options.latency as f64, 0.0, longest_ms)?;
     match (&options.source.images, &options.rig) {
+        (Some(_), Some(_)) if options.station.is_given() => Err(Failure::Usage(
+            "--port goes with --sim: recorded images are followed by the twin".to_owned(),
+        )),
         (Some(folder), Some(rig)) => recorded::run(options, folder, rig, out),
         _ => simulated::run(options, out),
     }

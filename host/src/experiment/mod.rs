@@ -1,12 +1,14 @@
-//! The paper's apparatus on the twin: station A carries the target, station B the cameras.
+//! The paper's apparatus: station A, a twin, carries the target; station B, a twin or a station on a serial line, carries the cameras.
 //!
-//! * [`world`]: two stations alike on one virtual clock, and the pictures that B's cameras take of A's poster;
+//! * [`follower`]: station B, wherever it is;
+//! * [`world`]: both stations on one clock, and the pictures that B's cameras take of A's poster;
 //! * [`servo`]: B's loop, from picture to flow frame, and what happened in every frame;
 //! * [`path`]: where A goes;
 //! * [`tracking`]: section 4.3, five moves in closed loop (Table 6, Figs. 7 and 8);
 //! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5);
 //! * [`present`]: tables and figures of both.
 
+pub mod follower;
 pub mod moves;
 pub mod path;
 pub mod present;

@@ -2,8 +2,9 @@
 
 use super::moves::{self, Row};
 use super::servo::{Outcome, Step};
-use super::tracking::{self, BOUND_MM, MOVE_MM, Run, Settings, Stop};
+use super::tracking::{self, BOUND_MM, MOVE_MM, Pulses, Run, Settings, Stop};
 use crate::report::{Cell, Figure, LinePlot, Page, Path3d, Scatter, Style, Table};
+use crate::station::stage::default_stage;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -183,14 +184,23 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
         .collect();
     let worst = latency.iter().max().copied().unwrap_or(0);
     let pulses = |station: usize| {
-        let [commanded, counted] = run.pulses[station];
-        let verdict = if commanded == counted {
-            "equal"
-        } else {
-            "NOT EQUAL"
-        };
-        format!("{commanded:?} commanded, {counted:?} counted at the pins: {verdict}")
+        let pulses = run.pulses[station];
+        let Pulses { commanded, counted } = pulses;
+        let verdict = if pulses.agree() { "equal" } else { "NOT EQUAL" };
+        match counted {
+            Some(counted) => {
+                format!("{commanded:?} commanded, {counted:?} counted at the pins: {verdict}")
+            }
+            None => format!("{commanded:?} commanded"),
+        }
     };
+    let sync = run
+        .sync_bound_us
+        .map(|bound_us| format!(", its clock known to {bound_us} us"));
+    let cleared = run
+        .cleared
+        .map(|fault| format!("; its fault {} was cleared", fault.number()));
+    let steps_per_mm = default_stage().steps_per_mm[0];
     let scene = settings.scene;
     [
         (
@@ -227,7 +237,20 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
                 scene.blur_px, scene.noise_grey
             ),
         ),
-        ("stage", "80 steps/mm: one step is 0.0125 mm".to_owned()),
+        (
+            "station B",
+            [Some(run.station.clone()), sync, cleared]
+                .into_iter()
+                .flatten()
+                .collect(),
+        ),
+        (
+            "stage",
+            format!(
+                "{steps_per_mm} steps/mm: one step is {} mm",
+                steps_per_mm.recip()
+            ),
+        ),
         ("pulses of A", pulses(0)),
         ("pulses of B", pulses(1)),
     ]
@@ -238,12 +261,13 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
 
 /// The page of the closed-loop experiment.
 pub fn page(settings: &Settings, run: &Run) -> Page {
-    let page = Page::new("Trinocular: tracking in closed loop", "the paper's section 4.3 on the built-in twin")
+    let page = Page::new("Trinocular: tracking in closed loop", format!("the paper's section 4.3 on {}", run.station))
         .section(
             "Five moves",
             "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries three cameras, sees the poster only through \
              them, and keeps its view of it constant. Pictures are rendered through the paper's cameras; everything from the pictures to the step \
-             pulses is the code that also runs with real hardware. Positions are counted from edges at the step pins.",
+             pulses is the code that also runs with real hardware. Positions are counted from edges at the step pins, or reported by the station if \
+             it is on a serial line.",
         )
         .table(stops("midpoint", &run.stops))
         .facts(&facts(settings, run))

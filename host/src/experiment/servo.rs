@@ -1,20 +1,21 @@
 //! B's loop: take pictures, measure the flow, send a frame; time passes as it would.
 
 use super::Error;
-use super::world::World;
+use super::follower::Moment;
+use super::world::{Exposure, World};
 use crate::flow::{Flow, Settings};
+use crate::station::StationError;
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Denial, Frame, Sums as FrameSums};
 use shared::rig::Rig;
-use shared::safety::Fault;
 use shared::time::Instant;
 
 /// When things happen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Pictures per second.
+    /// Pictures per second; a station on a serial line takes them by its reports, up to twice as often.
     pub frames_per_s: f64,
-    /// From the picture to the frame's arrival at the station, µs: exposure, flow, link.
+    /// From the picture to the frame's arrival at the station, µs: exposure, flow, link. A station on a serial line waits at least so long.
     pub latency_us: u64,
 }
 
@@ -53,7 +54,7 @@ pub enum Outcome {
 /// One picture and what followed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// When it was taken, s of virtual time since the servo started.
+    /// When it was taken, s since the servo started.
     pub time_s: f64,
     /// Where the target was then, mm.
     pub target_mm: [f64; 3],
@@ -71,18 +72,19 @@ pub struct Servo {
     timing: Timing,
     estimator: Estimator,
     keyframe: Instant,
-    /// The keyframe in station time. Converted once: the station knows a reference by its exact instant, and the clock's estimate wanders.
-    reference: Option<Instant>,
+    /// The keyframe in station time. Kept: the station knows a reference by its exact instant, and the clock's estimate wanders.
+    reference: Instant,
     /// Where both stood at the keyframe, mm.
     origin_mm: [[f64; 3]; 2],
     taken: u64,
+    last: Instant,
 }
 
 impl Servo {
     /// Takes the keyframe: the view to be kept.
     ///
     /// # Errors
-    /// [`Error::Reference`] if the first pictures cannot be used.
+    /// [`Error::Reference`] if the first pictures cannot be used; if the station cannot be reached.
     pub fn start(
         world: &mut World,
         rig: &Rig,
@@ -90,19 +92,22 @@ impl Servo {
         estimator: Estimator,
     ) -> Result<Self, Error> {
         let mut flow = Flow::new(rig, Settings::default()).map_err(Error::Reference)?;
-        let keyframe = world.now();
-        flow.set_reference(&world.capture())
-            .map_err(Error::Reference)?;
-        let origin_mm = world.positions_mm();
+        let Exposure {
+            moment,
+            target_mm,
+            capture,
+        } = world.expose(world.now())?;
+        flow.set_reference(&capture).map_err(Error::Reference)?;
         Ok(Self {
             rig: rig.clone(),
             flow,
             timing,
             estimator,
-            keyframe,
-            reference: None,
-            origin_mm,
+            keyframe: moment.at,
+            reference: moment.station,
+            origin_mm: [target_mm, moment.camera_mm],
             taken: 0,
+            last: moment.at,
         })
     }
 
@@ -113,33 +118,50 @@ impl Servo {
 
     /// Where target and cameras are now, mm from where they were at the keyframe.
     pub fn positions_mm(&self, world: &World) -> [[f64; 3]; 2] {
-        let now = world.positions_mm();
-        std::array::from_fn(|s| std::array::from_fn(|i| now[s][i] - self.origin_mm[s][i]))
+        self.since_keyframe(world.positions_mm())
+    }
+
+    fn since_keyframe(&self, positions_mm: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+        std::array::from_fn(|s| std::array::from_fn(|i| positions_mm[s][i] - self.origin_mm[s][i]))
     }
 
     /// When the next picture is due.
-    pub fn next_picture(&self) -> Instant {
-        let elapsed = (self.taken + 1) as f64 * 1e6 / self.timing.frames_per_s;
+    pub fn next_picture(&self, world: &World) -> Instant {
+        let period_us = 1e6 / self.timing.frames_per_s;
+        if let Some(grace_us) = world.b.grace_us(period_us as u64) {
+            return self.last.plus_micros(grace_us);
+        }
+        let elapsed = (self.taken + 1) as f64 * period_us;
         self.keyframe.plus_micros(elapsed.round() as u64)
     }
 
     /// Lets time pass to the next picture, takes it, and lets time pass until the frame has arrived and been answered.
     ///
     /// # Errors
-    /// [`Error::Station`] if the station faulted.
+    /// [`Error::Station`] if the station faulted or cannot be reached.
     pub fn step(&mut self, world: &mut World) -> Result<Step, Error> {
-        world.advance(self.next_picture());
+        let due = self.next_picture(world);
+        let Exposure {
+            moment,
+            target_mm,
+            capture,
+        } = match world.expose(due) {
+            Err(Error::Station(lost)) => {
+                resume(world, lost)?;
+                world.expose(due)?
+            }
+            exposed => exposed?,
+        };
         self.taken += 1;
-        let capture = world.now();
-        let time_s = self.time_s(world);
-        let [target_mm, camera_mm] = self.positions_mm(world);
-        let picture = world.capture();
-        let outcome = match self.sums(&picture) {
+        self.last = moment.at;
+        let time_s = moment.at.since(self.keyframe) as f64 * 1e-6;
+        let [target_mm, camera_mm] = self.since_keyframe([target_mm, moment.camera_mm]);
+        let outcome = match self.sums(&capture) {
             Err(reason) => Outcome::Refused(reason),
-            Ok((sums, points)) => self.send(world, capture, sums, points),
+            Ok((sums, points)) => self.send(world, &moment, sums, points)?,
         };
         match world.b.status().and_then(|status| status.fault) {
-            Some(fault) => Err(Error::Station(station_fault(fault))),
+            Some(fault) => Err(Error::Station(StationError::Faulted(fault))),
             None => Ok(Step {
                 time_s,
                 target_mm,
@@ -161,52 +183,49 @@ impl Servo {
     }
 
     fn send(
-        &mut self,
+        &self,
         world: &mut World,
-        capture: Instant,
+        moment: &Moment,
         sums: FrameSums,
         points: usize,
-    ) -> Outcome {
-        world.advance(capture.plus_micros(self.timing.latency_us));
-        let clock = world.b.client().clock();
-        let station = |host: Instant| clock.station_us(host.micros()).map(Instant::from_micros);
-        let reference = self.reference.or_else(|| station(self.keyframe));
-        let (Some(capture), Some(reference)) = (station(capture), reference) else {
-            return Outcome::Unanswered;
-        };
-        self.reference = Some(reference);
+    ) -> Result<Outcome, StationError> {
+        world.advance(moment.at.plus_micros(self.timing.latency_us));
         let sequence = world.b.send(Command::Frame(Frame {
-            capture,
-            reference,
+            capture: moment.station,
+            reference: self.reference,
             sums,
         }));
-        // The frame takes effect at the next tick; its answer is on the line right after.
-        world.advance(world.now().plus_micros(2_000));
-        match world.b.answer(sequence) {
-            None => Outcome::Unanswered,
-            Some(Err(denial)) => Outcome::Denied(denial),
-            Some(Ok(())) => {
-                let estimate = world
-                    .b
-                    .status()
-                    .and_then(|status| status.estimate)
-                    .filter(|e| e.sequence == sequence);
-                let Some(estimate) = estimate else {
-                    return Outcome::Unanswered;
-                };
-                Outcome::Used {
-                    displacement_mm: estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6),
-                    sigma_mm: estimate
-                        .sigma_nm
-                        .map(|sigma| sigma.map(|nm| f64::from(nm) * 1e-6)),
-                    points,
-                    latency_us: estimate.latency_us,
-                }
+        let answer = match world.b.outcome(sequence) {
+            Err(lost) => {
+                resume(world, lost)?;
+                None
             }
+            Ok(answer) => answer,
+        };
+        if let Some(Err(denial)) = answer {
+            return Ok(Outcome::Denied(denial));
         }
+        let estimate = world.b.status().and_then(|status| status.estimate);
+        let estimate = estimate.filter(|estimate| estimate.sequence == sequence);
+        let (Some(Ok(())), Some(estimate)) = (answer, estimate) else {
+            return Ok(Outcome::Unanswered);
+        };
+        let mm = |nm: f64| nm * 1e-6;
+        Ok(Outcome::Used {
+            displacement_mm: estimate.displacement_nm.map(|nm| mm(f64::from(nm))),
+            sigma_mm: estimate
+                .sigma_nm
+                .map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            points,
+            latency_us: estimate.latency_us,
+        })
     }
 }
 
-fn station_fault(fault: Fault) -> crate::station::StationError {
-    crate::station::StationError::Faulted(fault)
+/// Goes on after a short break of the line that the station did not even notice; any other is the end, for it has stopped.
+fn resume(world: &mut World, lost: StationError) -> Result<(), StationError> {
+    match lost {
+        StationError::Interrupted { .. } if world.b.resume().is_ok() => Ok(()),
+        lost => Err(lost),
+    }
 }

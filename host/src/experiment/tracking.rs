@@ -1,14 +1,17 @@
 //! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, B follows what its cameras see.
 
 use super::Error;
+use super::follower::Place;
 use super::servo::{Outcome, Servo, Step, Timing};
 use super::world::World;
 use crate::images::{SceneSettings, Texture, TextureKind};
+use crate::station::serial::Serial;
 use crate::station::stage::default_stage;
 use crate::sums::Estimator;
 use serde::Serialize;
-use shared::frame::message::Command;
+use shared::frame::message::{Command, Status};
 use shared::rig::Rig;
+use shared::safety::Fault;
 
 /// One move of station A, mm.
 pub const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
@@ -25,8 +28,25 @@ pub const PAPER_MM: [[f64; 3]; MOVES] = [
     [19.9192, 19.7846, 4.9699],
 ];
 
+/// Largest error of the paper's station B over its stops, mm.
+pub fn paper_worst_mm() -> [f64; 3] {
+    let error = |stop: usize, i: usize| PAPER_MM[stop][i] - MOVE_MM[i] * (stop + 1) as f64;
+    std::array::from_fn(|i| {
+        (0..MOVES)
+            .map(|stop| error(stop, i).abs())
+            .fold(0.0, f64::max)
+    })
+}
+
 /// Bounds on |B - A| at each stop, mm.
 pub const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
+
+/// A stop ends after so many used pictures at the earliest. That is half of what the usual rest has time for, and matters only where the time is
+/// real and the computer busy.
+const LEAST_PICTURES: usize = 15;
+
+/// A stop ends after so many rests at the latest.
+const LONGEST_RESTS: f64 = 10.0;
 
 /// What is free to choose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +87,7 @@ pub struct Stop {
     /// The paper's B.
     #[serde(rename = "paper")]
     pub paper_mm: [f64; 3],
-    /// Our B: edges counted at its step pins.
+    /// Our B: edges counted at its step pins, or its own report if it is on a serial line.
     #[serde(rename = "tracked")]
     pub tracked_mm: [f64; 3],
 }
@@ -97,10 +117,32 @@ pub struct Run {
     pub stops: Vec<Stop>,
     /// Every picture.
     pub steps: Vec<Step>,
-    /// Both stations every 5 ms.
+    /// Both stations every 5 ms; at every picture if B is on a serial line, where nothing else is known.
     pub samples: Vec<Sample>,
-    /// Per station, A then B: steps commanded (the station's own count) and edges counted at the pins.
-    pub pulses: [[[i64; 3]; 2]; 2],
+    /// Per station, A then B.
+    pub pulses: [Pulses; 2],
+    /// What B was, for people.
+    pub station: String,
+    /// The fault that B had latched before, and that the start cleared.
+    pub cleared: Option<Fault>,
+    /// The bound of B's time sync, µs; `None` for a twin.
+    pub sync_bound_us: Option<u64>,
+}
+
+/// Steps of one station from its zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulses {
+    /// The station's own count.
+    pub commanded: [i64; 3],
+    /// Edges counted at the pins, where something counts them.
+    pub counted: Option<[i64; 3]>,
+}
+
+impl Pulses {
+    /// No edge is known to be missing.
+    pub fn agree(&self) -> bool {
+        self.counted.is_none_or(|counted| counted == self.commanded)
+    }
 }
 
 impl Run {
@@ -123,31 +165,32 @@ impl Run {
         std::array::from_fn(worst)
     }
 
-    /// Every stop within [`BOUND_MM`], and every commanded step at the pins.
+    /// Every stop within [`BOUND_MM`], and every commanded step at the pins that are watched.
     pub fn succeeded(&self) -> bool {
         let within = self
             .worst_mm()
             .iter()
             .zip(BOUND_MM)
             .all(|(worst, bound)| *worst <= bound);
-        within
-            && self
-                .pulses
-                .iter()
-                .all(|[commanded, counted]| commanded == counted)
+        within && self.pulses.iter().all(Pulses::agree)
     }
 }
 
-/// Runs the experiment. `progress` is told the share done, 0 to 1, after every picture.
+/// Runs the experiment with B in `place`. `progress` is told the share done, 0 to 1, after every picture.
 ///
 /// # Errors
-/// If a station refuses or faults, or the first pictures show nothing usable.
-pub fn run(settings: &Settings, mut progress: impl FnMut(f64)) -> Result<Run, Error> {
+/// If a station cannot be reached, refuses or faults, or the first pictures show nothing usable.
+pub fn run(
+    settings: &Settings,
+    place: Place<'_>,
+    mut progress: impl FnMut(f64),
+) -> Result<Run, Error> {
     let rig = Rig::paper();
     let texture = Texture::of_kind(settings.texture, settings.seed);
     let mut world = World::new(
         &rig,
         &default_stage(),
+        place,
         &texture,
         settings.scene,
         settings.seed,
@@ -155,20 +198,41 @@ pub fn run(settings: &Settings, mut progress: impl FnMut(f64)) -> Result<Run, Er
     let mut servo = Servo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
+    // How far the moves are behind their times, s.
+    let mut late_s = 0.0;
     for (stop, paper_mm) in PAPER_MM.into_iter().enumerate() {
         let true_mm = MOVE_MM.map(|d| d * (stop + 1) as f64);
         let position_um = true_mm.map(|mm| (mm * 1e3).round() as i32);
         world
             .a
             .command("setpoint", Command::Setpoint { position_um })?;
-        let end_s = (stop + 1) as f64 * settings.rest_s;
-        while servo.time_s(&world) + 1.0 / settings.timing.frames_per_s < end_s {
-            while world.now().plus_micros(5_000) < servo.next_picture() {
+        let end_s = (stop + 1) as f64 * settings.rest_s + late_s;
+        let latest_s = end_s + LONGEST_RESTS * settings.rest_s;
+        let mut used = 0;
+        loop {
+            let next_s = servo.time_s(&world) + 1.0 / settings.timing.frames_per_s;
+            if next_s >= end_s && (used >= LEAST_PICTURES || next_s >= latest_s) {
+                late_s += (servo.time_s(&world) - end_s).max(0.0);
+                break;
+            }
+            // Between its reports nobody knows where a station on a line is.
+            while world.b.twin().is_some()
+                && world.now().plus_micros(5_000) < servo.next_picture(&world)
+            {
                 world.advance(world.now().plus_micros(5_000));
                 samples.push(sample(&servo, &world));
             }
-            steps.push(servo.step(&mut world)?);
-            progress(servo.time_s(&world) / total_s);
+            let step = servo.step(&mut world)?;
+            if world.b.twin().is_none() {
+                samples.push(Sample {
+                    time_s: step.time_s,
+                    target_mm: step.target_mm,
+                    camera_mm: step.camera_mm,
+                });
+            }
+            used += usize::from(matches!(step.outcome, Outcome::Used { .. }));
+            steps.push(step);
+            progress((servo.time_s(&world) - late_s) / total_s);
         }
         let [_, tracked_mm] = servo.positions_mm(&world);
         stops.push(Stop {
@@ -179,18 +243,24 @@ pub fn run(settings: &Settings, mut progress: impl FnMut(f64)) -> Result<Run, Er
     }
     // At rest, so that all commanded steps are out.
     world.b.command("stop", Command::Stop)?;
-    world.advance(world.now().plus_micros(300_000));
-    let pulses = [&world.a, &world.b].map(|station| {
-        let commanded = station
-            .status()
-            .map_or([i64::MIN; 3], |status| status.position_steps.map(i64::from));
-        [commanded, station.steps_from_zero()]
-    });
+    world.advance(world.now().max(world.b.now()).plus_micros(300_000));
+    let pulses = |status: Option<&Status>, counted| Pulses {
+        commanded: status.map_or([i64::MIN; 3], |status| status.position_steps.map(i64::from)),
+        counted,
+    };
+    let pulses = [
+        pulses(world.a.status(), Some(world.a.steps_from_zero())),
+        pulses(world.b.status().as_ref(), world.b.counted_steps()),
+    ];
+    let sync = world.b.serial().and_then(Serial::offset_us);
     Ok(Run {
         stops,
         steps,
         samples,
         pulses,
+        station: world.b.name(),
+        cleared: world.b.serial().and_then(Serial::cleared),
+        sync_bound_us: sync.map(|(_, bound_us)| bound_us),
     })
 }
 

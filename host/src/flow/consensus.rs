@@ -16,6 +16,7 @@ use shared::sums::View;
 use shared::sums::centred::CentredSums;
 
 use super::geometry::Geometry;
+use crate::random::Random;
 
 /// Rounds at most; three are usual.
 const ROUNDS: usize = 12;
@@ -147,9 +148,9 @@ const PAIRS: u64 = 48;
 /// Reweighting alone, started between two motions, may settle on a blend of both.
 fn least_median(sightings: &[Sighting], start_mm: [f64; 3]) -> Option<[f64; 3]> {
     let mut best = (median_residual(sightings, start_mm)?, start_mm);
-    let mut state = 0_u64;
+    let mut random = Random::seeded(0);
     for _ in 0..PAIRS {
-        let pair = [(); 2].map(|()| &sightings[draw(&mut state, sightings.len())]);
+        let pair = [(); 2].map(|()| &sightings[random.below(sightings.len())]);
         let Some(displacement) = least_squares(pair.into_iter().map(|s| (s, 1.0))) else {
             continue;
         };
@@ -195,12 +196,4 @@ fn least_squares<'a>(sightings: impl Iterator<Item = (&'a Sighting, f64)>) -> Op
         .iter()
         .all(|t| t.is_finite())
         .then_some(displacement)
-}
-
-/// splitmix64: an index below `count`.
-fn draw(state: &mut u64, count: usize) -> usize {
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) % count as u64) as usize
 }

@@ -152,7 +152,7 @@ mod tests {
     use super::*;
     use crate::flow::pyramid::Pyramid;
     use crate::images::Image;
-    use crate::images::random::Random;
+    use crate::random::Random;
 
     fn field() -> Field {
         let mut random = Random::new(4, 0);

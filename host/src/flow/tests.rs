@@ -1,8 +1,8 @@
 //! The whole way from images to tracks.
 
 use super::*;
-use crate::images::random::Random;
 use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
+use crate::random::Random;
 use crate::rig_file::RigFile;
 use shared::estimate::midpoint::{self, Estimate};
 use shared::rig::Camera;

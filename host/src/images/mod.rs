@@ -2,7 +2,6 @@
 //! captures, one view per camera in the rig's order.
 
 pub mod folder;
-pub(crate) mod random;
 pub mod render;
 mod spline;
 pub mod texture;

@@ -17,9 +17,9 @@ use std::thread;
 
 use shared::rig::{Camera, Rig};
 
-use super::random::Random;
 use super::spline::{self, Surface};
 use super::{Capture, Image, Texture};
+use crate::random::Random;
 
 /// How a poster hangs before the cameras and how the cameras take it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,7 +10,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::Image;
-use super::random::Random;
+use crate::random::Random;
 
 /// Width and height of the drawn posters, texels.
 const SIZE: usize = 2048;

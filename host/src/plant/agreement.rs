@@ -1,6 +1,7 @@
 //! Planner, generator and plant agree: what was planned is what the motors get, at times their drivers accept.
 
 use super::*;
+use crate::random::Random;
 use shared::motion::{AxisConfig, Limits, Planner};
 use shared::steps::{Generator, Position};
 
@@ -19,14 +20,6 @@ const CONFIG: AxisConfig = AxisConfig {
     travel_um: [-1_000_000, 1_000_000],
     invert: false,
 };
-
-fn random(seed: &mut u64) -> u64 {
-    *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *seed;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
 
 struct Stage {
     planner: Planner,
@@ -80,8 +73,8 @@ impl Stage {
 #[test]
 fn ten_thousand_retargets_make_the_planned_steps_and_keep_all_times() {
     let mut stage = Stage::new([CONFIG; AXES], WordRate::MHZ_1);
-    let mut seed = 7;
-    let mut target = || std::array::from_fn(|_| (random(&mut seed) % 4_000) as i32 - 2_000);
+    let mut random = Random::seeded(7);
+    let mut target = || std::array::from_fn(|_| (random.next_u64() % 4_000) as i32 - 2_000);
     for _ in 0..10_000 {
         stage.go_to(target());
         stage.tick();
@@ -105,15 +98,15 @@ fn random_segments_keep_the_promised_words_of_set_up_and_hold() {
     let mut generator = Generator::new(MAP).unwrap();
     let mut plant = Plant::new(MAP, [1.0; AXES]);
     let mut words = [0; 512];
-    let mut seed = 3;
+    let mut random = Random::seeded(3);
     let mut turns = 0;
     for _ in 0..20_000 {
-        let slots = 2 + (random(&mut seed) % 30) as u16;
+        let slots = 2 + (random.next_u64() % 30) as u16;
         let motions = [(); AXES].map(|()| {
             // Up to half a step per slot, so that every segment may turn.
-            let [first, last] = [(); 2].map(|()| (random(&mut seed) % (1 << 31)) as i64);
+            let [first, last] = [(); 2].map(|()| (random.next_u64() % (1 << 31)) as i64);
             let change = (last - first) / i64::from(slots - 1);
-            let backward = random(&mut seed).is_multiple_of(2);
+            let backward = random.next_u64().is_multiple_of(2);
             AxisMotion {
                 first: first as u32,
                 change: change as i32,
@@ -197,10 +190,10 @@ fn every_driver_is_content_at_its_highest_word_rate() {
             ..CONFIG
         };
         let mut stage = Stage::new([fast; AXES], rate);
-        let mut seed = u64::from(hz);
+        let mut random = Random::seeded(u64::from(hz));
         for _ in 0..200 {
             stage.go_to(std::array::from_fn(|_| {
-                (random(&mut seed) % 2_000) as i32 - 1_000
+                (random.next_u64() % 2_000) as i32 - 1_000
             }));
             for _ in 0..5 {
                 stage.tick();

@@ -37,7 +37,7 @@ mod table;
 mod write;
 
 pub use page::Page;
-pub use path3d::{Path3d, Series3d};
+pub use path3d::Path3d;
 pub use plot::{LinePlot, Series};
 pub use scatter::{Circle, Scatter};
 pub use stroke::Style;

@@ -7,22 +7,11 @@ use super::canvas::{
     AXIS, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, pen, refusal, render,
     text_width, units, write_text,
 };
-use super::chart::{Entry, draw_legend};
-use super::plot::{say_no_data, unbroken};
+use super::chart::draw_legend;
+use super::plot::{Series, entries, points, say_no_data, unbroken};
 use super::stroke::{self, Style};
 use plotters::prelude::{Circle, Color as _, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
-
-/// Named points in space, in the axes' units.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Series3d {
-    /// Its name in the legend; empty keeps it out.
-    pub name: String,
-    /// The points, in drawing order. A point that is not a number breaks the line.
-    pub points: Vec<[f64; 3]>,
-    /// How the points are joined. Steps are drawn as a line: space has no held axis.
-    pub style: Style,
-}
 
 /// Positions in space. The box is as high as half its width whatever the ranges are: depth moves are often
 /// much smaller than the others, and their scale is on the axis.
@@ -33,7 +22,7 @@ pub struct Path3d {
     /// The three quantities and their units; the third is drawn upwards.
     pub labels: [String; 3],
     /// What is drawn, from back to front.
-    pub series: Vec<Series3d>,
+    pub series: Vec<Series<3>>,
     /// Width and height, px.
     pub size_px: [u32; 2],
 }
@@ -63,11 +52,7 @@ impl Path3d {
         style: Style,
         points: impl IntoIterator<Item = [f64; 3]>,
     ) -> Self {
-        self.series.push(Series3d {
-            name: name.to_owned(),
-            points: points.into_iter().collect(),
-            style,
-        });
+        self.series.push(Series::new(name, style, points));
         self
     }
 
@@ -80,12 +65,7 @@ impl Path3d {
     /// The figure as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         render(&self.title, self.size_px, |sheet| {
-            let entries = self.series.iter().enumerate().map(|(index, series)| Entry {
-                name: &series.name,
-                style: series.style,
-                index,
-            });
-            let top = draw_legend(sheet, &entries.collect::<Vec<_>>())?;
+            let top = draw_legend(sheet, &entries(&self.series))?;
             let view = View::new(self.axes(), sheet, top);
             view.draw_walls(sheet)?;
             view.draw_labels(sheet, &self.labels)?;
@@ -101,28 +81,18 @@ impl Path3d {
                 };
                 stroke::draw(sheet, &runs, style, index)?;
             }
-            if self.drawable_points().next().is_none() {
+            if points(&self.series).next().is_none() {
                 say_no_data(sheet, top)?;
             }
             Ok(())
         })
     }
 
-    fn drawable_points(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
-        let all = self
-            .series
-            .iter()
-            .flat_map(|series| series.points.iter().copied());
-        all.filter(|point| point.iter().all(|value| drawable(*value)))
-    }
-
     fn axes(&self) -> [Axis; 3] {
         [5, 5, 4]
             .into_iter()
             .enumerate()
-            .map(|(i, count)| {
-                Axis::around(self.drawable_points().map(move |point| point[i]), count)
-            })
+            .map(|(i, count)| Axis::around(points(&self.series).map(move |point| point[i]), count))
             .collect::<Vec<_>>()
             .try_into()
             .unwrap_or_else(|_| [0, 1, 2].map(|_| Axis::spanning(0.0, 1.0, 4)))
@@ -265,7 +235,7 @@ impl View {
     }
 
     /// The series on the floor, in grey: it tells depth from height.
-    fn draw_shadow(&self, sheet: &Sheet, series: &Series3d) -> Result<(), String> {
+    fn draw_shadow(&self, sheet: &Sheet, series: &Series<3>) -> Result<(), String> {
         let floor = |point: &[f64; 3]| {
             let seen = point.iter().all(|value| drawable(*value));
             let [x, y, _] = self.unit(*point);

@@ -1,4 +1,4 @@
-//! Values over an axis; and the series of any plane figure.
+//! Values over an axis; and the series of any figure.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -7,23 +7,22 @@ use super::chart::{Axes, Entry, Place, draw_axes, draw_legend, ticks_for};
 use super::stroke::{self, Style};
 use plotters::style::text_anchor::{HPos, VPos};
 
-/// Named points of a plane figure, in the axes' units.
+/// Named points of a figure with `N` axes, in the axes' units.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Series {
+pub struct Series<const N: usize> {
     /// Its name in the legend; empty keeps it out.
     pub name: String,
-    /// Horizontal and vertical value of each point, in drawing order. A point that is not a number breaks
-    /// the line.
-    pub points: Vec<[f64; 2]>,
-    /// How the points are joined.
+    /// The values of each point, in drawing order. A point that is not a number breaks the line.
+    pub points: Vec<[f64; N]>,
+    /// How the points are joined. In space, steps are drawn as a line: there is no held axis.
     pub style: Style,
 }
 
-impl Series {
+impl<const N: usize> Series<N> {
     pub(super) fn new(
         name: &str,
         style: Style,
-        points: impl IntoIterator<Item = [f64; 2]>,
+        points: impl IntoIterator<Item = [f64; N]>,
     ) -> Self {
         Self {
             name: name.to_owned(),
@@ -43,7 +42,7 @@ pub struct LinePlot {
     /// The vertical quantity and its unit.
     pub y_label: String,
     /// What is drawn, from back to front.
-    pub series: Vec<Series>,
+    pub series: Vec<Series<2>>,
     /// The vertical axis includes these values whatever the data are (a bound, zero).
     pub y_include: Vec<f64>,
     /// Width and height, px.
@@ -113,7 +112,7 @@ impl LinePlot {
     }
 }
 
-pub(super) fn entries(series: &[Series]) -> Vec<Entry<'_>> {
+pub(super) fn entries<const N: usize>(series: &[Series<N>]) -> Vec<Entry<'_>> {
     let numbered = series.iter().enumerate();
     numbered
         .map(|(index, series)| Entry {
@@ -130,7 +129,7 @@ fn size(sheet: &Sheet) -> [f64; 2] {
 }
 
 /// All points that have a place.
-pub(super) fn points(series: &[Series]) -> impl Iterator<Item = [f64; 2]> + '_ {
+pub(super) fn points<const N: usize>(series: &[Series<N>]) -> impl Iterator<Item = [f64; N]> + '_ {
     let all = series
         .iter()
         .flat_map(|series| series.points.iter().copied());
@@ -139,7 +138,7 @@ pub(super) fn points(series: &[Series]) -> impl Iterator<Item = [f64; 2]> + '_ {
 
 pub(super) fn draw_series(
     sheet: &Sheet,
-    series: &[Series],
+    series: &[Series<2>],
     place: &Place,
     top: f64,
 ) -> Result<(), String> {

@@ -32,7 +32,7 @@ pub struct Scatter {
     /// The vertical quantity and its unit.
     pub y_label: String,
     /// What is drawn, from back to front.
-    pub series: Vec<Series>,
+    pub series: Vec<Series<2>>,
     /// Circles, drawn behind the series.
     pub circles: Vec<Circle>,
     /// The axes hold these points whatever the data are (the corners of an image).

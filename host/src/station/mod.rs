@@ -1,16 +1,18 @@
 //! The station from the host's side: commands out, reports in, over any byte link.
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
-//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line. [`tape`] records a
-//! twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
+//! the station's time. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod client;
+pub mod clock;
+pub mod ports;
 pub mod serial;
 pub mod stage;
 pub mod tape;
 pub mod twin;
 
-use shared::frame::message::{Denial, Mismatch};
+use shared::frame::message::{Denial, Mismatch, ResetCause};
 use shared::frame::receive::Rejects;
 use shared::safety::Fault;
 
@@ -42,13 +44,45 @@ pub enum StationError {
     /// Its bytes were not understood.
     #[error("the link to the station garbles: {0:?}")]
     Garbled(Rejects),
-    /// The serial port cannot be used, or no longer.
+    /// The serial port cannot be used.
     #[error("{path}: {reason}")]
     Port {
         /// The port.
         path: String,
         /// What happened.
         reason: String,
+    },
+    /// The line broke, and nobody answered on it since.
+    #[error(
+        "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
+    )]
+    Lost {
+        /// The port.
+        path: String,
+        /// What happened.
+        reason: String,
+    },
+    /// The line broke and is back; the station kept its position.
+    #[error(
+        "{path}: the line was lost for {away_ms} ms ({reason}); the station kept its position; nothing moves until it is told to again"
+    )]
+    Interrupted {
+        /// The port.
+        path: String,
+        /// What happened.
+        reason: String,
+        /// For how long, ms.
+        away_ms: u64,
+    },
+    /// The station started anew.
+    #[error(
+        "{path}: the station restarted ({cause}): its position is unknown and its configuration gone; see that the stage stands right, then start again"
+    )]
+    Restarted {
+        /// The port.
+        path: String,
+        /// Why it started, as it says.
+        cause: &'static str,
     },
     /// The stage of the rig file cannot be put into a configuration.
     #[error("{field} of the stage is out of the station's range")]
@@ -61,4 +95,15 @@ pub enum StationError {
 fn mismatches(list: &[Mismatch]) -> String {
     let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
     list.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// Why a station started, in words.
+pub const fn reset_cause(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power on",
+        ResetCause::BrownOut => "brown out",
+        ResetCause::Pin => "pin",
+        ResetCause::Software => "software",
+        ResetCause::Watchdog => "watchdog",
+    }
 }

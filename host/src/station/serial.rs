@@ -1,34 +1,25 @@
 //! A station at the end of a serial line: the board over USB or UART, or the emulated board behind a pseudo-terminal.
 //!
-//! The line is shared between the caller, who sends commands and waits for answers, and one thread, which sends the heartbeat and takes in
-//! what the station says. So the heartbeat goes on while the caller looks at pictures, and stops with the process: a host that crashed
-//! does not keep a stage moving. A lost line ends the thread and is reported by the next call that can fail.
+//! The [`line`] is shared between the caller, who sends commands and waits for answers, and one thread, which sends the heartbeat and takes
+//! in what the station says. So the heartbeat goes on while the caller looks at pictures, and stops with the process: a host that crashed
+//! does not keep a stage moving. A lost line is looked for by the same thread; the caller hears of it from the next call that can fail, and
+//! decides what to do when it is back.
+
+mod line;
 
 use super::StationError;
 use super::client::Client;
 use super::stage::configuration;
 use crate::rig_file::Stage;
-use serialport::{SerialPort, SerialPortType};
-use shared::frame::message::{Command, Denial, Hello, Mounting, Status};
-use std::io::{self, Read as _, Write as _};
+use line::Line;
+use shared::frame::message::{Command, Config, Denial, Hello, Mounting, Status};
+use shared::safety::Fault;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Speed of the line, baud. USB has none; a UART link is wired for this one.
-const BAUD: u32 = 921_600;
-
-/// USB vendor and product of our boards.
-const USB_IDS: (u16, u16) = (0x1209, 0x0001);
-
-/// The heartbeat.
-const PING: Duration = Duration::from_millis(20);
-
 /// How often the line is looked at.
 const LOOK: Duration = Duration::from_millis(1);
-
-/// How long a write may take.
-const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
 /// How long an answer may take.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -39,89 +30,11 @@ const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 /// How often hello is repeated meanwhile.
 const HELLO_PERIOD: Duration = Duration::from_millis(250);
 
-/// One line and the conversation on it.
-struct Line {
-    port: Box<dyn SerialPort>,
-    path: String,
-    client: Client,
-    epoch: Instant,
-    pings: bool,
-    next_ping: Instant,
-    /// Why the line can no longer be used.
-    lost: Option<String>,
-    closed: bool,
-}
+/// How long a lost line is looked for.
+pub const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
-impl Line {
-    fn now_us(&self) -> u64 {
-        u64::try_from(self.epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
-    }
-
-    /// Numbers and writes a command.
-    fn send(&mut self, command: Command) -> u16 {
-        let (sequence, bytes) = self.client.packet(command);
-        self.write(&bytes);
-        sequence
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        if self.lost.is_none()
-            && let Err(cause) = self.port.write_all(bytes)
-        {
-            self.lost = Some(format!("cannot write: {cause}"));
-        }
-    }
-
-    /// Takes in what has arrived, without waiting.
-    fn take_in(&mut self) {
-        let mut buffer = [0; 1024];
-        while self.lost.is_none() {
-            let waiting = match self.port.bytes_to_read() {
-                Ok(0) => return,
-                Ok(waiting) => (waiting as usize).min(buffer.len()),
-                Err(cause) => {
-                    self.lost = Some(format!("cannot read: {cause}"));
-                    return;
-                }
-            };
-            match self.port.read(&mut buffer[..waiting]) {
-                Ok(count) => {
-                    let now_us = self.now_us();
-                    self.client.feed(now_us, &buffer[..count]);
-                }
-                Err(cause) if is_pause(&cause) => return,
-                Err(cause) => self.lost = Some(format!("cannot read: {cause}")),
-            }
-        }
-    }
-
-    fn beat(&mut self) {
-        let now = Instant::now();
-        if self.pings && now >= self.next_ping {
-            let host_us = self.now_us();
-            self.send(Command::Ping { host_us });
-            // After a pause of this process one ping is enough.
-            self.next_ping = (self.next_ping + PING).max(now);
-        }
-    }
-
-    fn check(&self) -> Result<(), StationError> {
-        match &self.lost {
-            None => Ok(()),
-            Some(reason) => Err(StationError::Port {
-                path: self.path.clone(),
-                reason: reason.clone(),
-            }),
-        }
-    }
-}
-
-fn is_pause(cause: &io::Error) -> bool {
-    matches!(
-        cause.kind(),
-        io::ErrorKind::TimedOut | io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock
-    )
-}
+/// How long a stage may take to come to rest.
+const REST_PATIENCE: Duration = Duration::from_secs(10);
 
 /// What caller and thread share.
 struct Shared {
@@ -136,12 +49,11 @@ impl Shared {
         self.line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The thread: takes in and pings until the line is closed or lost.
+    /// The thread: attends to the line until it is closed or given up.
     fn attend(&self) {
         let mut line = self.line();
-        while !line.closed && line.lost.is_none() {
-            line.take_in();
-            line.beat();
+        while !line.is_over() {
+            line.attend();
             let (guard, _) = self
                 .ending
                 .wait_timeout(line, LOOK)
@@ -166,6 +78,7 @@ impl std::ops::Deref for ClientRef<'_> {
 pub struct Serial {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    cleared: Option<Fault>,
 }
 
 impl std::fmt::Debug for Serial {
@@ -193,24 +106,7 @@ impl Serial {
     /// [`StationError::Port`] if the port cannot be used, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers.
     /// A station with other firmware is no error here: see [`Hello::mismatches`].
     pub fn connect(path: &str) -> Result<Self, StationError> {
-        let opened = serialport::new(path, BAUD).timeout(WRITE_PATIENCE).open();
-        let mut port = opened.map_err(|cause| StationError::Port {
-            path: path.to_owned(),
-            reason: format!("cannot open: {cause}"),
-        })?;
-        // Tells a board with USB that somebody listens. A pseudo-terminal has no such line and says so.
-        let _ = port.write_data_terminal_ready(true);
-        let now = Instant::now();
-        let line = Line {
-            port,
-            path: path.to_owned(),
-            client: Client::default(),
-            epoch: now,
-            pings: false,
-            next_ping: now,
-            lost: None,
-            closed: false,
-        };
+        let line = Line::open(path, RECONNECT_PATIENCE)?;
         let shared = Arc::new(Shared {
             line: Mutex::new(line),
             ending: Condvar::new(),
@@ -223,45 +119,68 @@ impl Serial {
                 path: path.to_owned(),
                 reason: format!("cannot start its thread: {cause}"),
             })?;
-        let mut serial = Self {
+        let serial = Self {
             shared,
             thread: Some(thread),
+            cleared: None,
         };
         serial.hello()?;
+        serial.shared.line().begin_session();
         Ok(serial)
     }
 
-    /// Connects to the station, starts the heartbeat, configures the stage and declares its present position to be zero.
+    /// Connects to the station, brings it to rest whatever the last host left behind, starts the heartbeat, configures the stage and declares
+    /// its present position to be zero.
     ///
     /// # Errors
     /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware; if the stage does not fit the configuration or the station
     /// refuses it.
     pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
-        let configuration = configuration(stage, mounting)?;
+        Self::start_as(path, configuration(stage, mounting)?)
+    }
+
+    /// As [`Serial::start`], with a configuration of the caller's.
+    ///
+    /// # Errors
+    /// As [`Serial::start`].
+    pub fn start_as(path: &str, configuration: Config) -> Result<Self, StationError> {
         let mut serial = Self::connect(path)?;
         let mismatches = serial.who().map(|hello| hello.mismatches());
         let mismatches = mismatches.unwrap_or_default();
         if !mismatches.is_empty() {
             return Err(StationError::Mismatch(mismatches.to_vec()));
         }
+        // Without the heartbeat: what a host that crashed set moving must not live on by ours.
+        serial.command("stop", Command::Stop)?;
+        serial.cleared = serial.status().and_then(|status| status.fault);
+        let end = Instant::now() + REST_PATIENCE;
+        loop {
+            match serial.command("reset", Command::Reset) {
+                Err(StationError::Denied {
+                    denial: Denial::Moving,
+                    ..
+                }) if Instant::now() < end => std::thread::sleep(10 * LOOK),
+                outcome => break outcome?,
+            }
+        }
         serial.set_pings(true);
         serial.command("config", Command::Config(configuration))?;
         serial.command("zero", Command::Zero)?;
+        serial.shared.line().configured = true;
         Ok(serial)
     }
 
-    fn hello(&mut self) -> Result<(), StationError> {
+    /// The fault that was latched when [`Serial::start`] came, and is cleared since.
+    pub fn cleared(&self) -> Option<Fault> {
+        self.cleared
+    }
+
+    fn hello(&self) -> Result<(), StationError> {
         let end = Instant::now() + HELLO_PATIENCE;
         loop {
-            {
-                let mut line = self.shared.line();
-                // A closing zero first: the line may hold half a packet.
-                line.write(&[0]);
-                line.send(Command::Hello);
-            }
+            self.shared.line().greet();
             let again = (Instant::now() + HELLO_PERIOD).min(end);
-            let heard = self.wait_until(again, |client| client.hello().map(|_| ()))?;
-            if heard.is_some() {
+            if self.wait_until(again, |client| client.hello().map(|_| ()))? == Some(()) {
                 return Ok(());
             }
             if Instant::now() >= end {
@@ -270,23 +189,28 @@ impl Serial {
         }
     }
 
-    /// Waits for the client to know something.
-    fn wait_until<T>(
-        &mut self,
+    /// Waits for the client to know something; on a lost line, until it is found or given up.
+    ///
+    /// # Errors
+    /// If the line is or was lost.
+    pub fn wait_until<T>(
+        &self,
         end: Instant,
         mut got: impl FnMut(&mut Client) -> Option<T>,
     ) -> Result<Option<T>, StationError> {
         loop {
             {
                 let mut line = self.shared.line();
-                line.take_in();
-                if let Some(value) = got(&mut line.client) {
-                    return Ok(Some(value));
+                line.attend();
+                if !line.is_down() {
+                    line.check()?;
+                    if let Some(value) = got(&mut line.client) {
+                        return Ok(Some(value));
+                    }
+                    if Instant::now() >= end {
+                        return Ok(None);
+                    }
                 }
-                line.check()?;
-            }
-            if Instant::now() >= end {
-                return Ok(None);
             }
             std::thread::sleep(LOOK);
         }
@@ -310,7 +234,12 @@ impl Serial {
         self.client().hello().cloned()
     }
 
-    /// Sends a command without waiting; returns its sequence number. A lost line shows when the answer is waited for.
+    /// The port it is on.
+    pub fn path(&self) -> String {
+        self.shared.line().path.clone()
+    }
+
+    /// Sends a command without waiting; returns its sequence number. On a lost line it goes nowhere, which shows when the answer is waited for.
     pub fn send(&mut self, command: Command) -> u16 {
         self.shared.line().send(command)
     }
@@ -318,8 +247,8 @@ impl Serial {
     /// Sends a command and waits for the answer.
     ///
     /// # Errors
-    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] without an answer, [`StationError::Port`] if the
-    /// line is lost.
+    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] without an answer; on a line that is or was lost
+    /// [`StationError::Lost`], [`StationError::Interrupted`], [`StationError::Restarted`] or [`StationError::Mismatch`].
     pub fn command(&mut self, name: &'static str, command: Command) -> Result<(), StationError> {
         let sequence = self.send(command);
         let end = Instant::now() + PATIENCE;
@@ -340,19 +269,31 @@ impl Serial {
         line.client.answer(sequence)
     }
 
-    /// Whether the line still works.
+    /// Whether commands reach the station.
     ///
     /// # Errors
-    /// [`StationError::Port`] if not.
+    /// As [`Serial::command`] on a line that is or was lost.
     pub fn check(&self) -> Result<(), StationError> {
         self.shared.line().check()
     }
 
+    /// Goes on after the line was lost and is back: only with a station that lost nothing and has latched no fault. One that moved or followed
+    /// has, since its heartbeat failed.
+    ///
+    /// # Errors
+    /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or the station is not the same.
+    pub fn resume(&mut self) -> Result<(), StationError> {
+        self.shared.line().resume()
+    }
+
+    /// How long a lost line is looked for: [`RECONNECT_PATIENCE`] unless set.
+    pub fn set_reconnect_patience(&mut self, patience: Duration) {
+        self.shared.line().patience = patience;
+    }
+
     /// Starts or stops the heartbeat.
     pub fn set_pings(&mut self, on: bool) {
-        let mut line = self.shared.line();
-        line.pings = on;
-        line.next_ping = Instant::now();
+        self.shared.line().set_pings(on);
     }
 
     /// The station's latest status.
@@ -367,51 +308,14 @@ impl Serial {
         ClientRef(self.shared.line())
     }
 
+    /// Station time minus host time now, and the bound of its error, µs. `None` before the first heartbeat came back.
+    pub fn offset_us(&self) -> Option<(i64, u64)> {
+        let line = self.shared.line();
+        line.client.clock().offset_us(line.now_us())
+    }
+
     /// The host's clock that the time sync uses, µs since the line was opened.
     pub fn now_us(&self) -> u64 {
         self.shared.line().now_us()
     }
-}
-
-/// A serial port of this computer.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Candidate {
-    /// What `--port` takes.
-    pub path: String,
-    /// USB vendor and product, if it is a USB port.
-    pub usb: Option<(u16, u16)>,
-    /// What the device calls itself.
-    pub product: Option<String>,
-    /// Its serial number.
-    pub serial_number: Option<String>,
-    /// Whether vendor and product are those of our boards.
-    pub is_station: bool,
-}
-
-/// The serial ports of this computer, ours first. Opens none, hence writes to none. Pseudo-terminals are not listed.
-///
-/// # Errors
-/// [`StationError::Port`] if the system does not tell.
-pub fn candidates() -> Result<Vec<Candidate>, StationError> {
-    let ports = serialport::available_ports().map_err(|cause| StationError::Port {
-        path: "serial ports".to_owned(),
-        reason: format!("cannot list: {cause}"),
-    })?;
-    let candidate = |port: serialport::SerialPortInfo| {
-        let usb = match port.port_type {
-            SerialPortType::UsbPort(usb) => Some(usb),
-            _ => None,
-        };
-        let ids = usb.as_ref().map(|usb| (usb.vid, usb.pid));
-        Candidate {
-            path: port.port_name,
-            usb: ids,
-            is_station: ids == Some(USB_IDS),
-            product: usb.as_ref().and_then(|usb| usb.product.clone()),
-            serial_number: usb.and_then(|usb| usb.serial_number),
-        }
-    };
-    let mut list: Vec<Candidate> = ports.into_iter().map(candidate).collect();
-    list.sort_by(|a, b| (!a.is_station, &a.path).cmp(&(!b.is_station, &b.path)));
-    Ok(list)
 }

@@ -7,8 +7,8 @@ use shared::frame::message::{Config, MATRIX_BITS, Mounting};
 use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
 
-/// Longest silence of the host while moving, ms.
-const HEARTBEAT_MS: u16 = 100;
+/// Longest silence of the host while moving, unless another is chosen, ms.
+pub const HEARTBEAT_MS: u16 = 100;
 
 /// Fastest motion while the position is unknown, µm/s.
 const SLOW_SPEED_UM_S: u32 = 5_000;

@@ -5,7 +5,7 @@
 
 use super::scene::{point, rig, views};
 use super::{bound, estimates, in_parallel};
-use crate::images::random::Random;
+use crate::random::Random;
 use serde::Serialize;
 use shared::estimate::Refusal;
 use shared::rig::Rig;

@@ -6,7 +6,7 @@
 
 use super::scene::{point, section_3_rig, views};
 use super::{estimates, in_parallel};
-use crate::images::random::Random;
+use crate::random::Random;
 use serde::Serialize;
 use shared::estimate::Refusal;
 

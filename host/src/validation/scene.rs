@@ -1,6 +1,6 @@
 //! Random points that all three cameras see, before and after a move.
 
-use crate::images::random::Random;
+use crate::random::Random;
 use serde::Serialize;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;

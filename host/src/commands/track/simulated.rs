@@ -1,11 +1,13 @@
 //! In closed loop with the simulator.
 
+use super::super::failed_at;
 use super::super::progress::Progress;
 use super::Options;
 use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
+use host::station::serial::Serial;
 use host::station::stage::default_stage;
 use serde_json::json;
 use shared::frame::message::Command;
@@ -17,20 +19,33 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let rig = Rig::paper();
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
+    let port = options.station.resolve()?;
+    let failed = |error| failed_at(port.as_deref(), error);
     let world = World::new(
         &rig,
         &default_stage(),
+        options.station.place(port.as_deref()),
         &texture,
         settings,
         options.scene.seed,
     );
-    let mut world = world.map_err(super::super::failed)?;
+    let mut world = world.map_err(failed)?;
     let timing = Timing {
         frames_per_s: options.fps,
         latency_us: options.latency * 1000,
     };
+    if let Some(serial) = world.b.serial() {
+        eprintln!("station B is {}", world.b.name());
+        if let Some(fault) = serial.cleared() {
+            eprintln!(
+                "its fault {} was cleared: {}",
+                fault.number(),
+                fault.explain()
+            );
+        }
+    }
     let servo = Servo::start(&mut world, &rig, timing, options.method.into());
-    let mut servo = servo.map_err(super::super::failed)?;
+    let mut servo = servo.map_err(failed)?;
     let mut progress = Progress::new("following");
     let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
     if !options.json {
@@ -47,7 +62,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             .at(servo.time_s(&world))
             .map(|mm| (mm * 1e3).round() as i32);
         world.a.send(Command::Setpoint { position_um });
-        let step = servo.step(&mut world).map_err(super::super::failed)?;
+        let step = servo.step(&mut world).map_err(failed)?;
         progress.at(step.time_s / options.seconds);
         let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
         // The first second is for catching up.
@@ -62,7 +77,14 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         print(options.json, &step, error, out)?;
     }
     drop(progress);
+    world
+        .b
+        .command("stop", Command::Stop)
+        .map_err(|error| failed(error.into()))?;
     let rms = squares.map(|sum| (sum / f64::from(count.max(1))).sqrt());
+    if let Some((_, bound_us)) = world.b.serial().and_then(Serial::offset_us) {
+        eprintln!("the station's clock was known to {bound_us} us");
+    }
     eprintln!(
         "following error after the first second: rms {rms:.4?} mm, largest {worst:.4?} mm; {unused} pictures not used"
     );

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use super::noise;
-use crate::images::random::Random;
+use crate::random::Random;
 
 /// Radii of the leaves, texels.
 const RADIUS: [f64; 2] = [3.0, 160.0];

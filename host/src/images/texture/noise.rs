@@ -1,7 +1,7 @@
 //! Smooth random fields.
 
-use crate::images::random::Random;
 use crate::images::spline;
+use crate::random::Random;
 
 /// Sum of one smooth random field per entry of `cells`, mean about 0 and standard deviation 1, repeating
 /// every `size` texels. A field varies over about its cell, which must divide `size`; coarser fields are stronger

@@ -1,0 +1,204 @@
+//! The paper's closed loop with station B on a serial line, in real time: pictures on this side, everything from frame to step pins on the other.
+
+use host::experiment::follower::Place;
+use host::experiment::tracking::{self, BOUND_MM, MOVES, Run, Settings};
+use serde_json::Value;
+use std::io::{BufRead as _, BufReader};
+use std::process::Stdio;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+use trinocular_tests::binary::trinocular;
+use trinocular_tests::emulator::{Emulator, pins};
+use trinocular_tests::far_end::{FarEnd, mute, station};
+
+/// The station's patience with us, ms. The machine that runs tests has other things to do, and is no part of what is tested.
+const HEARTBEAT_MS: u16 = 5_000;
+
+/// One closed loop at a time: each wants a processor for itself.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Table 6 with the station on this port.
+fn table_6(path: &str) -> Run {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let place = Place::Port {
+        path,
+        heartbeat_ms: HEARTBEAT_MS,
+    };
+    let run = tracking::run(&Settings::default(), place, |_| {})
+        .unwrap_or_else(|error| panic!("{error}"));
+    println!(
+        "{}: largest error {:.4?} mm, {} of {} pictures used, clock known to {:?} us",
+        run.station,
+        run.worst_mm(),
+        run.used(),
+        run.steps.len(),
+        run.sync_bound_us
+    );
+    assert_eq!(run.stops.len(), MOVES);
+    let worst = run.worst_mm();
+    assert!(
+        (0..3).all(|i| worst[i] <= BOUND_MM[i]),
+        "{worst:?} mm: {:#?}",
+        run.stops
+    );
+    run
+}
+
+#[test]
+fn table_6_over_a_line() {
+    let end = station();
+    let run = table_6(&end.path);
+    assert_eq!(run.pulses[1].commanded, end.steps());
+}
+
+#[test]
+#[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
+fn table_6_with_the_emulated_board() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trace = folder.path().join("trace");
+    let (emulator, path) = Emulator::live(&trace);
+    let run = table_6(&path);
+    assert!(
+        run.station.starts_with("qemu-mps2-an386 on "),
+        "{}",
+        run.station
+    );
+    // The trace is written every 100 ms; two seconds are many of those on any machine.
+    std::thread::sleep(Duration::from_secs(2));
+    drop(emulator);
+    let (steps, _) = pins(&trace);
+    assert_eq!(run.pulses[1].commanded, steps);
+}
+
+/// Exit code, standard output, standard error.
+fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let done = trinocular()
+        .args(arguments)
+        .output()
+        .expect("trinocular runs");
+    let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+    (done.status.code(), text(done.stdout), text(done.stderr))
+}
+
+fn track(end: &FarEnd) -> (Option<i32>, String, String) {
+    run(&[
+        "track",
+        "--sim",
+        "--port",
+        &end.path,
+        "--heartbeat",
+        "5000",
+        "--path",
+        "steps",
+        "--seconds",
+        "3",
+        "--json",
+    ])
+}
+
+#[test]
+fn track_follows_with_a_station_on_a_port() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let end = station();
+    let (code, out, err) = track(&end);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(err.contains("far end on "), "{err}");
+    let lines: Vec<Value> = out
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    let used = lines
+        .iter()
+        .filter(|line| line["displacement_mm"].is_array())
+        .count();
+    assert!(used >= 5 && 2 * used > lines.len(), "{out}");
+    // It stood still after the last move it saw, or was on its way there; it moved at any rate, and never beyond the target.
+    let steps = end.steps();
+    assert!(
+        steps.iter().all(|steps| (60..=660).contains(steps)),
+        "{steps:?}"
+    );
+}
+
+/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program inherits the pseudo-terminal from this process,
+/// so to it the line does not break, as in `serial.rs`, but falls silent.
+fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<i32>, String) {
+    let mut running = trinocular()
+        .args([
+            "track",
+            "--sim",
+            "--port",
+            &end.path,
+            "--heartbeat",
+            heartbeat,
+        ])
+        .args(["--path", "line", "--seconds", "8", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("trinocular runs");
+    let mut lines = BufReader::new(running.stdout.take().expect("piped")).lines();
+    for _ in 0..2 {
+        lines.next().expect("a picture").expect("UTF-8");
+    }
+    end.unplug();
+    std::thread::sleep(away);
+    end.plug();
+    // Whoever does not read holds up the writer.
+    for line in lines {
+        line.expect("UTF-8");
+    }
+    let done = running.wait_with_output().expect("it ends");
+    let text = String::from_utf8(done.stderr).expect("UTF-8");
+    (done.status.code(), text)
+}
+
+#[test]
+fn a_break_that_the_station_did_not_notice_is_got_over() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let end = station();
+    let (code, err) = track_with_a_break(&end, "10000", Duration::from_millis(100));
+    assert_eq!(code, Some(0), "{err}");
+    assert!(err.contains("following error"), "{err}");
+}
+
+#[test]
+fn a_break_that_stopped_the_station_ends_the_run() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let end = station();
+    let (code, err) = track_with_a_break(&end, "1000", Duration::from_secs(3));
+    assert_eq!(code, Some(3), "{err}");
+    assert!(
+        err.contains(&end.path) && err.contains("the line was lost for"),
+        "{err}"
+    );
+    let stood = end.steps();
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(end.steps(), stood);
+}
+
+#[test]
+fn a_port_with_nobody_or_nothing_is_named() {
+    let nobody = mute();
+    let (code, out, err) = track(&nobody);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(out.is_empty() && err.contains(&nobody.path), "{err}");
+    for command in [&["track", "--sim"][..], &["hello"], &[]] {
+        let (code, _, err) = run(&[command, &["--port", "/dev/no-such-port"]].concat());
+        assert_eq!(code, Some(1), "{err}");
+        assert!(err.contains("/dev/no-such-port"), "{err}");
+    }
+    let (code, _, err) = run(&["track", "--images", "x", "--rig", "y", "--port", "z"]);
+    assert_eq!(code, Some(2), "{err}");
+}
+
+#[test]
+fn without_a_station_auto_says_what_there_is() {
+    let (_, ports, _) = run(&["ports", "--json"]);
+    // With a board on the desk there is nothing to see here; it must not be written to.
+    if !ports.contains("\"is_station\":true") {
+        let (code, _, err) = run(&["hello", "--port", "auto"]);
+        assert_eq!(code, Some(1), "{err}");
+        assert!(err.contains("no USB port of a station"), "{err}");
+    }
+}

@@ -1,0 +1,213 @@
+//! The far end of a pseudo-terminal: stations and strangers, each in a thread that ends with its handle.
+//!
+//! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged in again under the same name.
+
+use host::plant::Plant;
+use host::station::stage::{configuration, default_stage};
+use host::station::twin::{PORT, RING_WORDS};
+use serialport::{SerialPort as _, TTYPort};
+use shared::frame::message::{Config, Mounting, ResetCause};
+use shared::machine::Board;
+use shared::replay::{Event, Station};
+use shared::steps::WordRate;
+use shared::time::Instant as StationInstant;
+use std::io::{Read as _, Write as _};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Somebody at the end of a line.
+pub struct FarEnd {
+    /// The port that leads there.
+    pub path: String,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    _folder: TempDir,
+}
+
+#[derive(Default)]
+struct Shared {
+    received: Mutex<Vec<u8>>,
+    /// Steps that left the pins.
+    steps: Mutex<[i64; 3]>,
+    unplugged: AtomicBool,
+    /// How often the station was switched off and on.
+    restarts: AtomicU32,
+    over: AtomicBool,
+}
+
+impl Drop for FarEnd {
+    fn drop(&mut self) {
+        self.shared.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl FarEnd {
+    /// Everything that came over the line.
+    pub fn received(&self) -> Vec<u8> {
+        self.shared
+            .received
+            .lock()
+            .expect("no thread panics")
+            .clone()
+    }
+
+    /// Edges at a station's step pins since it was first switched on, backward ones subtracted.
+    pub fn steps(&self) -> [i64; 3] {
+        *self.shared.steps.lock().expect("no thread panics")
+    }
+
+    /// Pulls the plug; whoever is there lives on.
+    pub fn unplug(&self) {
+        self.shared.unplugged.store(true, Ordering::Relaxed);
+        while Path::new(&self.path).exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Puts the plug back.
+    pub fn plug(&self) {
+        self.shared.unplugged.store(false, Ordering::Relaxed);
+    }
+
+    /// Switches a station off and on.
+    pub fn restart(&self) {
+        self.shared.restarts.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// A pseudo-terminal under a name of ours.
+struct Line {
+    far: TTYPort,
+    /// Stays open here, or the line would end when the other program closes it.
+    _near: TTYPort,
+}
+
+impl Line {
+    fn new(path: &Path) -> Self {
+        let (mut far, near) = TTYPort::pair().expect("a pseudo-terminal");
+        far.set_timeout(Duration::from_millis(1))
+            .expect("a timeout");
+        let name = near.name().expect("it has a name");
+        std::os::unix::fs::symlink(name, path).expect("a link");
+        Self { far, _near: near }
+    }
+}
+
+/// Calls `live` with the bytes that came, every millisecond; what it returns goes back.
+fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> FarEnd {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("port");
+    let shared = Arc::new(Shared::default());
+    let mut line = Some(Line::new(&path));
+    let (theirs, link) = (Arc::clone(&shared), path.clone());
+    let thread = std::thread::spawn(move || {
+        let mut buffer = [0; 256];
+        while !theirs.over.load(Ordering::Relaxed) {
+            let unplugged = theirs.unplugged.load(Ordering::Relaxed);
+            if unplugged && line.take().is_some() {
+                std::fs::remove_file(&link).expect("the link was there");
+            }
+            if !unplugged && line.is_none() {
+                line = Some(Line::new(&link));
+            }
+            let count = match &mut line {
+                Some(line) => line.far.read(&mut buffer).unwrap_or(0),
+                None => {
+                    std::thread::sleep(Duration::from_millis(1));
+                    0
+                }
+            };
+            theirs
+                .received
+                .lock()
+                .expect("no thread panics")
+                .extend_from_slice(&buffer[..count]);
+            let answer = live(&theirs, &buffer[..count]);
+            if let Some(line) = &mut line {
+                // A full line loses what nobody reads.
+                let _ = line.far.write_all(&answer);
+            }
+        }
+    });
+    FarEnd {
+        path: path.to_str().expect("UTF-8").to_owned(),
+        shared,
+        thread: Some(thread),
+        _folder: folder,
+    }
+}
+
+fn switched_on(session: u32) -> Station {
+    let board = Board {
+        name: "far end",
+        version: [0, 1, 0],
+        word_rate: WordRate::MHZ_1,
+        delay_us: RING_WORDS as u32,
+        session,
+        reset_cause: ResetCause::PowerOn,
+    };
+    Station::new(board, PORT, RING_WORDS as u32).expect("possible pins")
+}
+
+/// The machine, on this computer's clock.
+pub fn station() -> FarEnd {
+    let mut station = switched_on(1);
+    let mut plant = Plant::new(PORT, default_stage().steps_per_mm);
+    let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
+    let mut last = Instant::now();
+    let mut restarts = 0;
+    far_end(move |shared, bytes| {
+        let wanted = shared.restarts.load(Ordering::Relaxed);
+        if restarts != wanted {
+            restarts = wanted;
+            station = switched_on(1 + restarts);
+        }
+        station.receive(bytes);
+        // A computer that is busy elsewhere stops the station's clock, too: no real board misses a heartbeat for that.
+        let passed = last.elapsed().min(Duration::from_millis(10));
+        last = Instant::now();
+        let until = station.now().micros() + passed.as_micros() as u64;
+        let mut answer = Vec::new();
+        loop {
+            match station.run(StationInstant::from_micros(until), &mut words) {
+                Event::Sent(packet) => answer.extend_from_slice(&packet),
+                Event::Segment(_, filled) => plant.feed(&words[..filled]),
+                Event::Refused(fault) => panic!("{fault}"),
+                Event::Idle(_) => {
+                    *shared.steps.lock().expect("no thread panics") = plant.steps();
+                    return answer;
+                }
+            }
+        }
+    })
+}
+
+/// Somebody who answers everything with the same bytes.
+pub fn saying(bytes: Vec<u8>) -> FarEnd {
+    far_end(move |_, received| {
+        if received.is_empty() {
+            Vec::new()
+        } else {
+            bytes.clone()
+        }
+    })
+}
+
+/// Nobody.
+pub fn mute() -> FarEnd {
+    far_end(|_, _| Vec::new())
+}
+
+/// A configuration that no station takes.
+pub fn impossible() -> Config {
+    let mut config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
+    config.slow_speed_um_s = 0;
+    config
+}
