@@ -8,6 +8,8 @@ mod folder;
 mod points;
 #[path = "cli/usage.rs"]
 mod usage;
+#[path = "cli/verify.rs"]
+mod verify;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -11,3 +11,4 @@ pub mod rig_file;
 pub mod station;
 pub mod sums;
 pub mod validation;
+pub mod verification;

@@ -13,6 +13,7 @@ mod progress;
 mod scene;
 mod tables;
 mod track;
+mod verify;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
 ///
@@ -51,6 +52,7 @@ enum Command {
     Ports(ports::Options),
     Tables(tables::Options),
     Track(track::Options),
+    Verify(verify::Options),
 }
 
 /// Runs the command; results go to `out`, one line at a time.
@@ -62,6 +64,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),
         Some(Command::Track(options)) => track::run(&options, out),
+        Some(Command::Verify(options)) => verify::run(&options, out),
     }
 }
 
