@@ -5,6 +5,7 @@ use std::io::Write;
 use clap::{Parser, Subcommand};
 use host::error::Failure;
 
+mod align;
 mod estimate;
 mod experiment;
 mod hello;
@@ -47,6 +48,7 @@ Exit codes:
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Align(align::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Ports(ports::Options),
@@ -59,6 +61,7 @@ enum Command {
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
+        Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
