@@ -181,3 +181,33 @@ fn pictures_without_texture_are_refused_and_write_nothing() {
     align(&desk, &["--out", "aligned.toml"]).failed(1, &["views: ", "texture"]);
     assert!(!desk.path("aligned.toml").exists());
 }
+
+/// Photographs of a scene with depth: what the rig file is made wrong by comes back.
+#[test]
+fn photographs_show_what_the_rig_file_was_made_wrong_by() {
+    let teddy = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/teddy");
+    let teddy = teddy.to_str().expect("UTF-8");
+    let desk = Desk::new();
+    let text = fs::read_to_string(Path::new(teddy).join("rig.toml")).expect("the rig file");
+    let offsets = |text: &str| -> Vec<[f64; 2]> {
+        desk.write("teddy.toml", text);
+        let arguments = ["align", teddy, "--rig", "teddy.toml", "--json"];
+        let outcome = run(desk.folder.path(), &arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let found = &outcome.json()[0];
+        let cameras = found["cameras"].as_array().expect("a list").iter();
+        cameras
+            .map(|camera| [0, 1].map(|i| number(&camera["offset_px"][i])))
+            .collect()
+    };
+    let right = offsets(&text);
+    // Left is 6 px too high and 3 px too far left. Of the latter, with equal baselines, half shows in left and half in right.
+    let wrong = offsets(&text.replacen("[224.5, 187.0]", "[221.5, 181.0]", 1));
+    let expected = [[1.5, 6.0], [0.0, 0.0], [1.5, 0.0]];
+    for ((wrong, right), expected) in wrong.iter().zip(right).zip(expected) {
+        for i in 0..2 {
+            let error = wrong[i] - right[i] - expected[i];
+            assert!(error.abs() <= 0.02, "{error} px: {wrong:?} {right:?}");
+        }
+    }
+}

@@ -269,6 +269,17 @@ fn other_rigs_are_aligned_as_far_as_they_show_it() {
 }
 
 #[test]
+fn patterns_that_repeat_are_refused() {
+    let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
+    for texture in [Texture::grid(), Texture::bricks(1)] {
+        let captures = captures(&shifted(by), &texture, SceneSettings::default(), &[1]);
+        let refused = Alignment::of(&RigFile::paper(), &captures, &Settings::default());
+        println!("{refused:?}");
+        assert!(refused.is_err(), "{refused:?}");
+    }
+}
+
+#[test]
 fn pictures_that_show_nothing_are_refused() {
     let blank = crate::images::Image {
         width: 320,

@@ -7,6 +7,7 @@ use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;
 use super::view::View;
 use super::{AtDepth, Verification};
+use crate::flow::geometry::Geometry;
 use crate::rig_file::RigFile;
 
 /// How bad it is, the worst first.
@@ -82,18 +83,11 @@ fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) 
         let text = format!("{pair} have no common view nearer than {nearest:.0} mm");
         add(Severity::Warning, "camera.offset_mm", text);
     }
-    let cameras = &rig.rig.cameras;
-    let apart = cameras.iter().flat_map(|a| {
-        cameras.iter().map(|b| {
-            let [x, y] = [0, 1].map(|i| a.offset_mm[i] - b.offset_mm[i]);
-            x.hypot(y)
-        })
-    });
-    let widest = apart.fold(0.0, f64::max);
-    let disparity = rig.rig.mean_focal_px() * widest / far;
+    let reach_mm = Geometry::new(&rig.rig).map_or(0.0, |geometry| geometry.reach_mm);
+    let disparity = rig.rig.mean_focal_px() * reach_mm / far;
     if disparity < LEAST_DISPARITY_PX {
         let text = format!(
-            "the cameras are {widest:.1} mm apart at most: {disparity:.2} px of disparity at {far} mm, points are matched from {LEAST_DISPARITY_PX} px on"
+            "no camera is farther than {reach_mm:.1} mm from the one in the middle: {disparity:.2} px of disparity at {far} mm, points are matched from {LEAST_DISPARITY_PX} px on"
         );
         add(Severity::Warning, "camera.offset_mm", text);
     }
