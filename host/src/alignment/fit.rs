@@ -100,7 +100,7 @@ pub fn settle(
     depth_mm: Option<f64>,
 ) -> Result<(Rig, Fit), Refusal> {
     let mut rig = rig.clone();
-    // Without lens distortion the first step is exact; with it, each leaves a hundredth.
+    // Without lens distortion the first step is exact; with it, each leaves a small part.
     for _ in 0..6 {
         let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
         let samples = samples(&geometry, points);
@@ -132,15 +132,19 @@ fn samples(geometry: &Geometry, points: &[Point]) -> Vec<Sample> {
     points.iter().map(|p| Sample::of(geometry, p)).collect()
 }
 
-/// `rig` with the principal points of all cameras but the reference moved: a view that is too far by `e` belongs to a principal point `f e` farther.
+/// `rig` with the principal points of all cameras but the reference moved: what is seen too far by `e` was seen with a principal point that is farther by
+/// what `e` is on the sensor, `f e` for a camera that is not turned.
 pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     let mut rig = rig.clone();
     let others = rig.cameras.iter_mut().enumerate();
     let others = others.filter(|(k, _)| *k != reference);
     for ((_, camera), shift) in others.zip(components.chunks_exact(2)) {
-        let axes = camera.principal_px.iter_mut().zip(camera.focal_px);
-        for ((principal_px, focal_px), shift) in axes.zip(shift) {
-            *principal_px += focal_px * shift;
+        let (from, to) = (
+            camera.denormalise([0.0; 2]),
+            camera.denormalise([shift[0], shift[1]]),
+        );
+        for (i, principal_px) in camera.principal_px.iter_mut().enumerate() {
+            *principal_px += to[i] - from[i];
         }
     }
     rig

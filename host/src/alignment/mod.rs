@@ -161,7 +161,7 @@ impl Alignment {
         )?;
         let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
         let cameras = (0..original.cameras.len())
-            .map(|k| last.datum(k, file, geometry.reference))
+            .map(|k| last.datum(k, file))
             .collect();
         Ok(Self {
             cameras,
@@ -263,10 +263,9 @@ impl Refined {
             .collect()
     }
 
-    fn datum(&self, k: usize, file: &RigFile, reference: usize) -> Datum {
+    fn datum(&self, k: usize, file: &RigFile) -> Datum {
         let (before, now) = (&file.rig.cameras[k], &self.rig.cameras[k]);
-        let turn = (k != reference).then(|| self.fit.turns.get(k).copied().flatten());
-        let turn = turn.flatten();
+        let turn = self.fit.turns.get(k).copied().flatten();
         Datum {
             name: file.names[k].clone(),
             offset_px: [0, 1].map(|i| now.principal_px[i] - before.principal_px[i]),

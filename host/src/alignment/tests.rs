@@ -269,6 +269,27 @@ fn other_rigs_are_aligned_as_far_as_they_show_it() {
 }
 
 #[test]
+fn larger_images_and_bent_lenses_are_aligned_too() {
+    let mut rig = Rig::paper();
+    rig.image_size_px = [640, 480];
+    for (camera, k1) in rig.cameras.iter_mut().zip([-0.25, -0.2, -0.3]) {
+        camera.focal_px = camera.focal_px.map(|f| 1.6 * f);
+        camera.principal_px = camera.principal_px.map(|p| 2.0 * p);
+        camera.distortion = [k1, 0.1, 0.001, -0.001, 0.0];
+    }
+    let file = RigFile {
+        rig: rig.clone(),
+        ..RigFile::paper()
+    };
+    let mut truth = rig;
+    truth.cameras[0].principal_px[1] += 7.5;
+    truth.cameras[2].principal_px[1] -= 4.0;
+    let captures = captures(&truth, &Texture::natural(7), tilted(850.0), &[1]);
+    let found = Alignment::of(&file, &captures, &Settings::default()).unwrap();
+    assert_found(&found, [[0.0, 7.5], [0.0; 2], [0.0, -4.0]], 0.02);
+}
+
+#[test]
 fn patterns_that_repeat_are_refused() {
     let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
     for texture in [Texture::grid(), Texture::bricks(1)] {
