@@ -1,5 +1,7 @@
 //! The command line as its user meets it: results, messages and exit codes of the built program.
 
+#[path = "cli/align.rs"]
+mod align;
 #[path = "cli/bad_input.rs"]
 mod bad_input;
 #[path = "cli/folder.rs"]
@@ -8,6 +10,8 @@ mod folder;
 mod points;
 #[path = "cli/usage.rs"]
 mod usage;
+#[path = "cli/verify.rs"]
+mod verify;
 
 use std::fs;
 use std::path::{Path, PathBuf};

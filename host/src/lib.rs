@@ -1,5 +1,6 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
 
+pub mod alignment;
 pub mod error;
 pub mod experiment;
 pub mod flow;
@@ -12,3 +13,4 @@ pub mod rig_file;
 pub mod station;
 pub mod sums;
 pub mod validation;
+pub mod verification;

@@ -93,7 +93,7 @@ const COMMON_PX: f64 = 0.0003;
 /// ```text
 /// variance = overlap s²/count + common² = (overlap + common² count/s²) s²/count
 /// ```
-fn widening(overlap: f64, sigma_px: f64, count: f64) -> f64 {
+pub(crate) fn widening(overlap: f64, sigma_px: f64, count: f64) -> f64 {
     let common = COMMON_PX * COMMON_PX * count / (sigma_px * sigma_px);
     // Without scatter there is nothing to widen.
     if common.is_finite() {

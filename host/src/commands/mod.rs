@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use host::error::{Failure, InputError};
 use host::station::StationError;
 
+mod align;
 mod estimate;
 mod experiment;
 mod hello;
@@ -16,6 +17,7 @@ mod progress;
 mod scene;
 mod tables;
 mod track;
+mod verify;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
 ///
@@ -49,22 +51,26 @@ Exit codes:
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Align(align::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Ports(ports::Options),
     Tables(tables::Options),
     Track(track::Options),
+    Verify(verify::Options),
 }
 
 /// Runs the command; results go to `out`, one line at a time.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
+        Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),
         Some(Command::Track(options)) => track::run(&options, out),
+        Some(Command::Verify(options)) => verify::run(&options, out),
     }
 }
 

@@ -1,0 +1,281 @@
+//! Datum offsets of a rig's cameras from pictures of any textured scene: the paper's section 4.1.
+//!
+//! A principal point that is off by `δ_k` px moves all views of camera `k` by `e_k = δ_k/f_k`. Between parallel cameras in a plane the views of one point are
+//! `ξ_k = α - ρ c_k + e_k`, with the point's direction `α`, inverse depth `ρ` and the cameras' places `c_k`. Fitting `α` and `ρ` leaves
+//! a residual that is the same for every point of every scene: the part of `e` that is neither a common shift nor proportional to `c`. For the
+//! paper's three cameras these are its two tests: equal heights (eq. 2), and disparities in the ratio of the baselines (eq. 3).
+//!
+//! Two things cannot be seen in a scene of unknown depth, and are left as they were:
+//!
+//! * a common shift of all images: the reference camera (the one in the middle) keeps its principal point;
+//! * a shift in proportion to the cameras' places, which is a common error of all disparities: the correction changes no depth.
+//!   With a flat target at a known distance it is found too.
+//!
+//! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets too.
+//!
+//! The steps: [`rough`] finds offsets of many pixels by a search across the epipolar lines; [`crate::flow`] matches points to hundredths of a
+//! pixel with the rig corrected so far; [`fit`] takes a robust mean of their residuals, with its sigma. [`penalty`] says what
+//! the offsets cost each estimator, [`rewrite`] puts the new principal points into the user's own rig file.
+
+pub mod fit;
+pub mod penalty;
+pub mod present;
+pub mod rewrite;
+pub mod rough;
+
+use serde::Serialize;
+use shared::rig::Rig;
+
+use crate::flow::geometry::Geometry;
+use crate::flow::{self, Flow};
+use crate::images::Capture;
+use crate::rig_file::RigFile;
+use fit::{Fit, Point};
+use penalty::Penalty;
+
+/// What to look for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Largest offset across the epipolar line that is searched, px.
+    pub reach_px: f64,
+    /// Distance of a flat target along the reference camera's axis, mm, if it is known.
+    pub depth_mm: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            reach_px: 16.0,
+            depth_mm: None,
+        }
+    }
+}
+
+/// Why there is no alignment.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// The rig has not two cameras in different places.
+    #[error("the rig needs two cameras in different places")]
+    WrongRig,
+    /// No offset within reach explains the pictures.
+    #[error(
+        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture)"
+    )]
+    NoRoughOffset {
+        /// What was searched, px.
+        reach_px: f64,
+        /// Matches that agree with the best offset.
+        agree: usize,
+        /// All rough matches.
+        found: usize,
+    },
+    /// No capture could be matched.
+    #[error("no capture can be matched; the first: {0}")]
+    Flow(flow::Refusal),
+    /// Too few points for a mean with a sigma.
+    #[error("{found} matched points; at least {least} are needed")]
+    FewPoints {
+        /// Matched.
+        found: usize,
+        /// Needed.
+        least: usize,
+    },
+    /// A depth was given, but the scene is not flat.
+    #[error(
+        "a known depth needs a flat target, but disparities differ from a plane's by {residual_px:.2} px (root mean square)"
+    )]
+    NotFlat {
+        /// Scatter of the disparity to the farthest camera, px.
+        residual_px: f64,
+    },
+}
+
+/// What was found about one camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Datum {
+    /// Its name.
+    pub name: String,
+    /// New principal point minus the rig file's, px.
+    pub offset_px: [f64; 2],
+    /// Standard deviation of the offset, px; 0 where the offset is 0 by choice.
+    pub sigma_px: [f64; 2],
+    /// The new principal point, px.
+    pub principal_px: [f64; 2],
+    /// Roll against the reference camera, degrees, positive clockwise as seen in the image, and its standard deviation; only for rigs in line.
+    pub roll_deg: Option<[f64; 2]>,
+    /// Magnification across the line of cameras against the reference camera, per cent, and its standard deviation; only for rigs in line.
+    pub scale_percent: Option<[f64; 2]>,
+}
+
+/// The alignment of a rig.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Alignment {
+    /// Per camera, in the rig's order.
+    pub cameras: Vec<Datum>,
+    /// Name of the camera that keeps its principal point.
+    pub reference: String,
+    /// Captures that could be matched, and all.
+    pub captures: [usize; 2],
+    /// Points behind the result.
+    pub points: usize,
+    /// Points that disagree.
+    pub outliers: usize,
+    /// Scatter of the points' residuals, px (standard deviation of the worst component).
+    pub scatter_px: f64,
+    /// Median distance of the points, mm, as the corrected rig sees it.
+    pub depth_mm: f64,
+    /// What the offsets cost.
+    pub penalty: Penalty,
+    /// Whether the common error of all disparities was found from a known depth.
+    pub depth_known: bool,
+    /// The corrected rig.
+    #[serde(skip)]
+    pub rig: Rig,
+}
+
+/// The fewest points of any use.
+const LEAST_POINTS: usize = 20;
+
+/// Tolerance of the first matching, px: as far off as the rough offsets may be.
+const FIRST_TOLERANCE_PX: f64 = 3.0;
+
+/// Of the second one, in scatters of the first, and the least, px. Wider than the noise, so that a camera that is rolled is not cut to its middle rows.
+const SECOND_TOLERANCE: f64 = 6.0;
+const LEAST_TOLERANCE_PX: f64 = 0.5;
+
+impl Alignment {
+    /// From captures of a scene, one view per camera of `file` each.
+    ///
+    /// # Errors
+    /// [`Refusal`], with what was found.
+    pub fn of(file: &RigFile, captures: &[Capture], settings: &Settings) -> Result<Self, Refusal> {
+        let original = &file.rig;
+        let roughly = rough::align(original, captures, settings.reach_px)?;
+        let first = refine(&roughly, captures, FIRST_TOLERANCE_PX, settings)?;
+        let tolerance = (SECOND_TOLERANCE * first.scatter_px).max(LEAST_TOLERANCE_PX);
+        let last = refine(
+            &first.rig,
+            captures,
+            tolerance.min(FIRST_TOLERANCE_PX),
+            settings,
+        )?;
+        let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
+        let cameras = (0..original.cameras.len())
+            .map(|k| last.datum(k, file))
+            .collect();
+        Ok(Self {
+            cameras,
+            reference: file.names[geometry.reference].clone(),
+            captures: [last.captures, captures.len()],
+            points: last.fit.used,
+            outliers: last.fit.outliers,
+            scatter_px: last.scatter_px,
+            depth_mm: last.fit.median_depth_mm,
+            penalty: Penalty::of(
+                original,
+                &last.rig,
+                &last.sigma_px(),
+                last.fit.median_depth_mm,
+                settings.depth_mm.is_some(),
+            ),
+            depth_known: settings.depth_mm.is_some(),
+            rig: last.rig,
+        })
+    }
+}
+
+/// A rig corrected by points that were matched with it.
+struct Refined {
+    rig: Rig,
+    fit: Fit,
+    captures: usize,
+    scatter_px: f64,
+}
+
+/// Matches all captures with `rig` and corrects it.
+fn refine(
+    rig: &Rig,
+    captures: &[Capture],
+    tolerance_px: f64,
+    settings: &Settings,
+) -> Result<Refined, Refusal> {
+    let (points, overlap, matched) = matched(rig, captures, tolerance_px)?;
+    if points.len() < LEAST_POINTS {
+        return Err(Refusal::FewPoints {
+            found: points.len(),
+            least: LEAST_POINTS,
+        });
+    }
+    let (rig, fit) = fit::settle(rig, &points, overlap, settings.depth_mm)?;
+    let scatter_px = fit.scatter * rig.mean_focal_px();
+    Ok(Refined {
+        rig,
+        fit,
+        captures: matched,
+        scatter_px,
+    })
+}
+
+/// Points matched in all cameras, by how much their windows overlap, and in how many captures.
+fn matched(
+    rig: &Rig,
+    captures: &[Capture],
+    tolerance_px: f64,
+) -> Result<(Vec<Point>, f64, usize), Refusal> {
+    let settings = flow::Settings {
+        view_residual_px: tolerance_px,
+        ..flow::Settings::default()
+    };
+    let mut flow = Flow::new(rig, settings).map_err(Refusal::Flow)?;
+    let (mut points, mut overlap, mut matched) = (Vec::new(), 0.0, 0);
+    let mut refused = None;
+    for capture in captures {
+        // Measured against itself, a capture gives the matches between its cameras.
+        let seen = flow
+            .set_reference(capture)
+            .and_then(|()| flow.measure(capture));
+        match seen {
+            Ok(seen) => {
+                overlap += seen.overlap;
+                matched += 1;
+                let starts = seen.tracks.iter().map(|track| Point {
+                    pixels: track.pixels.iter().map(|[start, _]| *start).collect(),
+                });
+                points.extend(starts);
+            }
+            Err(refusal) => {
+                refused.get_or_insert(refusal);
+            }
+        }
+    }
+    match refused {
+        Some(refusal) if matched == 0 => Err(Refusal::Flow(refusal)),
+        _ => Ok((points, overlap / matched.max(1) as f64, matched)),
+    }
+}
+
+impl Refined {
+    /// Per camera.
+    fn sigma_px(&self) -> Vec<[f64; 2]> {
+        let cameras = self.rig.cameras.iter().zip(&self.fit.sigma);
+        cameras
+            .map(|(camera, sigma)| [0, 1].map(|i| camera.focal_px[i] * sigma[i]))
+            .collect()
+    }
+
+    fn datum(&self, k: usize, file: &RigFile) -> Datum {
+        let (before, now) = (&file.rig.cameras[k], &self.rig.cameras[k]);
+        let turn = self.fit.turns.get(k).copied().flatten();
+        Datum {
+            name: file.names[k].clone(),
+            offset_px: [0, 1].map(|i| now.principal_px[i] - before.principal_px[i]),
+            sigma_px: self.sigma_px()[k],
+            principal_px: now.principal_px,
+            roll_deg: turn.map(|turn| turn.roll_rad.map(f64::to_degrees)),
+            scale_percent: turn.map(|turn| turn.scale.map(|s| 100.0 * s)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,141 @@
+//! An alignment as the paper's Table 4, with what it means.
+
+use super::Alignment;
+use super::penalty::Cost;
+use crate::report::{Cell, Table};
+
+/// Offsets with a standard deviation above this are not what an alignment should reach, px.
+pub const GOAL_PX: f64 = 0.02;
+
+/// A roll or magnification is told when it is this many standard deviations from nothing,
+const SIGNIFICANT: f64 = 5.0;
+/// and moves a point at the image's border by this much, px.
+const VISIBLE_PX: f64 = 0.1;
+
+/// Offsets and new principal points.
+pub fn table(found: &Alignment) -> Table {
+    let mut table = Table::new(
+        "Datum offsets (the paper's Table 4), px",
+        ["camera", "X", "Y", "sigma X", "sigma Y", "principal point"],
+    );
+    for camera in &found.cameras {
+        let sigma = camera.sigma_px.map(|sigma| {
+            if sigma > 0.0 {
+                Cell::number(sigma, 4)
+            } else {
+                Cell::right("kept")
+            }
+        });
+        let [sigma_x, sigma_y] = sigma;
+        table = table.row([
+            Cell::text(camera.name.as_str()),
+            Cell::number(camera.offset_px[0], 3),
+            Cell::number(camera.offset_px[1], 3),
+            sigma_x,
+            sigma_y,
+            Cell::vector(&camera.principal_px, 3, 8),
+        ]);
+    }
+    table
+}
+
+/// Names and values that are no table.
+pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
+    let [matched, all] = found.captures;
+    vec![
+        (
+            "points",
+            format!(
+                "{} of {} in {matched} of {all} captures, scatter {:.3} px, around {:.0} mm",
+                found.points,
+                found.points + found.outliers,
+                found.scatter_px,
+                found.depth_mm
+            ),
+        ),
+        ("Z penalty before", cost(found.penalty.before_percent)),
+        ("Z penalty after", cost(found.penalty.after_percent)),
+        (
+            "0.1 px of X left",
+            format!(
+                "in one outer image: {}",
+                cost(found.penalty.tenth_px_percent)
+            ),
+        ),
+        ("not seen", unseen(found)),
+    ]
+}
+
+fn cost(cost: Cost) -> String {
+    let percent = |value: Option<f64>| match value {
+        Some(value) => format!("{:.2} %", value.abs()),
+        None => "none".to_owned(),
+    };
+    format!(
+        "midpoint {}, closed form {}",
+        percent(cost.midpoint),
+        percent(cost.closed_form)
+    )
+}
+
+fn unseen(found: &Alignment) -> String {
+    if found.depth_known {
+        return format!(
+            "a common shift of all images ({} keeps its principal point)",
+            found.reference
+        );
+    }
+    format!(
+        "a common shift of all images ({} keeps its principal point), and a common error of all disparities: 0.1 px of it costs {:.2} % of Z, the midpoint's too (a flat target at a known --depth shows it)",
+        found.reference, found.penalty.unseen_percent
+    )
+}
+
+/// What the user should know or do.
+pub fn warnings(found: &Alignment) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let worst = found.cameras.iter().flat_map(|c| c.sigma_px);
+    let worst = worst.fold(0.0, f64::max);
+    if worst > GOAL_PX {
+        warnings.push(format!(
+            "sigma {worst:.3} px is above {GOAL_PX} px: take more captures, of a scene with finer texture all over the image"
+        ));
+    }
+    let half = found.rig.image_size_px.map(|side| 0.5 * f64::from(side));
+    let reach_px = half[0].hypot(half[1]);
+    for camera in &found.cameras {
+        let visible = |[value, sigma]: [f64; 2]| {
+            value.abs() > SIGNIFICANT * sigma && value.abs() * reach_px > VISIBLE_PX
+        };
+        let rolled = camera.roll_deg.map(|roll| roll.map(f64::to_radians));
+        if let Some([roll, sigma]) = rolled.filter(|roll| visible(*roll)) {
+            warnings.push(format!(
+                "{} is rolled by {:.3} ± {:.3} degrees against {}: {:.2} px at the image's corners, which no principal point corrects",
+                camera.name,
+                roll.to_degrees(),
+                sigma.to_degrees(),
+                found.reference,
+                roll.abs() * reach_px
+            ));
+        }
+        let scaled = camera.scale_percent.map(|scale| scale.map(|s| 0.01 * s));
+        if let Some([scale, sigma]) = scaled.filter(|scale| visible(*scale)) {
+            warnings.push(format!(
+                "{} magnifies {:+.3} ± {:.3} % more than {} across the line of cameras: {:.2} px at the image's corners, check focal_px",
+                camera.name,
+                100.0 * scale,
+                100.0 * sigma,
+                found.reference,
+                scale.abs() * reach_px
+            ));
+        }
+    }
+    let [matched, all] = found.captures;
+    if matched < all {
+        warnings.push(format!(
+            "{} of {all} captures could not be matched",
+            all - matched
+        ));
+    }
+    warnings
+}

@@ -1,0 +1,163 @@
+//! Offsets of many pixels, to about one: corners are looked for far to either side of their epipolar lines, and the offset that most
+//! agree on wins.
+
+use shared::rig::Rig;
+
+use super::Refusal;
+use super::fit::{Point, Sample, corrected};
+use crate::flow::corner;
+use crate::flow::geometry::Geometry;
+use crate::flow::likeness::{Field, OUTSIDE};
+use crate::flow::pyramid::Pyramid;
+use crate::images::Capture;
+
+/// The searched level's image is at most this wide, px.
+const WIDTH: usize = 240;
+/// Corners that are looked for in each capture.
+const CORNERS: usize = 150;
+/// Least likeness of a match that may vote.
+const LEAST_LIKENESS: f32 = 0.75;
+/// The largest disparity to any camera, in image widths.
+const LARGEST_DISPARITY: f64 = 0.5;
+/// Votes within this are for the same offset, px of the searched level.
+const ALIKE_PX: f64 = 1.5;
+/// The fewest votes for an offset, and their least share of all.
+const LEAST_VOTES: usize = 8;
+const LEAST_SHARE: f64 = 0.15;
+
+/// `rig` with principal points that are right to about a pixel, as far as they can be seen.
+///
+/// # Errors
+/// [`Refusal::WrongRig`], [`Refusal::NoRoughOffset`].
+pub fn align(rig: &Rig, captures: &[Capture], reach_px: f64) -> Result<Rig, Refusal> {
+    let geometry = Geometry::new(rig).ok_or(Refusal::WrongRig)?;
+    let level = (1..)
+        .find(|level| rig.image_size_px[0] as usize >> level <= WIDTH)
+        .unwrap_or(1);
+    let scale = (1 << level) as f64;
+    let mut samples = Vec::new();
+    for capture in captures {
+        let points = matches(&geometry, capture, level, reach_px);
+        samples.extend(points.iter().map(|point| Sample::of(&geometry, point)));
+    }
+    let alike = ALIKE_PX * scale / geometry.focal_px;
+    let agree = |a: &Sample, b: &Sample| {
+        let components = a.components.iter().zip(&b.components);
+        components.into_iter().all(|(a, b)| (a - b).abs() < alike)
+    };
+    let votes = |candidate: &Sample| samples.iter().filter(|s| agree(candidate, s)).count();
+    let best = samples.iter().max_by_key(|candidate| votes(candidate));
+    let agreeing: Vec<&Sample> = best
+        .map(|best| samples.iter().filter(|s| agree(best, s)).collect())
+        .unwrap_or_default();
+    let count = agreeing.len();
+    if count < LEAST_VOTES || (count as f64) < LEAST_SHARE * samples.len() as f64 {
+        return Err(Refusal::NoRoughOffset {
+            reach_px,
+            agree: count,
+            found: samples.len(),
+        });
+    }
+    let components = agreeing.first().map_or(0, |s| s.components.len());
+    let mean: Vec<f64> = (0..components)
+        .map(|c| agreeing.iter().map(|s| s.components[c]).sum::<f64>() / count as f64)
+        .collect();
+    Ok(corrected(rig, geometry.reference, &mean))
+}
+
+/// Corners of the reference image and what is most like them in every other camera, wherever that is.
+fn matches(geometry: &Geometry, capture: &Capture, level: usize, reach_px: f64) -> Vec<Point> {
+    let sides = geometry.rig.image_size_px.map(|side| side as usize);
+    let is_whole = |view: &crate::images::Image| [view.width, view.height] == sides;
+    if capture.views.len() != geometry.cameras() || !capture.views.iter().all(is_whole) {
+        return Vec::new();
+    }
+    let mut planes = Vec::new();
+    for view in &capture.views {
+        planes.extend(Pyramid::new(view, level + 1).levels.pop());
+    }
+    let fields: Vec<Field> = planes.iter().map(Field::new).collect();
+    let scale = (1 << level) as f64;
+    let Some(base) = planes.get(geometry.reference) else {
+        return Vec::new();
+    };
+    let corners = corner::corners(base, 8, 6.0, CORNERS);
+    let found = corners.into_iter().filter_map(|corner| {
+        let probe = fields[geometry.reference].probe(corner[0] as i64, corner[1] as i64)?;
+        let corner_px = corner.map(|c| c as f64 * scale);
+        let mut pixels = vec![corner_px; geometry.cameras()];
+        for k in (0..geometry.cameras()).filter(|k| *k != geometry.reference) {
+            let strip = Strip::new(geometry, k, corner_px, scale, reach_px);
+            let (likeness, place) = strip.search(&fields[k], &probe);
+            if likeness < LEAST_LIKENESS {
+                return None;
+            }
+            pixels[k] = place.map(|p| p as f64 * scale);
+        }
+        Some(Point { pixels })
+    });
+    found.collect()
+}
+
+/// Everything within reach of an epipolar line, px of the searched level.
+struct Strip {
+    start: [f64; 2],
+    along: [f64; 2],
+    length: f64,
+    reach: f64,
+}
+
+impl Strip {
+    fn new(geometry: &Geometry, k: usize, corner: [f64; 2], scale: f64, reach_px: f64) -> Self {
+        let [reference, other] = [geometry.reference, k].map(|k| geometry.rig.cameras[k].offset_mm);
+        let baseline = (other[0] - reference[0]).hypot(other[1] - reference[1]);
+        let px_per_inverse_mm = geometry.focal_px * baseline;
+        let at = geometry.normalise(geometry.reference, corner);
+        let side = geometry.rig.image_size_px.into_iter().max().unwrap_or(0);
+        let farthest = LARGEST_DISPARITY * f64::from(side) / px_per_inverse_mm;
+        // Disparities below zero too: the offset along the line is as unknown as the one across.
+        let ends = [-reach_px / px_per_inverse_mm, farthest]
+            .map(|depth| geometry.transfer(k, at, depth).map(|p| p / scale));
+        let way = [0, 1].map(|i| ends[1][i] - ends[0][i]);
+        let length = way[0].hypot(way[1]);
+        Self {
+            start: ends[0],
+            along: way.map(|w| w / length),
+            length,
+            reach: reach_px / scale,
+        }
+    }
+
+    /// The likeliest place.
+    fn search(&self, field: &Field, probe: &crate::flow::likeness::Probe) -> (f32, [i64; 2]) {
+        let size = field.size();
+        let extent = |i: usize| {
+            let ends = [self.start[i], self.start[i] + self.length * self.along[i]];
+            let low = ends[0].min(ends[1]) - self.reach;
+            let high = ends[0].max(ends[1]) + self.reach;
+            (
+                low.floor().max(0.0) as i64,
+                high.ceil().min(size[i] as f64 - 1.0) as i64,
+            )
+        };
+        let ((left, right), (top, bottom)) = (extent(0), extent(1));
+        let mut best = (OUTSIDE, [0, 0]);
+        let mut row = vec![OUTSIDE; usize::try_from(right - left + 1).unwrap_or(0)];
+        for y in top..=bottom {
+            field.compare(probe, left, y, &mut row);
+            for (x, likeness) in (left..).zip(&row) {
+                if *likeness > best.0 && self.holds([x, y]) {
+                    best = (*likeness, [x, y]);
+                }
+            }
+        }
+        best
+    }
+
+    fn holds(&self, at: [i64; 2]) -> bool {
+        let [x, y] = [0, 1].map(|i| at[i] as f64 - self.start[i]);
+        let along = x * self.along[0] + y * self.along[1];
+        let across = y * self.along[0] - x * self.along[1];
+        across.abs() <= self.reach && (0.0..=self.length).contains(&along)
+    }
+}

@@ -1,0 +1,332 @@
+//! Rendered scenes of known offsets: what is found, and whether sigma is true.
+
+use super::*;
+use crate::images::random::Random;
+use crate::images::{Scene, SceneSettings, Texture};
+use crate::rig_file::RigFile;
+
+/// The paper's rig with principal points that are off: what the pictures are taken with.
+fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
+    let mut rig = Rig::paper();
+    for (camera, by) in rig.cameras.iter_mut().zip(by_px) {
+        let [x, y] = camera.principal_px;
+        camera.principal_px = [x + by[0], y + by[1]];
+    }
+    rig
+}
+
+/// What of these offsets can be seen in the paper's rig, with the middle camera kept: equal heights; and of the horizontal ones the part along
+/// `(h2, -h1-h2, h1)`, which is what constraint (3) is about.
+fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
+    let cameras = Rig::paper().cameras;
+    let e = |k: usize, i: usize| by_px[k][i] / cameras[k].focal_px[i];
+    let law = [68.0, -138.0, 70.0];
+    let size = law.iter().map(|l| l * l).sum::<f64>();
+    let part = (0..3).map(|k| law[k] * e(k, 0)).sum::<f64>() / size;
+    std::array::from_fn(|k| {
+        [
+            cameras[k].focal_px[0] * part * (law[k] - law[1]),
+            cameras[k].focal_px[1] * (e(k, 1) - e(1, 1)),
+        ]
+    })
+}
+
+fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<Capture> {
+    let scene = Scene::new(rig, texture, settings).unwrap();
+    let render = |seed: &u64| {
+        // Somewhere else each time, as captures of a bench are.
+        let mut random = Random::new(*seed, 9);
+        let at = [30.0, 30.0, 40.0].map(|most| random.between(-most, most));
+        scene.render(at, 0, *seed)
+    };
+    seeds.iter().map(render).collect()
+}
+
+fn tilted(depth_mm: f64) -> SceneSettings {
+    SceneSettings {
+        depth_mm,
+        tilt_rad: [0.2, -0.3],
+        ..SceneSettings::default()
+    }
+}
+
+fn align(captures: &[Capture]) -> Alignment {
+    Alignment::of(&RigFile::paper(), captures, &Settings::default()).unwrap()
+}
+
+#[track_caller]
+fn assert_found(found: &Alignment, expected: [[f64; 2]; 3], bound_px: f64) {
+    for (camera, expected) in found.cameras.iter().zip(expected) {
+        for (i, expected_px) in expected.into_iter().enumerate() {
+            let error = camera.offset_px[i] - expected_px;
+            assert!(
+                error.abs() <= bound_px,
+                "{} {i}: {error} px off {expected:?}, sigma {:?}",
+                camera.name,
+                camera.sigma_px
+            );
+        }
+    }
+}
+
+#[test]
+fn the_papers_offsets_are_found_to_a_fiftieth_of_a_pixel() {
+    // The size of the paper's Table 4.
+    let by = [[3.95, -0.29], [-7.36, 9.78], [-2.07, -0.43]];
+    let scenes = [
+        (Texture::natural(1), tilted(850.0)),
+        (Texture::blobs(2), tilted(700.0)),
+        (Texture::natural(3), SceneSettings::default()),
+    ];
+    for (texture, settings) in scenes {
+        let found = align(&captures(&shifted(by), &texture, settings, &[1]));
+        assert_found(&found, visible(by), 0.02);
+        assert_eq!(found.cameras[1].offset_px, [0.0; 2]);
+        assert_eq!(found.reference, "middle");
+        assert!(found.points > 100 && found.scatter_px < 0.2, "{found:?}");
+    }
+}
+
+#[test]
+fn a_rig_that_is_right_stays_as_it_is() {
+    let found = align(&captures(
+        &Rig::paper(),
+        &Texture::natural(5),
+        tilted(900.0),
+        &[3],
+    ));
+    assert_found(&found, [[0.0; 2]; 3], 0.02);
+    let z = found.penalty.before_percent.midpoint.unwrap();
+    assert!(z.abs() < 0.1, "{z}");
+}
+
+/// Mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent numbers leave it uncertain by 0.26. With sharp pictures and little
+/// noise the points scatter because each one's place between the pixels differs, which averages out better than noise does.
+#[test]
+fn sigma_is_true() {
+    for (soft, noise_grey, least) in [(true, 2.0, 0.35), (true, 6.0, 0.35), (false, 2.0, 0.1)] {
+        let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0);
+        for poster in 0..2 {
+            let texture = match soft {
+                true => Texture::blobs(10 + poster),
+                false => Texture::natural(10 + poster),
+            };
+            for seed in 0..5 {
+                let mut random = Random::new(77 + poster, seed);
+                let by = [(); 3].map(|()| [(); 2].map(|()| random.between(-5.0, 5.0)));
+                let settings = SceneSettings {
+                    noise_grey,
+                    ..tilted(random.between(600.0, 1000.0))
+                };
+                let found = align(&captures(&shifted(by), &texture, settings, &[seed]));
+                for (camera, expected) in found.cameras.iter().zip(visible(by)) {
+                    let offsets = camera.offset_px.into_iter().zip(expected);
+                    for ((offset, expected), sigma) in offsets.zip(camera.sigma_px) {
+                        if sigma > 0.0 {
+                            let error = offset - expected;
+                            sum += (error / sigma).powi(2);
+                            worst = worst.max(error.abs());
+                            count += 1;
+                        }
+                    }
+                }
+            }
+        }
+        let mean = sum / f64::from(count);
+        println!("soft {soft}, noise {noise_grey}: mean square {mean:.2}, worst {worst:.4} px");
+        assert!(
+            (least..1.7).contains(&mean),
+            "soft {soft}, {noise_grey}: {mean}"
+        );
+    }
+}
+
+#[test]
+fn more_captures_make_it_better() {
+    let by = [[0.5, -2.0], [0.0, 0.0], [1.0, 3.0]];
+    let settings = SceneSettings {
+        noise_grey: 8.0,
+        ..tilted(850.0)
+    };
+    let all = captures(
+        &shifted(by),
+        &Texture::blobs(4),
+        settings,
+        &[1, 2, 3, 4, 5, 6],
+    );
+    let (one, six) = (align(&all[..1]), align(&all));
+    assert_found(&six, visible(by), 0.02);
+    let gain = one.cameras[0].sigma_px[1] / six.cameras[0].sigma_px[1];
+    assert!((1.8..3.2).contains(&gain), "{gain}");
+    assert_eq!(six.captures, [6, 6]);
+}
+
+#[test]
+fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
+    let by = [[1.2, 0.4], [0.0, 0.0], [-0.9, -0.6]];
+    let rig = shifted(by);
+    let scene = Scene::new(&rig, &Texture::natural(6), tilted(850.0)).unwrap();
+    let capture = [scene.render([0.0; 3], 0, 4)];
+    // The distance on the middle camera's axis, which meets the poster where it meets the world's axis.
+    let settings = Settings {
+        depth_mm: Some(850.0),
+        ..Settings::default()
+    };
+    let found = Alignment::of(&RigFile::paper(), &capture, &settings).unwrap();
+    assert_found(&found, by, 0.02);
+    assert!(found.depth_known);
+    assert!((found.depth_mm - 850.0).abs() < 20.0);
+}
+
+#[test]
+fn a_known_depth_needs_a_flat_target() {
+    // Two captures of different depths are not one plane.
+    let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
+    let captures = [0.0, 100.0].map(|z| scene.render([0.0, 0.0, z], 0, 4));
+    let settings = Settings {
+        depth_mm: Some(850.0),
+        ..Settings::default()
+    };
+    let refused = Alignment::of(&RigFile::paper(), &captures, &settings);
+    assert!(
+        matches!(refused, Err(Refusal::NotFlat { .. })),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn a_rolled_camera_is_told() {
+    // Rolled by turning the picture: left sees through a lens that is turned by half a degree about the middle of the image.
+    let rig = Rig::paper();
+    let mut capture = captures(&rig, &Texture::blobs(8), tilted(850.0), &[2]).remove(0);
+    let roll = 0.5_f64.to_radians();
+    capture.views[0] = turned(&capture.views[0], roll);
+    let found = align(&[capture]);
+    let [value, sigma] = found.cameras[0].roll_deg.unwrap();
+    assert!(
+        (value - 0.5).abs() < 5.0 * sigma + 0.02 && sigma < 0.05,
+        "{value} ± {sigma}"
+    );
+    let [value, sigma] = found.cameras[2].roll_deg.unwrap();
+    assert!(value.abs() < 5.0 * sigma + 0.02, "{value} ± {sigma}");
+    let warnings = present::warnings(&found);
+    assert!(
+        warnings.iter().any(|w| w.starts_with("left is rolled")),
+        "{warnings:?}"
+    );
+}
+
+/// The picture turned clockwise about its middle, by linear interpolation.
+fn turned(image: &crate::images::Image, roll_rad: f64) -> crate::images::Image {
+    let (sin, cos) = roll_rad.sin_cos();
+    let middle = [image.width, image.height].map(|side| 0.5 * (side as f64 - 1.0));
+    let at = |x: usize, y: usize| {
+        f64::from(image.grey[y.min(image.height - 1) * image.width + x.min(image.width - 1)])
+    };
+    let grey = (0..image.width * image.height).map(|i| {
+        let [x, y] = [
+            (i % image.width) as f64 - middle[0],
+            (i / image.width) as f64 - middle[1],
+        ];
+        let from = [
+            (cos * x + sin * y + middle[0]).max(0.0),
+            (cos * y - sin * x + middle[1]).max(0.0),
+        ];
+        let (u, v) = (from[0].floor(), from[1].floor());
+        let (a, b) = (from[0] - u, from[1] - v);
+        let (u, v) = (u as usize, v as usize);
+        let row = |v: usize| (1.0 - a) * at(u, v) + a * at(u + 1, v);
+        ((1.0 - b) * row(v) + b * row(v + 1)).round() as u8
+    });
+    crate::images::Image {
+        grey: grey.collect(),
+        ..*image
+    }
+}
+
+#[test]
+fn other_rigs_are_aligned_as_far_as_they_show_it() {
+    // Two cameras one above the other: only the offset across is seen, which is horizontal.
+    let mut rig = Rig::paper();
+    rig.cameras.pop();
+    rig.cameras[0].offset_mm = [0.0, -60.0];
+    rig.cameras[1].offset_mm = [0.0, 0.0];
+    let file = RigFile {
+        names: vec!["top".into(), "bottom".into()],
+        rig: rig.clone(),
+        stage: None,
+    };
+    let mut truth = rig;
+    truth.cameras[0].principal_px[0] += 4.0;
+    truth.cameras[0].principal_px[1] += 1.5;
+    let captures = captures(&truth, &Texture::natural(2), tilted(850.0), &[5]);
+    let found = Alignment::of(&file, &captures, &Settings::default()).unwrap();
+    let moved = (0..2).map(|k| found.cameras[k].offset_px);
+    let [a, b]: [[f64; 2]; 2] = moved.collect::<Vec<_>>().try_into().unwrap();
+    let seen = a[0] - b[0] * 533.16 / 538.14;
+    assert!((seen - 4.0).abs() < 0.02, "{a:?} {b:?}");
+    assert!(a[1].abs() < 1e-6 && b[1].abs() < 1e-6, "{a:?} {b:?}");
+}
+
+#[test]
+fn larger_images_and_bent_lenses_are_aligned_too() {
+    let mut rig = Rig::paper();
+    rig.image_size_px = [640, 480];
+    for (camera, k1) in rig.cameras.iter_mut().zip([-0.25, -0.2, -0.3]) {
+        camera.focal_px = camera.focal_px.map(|f| 1.6 * f);
+        camera.principal_px = camera.principal_px.map(|p| 2.0 * p);
+        camera.distortion = [k1, 0.1, 0.001, -0.001, 0.0];
+    }
+    let file = RigFile {
+        rig: rig.clone(),
+        ..RigFile::paper()
+    };
+    let mut truth = rig;
+    truth.cameras[0].principal_px[1] += 7.5;
+    truth.cameras[2].principal_px[1] -= 4.0;
+    let captures = captures(&truth, &Texture::natural(7), tilted(850.0), &[1]);
+    let found = Alignment::of(&file, &captures, &Settings::default()).unwrap();
+    assert_found(&found, [[0.0, 7.5], [0.0; 2], [0.0, -4.0]], 0.02);
+}
+
+#[test]
+fn patterns_that_repeat_are_refused() {
+    let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
+    for texture in [Texture::grid(), Texture::bricks(1)] {
+        let captures = captures(&shifted(by), &texture, SceneSettings::default(), &[1]);
+        let refused = Alignment::of(&RigFile::paper(), &captures, &Settings::default());
+        println!("{refused:?}");
+        assert!(refused.is_err(), "{refused:?}");
+    }
+}
+
+#[test]
+fn pictures_that_show_nothing_are_refused() {
+    let blank = crate::images::Image {
+        width: 320,
+        height: 240,
+        grey: vec![90; 320 * 240],
+    };
+    let capture = Capture {
+        time_us: 0,
+        views: vec![blank; 3],
+    };
+    let refused = Alignment::of(&RigFile::paper(), &[capture], &Settings::default());
+    assert!(matches!(
+        refused,
+        Err(Refusal::NoRoughOffset { found: 0, .. })
+    ));
+    let far = shifted([[0.0, 0.0], [0.0, 0.0], [0.0, 30.0]]);
+    let captures = captures(&far, &Texture::natural(1), tilted(850.0), &[1]);
+    let refused = Alignment::of(&RigFile::paper(), &captures, &Settings::default());
+    assert!(
+        matches!(refused, Err(Refusal::NoRoughOffset { .. })),
+        "{refused:?}"
+    );
+    let wider = Settings {
+        reach_px: 40.0,
+        ..Settings::default()
+    };
+    let found = Alignment::of(&RigFile::paper(), &captures, &wider).unwrap();
+    assert!((found.cameras[2].offset_px[1] - 30.0).abs() < 0.02);
+}

@@ -1,0 +1,151 @@
+//! `trinocular align`: datum offsets of the cameras from pictures of any textured scene.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use host::alignment::{Alignment, Settings, present, rewrite};
+use host::error::{Failure, InputError};
+use host::images::Capture;
+use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::report::write_atomically;
+use host::rig_file::RigFile;
+use serde_json::json;
+
+/// Find the cameras' datum offsets from pictures of any textured scene
+///
+/// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which costs the closed form most of its Z. What parallel cameras
+/// see of any scene must have equal heights and disparities in the ratio of the baselines; the offsets that make it so are
+/// printed with their standard deviation and written into a corrected rig file.
+///
+/// Two things do not show in a scene of unknown depth and stay as they are: a common shift of all images (the camera in the middle keeps its principal
+/// point), and a common error of all disparities, as if infinity were elsewhere (no depth is changed). A flat target at a known --depth
+/// shows the second. Cameras that stand elsewhere than `offset_mm` says look like offsets too where a scene has but one depth: measure them well.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// A folder of captures: one subfolder per camera, equal file names, as for `estimate`
+    ///
+    /// One capture of a scene that fills the images with texture is enough; several make it better.
+    #[arg(value_name = "FOLDER")]
+    captures: PathBuf,
+
+    /// The rig file (TOML)
+    #[arg(long, value_name = "RIG.toml")]
+    rig: PathBuf,
+
+    /// Where the corrected rig file goes: the same text with other principal points
+    #[arg(long, value_name = "FILE.toml")]
+    out: Option<PathBuf>,
+
+    /// Replace the file given by --out if it exists
+    #[arg(long, requires = "out")]
+    force: bool,
+
+    /// Distance of a flat target, mm, along the axis of the camera in the middle, if it is known
+    ///
+    /// Measured from the plane of the cameras' entrance pupils. The target may be tilted. 1 mm of error in it moves the outer principal
+    /// points of the paper's rig by 0.05 px.
+    #[arg(long, value_name = "MM")]
+    depth: Option<f64>,
+
+    /// Largest offset that is looked for, px
+    #[arg(long, value_name = "PX", default_value_t = Settings::default().reach_px)]
+    reach: f64,
+
+    /// Use at most so many captures, evenly spread
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=200))]
+    most: u16,
+
+    /// Print one JSON object instead
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular align captures/ --rig rig.toml
+  trinocular align captures/ --rig rig.toml --out aligned.toml
+  trinocular align wall/ --rig rig.toml --depth 1200 --out rig.toml --force";
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let settings = settings(options)?;
+    let (rig, text) = read(&options.rig)?;
+    if let Some(path) = &options.out {
+        // Before the work: it would be for nothing.
+        if path.exists() && !options.force {
+            let reason = "exists already; --force replaces it";
+            return Err(InputError::file(path, reason).into());
+        }
+    }
+    let captures = captures(options, &rig)?;
+    let found = Alignment::of(&rig, &captures, &settings)
+        .map_err(|refusal| InputError::file(&options.captures, refusal.to_string()))?;
+    if let Some(path) = &options.out {
+        write(&options.rig, &text, path, &found)?;
+    }
+    if options.json {
+        writeln!(out, "{}", json!(found))?;
+    } else {
+        print(options, &found, out)?;
+    }
+    out.flush()?;
+    Ok(())
+}
+
+fn settings(options: &Options) -> Result<Settings, Failure> {
+    let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
+    if !(options.reach >= 1.0 && options.reach <= 500.0) {
+        return usage("--reach must be from 1 to 500 px");
+    }
+    if (options.depth).is_some_and(|depth| !(1.0..=1e6).contains(&depth)) {
+        return usage("--depth must be from 1 to 1000000 mm");
+    }
+    Ok(Settings {
+        reach_px: options.reach,
+        depth_mm: options.depth,
+    })
+}
+
+/// The rig and the text it was read from: comments are the user's.
+fn read(path: &Path) -> Result<(RigFile, String), InputError> {
+    let rig = RigFile::read(path)?;
+    let text = fs::read_to_string(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+    Ok((rig, text))
+}
+
+fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError> {
+    let size_px = rig.rig.image_size_px;
+    let folder = Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?;
+    let (all, most) = (folder.len(), usize::from(options.most));
+    let used = all.min(most);
+    let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();
+    (folder.captures().enumerate())
+        .filter(|(index, _)| chosen.contains(index))
+        .map(|(_, capture)| capture)
+        .collect()
+}
+
+fn write(rig: &Path, text: &str, to: &Path, found: &Alignment) -> Result<(), Failure> {
+    let points: Vec<(&str, [f64; 2])> = (found.cameras.iter())
+        .map(|camera| (camera.name.as_str(), camera.principal_px))
+        .collect();
+    let text = rewrite::with_principal_points(rig, text, &points)?;
+    write_atomically(to, &text).map_err(super::unwritable)
+}
+
+fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {
+    writeln!(out, "{}", present::table(found).to_text())?;
+    for (name, value) in present::facts(found) {
+        writeln!(out, "{name:>16}: {value}")?;
+    }
+    for warning in present::warnings(found) {
+        writeln!(out, "{:>16}: {warning}", "warning")?;
+    }
+    if let Some(path) = &options.out {
+        writeln!(out, "{:>16}: {}", "corrected rig", path.display())?;
+    }
+    Ok(())
+}

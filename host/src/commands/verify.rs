@@ -1,0 +1,116 @@
+//! `trinocular verify`: what a rig will be able to do.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::rig_file::RigFile;
+use host::verification::limitation::Severity;
+use host::verification::{Settings, Verification, present};
+use serde_json::json;
+
+/// Predict what a rig can do, and name what limits it
+///
+/// From the rig file alone: the standard deviation of a displacement per axis over depth and number of points, the space that the cameras see, step rates
+/// and stopping distances of the stage, and how far all numbers stay from the ends of their fixed-point formats. No picture is
+/// taken and nothing moves.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// The rig file (TOML)
+    #[arg(value_name = "RIG.toml")]
+    rig: PathBuf,
+
+    /// Standard deviation of the flow of one point in one camera, each component, px
+    ///
+    /// With 2 of 255 grey levels of noise, sharp pictures have 0.012 to 0.015 px, soft ones 0.03 to 0.054 px.
+    #[arg(long, value_name = "PX", default_value_t = Settings::default().noise_px)]
+    noise: f64,
+
+    /// Numbers of points to predict for, separated by commas
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = Settings::default().points,
+          value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    points: Vec<u32>,
+
+    /// Nearest and farthest depth of the target, mm
+    #[arg(long, value_name = "MM", num_args = 2, default_values_t = Settings::default().depth_range_mm)]
+    depth_range: Vec<f64>,
+
+    /// Print one JSON object instead
+    #[arg(long)]
+    json: bool,
+
+    /// Also write an HTML page with tables and plots
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular verify rig.toml
+  trinocular verify rig.toml --noise 0.1 --points 20,100 --report rig.html
+  trinocular verify rig.toml --depth-range 600 1200 --json
+
+The exit code is 1 if the station would refuse the rig's stage.";
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let settings = settings(options)?;
+    let rig = RigFile::read(&options.rig)?;
+    let found = Verification::of(&rig, settings);
+    if let Some(path) = &options.report {
+        present::page(&options.rig.display().to_string(), &found)
+            .write(path)
+            .map_err(super::unwritable)?;
+    }
+    if options.json {
+        writeln!(out, "{}", json!(found))?;
+    } else {
+        print(&found, out)?;
+    }
+    out.flush()?;
+    let refused = (found.limitations.iter()).find(|limit| limit.severity == Severity::Refusal);
+    match refused {
+        None => Ok(()),
+        Some(limit) => {
+            let reason = format!(
+                "the station would refuse this: {}: {}",
+                limit.name, limit.text
+            );
+            Err(InputError::file(&options.rig, reason).into())
+        }
+    }
+}
+
+fn settings(options: &Options) -> Result<Settings, Failure> {
+    let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
+    if !(options.noise > 0.0 && options.noise <= 100.0) {
+        return usage("--noise must be greater than 0 and at most 100 px");
+    }
+    let &[near, far] = options.depth_range.as_slice() else {
+        return usage("--depth-range takes two depths");
+    };
+    if !(near >= 1.0 && near < far && far <= 1e6) {
+        return usage("--depth-range must go from at least 1 mm up to at most 1000000 mm");
+    }
+    Ok(Settings {
+        noise_px: options.noise,
+        points: options.points.clone(),
+        depth_range_mm: [near, far],
+    })
+}
+
+fn print(found: &Verification, out: &mut impl Write) -> Result<(), Failure> {
+    for table in present::tables(found) {
+        writeln!(out, "{}", table.to_text())?;
+    }
+    for (name, value) in present::facts(found) {
+        writeln!(out, "{name:>18}: {value}")?;
+    }
+    for limit in &found.limitations {
+        let severity = limit.severity.name();
+        writeln!(out, "{severity:>18}: {}: {}", limit.name, limit.text)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,225 @@
+//! What limits a rig, each limit under the name of the field or number that sets it.
+
+use serde::Serialize;
+use shared::estimate::Gate;
+
+use super::drive::AXES;
+use super::headroom::RATED_MOVE_MM;
+use super::view::View;
+use super::{AtDepth, Verification};
+use crate::flow::geometry::Geometry;
+use crate::rig_file::RigFile;
+
+/// How bad it is, the worst first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// The station would refuse the rig.
+    Refusal,
+    /// Part of the range cannot be used, or not as asked for.
+    Warning,
+    /// Worth knowing: what to change first.
+    Note,
+}
+
+impl Severity {
+    /// As it is printed.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Refusal => "refusal",
+            Self::Warning => "warning",
+            Self::Note => "note",
+        }
+    }
+}
+
+/// One limit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Limitation {
+    /// How bad.
+    pub severity: Severity,
+    /// The field of the rig file, or the number, that sets it.
+    pub name: String,
+    /// What it does, with figures.
+    pub text: String,
+}
+
+/// Disparities below this say nothing about depth, px: the matching drops such points.
+const LEAST_DISPARITY_PX: f64 = 1.0;
+
+/// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
+const CROWDED: f64 = 3.0;
+
+/// All limits of `rig`, the worst first.
+pub(super) fn find(rig: &RigFile, view: &View, found: &Verification) -> Vec<Limitation> {
+    let mut limits = Vec::new();
+    let mut add = |severity, name: &str, text: String| {
+        limits.push(Limitation {
+            severity,
+            name: name.to_owned(),
+            text,
+        });
+    };
+    cameras(rig, view, found, &mut add);
+    certainty(found, &mut add);
+    stage(rig, found, &mut add);
+    formats(found, &mut add);
+    limits.sort_by_key(|limit| limit.severity);
+    limits
+}
+
+type Add<'a> = dyn FnMut(Severity, &str, String) + 'a;
+
+fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) {
+    let [near, far] = found.settings.depth_range_mm;
+    let (nearest, [a, b]) = view.nearest_common();
+    let pair = format!("{} and {}", rig.names[a], rig.names[b]);
+    if nearest >= far {
+        let text = format!("{pair} have no common view between {near} and {far} mm");
+        add(Severity::Warning, "camera.principal_px", text);
+        return;
+    }
+    if nearest > near {
+        let text = format!("{pair} have no common view nearer than {nearest:.0} mm");
+        add(Severity::Warning, "camera.offset_mm", text);
+    }
+    let reach_mm = Geometry::new(&rig.rig).map_or(0.0, |geometry| geometry.reach_mm);
+    let disparity = rig.rig.mean_focal_px() * reach_mm / far;
+    if disparity < LEAST_DISPARITY_PX {
+        let text = format!(
+            "no camera is farther than {reach_mm:.1} mm from the one in the middle: {disparity:.2} px of disparity at {far} mm, points are matched from {LEAST_DISPARITY_PX} px on"
+        );
+        add(Severity::Warning, "camera.offset_mm", text);
+    }
+    if found
+        .headroom
+        .as_ref()
+        .is_some_and(|h| h.closed_form_to_mm.is_none())
+    {
+        let text = "not left, middle, right in line: the paper's two estimators cannot be used";
+        add(Severity::Note, "camera", text.to_owned());
+    }
+}
+
+fn certainty(found: &Verification, add: &mut Add<'_>) {
+    let Some((most, points)) = (found.settings.points.iter().enumerate())
+        .max_by_key(|(_, points)| **points)
+        .map(|(index, points)| (index, *points))
+    else {
+        return;
+    };
+    let sigma = |at: &AtDepth, axis: usize| at.sigma_mm.get(most).map(|s| s[axis]);
+    for (axis, name) in AXES.iter().enumerate() {
+        let gate = f64::from(Gate::DEFAULT.max_sigma_nm[axis]) * 1e-6;
+        let beyond = (found.depths.iter()).find(|at| sigma(at, axis).is_some_and(|s| s > gate));
+        if let Some(at) = beyond {
+            let text = format!(
+                "from {:.0} mm on sigma {name} is above the station's gate of {gate} mm even with {points} points: frames are refused",
+                at.depth_mm
+            );
+            add(Severity::Warning, &format!("sigma {name}"), text);
+        }
+    }
+    let crowded =
+        (found.depths.iter()).rfind(|at| at.widening.get(most).is_some_and(|w| *w > CROWDED));
+    if let Some(at) = crowded {
+        let text = format!(
+            "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} independent ones there; a larger image or less noise helps, more points do not",
+            at.depth_mm,
+            f64::from(points) / at.widening[most]
+        );
+        add(Severity::Note, "image_size_px", text);
+    }
+    let Some(middle) = (found.depths.iter())
+        .filter(|at| !at.sigma_mm.is_empty())
+        .nth(found.depths.len() / 2)
+    else {
+        return;
+    };
+    if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2)) {
+        let text = format!(
+            "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the views span; shorter focal lengths or cameras farther apart help",
+            z / x,
+            middle.depth_mm
+        );
+        add(Severity::Note, "camera.focal_px", text);
+    }
+}
+
+fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
+    let (Some(drive), Some(stage)) = (&found.drive, &rig.stage) else {
+        let text = "no [stage] in the rig file: step rates and stopping distances are unknown";
+        add(Severity::Note, "stage", text.to_owned());
+        return;
+    };
+    for (field, reason) in &drive.faults {
+        add(Severity::Refusal, field, reason.clone());
+    }
+    let highest = drive.drivers.highest_word_rate_hz;
+    if highest.is_some_and(|hz| hz < drive.drivers.word_rate_hz) {
+        let text = format!(
+            "{} takes at most {} words/s, the station makes {}",
+            drive.drivers.name,
+            highest.unwrap_or_default(),
+            drive.drivers.word_rate_hz
+        );
+        add(Severity::Note, "stage.driver", text);
+    }
+    for (i, (axis, name)) in drive.axes.iter().zip(AXES).enumerate() {
+        if axis.full_speed_mm > axis.travel_mm {
+            let text = format!(
+                "{} mm/s are never reached: that takes a move of {:.1} mm, the travel is {:.1} mm",
+                stage.max_speed_mm_s[i], axis.full_speed_mm, axis.travel_mm
+            );
+            add(
+                Severity::Warning,
+                &format!("stage.max_speed_mm_s[{i}]"),
+                text,
+            );
+        }
+        // What a step leaves is spread evenly over it.
+        let rounding = axis.step_mm / 12f64.sqrt();
+        let row = stage.matrix[i];
+        let along = |at: &AtDepth| {
+            let sigma = at.sigma_mm.last()?;
+            let squares = (0..3).map(|k| (row[k] * sigma[k]).powi(2));
+            Some(squares.sum::<f64>().sqrt())
+        };
+        let cameras_limit = |at: &&AtDepth| along(at).is_some_and(|sigma| sigma > rounding);
+        let text = match found.depths.iter().find(cameras_limit) {
+            Some(at) if at.depth_mm <= found.settings.depth_range_mm[0] => continue,
+            Some(at) => format!("nearer than {:.0} mm", at.depth_mm),
+            None => "everywhere".to_owned(),
+        };
+        let text = format!(
+            "{text} the step of {:.4} mm limits {name}, not the cameras",
+            axis.step_mm
+        );
+        add(Severity::Note, &format!("stage.steps_per_mm[{i}]"), text);
+    }
+}
+
+fn formats(found: &Verification, add: &mut Add<'_>) {
+    let Some(headroom) = &found.headroom else {
+        return;
+    };
+    let [near, far] = found.settings.depth_range_mm;
+    for room in headroom.rooms.iter().filter(|room| room.bits_left < 0.0) {
+        let text = format!(
+            "reaches {:.4} of {:.4} ({}) between {near} and {far} mm and displacements of {RATED_MOVE_MM} mm: such frames are refused",
+            room.worst, room.limit, room.format
+        );
+        add(Severity::Warning, room.name, text);
+    }
+    if headroom.midpoint_to_mm < far {
+        let text = format!(
+            "beyond {:.0} mm the station refuses points that lie within a few pixels of each other",
+            headroom.midpoint_to_mm
+        );
+        add(Severity::Note, "spread", text);
+    }
+    if let Some(to) = headroom.closed_form_to_mm.filter(|to| *to < far) {
+        let text = format!("the closed form ends at {to:.0} mm: its determinant becomes too small");
+        add(Severity::Warning, "a1 b2 - a2 b1", text);
+    }
+}

@@ -1,0 +1,194 @@
+//! What a rig will be able to do, from its description alone.
+//!
+//! - [`view`]: what the cameras see, together and between two;
+//! - [`sigma`]: how well a displacement will be known, per axis, over depth and number of points;
+//! - [`drive`]: step rates and stopping distances of the stage;
+//! - [`headroom`]: how far all numbers stay from the ends of their fixed-point formats;
+//! - [`limitation`]: which of these limits the rig, by name;
+//! - [`present`]: all of it as tables, figures and page.
+//!
+//! Nothing here is measured. The tests hold every prediction against a simulation of what it predicts.
+
+pub mod drive;
+pub mod headroom;
+pub mod limitation;
+pub mod present;
+pub mod sigma;
+pub mod view;
+
+use serde::Serialize;
+
+use crate::rig_file::RigFile;
+use drive::Drive;
+use headroom::Headroom;
+use limitation::Limitation;
+use sigma::{MARGIN_PX, Predictor};
+use view::View;
+
+/// What to predict for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Settings {
+    /// Standard deviation of each component of a point's flow in one camera, px.
+    pub noise_px: f64,
+    /// Numbers of points, each at least 1.
+    pub points: Vec<u32>,
+    /// Nearest and farthest depth of the target, mm.
+    pub depth_range_mm: [f64; 2],
+}
+
+impl Default for Settings {
+    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.012 to 0.015 px and soft ones 0.03 to 0.054 px (`tests/verify.rs`
+    /// prints it).
+    fn default() -> Self {
+        Self {
+            noise_px: 0.03,
+            points: vec![25, 50, 100, 200],
+            depth_range_mm: [300.0, 2000.0],
+        }
+    }
+}
+
+/// What is predicted for one depth.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AtDepth {
+    /// Depth, mm.
+    pub depth_mm: f64,
+    /// Round enough for the table.
+    #[serde(skip)]
+    pub is_row: bool,
+    /// Width and height of what all cameras see, mm; `None` if nothing.
+    pub view_mm: Option<[f64; 2]>,
+    /// Area that at least two cameras see, mm².
+    pub two_see_mm2: f64,
+    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common view.
+    pub sigma_mm: Vec<[f64; 3]>,
+    /// By how much the variance is larger than for independent points, for each of [`Settings::points`].
+    pub widening: Vec<f64>,
+}
+
+/// The space in which targets can be.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Volume {
+    /// Depth from which on all cameras have something in common, mm, within the range; `None` if they never have.
+    pub from_mm: Option<f64>,
+    /// Volume that all cameras see, litres.
+    pub all_see_l: f64,
+    /// Volume that at least two cameras see, litres.
+    pub two_see_l: f64,
+}
+
+/// Everything that is predicted.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verification {
+    /// What for.
+    pub settings: Settings,
+    /// Over the range of depths, near to far.
+    pub depths: Vec<AtDepth>,
+    /// The space in view.
+    pub volume: Volume,
+    /// The stage; `None` if the rig has none.
+    pub drive: Option<Drive>,
+    /// Fixed-point formats; `None` if the cameras have nothing in common.
+    pub headroom: Option<Headroom>,
+    /// What limits the rig, the worst first.
+    pub limitations: Vec<Limitation>,
+}
+
+/// Depths between two rows of the table, for the plots.
+const BETWEEN_ROWS: u32 = 6;
+
+impl Verification {
+    /// Of `rig`.
+    pub fn of(rig: &RigFile, settings: Settings) -> Self {
+        let view = View::new(&rig.rig, MARGIN_PX);
+        let [near, far] = settings.depth_range_mm;
+        let depths = depths(near, far)
+            .into_iter()
+            .map(|(depth, is_row)| at_depth(rig, &view, &settings, depth, is_row))
+            .collect();
+        let (nearest, _) = view.nearest_common();
+        let mut verification = Self {
+            depths,
+            volume: Volume {
+                from_mm: (nearest < far).then_some(nearest.max(near)),
+                all_see_l: 1e-6 * view.volume_seen_by(rig.rig.cameras.len(), [near, far]),
+                two_see_l: 1e-6 * view.volume_seen_by(2, [near, far]),
+            },
+            drive: rig.stage.as_ref().map(Drive::of),
+            headroom: Headroom::of(&rig.rig, rig.stage.as_ref(), &view, [near, far]),
+            limitations: Vec::new(),
+            settings,
+        };
+        verification.limitations = limitation::find(rig, &view, &verification);
+        verification
+    }
+
+    /// The rows of the table.
+    pub fn table_depths(&self) -> impl Iterator<Item = &AtDepth> {
+        self.depths.iter().filter(|at| at.is_row)
+    }
+}
+
+/// Depths from near to far and whether they are round enough for a row of the table: the ends, and multiples of 1, 2 or 5 times a power of ten.
+fn depths(near: f64, far: f64) -> Vec<(f64, bool)> {
+    let rough = (far - near) / 10.0;
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .map(|digit| digit * power)
+        .into_iter()
+        .find(|step| *step >= rough)
+        .unwrap_or(far - near);
+    let fine = step / f64::from(BETWEEN_ROWS);
+    let inner = (1..)
+        .map(|n| (f64::from(n) * fine, n % BETWEEN_ROWS == 0))
+        .skip_while(|(depth, _)| *depth <= near + 0.3 * fine)
+        .take_while(|(depth, _)| *depth < far - 0.3 * fine);
+    [(near, true)]
+        .into_iter()
+        .chain(inner)
+        .chain([(far, true)])
+        .collect()
+}
+
+fn at_depth(
+    rig: &RigFile,
+    view: &View,
+    settings: &Settings,
+    depth_mm: f64,
+    is_row: bool,
+) -> AtDepth {
+    let predictor = Predictor::new(&rig.rig, view, depth_mm, settings.noise_px);
+    let predictions: Vec<_> = predictor
+        .iter()
+        .flat_map(|predictor| settings.points.iter().map(|n| predictor.predict(*n)))
+        .collect();
+    AtDepth {
+        depth_mm,
+        is_row,
+        view_mm: view.common(depth_mm).map(|common| common.sides()),
+        two_see_mm2: view.area_seen_by(2, depth_mm),
+        sigma_mm: predictions.iter().map(|p| p.sigma_mm).collect(),
+        widening: predictions.iter().map(|p| p.widening).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tables_depths_are_round_and_within_the_range() {
+        for (near, far, count) in [(300.0, 2000.0, 9), (812.0, 813.0, 11), (1.0, 1e6, 11)] {
+            let depths = depths(near, far);
+            assert!(depths.windows(2).all(|pair| pair[0].0 < pair[1].0));
+            let rows: Vec<f64> = depths.iter().filter(|d| d.1).map(|d| d.0).collect();
+            assert_eq!((rows[0], rows[rows.len() - 1]), (near, far));
+            assert!(rows.len() >= count, "{rows:?}");
+        }
+        let rows: Vec<f64> = depths(300.0, 2000.0)
+            .into_iter()
+            .filter_map(|(depth, is_row)| is_row.then_some(depth))
+            .collect();
+        assert_eq!(rows[1..4], [400.0, 600.0, 800.0]);
+    }
+}

@@ -1,0 +1,189 @@
+//! The predictions as tables for the screen, and as a page.
+
+use super::drive::AXES;
+use super::{AtDepth, Verification};
+use crate::report::{Cell, LinePlot, Page, Style, Table};
+
+/// All tables, in the order in which they are read.
+pub fn tables(found: &Verification) -> Vec<Table> {
+    let drive = found.drive.as_ref().map(|_| stage(found));
+    let headroom = found.headroom.as_ref().map(|_| headroom(found));
+    [Some(sigma(found)), drive, headroom]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// Sigma over depth and number of points.
+fn sigma(found: &Verification) -> Table {
+    let caption = format!(
+        "Predicted sigma X Y Z, mm, by number of points (flow noise {} px)",
+        found.settings.noise_px
+    );
+    let mut table = Table::new(caption, ["depth, mm", "all see, mm"]);
+    let counts = found.settings.points.iter();
+    table.columns.extend(counts.map(|n| format!("{n} points")));
+    for at in found.table_depths() {
+        let view = match at.view_mm {
+            Some([width, height]) => format!("{width:.0} x {height:.0}"),
+            None => "nothing".to_owned(),
+        };
+        let mut row = vec![Cell::number(at.depth_mm, 0), Cell::right(view)];
+        row.extend(at.sigma_mm.iter().map(|s| Cell::vector(s, 4, 7)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// Step rates and ways to rest.
+fn stage(found: &Verification) -> Table {
+    let mut table = Table::new(
+        "The stage",
+        [
+            "axis",
+            "step, mm",
+            "steps/s",
+            "of",
+            "stop, mm",
+            "silent host, mm",
+            "full speed from, mm",
+            "travel, mm",
+        ],
+    );
+    for (axis, name) in found.drive.iter().flat_map(|d| d.axes.iter().zip(AXES)) {
+        table = table.row([
+            Cell::text(name),
+            Cell::number(axis.step_mm, 5),
+            Cell::number(axis.steps_per_s, 0),
+            Cell::right(axis.most_steps_per_s.to_string()),
+            Cell::number(axis.stop_mm, 2),
+            Cell::number(axis.silence_mm, 2),
+            Cell::number(axis.full_speed_mm, 2),
+            Cell::number(axis.travel_mm, 1),
+        ]);
+    }
+    table
+}
+
+/// Bits left in every format.
+fn headroom(found: &Verification) -> Table {
+    let [near, far] = found.settings.depth_range_mm;
+    let caption =
+        format!("Fixed point: largest size from {near} to {far} mm and up to 100 mm per axis");
+    let columns = ["number", "format", "largest", "limit", "bits left"];
+    let mut table = Table::new(caption, columns);
+    for room in found.headroom.iter().flat_map(|headroom| &headroom.rooms) {
+        let bits = Cell::number(room.bits_left, 2);
+        table = table.row([
+            Cell::text(room.name),
+            Cell::text(room.format),
+            Cell::right(significant(room.worst)),
+            Cell::right(significant(room.limit)),
+            if room.bits_left < 0.0 {
+                bits.bad()
+            } else {
+                bits
+            },
+        ]);
+    }
+    table
+}
+
+/// Whole numbers for counts, four decimals for fractions.
+fn significant(value: f64) -> String {
+    if value >= 1000.0 {
+        format!("{value:.0}")
+    } else {
+        format!("{value:.4}")
+    }
+}
+
+/// Names and values that are no table.
+pub fn facts(found: &Verification) -> Vec<(&'static str, String)> {
+    let [near, far] = found.settings.depth_range_mm;
+    let volume = &found.volume;
+    let mut facts = vec![
+        (
+            "working depth",
+            match volume.from_mm {
+                Some(from) => format!("{from:.0} to {far:.0} mm"),
+                None => format!("none between {near:.0} and {far:.0} mm"),
+            },
+        ),
+        (
+            "working volume",
+            format!(
+                "{:.1} l in view of all cameras, {:.1} l of at least two",
+                volume.all_see_l, volume.two_see_l
+            ),
+        ),
+    ];
+    if let Some(drive) = &found.drive {
+        facts.push((
+            "drivers",
+            format!(
+                "{} at {} words/s; the host may be silent for {} ms",
+                drive.drivers.name, drive.drivers.word_rate_hz, drive.heartbeat_ms
+            ),
+        ));
+    }
+    if let Some(headroom) = &found.headroom {
+        let mut text = format!("midpoint to {:.0} mm", headroom.midpoint_to_mm);
+        if let Some(to) = headroom.closed_form_to_mm {
+            text += &format!(", closed form to {to:.0} mm");
+        }
+        facts.push(("fixed point works", text));
+    }
+    facts
+}
+
+/// The page: tables, and sigma and view drawn over the depth.
+pub fn page(rig: &str, found: &Verification) -> Page {
+    let limits: Vec<(String, String)> = found
+        .limitations
+        .iter()
+        .map(|limit| {
+            let name = format!("{}: {}", limit.severity.name(), limit.name);
+            (name, limit.text.clone())
+        })
+        .collect();
+    let mut page = Page::new("Trinocular: what this rig can do", rig)
+        .facts(&facts(found))
+        .section("What limits it", "")
+        .facts(&limits)
+        .section(
+            "Certainty",
+            "Points spread evenly over what all cameras see, at one depth; small displacements.",
+        )
+        .plots(
+            AXES.iter()
+                .enumerate()
+                .map(|(i, name)| over_depth(found, i, name).sized(540, 320).into()),
+        )
+        .plot(views(found));
+    for table in tables(found) {
+        page = page.table(table);
+    }
+    page
+}
+
+fn over_depth(found: &Verification, axis: usize, name: &str) -> LinePlot {
+    let title = format!("Sigma {name}");
+    let mut plot = LinePlot::new(title, "depth, mm", "sigma, mm").including(0.0);
+    for (index, points) in found.settings.points.iter().enumerate() {
+        let value = |at: &AtDepth| at.sigma_mm.get(index).map_or(f64::NAN, |s| s[axis]);
+        let line = found.depths.iter().map(|at| [at.depth_mm, value(at)]);
+        plot = plot.series(&format!("{points} points"), Style::Line, line);
+    }
+    plot
+}
+
+fn views(found: &Verification) -> LinePlot {
+    let side = |i: usize| {
+        (found.depths.iter()).map(move |at| [at.depth_mm, at.view_mm.map_or(0.0, |view| view[i])])
+    };
+    LinePlot::new("What all cameras see", "depth, mm", "mm")
+        .series("width", Style::Line, side(0))
+        .series("height", Style::Line, side(1))
+        .including(0.0)
+}

@@ -1,0 +1,197 @@
+//! `verify`: what it prints, and what it says of rigs and options that cannot be.
+
+use serde_json::Value;
+
+use super::{Desk, Outcome, run};
+
+const STAGE: &str = "
+[stage]
+steps_per_mm = [80.0, 80.0, 400.0]
+max_speed_mm_s = [100.0, 100.0, 20.0]
+max_acceleration_mm_s2 = [2000.0, 2000.0, 500.0]
+max_jerk_mm_s3 = [50000.0, 50000.0, 20000.0]
+travel_mm = [[-60.0, 60.0], [-60.0, 60.0], [0.0, 60.0]]
+invert = [false, false, false]
+matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+driver = \"TMC2209\"
+";
+
+/// A desk whose rig has a stage.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.write("rig.toml", desk.read("rig.toml") + STAGE);
+    desk
+}
+
+fn verify(desk: &Desk, more: &[&str]) -> Outcome {
+    let mut arguments = vec!["verify", "rig.toml"];
+    arguments.extend(more);
+    run(desk.folder.path(), &arguments)
+}
+
+/// Names in the list of limitations, of one severity.
+fn named(found: &Value, severity: &str) -> Vec<String> {
+    let all = found["limitations"].as_array().expect("a list").iter();
+    all.filter(|limit| limit["severity"] == severity)
+        .map(|limit| limit["name"].as_str().expect("a name").to_owned())
+        .collect()
+}
+
+#[test]
+fn a_good_rig_is_described_on_screen_and_on_a_page() {
+    let desk = desk();
+    let outcome = verify(&desk, &["--report", "rig.html"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert_eq!(outcome.stderr, "");
+    for part in [
+        "Predicted sigma X Y Z",
+        "200 points",
+        "working volume",
+        "stop, mm",
+        "silent host, mm",
+        "bits left",
+        "fixed point works",
+        "1000000 words/s",
+    ] {
+        assert!(
+            outcome.stdout.contains(part),
+            "`{part}`: {}",
+            outcome.stdout
+        );
+    }
+    let page = desk.read("rig.html");
+    assert!(page.contains("<svg") && page.contains("Sigma Z"));
+    let again = verify(&desk, &[]);
+    assert_eq!(again.stdout, outcome.stdout);
+}
+
+#[test]
+fn json_holds_every_prediction() {
+    let desk = desk();
+    let more = [
+        "--json",
+        "--noise",
+        "0.1",
+        "--points",
+        "10,40",
+        "--depth-range",
+        "700",
+        "900",
+    ];
+    let outcome = verify(&desk, &more);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let found = &outcome.json()[0];
+    assert_eq!(found["settings"]["points"], serde_json::json!([10, 40]));
+    let depths = found["depths"].as_array().expect("a list");
+    assert_eq!(depths[0]["depth_mm"], 700.0);
+    let sigma = |points: usize, axis: usize| {
+        let value = &depths[0]["sigma_mm"][points][axis];
+        value.as_f64().expect("a number")
+    };
+    // Four times the points: half the sigma, and a little more for windows that overlap.
+    let gain = sigma(0, 2) / sigma(1, 2);
+    assert!((1.7..2.0).contains(&gain), "{gain}");
+    assert!(sigma(0, 2) > 3.0 * sigma(0, 0));
+    let axes = found["drive"]["axes"].as_array().expect("a list");
+    assert_eq!(axes[2]["steps_per_s"], 8000.0);
+    assert!(axes[0]["silence_mm"].as_f64() > axes[0]["stop_mm"].as_f64());
+    assert!(found["volume"]["two_see_l"].as_f64() > found["volume"]["all_see_l"].as_f64());
+    let rooms = found["headroom"]["rooms"].as_array().expect("a list");
+    assert!(
+        rooms
+            .iter()
+            .all(|room| room["bits_left"].as_f64() > Some(0.0))
+    );
+}
+
+#[test]
+fn what_limits_a_rig_is_named() {
+    let desk = desk();
+    desk.change("rig.toml", "[0.0, 60.0]]", "[0.0, 1.0]]");
+    desk.change("rig.toml", "[-70.0,", "[-2.0,");
+    desk.change("rig.toml", "[68.0,", "[2.0,");
+    let outcome = verify(&desk, &["--json", "--noise", "2"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let names = named(&outcome.json()[0], "warning");
+    for name in ["stage.max_speed_mm_s[2]", "sigma Z", "a1 b2 - a2 b1"] {
+        assert!(names.iter().any(|n| n == name), "{name}: {names:?}");
+    }
+    desk.change("rig.toml", "[-2.0,", "[-400.0,");
+    let names = named(&verify(&desk, &["--json"]).json()[0], "warning");
+    assert!(names.iter().any(|n| n == "camera.offset_mm"), "{names:?}");
+}
+
+#[test]
+fn a_stage_that_the_station_would_refuse_ends_with_1() {
+    let desk = desk();
+    desk.change("rig.toml", "TMC2209", "DRV8825");
+    let outcome = verify(&desk, &[]);
+    assert_eq!(outcome.code, Some(1));
+    outcome.complained(&["rig.toml: ", "stage.driver", "step_high_ns", "1900 ns"]);
+    assert!(outcome.stdout.contains("520000"), "{}", outcome.stdout);
+    desk.change("rig.toml", "DRV8825", "A4988");
+    desk.change("rig.toml", "100.0, 20.0]", "100.0, 2000.0]");
+    let outcome = verify(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(1));
+    outcome.complained(&["stage.max_speed_mm_s[2]", "800000 steps/s", "500000"]);
+    assert_eq!(
+        named(&outcome.json()[0], "refusal"),
+        ["stage.max_speed_mm_s[2]"]
+    );
+}
+
+#[test]
+fn rigs_of_other_shapes_and_without_a_stage() {
+    let desk = Desk::new();
+    let text = desk.read("rig.toml");
+    let last = text.rfind("\n[[camera]]").expect("three cameras");
+    desk.write("rig.toml", &text[..last]);
+    let outcome = verify(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let found = &outcome.json()[0];
+    assert!(found["drive"].is_null());
+    assert!(found["headroom"]["closed_form_to_mm"].is_null());
+    assert_eq!(named(found, "note")[0], "camera");
+}
+
+#[test]
+fn cameras_without_a_common_view_are_told_apart() {
+    let desk = Desk::new();
+    desk.change("rig.toml", "[68.0,", "[9000.0,");
+    let outcome = verify(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let found = &outcome.json()[0];
+    assert!(found["volume"]["from_mm"].is_null());
+    assert!(found["headroom"].is_null());
+    let text = verify(&desk, &[]).stdout;
+    assert!(
+        text.contains("and right have no common view between 300 and 2000 mm"),
+        "{text}"
+    );
+}
+
+#[test]
+fn bad_rigs_and_options_are_refused() {
+    let desk = desk();
+    for (more, part) in [
+        (&["--noise", "0"][..], "--noise"),
+        (&["--noise", "nan"], "--noise"),
+        (&["--depth-range", "900", "700"], "--depth-range"),
+        (&["--depth-range", "0", "700"], "--depth-range"),
+    ] {
+        verify(&desk, more).failed(2, &[part]);
+    }
+    for more in [
+        &["--points", "0"][..],
+        &["--points", "many"],
+        &["--depth-range", "7"],
+    ] {
+        let outcome = verify(&desk, more);
+        assert_eq!((outcome.code, outcome.stdout.as_str()), (Some(2), ""));
+    }
+    verify(&desk, &["--report", "no/such/folder.html"]).failed(1, &["folder.html"]);
+    let line = desk.change("rig.toml", "[100.0, 100.0, 20.0]", "[100.0, 100.0, -20.0]");
+    let place = format!("rig.toml:{line}: field `stage.max_speed_mm_s[2]`: ");
+    verify(&desk, &["--json"]).failed(1, &[&place, "greater than 0"]);
+    run(desk.folder.path(), &["verify", "none.toml"]).failed(1, &["none.toml", "cannot read"]);
+}

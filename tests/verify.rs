@@ -1,0 +1,55 @@
+//! What `verify` predicts, against pictures that are rendered, tracked and estimated as any others.
+
+use host::flow::{Flow, Settings};
+use host::images::{Scene, SceneSettings, Texture};
+use host::sums::Sums;
+use host::verification::sigma::{MARGIN_PX, Predictor};
+use host::verification::view::View;
+use shared::estimate::midpoint;
+use shared::rig::Rig;
+
+/// The sigma that a measurement states, which `tests/pipeline/sigma.rs` holds against true errors, and the one predicted for the
+/// same number of points and the noise that its own residual shows.
+#[track_caller]
+fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64) {
+    let rig = Rig::paper();
+    let settings = SceneSettings {
+        depth_mm,
+        noise_grey,
+        ..SceneSettings::default()
+    };
+    let scene = Scene::new(&rig, texture, settings).expect("a scene");
+    let mut flow = Flow::new(&rig, Settings::default()).expect("a rig");
+    flow.set_reference(&scene.render([0.0; 3], 0, 1))
+        .expect("texture");
+    let seen = flow.measure(&scene.render([2.0, -1.0, 1.0], 0, 2));
+    let seen = seen.expect("a small move");
+    let sums = Sums::of(&rig, &seen).expect("a rig");
+    let stated = midpoint::solve(&sums.centred).expect("points");
+    let view = View::new(&rig, MARGIN_PX);
+    let points = u32::try_from(seen.tracks.len()).expect("a few hundred");
+    let predicted = Predictor::new(&rig, &view, depth_mm, stated.sigma_px)
+        .expect("a common view")
+        .predict(points);
+    println!(
+        "{depth_mm} mm, {noise_grey} grey levels: noise {:.4} px, {points} points, sigma stated {:.5?} predicted {:.5?} mm",
+        stated.sigma_px,
+        stated.sigma_mm(),
+        predicted.sigma_mm
+    );
+    for (stated, predicted) in stated.sigma_mm().into_iter().zip(predicted.sigma_mm) {
+        let ratio = stated / predicted;
+        assert!((0.88..=1.12).contains(&ratio), "{depth_mm} mm: {ratio}");
+    }
+}
+
+#[test]
+fn predicted_sigma_is_what_a_measurement_states() {
+    let (sharp, soft) = (Texture::natural(3), Texture::blobs(3));
+    assert_predicted(&sharp, 500.0, 2.0);
+    assert_predicted(&sharp, 850.0, 0.5);
+    assert_predicted(&sharp, 1400.0, 2.0);
+    assert_predicted(&soft, 600.0, 2.0);
+    assert_predicted(&soft, 850.0, 2.0);
+    assert_predicted(&soft, 1400.0, 2.0);
+}
