@@ -1,0 +1,221 @@
+//! Commands from the fuzzer's bytes: well-formed ones with any values, which bytes alone would hardly ever hit behind their checksum.
+
+use arbitrary::Arbitrary;
+use shared::estimate::Gate;
+use shared::frame::message::{Command, Config, Frame, MATRIX_BITS, Mounting, Sums};
+use shared::motion::AxisConfig;
+use shared::steps::DriverTiming;
+use shared::sums::centred::FixedCentredSums;
+use shared::sums::pair::FixedPairSums;
+use shared::time::Instant;
+
+/// A [`Command`].
+#[derive(Arbitrary, Clone, Copy, Debug)]
+pub enum Order {
+    /// Starts a session.
+    Hello,
+    /// A usual stage, with the fields replaced that are given.
+    Config(Settings),
+    /// A frame.
+    Frame(Sight),
+    /// A setpoint, µm.
+    Setpoint([i32; 3]),
+    /// A setpoint within reach, 1/100 mm.
+    Near([i16; 3]),
+    /// A jog, µm.
+    Jog([i32; 3]),
+    /// Zero.
+    Zero,
+    /// Stop.
+    Stop,
+    /// Reset.
+    Reset,
+    /// Heartbeat.
+    Ping(u64),
+}
+
+/// A configuration. `None` stands for a usual value.
+#[derive(Arbitrary, Clone, Copy, Debug, Default)]
+pub struct Settings {
+    axis: Option<(u8, Axis)>,
+    matrix: Option<[[i32; 3]; 3]>,
+    heartbeat_ms: Option<u16>,
+    slow_speed_um_s: Option<u32>,
+    fixed: bool,
+    drv8825: bool,
+}
+
+#[derive(Arbitrary, Clone, Copy, Debug)]
+struct Axis {
+    steps_per_m: u32,
+    max_speed_um_s: u32,
+    max_acceleration_um_s2: u32,
+    max_jerk_um_s3: u32,
+    travel_um: [i32; 2],
+    invert: bool,
+}
+
+/// A frame, with its instants relative to now.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+pub struct Sight {
+    age_us: u16,
+    reference: Reference,
+    sums: Seen,
+}
+
+#[derive(Arbitrary, Clone, Copy, Debug)]
+enum Reference {
+    Origin,
+    LastCapture,
+    At(u64),
+}
+
+#[derive(Arbitrary, Clone, Copy, Debug)]
+enum Seen {
+    /// A clean view of a target that moved by this, µm.
+    Moved([i16; 3]),
+    Centred {
+        counts: [u16; 2],
+        mean_nm: [i32; 2],
+        centroid: [i32; 2],
+        spread: u32,
+        exponent: i8,
+        coupling: i32,
+        residual_nm: u32,
+    },
+    Pair([i32; 10], u16),
+}
+
+impl Order {
+    /// As the station gets it at `now`; `last` is the capture of the last frame.
+    pub fn command(self, now: Instant, last: &mut Instant) -> Command {
+        match self {
+            Self::Hello => Command::Hello,
+            Self::Config(settings) => Command::Config(settings.config()),
+            Self::Frame(sight) => Command::Frame(sight.frame(now, last)),
+            Self::Setpoint(position_um) => Command::Setpoint { position_um },
+            Self::Near(near) => Command::Setpoint {
+                position_um: near.map(|v| i32::from(v) * 10),
+            },
+            Self::Jog(distance_um) => Command::Jog { distance_um },
+            Self::Zero => Command::Zero,
+            Self::Stop => Command::Stop,
+            Self::Reset => Command::Reset,
+            Self::Ping(host_us) => Command::Ping { host_us },
+        }
+    }
+}
+
+impl Settings {
+    /// The configuration.
+    pub fn config(self) -> Config {
+        let usual = AxisConfig {
+            steps_per_m: 80_000,
+            max_speed_um_s: 100_000,
+            max_acceleration_um_s2: 2_000_000,
+            max_jerk_um_s3: 50_000_000,
+            travel_um: [-60_000, 60_000],
+            invert: false,
+        };
+        let mut axes = [usual; 3];
+        if let Some((index, axis)) = self.axis {
+            axes[usize::from(index % 3)] = AxisConfig {
+                steps_per_m: axis.steps_per_m,
+                max_speed_um_s: axis.max_speed_um_s,
+                max_acceleration_um_s2: axis.max_acceleration_um_s2,
+                max_jerk_um_s3: axis.max_jerk_um_s3,
+                travel_um: axis.travel_um,
+                invert: axis.invert,
+            };
+        }
+        let one = 1 << MATRIX_BITS;
+        Config {
+            axes,
+            matrix: self
+                .matrix
+                .unwrap_or([[one, 0, 0], [0, one, 0], [0, 0, one]]),
+            driver: if self.drv8825 {
+                DriverTiming::DRV8825
+            } else {
+                DriverTiming::TMC2209
+            },
+            gate: Gate::DEFAULT,
+            heartbeat_ms: self.heartbeat_ms.unwrap_or(100),
+            slow_speed_um_s: self.slow_speed_um_s.unwrap_or(5_000),
+            mounting: if self.fixed {
+                Mounting::Fixed
+            } else {
+                Mounting::OnStage
+            },
+        }
+    }
+}
+
+impl Sight {
+    fn frame(self, now: Instant, last: &mut Instant) -> Frame {
+        let capture = Instant::from_micros(now.micros().saturating_sub(self.age_us.into()));
+        let reference = match self.reference {
+            Reference::Origin => Instant::from_micros(0),
+            Reference::LastCapture => *last,
+            // As many bits as the wire has.
+            Reference::At(micros) => Instant::from_micros(micros >> 16),
+        };
+        *last = capture;
+        Frame {
+            capture,
+            reference,
+            sums: self.sums.sums(),
+        }
+    }
+}
+
+impl Seen {
+    fn sums(self) -> Sums {
+        match self {
+            Self::Moved([x, y, z]) => Sums::Midpoint(FixedCentredSums {
+                points: 100,
+                freedom: 597,
+                mean_nm: [i32::from(x) * 1000, i32::from(y) * 1000],
+                centroid: [0, 0],
+                // 0.8 in 2^-32, with the exponent 0.05; the coupling is z times that in its own scale.
+                spread: 3_435_973_837,
+                exponent: -4,
+                coupling: i32::from(z) * 6_400,
+                residual_nm: 30_000,
+            }),
+            Self::Centred {
+                counts: [points, freedom],
+                mean_nm,
+                centroid,
+                spread,
+                exponent,
+                coupling,
+                residual_nm,
+            } => Sums::Midpoint(FixedCentredSums {
+                points,
+                freedom,
+                mean_nm,
+                centroid,
+                spread,
+                exponent,
+                coupling,
+                residual_nm,
+            }),
+            Self::Pair([a1, a2, a3, b1, b2, b3, d1, d2, d3, d4], points) => {
+                Sums::ClosedForm(FixedPairSums {
+                    points,
+                    a1,
+                    a2,
+                    a3,
+                    b1,
+                    b2,
+                    b3,
+                    d1,
+                    d2,
+                    d3,
+                    d4,
+                })
+            }
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! A station under any commands, bytes, switches and waits.
+//!
+//! Laws: no panic; every segment is one that the generator takes; the pins make exactly the steps of the planned position; no axis is
+//! faster than its configuration allows; a station that is not configured, or stands with an emergency stop, makes no step; everything
+//! it sends is a report.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use station_fuzz::life::{Event, Start, live};
+
+fuzz_target!(|life: (Start, Vec<Event>)| live(life.0, &life.1));
