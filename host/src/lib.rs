@@ -1,5 +1,6 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
 
+pub mod calibration;
 pub mod error;
 pub mod experiment;
 pub mod flow;

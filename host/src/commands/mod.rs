@@ -7,6 +7,9 @@ use clap::{Parser, Subcommand};
 use host::error::{Failure, InputError};
 use host::station::StationError;
 
+mod calibrate;
+mod convert;
+mod destination;
 mod estimate;
 mod experiment;
 mod hello;
@@ -49,6 +52,8 @@ Exit codes:
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Calibrate(calibrate::Options),
+    Convert(convert::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Ports(ports::Options),
@@ -60,6 +65,8 @@ enum Command {
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
+        Some(Command::Calibrate(options)) => calibrate::run(&options, out),
+        Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
