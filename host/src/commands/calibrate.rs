@@ -38,7 +38,7 @@ pub struct Options {
     board: Pattern,
 
     /// Side of one square, mm
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM", value_parser = positive, allow_negative_numbers = true)]
     square: f64,
 
     #[command(flatten)]
@@ -135,7 +135,11 @@ fn rig_file(options: &Options, result: &Calibration) -> Result<RigFile, InputErr
         .ok_or_else(|| refuse("it takes two cameras or more"))?;
     RigFile::parse(&options.input, &rig.to_toml()).map_err(|error| {
         let field = error.field.unwrap_or_default();
-        refuse(&format!("{field}: {}", error.reason))
+        let advice = match field.ends_with("distortion") {
+            true => "; images in which the board reaches into the corners would tell",
+            false => "",
+        };
+        refuse(&format!("{field}: {}{advice}", error.reason))
     })
 }
 

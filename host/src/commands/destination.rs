@@ -31,7 +31,7 @@ pub struct Destination {
 
     /// Overwrite files that exist
     ///
-    /// A rig file's [stage] section is kept even so; a rig file that cannot be read is not overwritten.
+    /// A rig file's stage section is kept even so; a rig file that cannot be read is not overwritten.
     #[arg(long)]
     force: bool,
 }

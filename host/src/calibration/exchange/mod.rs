@@ -71,11 +71,11 @@ impl CameraFile {
         let motion = match (root.optional("projection_matrix")?, root.optional("R")?) {
             (Some(projection), _) => {
                 let rectification = root.required("rectification_matrix")?;
-                Some(ros_motion(&rectification, &projection)?)
+                Some(ros_motion(rectification, projection)?)
             }
             (None, Some(turn)) => {
                 let shift: [f64; 3] = numbers(root.required("T")?)?;
-                let turn = rotation(&turn)?;
+                let turn = rotation(turn)?;
                 Some(Isometry3::from_parts(Vector3::from(shift).into(), turn))
             }
             (None, None) => None,
