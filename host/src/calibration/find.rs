@@ -16,7 +16,7 @@ const WINDOW: f64 = 0.18;
 /// Windows smaller than this see no more than the edge's blur, px.
 const LEAST_HALF_WINDOW: usize = 3;
 /// Larger ones gain nothing and mind the lens's curves, px.
-const MOST_HALF_WINDOW: usize = 12;
+const MOST_HALF_WINDOW: usize = 20;
 /// Levels of the pyramid the board is searched on, finest first.
 const LEVELS: usize = 4;
 /// Share of the corners that must be seen before the others are looked for where they must be.

@@ -8,6 +8,7 @@ use super::find::{Found, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
 use super::photographs::{self, Series};
 use super::rig::{self, Eye, Instant, RigSolution};
+use super::stand::doubts;
 use crate::error::InputError;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
@@ -102,7 +103,7 @@ impl Calibration {
                 .iter()
                 .map(|camera| camera.name.as_str())
                 .collect();
-            warnings.extend(rig::doubts(&names, &rig.stands, &rig.sigma));
+            warnings.extend(doubts(&names, &rig.stands, &rig.sigma));
         }
         warnings
     }

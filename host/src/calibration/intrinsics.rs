@@ -23,6 +23,8 @@ pub const LEAST_IMAGES: usize = 3;
 const BLURRED: f64 = 2.0;
 /// Blur below this does no harm, px.
 const SHARP_PX: f64 = 2.0;
+/// Residuals below this reject no image, px.
+const HARMLESS_PX: f64 = 0.02;
 
 /// What became of an image.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,7 +136,9 @@ pub fn calibrate(
         let mut worst = None;
         for (index, rms_px) in kept.iter().zip(&rms) {
             verdicts[*index] = Verdict::Used { rms_px: *rms_px };
-            if *rms_px > outlier * middle && worst.is_none_or(|(_, most)| *rms_px > most) {
+            if *rms_px > (outlier * middle).max(HARMLESS_PX)
+                && worst.is_none_or(|(_, most)| *rms_px > most)
+            {
                 worst = Some((*index, *rms_px));
             }
         }

@@ -7,6 +7,7 @@ use super::find::Found;
 use super::intrinsics::{self, Verdict};
 use super::lens::{Lens, PARAMETERS};
 use super::rig::{self, Eye, Instant};
+use super::stand;
 use crate::random::Random;
 
 const BOARD: Board = Board {
@@ -204,7 +205,7 @@ fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> 
 }
 
 /// Offsets and rotations of all cameras, in a row.
-fn row(stands: &[rig::Stand]) -> Vec<f64> {
+fn row(stands: &[stand::Stand]) -> Vec<f64> {
     let stands = stands.iter();
     stands
         .flat_map(|s| s.offset_mm.into_iter().chain(s.rotation_deg))
@@ -215,7 +216,7 @@ fn row(stands: &[rig::Stand]) -> Vec<f64> {
 fn exact_corners_give_the_rig_back() {
     let bench = bench(&BOARD, 6, 0.0, &mut Random::new(5, 0));
     let solution = rig::calibrate(&BOARD, &bench.eyes, 1, &bench.instants, KEEP).unwrap();
-    for (got, truth) in row(&solution.stands).iter().zip(rig::numbers(&motions())) {
+    for (got, truth) in row(&solution.stands).iter().zip(stand::numbers(&motions())) {
         assert!((got - truth).abs() < 1e-6, "{solution:?}");
     }
     // What the chosen axes promise: the line of the cameras is level on the whole, the middle camera is the origin.
@@ -231,7 +232,7 @@ fn exact_corners_give_the_rig_back() {
 #[test]
 fn a_rigs_sigma_is_true() {
     let runs = 40;
-    let truth = rig::numbers(&motions());
+    let truth = stand::numbers(&motions());
     let mut squares = vec![0.0; truth.len()];
     for run in 0..runs {
         let bench = bench(&BOARD, 12, NOISE_PX, &mut Random::new(11, run));
@@ -312,4 +313,88 @@ fn turned_numbers_are_turned_back() {
             assert!((a - b).abs() < 1e-6, "{straight:?} {turned:?}");
         }
     }
+}
+
+/// Motions from the first camera's axes, which are turned against those the places are given in.
+fn standing(places_mm: &[[f64; 3]], turns_deg: &[[f64; 3]]) -> Vec<Isometry3<f64>> {
+    let motion = |(place, degrees): (&[f64; 3], &[f64; 3])| {
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians)));
+        Isometry3::from_parts((turn * -Vector3::from(*place)).into(), turn)
+    };
+    let all: Vec<Isometry3<f64>> = places_mm.iter().zip(turns_deg).map(motion).collect();
+    all.iter().map(|motion| motion * all[0].inverse()).collect()
+}
+
+#[test]
+fn any_cameras_in_a_plane_stand_in_it() {
+    let square = [
+        [0.0, 0.0, 0.0],
+        [60.0, 0.0, 0.0],
+        [0.0, 50.0, 0.0],
+        [60.0, 50.0, 0.0],
+    ];
+    let turns = [
+        [1.0, -1.5, 0.6],
+        [-1.0, 1.5, -0.6],
+        [0.5, 0.5, 0.0],
+        [-0.5, -0.5, 0.0],
+    ];
+    let upright = [[0.0, 0.0, 0.0], [0.0, 55.0, 0.0]];
+    let slanted = [[0.0, 0.0, 0.0], [50.0, 4.0, 0.0], [100.0, 8.0, 0.0]];
+    for (places, is_level) in [
+        (&square[..], false),
+        (&upright[..], false),
+        (&slanted[..], true),
+    ] {
+        let stands = stand::stands(&stand::numbers(&standing(places, &turns)));
+        for (stand, place) in stands.iter().zip(places) {
+            let [x, y, z] = stand.offset_mm;
+            assert!(z.abs() < 1e-9, "{stands:?}");
+            assert!(
+                (x.hypot(y) - place[0].hypot(place[1])).abs() < 1e-9,
+                "{stands:?}"
+            );
+            // A line of cameras becomes the x axis if it is near to it; other axes are the cameras' own, within what these are turned.
+            let expected = if is_level {
+                [place[0].hypot(place[1]), 0.0]
+            } else {
+                [place[0], place[1]]
+            };
+            assert!(
+                (x - expected[0]).abs() < 1.5 && (y - expected[1]).abs() < 1.5,
+                "{stands:?}"
+            );
+            assert!(!is_level || y.abs() < 1e-9, "{stands:?}");
+        }
+    }
+}
+
+#[test]
+fn axes_that_fit_are_kept_and_doubts_are_named() {
+    let turns = [[0.0; 3], [0.0, 6.0, 0.0], [0.0; 3]];
+    let level = standing(&[[0.0; 3], [50.0, 4.0, 0.0], [100.0, -3.0, 0.0]], &turns);
+    let kept = stand::placed(&level);
+    assert!(
+        (kept[1].offset_mm[1] - 4.0).abs() < 1e-9 && (kept[1].rotation_deg[1] - 6.0).abs() < 1e-9,
+        "{kept:?}"
+    );
+    let names = ["left", "middle", "right"];
+    let sure = vec![stand::Stand::default(); 3];
+    let doubts = stand::doubts(&names, &kept, &sure);
+    assert_eq!(doubts.len(), 1, "{doubts:?}");
+    assert!(
+        doubts[0].starts_with("middle is turned by 6.0 degrees"),
+        "{doubts:?}"
+    );
+    let ahead = stand::placed(&standing(
+        &[[0.0; 3], [50.0, 0.0, 3.0], [100.0, 0.0, 0.0]],
+        &[[0.0; 3]; 3],
+    ));
+    let doubts = stand::doubts(&names, &ahead, &sure);
+    assert!(
+        doubts
+            .iter()
+            .any(|doubt| doubt.starts_with("middle stands")),
+        "{doubts:?} {ahead:?}"
+    );
 }

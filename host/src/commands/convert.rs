@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use host::calibration::exchange::CameraFile;
-use host::calibration::rig::{Stand, doubts, placed};
+use host::calibration::stand::{Stand, doubts, placed};
 use host::error::{Failure, InputError};
 use host::rig_file::RigFile;
 use shared::rig::{MAX_CAMERAS, Rig};
