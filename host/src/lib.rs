@@ -1,6 +1,7 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
 
 pub mod alignment;
+pub mod calibration;
 pub mod error;
 pub mod experiment;
 pub mod flow;

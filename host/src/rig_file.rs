@@ -9,12 +9,16 @@
 //! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
 //! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
 //! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, zero without
+//! rotation_deg = [0.0, 0.0, 0.0]        # turned about x, y, z against the rig's axes; optional, zero without
 //!
 //! [stage]                               # optional; see `Stage`
 //! ```
 //!
-//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but the
-//! distortion has a default: a rig that was guessed makes a stage run away.
+//! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the rig's axes to
+//! directions along the camera's; every pixel is rectified by it on its way in, so cameras need not be exactly parallel.
+//!
+//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but distortion and
+//! rotation has a default: a rig that was guessed makes a stage run away.
 //!
 //! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.
@@ -24,7 +28,7 @@ use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
-use shared::rig::{Camera, MAX_CAMERAS, Rig};
+use shared::rig::{Camera, MAX_CAMERAS, Rig, Rotation};
 use toml::de::{DeTable, DeValue};
 
 use crate::error::InputError;
@@ -46,6 +50,8 @@ const LIMIT_FOCAL_PX: f64 = 1e6;
 const LIMIT_OFFSET_MM: f64 = 1e5;
 /// Lens models beyond this fold the image over.
 const LIMIT_DISTORTION: f64 = 1e3;
+/// Cameras turned farther than this were not meant to be parallel, and see too little in common.
+pub const LIMIT_ROTATION_DEG: f64 = 20.0;
 /// Cameras closer than this are the same camera twice, mm.
 const LEAST_BASELINE_MM: f64 = 1e-3;
 
@@ -149,6 +155,9 @@ impl RigFile {
             if camera.distortion != [0.0; 5] {
                 let _ = writeln!(text, "distortion = {:?}", camera.distortion);
             }
+            if camera.rotation != Rotation::NONE {
+                let _ = writeln!(text, "rotation_deg = {:?}", camera.rotation.degrees());
+            }
         }
         if let Some(stage) = &self.stage {
             stage.write_toml(&mut text);
@@ -203,6 +212,7 @@ fn cameras(
             "principal_px",
             "offset_mm",
             "distortion",
+            "rotation_deg",
         ])?;
         let name = table.required("name")?;
         let given = folder_name(&name)?;
@@ -290,6 +300,10 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
             Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
             None => [0.0; 5],
         },
+        rotation: match table.optional("rotation_deg")? {
+            Some(field) => rotation(&field)?,
+            None => Rotation::NONE,
+        },
     };
     match distortion {
         Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(
@@ -297,6 +311,17 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         )),
         _ => Ok(camera),
     }
+}
+
+fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
+    let degrees: [f64; 3] = field.each(|angle| angle.number(LIMIT_ROTATION_DEG))?;
+    let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
+    if angle > LIMIT_ROTATION_DEG {
+        return Err(field.fault(format!(
+            "turned by {angle:.1} degrees, but cameras that see the same may be turned by {LIMIT_ROTATION_DEG} at most"
+        )));
+    }
+    Ok(Rotation::from_degrees(degrees))
 }
 
 /// Whether removing and applying the distortion leads back to the same pixel, all round the image's border.

@@ -5,16 +5,22 @@
 //!
 //! ```text
 //! xi = (X - cx) / Z        eta = (Y - cy) / Z        (dimensionless)
-//! px = fx * xi + ppx       py  = fy * eta + ppy      (pixels, after lens distortion)
+//! px = fx * xi + ppx       py  = fy * eta + ppy      (pixels, after rotation and lens distortion)
 //! ```
 //!
 //! Normalised coordinates divide each camera's own focal lengths out, so cameras with different focal
-//! lengths need no common mean.
+//! lengths need no common mean. They are along the rig's axes, however the camera is turned: a rotation moves all points of a ray
+//! alike, whatever their depth, so the view of a turned camera is that of a virtual parallel one at the same place.
+//! Everything behind [`Camera::normalise`] is therefore about parallel cameras.
+
+mod rotation;
+
+pub use rotation::Rotation;
 
 /// The most cameras a rig can have.
 pub const MAX_CAMERAS: usize = 8;
 
-/// One camera of a parallel rig.
+/// One camera of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Focal lengths along x and y, px.
@@ -25,16 +31,19 @@ pub struct Camera {
     pub offset_mm: [f64; 2],
     /// OpenCV's k1 k2 p1 p2 k3 (Brown's model), dimensionless.
     pub distortion: [f64; 5],
+    /// How the camera is turned against the rig's axes: none in a rig that is parallel as built.
+    pub rotation: Rotation,
 }
 
 impl Camera {
-    /// A camera without lens distortion.
+    /// A camera without lens distortion, parallel to the rig.
     pub const fn ideal(focal_px: [f64; 2], principal_px: [f64; 2], offset_mm: [f64; 2]) -> Self {
         Self {
             focal_px,
             principal_px,
             offset_mm,
             distortion: [0.0; 5],
+            rotation: Rotation::NONE,
         }
     }
 
@@ -44,13 +53,18 @@ impl Camera {
         self.denormalise([(x - self.offset_mm[0]) / z, (y - self.offset_mm[1]) / z])
     }
 
-    /// Normalised coordinates to pixels as seen, through the lens distortion.
+    /// Whether the camera sees the normalised plane as it is but for scale and shift: neither turned nor distorted.
+    pub fn is_ideal(&self) -> bool {
+        self.distortion == [0.0; 5] && self.rotation.degrees() == [0.0; 3]
+    }
+
+    /// Normalised coordinates to pixels as seen, through rotation and lens distortion.
     pub fn denormalise(&self, normalised: [f64; 2]) -> [f64; 2] {
-        let seen = self.distort(normalised);
+        let seen = self.distort(self.rotation.turn(normalised));
         core::array::from_fn(|i| self.focal_px[i] * seen[i] + self.principal_px[i])
     }
 
-    /// Pixels as seen to normalised coordinates, lens distortion removed.
+    /// Pixels as seen to normalised coordinates, lens distortion and rotation removed.
     ///
     /// The distortion has no closed inverse: the fixed-point iteration used by OpenCV's `undistortPoints` runs
     /// until it moves less than 1e-13, at most 50 times. Exact (to rounding) for cameras without distortion.
@@ -58,7 +72,7 @@ impl Camera {
         let seen: [f64; 2] =
             core::array::from_fn(|i| (pixel[i] - self.principal_px[i]) / self.focal_px[i]);
         if self.distortion == [0.0; 5] {
-            return seen;
+            return self.rotation.rectify(seen);
         }
         let mut guess = seen;
         for _ in 0..50 {
@@ -69,7 +83,7 @@ impl Camera {
                 break;
             }
         }
-        guess
+        self.rotation.rectify(guess)
     }
 
     /// Brown's model: radial k1 k2 k3, tangential p1 p2.
@@ -84,7 +98,7 @@ impl Camera {
     }
 }
 
-/// Parallel cameras in one plane, in the order their views come.
+/// Cameras in one plane, parallel or rectified by their rotations, in the order their views come.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// Width and height of every camera's image, px.

@@ -8,6 +8,9 @@ use host::error::{Failure, InputError};
 use host::station::StationError;
 
 mod align;
+mod calibrate;
+mod convert;
+mod destination;
 mod estimate;
 mod experiment;
 mod hello;
@@ -52,6 +55,8 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Options),
+    Calibrate(calibrate::Options),
+    Convert(convert::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Ports(ports::Options),
@@ -65,6 +70,8 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
         Some(Command::Align(options)) => align::run(&options, out),
+        Some(Command::Calibrate(options)) => calibrate::run(&options, out),
+        Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),

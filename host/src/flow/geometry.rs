@@ -95,7 +95,7 @@ impl Geometry {
     /// in camera `k`'s image to offsets in the reference image.
     pub fn stretch(&self, k: usize, pixel: [f64; 2], inverse_depth: f64) -> [[f32; 2]; 2] {
         let (from, to) = (&self.rig.cameras[self.reference], &self.rig.cameras[k]);
-        if from.distortion == [0.0; 5] && to.distortion == [0.0; 5] {
+        if from.is_ideal() && to.is_ideal() {
             let ratio: [f64; 2] = core::array::from_fn(|i| from.focal_px[i] / to.focal_px[i]);
             return [[ratio[0] as f32, 0.0], [0.0, ratio[1] as f32]];
         }

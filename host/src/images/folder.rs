@@ -163,7 +163,7 @@ pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
 }
 
 /// Names of the image files in one camera's folder.
-fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
+pub(crate) fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
     if !camera.is_dir() {
         let reason = "no such folder; every camera of the rig needs one of its name";
         return Err(InputError::file(camera, reason));
@@ -188,7 +188,7 @@ fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
 }
 
 /// The name with every number padded with zeros, so that alphabetic order is the order of the numbers.
-fn numbers_padded(name: &str) -> String {
+pub(crate) fn numbers_padded(name: &str) -> String {
     let mut key = String::new();
     let mut rest = name;
     while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {

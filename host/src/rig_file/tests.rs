@@ -44,6 +44,7 @@ fn the_papers_rig_reads_back_bit_for_bit() {
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
     rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 1e-3 / 3.0, 0.0, -0.0];
     rig.rig.cameras[2].focal_px[0] = 1.0 / 3.0;
+    rig.rig.cameras[0].rotation = Rotation::from_degrees([1.0 / 3.0, -0.7, 0.0]);
     rig.names[2] = "a \"b\" ü".to_owned();
     let text = rig.to_toml();
     assert!(
@@ -274,6 +275,29 @@ fn a_lens_model_that_folds_the_image_over_is_refused() {
     for lens in ["-0.4", "0.4"] {
         let text = paper_text().replace("offset_mm = [68.0, 0.0]", &with(lens));
         assert!(parse(&text).is_ok(), "an ordinary lens: {lens}");
+    }
+}
+
+#[test]
+fn a_camera_may_be_turned_a_little() {
+    let with = |degrees: &str| format!("offset_mm = [68.0, 0.0]\nrotation_deg = {degrees}");
+    let text = paper_text().replace("offset_mm = [68.0, 0.0]", &with("[0.5, -1, 12]"));
+    let rig = parse(&text).unwrap();
+    assert_eq!(rig.rig.cameras[2].rotation.degrees(), [0.5, -1.0, 12.0]);
+    for (bad, field, reason) in [
+        ("[0, 0, 21]", "camera[2].rotation_deg[2]", "out of range"),
+        (
+            "[15, 15, 0]",
+            "camera[2].rotation_deg",
+            "turned by 21.2 degrees",
+        ),
+        ("[0, nan, 0]", "camera[2].rotation_deg[1]", "finite"),
+        ("[0, 0]", "camera[2].rotation_deg", "expected 3"),
+    ] {
+        let (error, line) = refusal("offset_mm = [68.0, 0.0]", &with(bad));
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert_eq!(error.line, Some(line + 1), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
     }
 }
 

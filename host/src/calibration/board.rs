@@ -1,0 +1,147 @@
+//! The board: a chessboard's inner corners, numbered so that every camera means the same corner by the same number.
+//!
+//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the board is looked at, so its z axis
+//! goes into the board. That leaves the choice which end comes first. On a board with one even and one odd number of inner corners
+//! a half turn exchanges black and white, so the colours decide: *the square outside the first corner, diagonally across from
+//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn (a square one after a quarter turn, if black
+//! and white fit): there the end nearest the top left of the image comes first, and
+//! [`super::rig`] turns the numbers of the other cameras until all agree, which it can because the cameras are nearly parallel.
+
+use std::str::FromStr;
+
+/// A chessboard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Board {
+    /// Inner corners along x and y: 3 to 100 each.
+    pub corners: [usize; 2],
+    /// Side of a square, mm.
+    pub square_mm: f64,
+}
+
+impl Board {
+    /// How many inner corners it has.
+    pub fn count(&self) -> usize {
+        self.corners[0] * self.corners[1]
+    }
+
+    /// Corner number `index` on the board, mm.
+    pub fn point_mm(&self, index: usize) -> [f64; 2] {
+        let columns = self.corners[0];
+        [index % columns, index / columns].map(|n| n as f64 * self.square_mm)
+    }
+
+    /// All corners on the board, mm.
+    pub fn points_mm(&self) -> Vec<[f64; 2]> {
+        (0..self.count()).map(|i| self.point_mm(i)).collect()
+    }
+
+    /// Whether colours tell the first corner from the last.
+    pub fn is_unique(&self) -> bool {
+        (self.corners[0] + self.corners[1]) % 2 == 1
+    }
+
+    /// Where corner `index` goes when the board is turned by `quarters` quarter turns clockwise about its middle. Odd numbers are for boards with
+    /// as many columns as rows.
+    pub fn turned(&self, index: usize, quarters: usize) -> usize {
+        let [columns, rows] = self.corners;
+        let (c, r) = (index % columns, index / columns);
+        let (c, r) = match quarters % 4 {
+            0 => (c, r),
+            1 => (columns - 1 - r, c),
+            2 => (columns - 1 - c, rows - 1 - r),
+            _ => (r, rows - 1 - c),
+        };
+        c + r * columns
+    }
+
+    /// The turns after which the board looks the same, in quarter turns.
+    pub fn symmetries(&self) -> &'static [usize] {
+        let [columns, rows] = self.corners;
+        // Colours of the square at `(c, r)` follow the parity of c + r; a quarter turn of (n + 1) squares keeps them for even n.
+        match (columns == rows, self.is_unique()) {
+            (_, true) => &[0],
+            (true, _) if columns.is_multiple_of(2) => &[0, 1, 2, 3],
+            _ => &[0, 2],
+        }
+    }
+}
+
+/// A board's inner corners as `9x6`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pattern(pub [usize; 2]);
+
+impl FromStr for Pattern {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!("`{text}` is not like 9x6: inner corners along the two sides, 3 to 100 each")
+        };
+        let (columns, rows) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
+        let side = |text: &str| {
+            text.trim()
+                .parse()
+                .ok()
+                .filter(|n| (3..=100).contains(n))
+                .ok_or_else(wrong)
+        };
+        Ok(Self([side(columns)?, side(rows)?]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn board(columns: usize, rows: usize) -> Board {
+        Board {
+            corners: [columns, rows],
+            square_mm: 25.0,
+        }
+    }
+
+    #[test]
+    fn turns_are_turns() {
+        for (board, turns) in [(board(9, 6), 2), (board(4, 4), 4)] {
+            for index in 0..board.count() {
+                let step = 4 / turns;
+                let round = (0..turns).fold(index, |at, _| board.turned(at, step));
+                assert_eq!(round, index);
+            }
+        }
+        assert_eq!(board(4, 4).turned(0, 1), 3);
+        assert_eq!(board(9, 6).turned(0, 2), 53);
+        assert_eq!(board(9, 6).turned(10, 0), 10);
+    }
+
+    /// Colour of the square up and left of corner `(c, r)`.
+    fn colour(c: usize, r: usize) -> usize {
+        (c + r) % 2
+    }
+
+    #[test]
+    fn symmetries_are_the_turns_that_keep_the_colours() {
+        for (columns, rows) in [(9, 6), (6, 9), (8, 6), (7, 5), (4, 4), (5, 5)] {
+            let board = board(columns, rows);
+            let half = colour(0, 0) == colour(columns, rows);
+            let quarter = columns == rows && colour(0, 0) == colour(columns, 0);
+            assert_eq!(board.symmetries().contains(&2), half, "{columns} x {rows}");
+            assert_eq!(
+                board.symmetries().contains(&1),
+                quarter,
+                "{columns} x {rows}"
+            );
+            assert_eq!(board.is_unique(), !half);
+        }
+    }
+
+    #[test]
+    fn patterns_read_as_they_are_spoken() {
+        assert_eq!("9x6".parse(), Ok(Pattern([9, 6])));
+        for bad in [
+            "", "9", "9x", "x6", "9x6x2", "2x6", "9x101", "-9x6", "9.0x6",
+        ] {
+            assert!(bad.parse::<Pattern>().is_err(), "{bad}");
+        }
+    }
+}

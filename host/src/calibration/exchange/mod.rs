@@ -1,0 +1,225 @@
+//! What other programs know of a camera: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file per camera.
+//!
+//! | | OpenCV | ROS |
+//! |---|---|---|
+//! | lens | `camera_matrix`, `distortion_coefficients` | the same, `distortion_model` `plumb_bob` |
+//! | turned | `R`, from the rig's axes to the camera's | `rectification_matrix`, from the camera's axes to the rig's |
+//! | place | `T = -R c`, mm | `projection_matrix`, last column `-f c`, m |
+//!
+//! Turn and place are optional in OpenCV's files. Of the files other programs write the same keys are read and the others passed over; a missing or
+//! impossible one is refused with file, line and name. Both kinds are read alike, by what they hold.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use shared::rig::{Camera, Rig};
+
+use super::lens::Lens;
+use crate::error::InputError;
+use yaml::Node;
+
+mod yaml;
+
+#[cfg(test)]
+mod tests;
+
+/// Coefficients of OpenCV's distortion that we know: k1 k2 p1 p2 k3.
+const KNOWN: usize = 5;
+/// How far a matrix may be from a rotation: files of four digits are.
+const NOT_A_ROTATION: f64 = 1e-3;
+const MM_PER_M: f64 = 1e3;
+
+/// One camera's file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFile {
+    /// Width and height of its images, px.
+    pub image_size_px: [u32; 2],
+    /// Focal lengths, principal point, distortion.
+    pub lens: Lens,
+    /// From the rig's axes to the camera's, mm, if the file says.
+    pub motion: Option<Isometry3<f64>>,
+}
+
+impl CameraFile {
+    /// Reads an OpenCV or ROS file.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+        Self::parse(path, &bytes)
+    }
+
+    /// Reads the content of such a file; `file` is what errors name.
+    pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
+            let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+            InputError::line(file, line, "not UTF-8 text")
+        })?;
+        let root = Node::parse(file, text)?;
+        let side = |key: &str| root.required(key)?.whole(8..=65_535);
+        let image_size_px = [side("image_width")?, side("image_height")?];
+        if let Some(model) = root.optional("distortion_model")?
+            && model.text()? != "plumb_bob"
+        {
+            let reason = "only the model plumb_bob (k1 k2 p1 p2 k3) can be read";
+            return Err(model.fault(reason));
+        }
+        let [fx, fy, cx, cy] = camera_matrix(root.required("camera_matrix")?)?;
+        let [k1, k2, p1, p2, k3] = distortion(root.required("distortion_coefficients")?)?;
+        let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
+        let motion = match (root.optional("projection_matrix")?, root.optional("R")?) {
+            (Some(projection), _) => {
+                let rectification = root.required("rectification_matrix")?;
+                Some(ros_motion(rectification, projection)?)
+            }
+            (None, Some(turn)) => {
+                let shift: [f64; 3] = numbers(root.required("T")?)?;
+                let turn = rotation(turn)?;
+                Some(Isometry3::from_parts(Vector3::from(shift).into(), turn))
+            }
+            (None, None) => None,
+        };
+        Ok(Self {
+            image_size_px,
+            lens,
+            motion,
+        })
+    }
+}
+
+/// A matrix in either spelling: `rows`, `cols` and `data`, which must agree with each other.
+fn elements(field: &Node<'_>) -> Result<Vec<f64>, InputError> {
+    let size = |key: &str| field.required(key)?.whole(1..=1000);
+    let expected = size("rows")? as usize * size("cols")? as usize;
+    let data = field.required("data")?;
+    let elements = data
+        .elements()?
+        .iter()
+        .map(Node::number)
+        .collect::<Result<Vec<_>, _>>()?;
+    match elements.len() {
+        found if found == expected => Ok(elements),
+        found => Err(data.fault(format!("{found} numbers, but rows and cols say {expected}"))),
+    }
+}
+
+fn numbers<const N: usize>(field: &Node<'_>) -> Result<[f64; N], InputError> {
+    let elements = elements(field)?;
+    let found = elements.len();
+    elements
+        .try_into()
+        .map_err(|_| field.fault(format!("expected {N} numbers, found {found}")))
+}
+
+/// Focal lengths and principal point.
+fn camera_matrix(field: &Node<'_>) -> Result<[f64; 4], InputError> {
+    let [fx, skew, cx, zero, fy, cy, a, b, one] = numbers(field)?;
+    if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
+        return Err(field.fault("must be [fx 0 cx; 0 fy cy; 0 0 1]"));
+    }
+    if !(fx > 0.0 && fy > 0.0) {
+        return Err(field.fault("focal lengths must be greater than 0"));
+    }
+    Ok([fx, fy, cx, cy])
+}
+
+fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
+    let elements = elements(field)?;
+    if elements.iter().skip(KNOWN).any(|k| *k != 0.0) {
+        let reason =
+            "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism models";
+        return Err(field.fault(reason));
+    }
+    Ok(std::array::from_fn(|i| {
+        elements.get(i).copied().unwrap_or(0.0)
+    }))
+}
+
+fn rotation(field: &Node<'_>) -> Result<UnitQuaternion<f64>, InputError> {
+    let matrix = Matrix3::from_row_slice(&numbers::<9>(field)?);
+    let off = (matrix * matrix.transpose() - Matrix3::identity())
+        .abs()
+        .max();
+    if !(off < NOT_A_ROTATION && matrix.determinant() > 0.0) {
+        return Err(field.fault("not a rotation"));
+    }
+    Ok(UnitQuaternion::from_rotation_matrix(
+        &Rotation3::from_matrix_unchecked(matrix),
+    ))
+}
+
+fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
+    // From the camera's axes to the rig's: the other way round than ours.
+    let turn = rotation(turn)?.inverse();
+    let [fx, _, _, x, _, fy, _, y, _, _, _, z] = numbers(projection)?;
+    if !(fx > 0.0 && fy > 0.0) {
+        return Err(projection.fault("focal lengths must be greater than 0"));
+    }
+    if z != 0.0 {
+        return Err(projection.fault("the last number must be 0: rectified cameras share a plane"));
+    }
+    let place_mm = Vector3::new(-x / fx, -y / fy, 0.0) * MM_PER_M;
+    Ok(Isometry3::from_parts((turn * -place_mm).into(), turn))
+}
+
+/// A camera of the rig as OpenCV's FileStorage YAML. `cv2.FileStorage` reads it.
+pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
+    let [width, height] = image_size_px;
+    let turn = camera.rotation.rows();
+    let [x, y] = camera.offset_mm;
+    let shift = turn.map(|row| -(row[0] * x + row[1] * y));
+    let mut text = format!("%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n");
+    let mut matrix = |name: &str, rows: usize, data: &[f64]| {
+        let (cols, data) = (data.len() / rows, list(data));
+        let _ = writeln!(
+            text,
+            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]"
+        );
+    };
+    matrix("camera_matrix", 3, &matrix_of(camera));
+    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("R", 3, turn.as_flattened());
+    matrix("T", 3, &shift);
+    text
+}
+
+/// A camera of the rig as ROS's `camera_info`: what `camera_info_manager` and `image_proc` read. The rectified cameras of one rig share their
+/// focal length, the mean of all, and their principal point, the middle of the image.
+pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
+    let [width, height] = rig.image_size_px;
+    let focal = rig.mean_focal_px();
+    let [cx, cy] = rig.image_size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
+    // Adding zero turns -0 into 0.
+    let [tx, ty] = camera
+        .offset_mm
+        .map(|offset| -focal * offset / MM_PER_M + 0.0);
+    let turn = camera.rotation.rows();
+    let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
+    let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
+    let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
+    let mut matrix = |name: &str, rows: usize, data: &[f64]| {
+        let (cols, data) = (data.len() / rows, list(data));
+        let _ = writeln!(
+            text,
+            "{name}:\n  rows: {rows}\n  cols: {cols}\n  data: [{data}]"
+        );
+    };
+    matrix("camera_matrix", 3, &matrix_of(camera));
+    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("rectification_matrix", 3, back.as_flattened());
+    matrix("projection_matrix", 3, &projection);
+    text.push_str("distortion_model: plumb_bob\n");
+    text
+}
+
+fn matrix_of(camera: &Camera) -> [f64; 9] {
+    let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_px);
+    [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+}
+
+/// With every digit, and always a point, so that no reader takes them for whole numbers.
+fn list(numbers: &[f64]) -> String {
+    let texts: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
+    texts.join(", ")
+}

@@ -1,0 +1,213 @@
+use super::*;
+use shared::rig::Rotation;
+
+const OPENCV: &str = "%YAML:1.0
+---
+nframes: 13
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.3591573396163199e+02, 0., 3.4228315473308373e+02, 0.,
+       5.3591573396163199e+02, 2.3557082909788173e+02, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -2.6637260909660682e-01, -3.8588898922304653e-02,
+       1.7831947042852964e-03, -2.8122100441115472e-04,
+       2.3839153080878486e-01 ]
+";
+
+fn parse(text: &str) -> Result<CameraFile, InputError> {
+    CameraFile::parse(Path::new("left.yml"), text.as_bytes())
+}
+
+fn camera() -> Camera {
+    Camera {
+        focal_px: [533.16, 1.0 / 3.0 + 529.0],
+        principal_px: [154.43, 123.0],
+        offset_mm: [-70.0, 0.25],
+        distortion: [-0.28, 0.05, 1e-3, -2e-3, 0.0],
+        rotation: Rotation::from_degrees([0.4, -1.3, 2.0]),
+    }
+}
+
+/// The camera that a file describes.
+fn back(file: &CameraFile) -> Camera {
+    let motion = file.motion.expect("the file says where the camera is");
+    let place = motion.inverse_transform_vector(&-motion.translation.vector);
+    assert!(place.z.abs() < 1e-12);
+    let degrees = motion.rotation.scaled_axis().map(f64::to_degrees);
+    Camera {
+        offset_mm: [place.x, place.y],
+        rotation: Rotation::from_degrees(degrees.into()),
+        ..file.lens.camera()
+    }
+}
+
+#[track_caller]
+fn assert_same(found: &Camera, expected: &Camera) {
+    assert_eq!(
+        Lens::of(found),
+        Lens::of(expected),
+        "lenses are written with every digit"
+    );
+    for i in 0..2 {
+        assert!(
+            (found.offset_mm[i] - expected.offset_mm[i]).abs() < 1e-12,
+            "{found:?}"
+        );
+    }
+    for (a, b) in found
+        .rotation
+        .degrees()
+        .iter()
+        .zip(expected.rotation.degrees())
+    {
+        assert!((a - b).abs() < 1e-12, "{found:?}");
+    }
+}
+
+#[test]
+fn opencvs_own_file_is_read() {
+    let file = parse(OPENCV).unwrap();
+    assert_eq!(file.image_size_px, [640, 480]);
+    assert_eq!(file.lens.0[0], 535.915_733_961_632);
+    assert_eq!(file.lens.0[6], 1.783_194_704_285_296_4e-3);
+    assert_eq!(file.lens.0[8], 0.238_391_530_808_784_86);
+    assert_eq!(file.motion, None);
+}
+
+#[test]
+fn both_formats_give_the_camera_back() {
+    let rig = Rig {
+        image_size_px: [320, 240],
+        cameras: [camera(), Rig::paper().cameras[2]].into_iter().collect(),
+    };
+    for camera in &rig.cameras {
+        for text in [opencv(camera, rig.image_size_px), ros("left", camera, &rig)] {
+            let file = parse(&text).unwrap();
+            assert_eq!(file.image_size_px, rig.image_size_px);
+            assert_same(&back(&file), camera);
+        }
+    }
+}
+
+#[test]
+fn coefficients_beyond_ours_must_be_zero() {
+    let with = |data: &str, cols: usize| {
+        format!(
+            "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}}\ndistortion_coefficients: {{rows: 1, cols: {cols}, data: [{data}]}}\n"
+        )
+    };
+    assert_eq!(
+        parse(&with("0.1, 0.2, 0.3, 0.4", 4)).unwrap().lens.0[4..],
+        [0.1, 0.2, 0.3, 0.4, 0.0]
+    );
+    assert!(parse(&with("0.1, 0.2, 0, 0, 0.5, 0, 0, 0", 8)).is_ok());
+    let error = parse(&with("0.1, 0.2, 0, 0, 0.5, 0.1, 0, 0", 8)).unwrap_err();
+    assert_eq!(
+        (error.line, error.field.as_deref()),
+        (Some(4), Some("distortion_coefficients"))
+    );
+}
+
+#[track_caller]
+fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
+    assert!(OPENCV.contains(from), "the change must apply");
+    let error = parse(&OPENCV.replacen(from, to, 1)).unwrap_err();
+    assert_eq!(error.field.as_deref(), Some(field), "{error}");
+    assert_eq!(error.line, Some(line), "{error}");
+    assert!(error.reason.contains(reason), "{error}");
+}
+
+#[test]
+fn bad_values_are_refused_by_file_line_and_name() {
+    refused(
+        "image_width: 640",
+        "image_width: x",
+        4,
+        "image_width",
+        "whole number",
+    );
+    refused(
+        "image_width: 640",
+        "image_width: 0",
+        4,
+        "image_width",
+        "from 8",
+    );
+    refused(
+        "image_width: 640",
+        "width: 640",
+        3,
+        "image_width",
+        "missing",
+    );
+    refused(
+        "   rows: 3",
+        "   rows: 4",
+        10,
+        "camera_matrix.data",
+        "9 numbers",
+    );
+    refused(
+        "3.4228315473308373e+02",
+        ".Nan",
+        10,
+        "camera_matrix.data[2]",
+        "finite",
+    );
+    refused(
+        "[ 5.3591573396163199e+02, 0.,",
+        "[ 5e2, 1.,",
+        6,
+        "camera_matrix",
+        "[fx 0 cx",
+    );
+    refused(
+        "[ 5.3591573396163199e+02",
+        "[ -5.3591573396163199e+02",
+        6,
+        "camera_matrix",
+        "greater than 0",
+    );
+    refused(
+        "image_height: 480",
+        "image_width: 480",
+        5,
+        "image_width",
+        "given twice",
+    );
+    refused(
+        "image_height: 480",
+        "image_height: 480\ndistortion_model: equidistant",
+        6,
+        "distortion_model",
+        "plumb_bob",
+    );
+    let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
+    refused("nframes: 13", turned, 5, "R", "not a rotation");
+}
+
+#[test]
+fn what_is_no_such_file_is_refused() {
+    for (text, reason) in [
+        ("", "empty"),
+        ("%YAML:1.0\n---\n", "names with values"),
+        ("a: [1, 2", "not valid YAML"),
+        ("a: &x 1\nb: *x", "aliases"),
+        ("? [1]\n: 2", "name before the colon"),
+        ("just text", "names with values"),
+    ] {
+        let error = parse(text).unwrap_err();
+        assert!(error.to_string().contains(reason), "{text:?}: {error}");
+    }
+    let deep = format!("a: {}", "[".repeat(100_000));
+    assert!(parse(&deep).is_err());
+    let error = CameraFile::parse(Path::new("a.yml"), b"a: 1\nb: \xff").unwrap_err();
+    assert_eq!(error.line, Some(2), "{error}");
+}

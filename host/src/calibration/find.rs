@@ -1,0 +1,243 @@
+//! A board's corners in an image: saddles, grid, names, sub-pixel places.
+
+use std::fmt;
+
+use super::board::Board;
+use super::grid::{Grid, distance, grids};
+use super::saddle::saddles;
+use super::{blur, homography, refine};
+use crate::flow::pyramid::Pyramid;
+use crate::images::Image;
+
+/// Half the refinement window over the distance to the nearest edge that is not the corner's own.
+///
+/// Measured on photographs whose outer squares are cut to a third of their size: larger windows see the board's border.
+const WINDOW: f64 = 0.18;
+/// Windows smaller than this see no more than the edge's blur, px.
+const LEAST_HALF_WINDOW: usize = 3;
+/// Larger ones gain nothing and mind the lens's curves, px.
+const MOST_HALF_WINDOW: usize = 20;
+/// Levels of the pyramid the board is searched on, finest first.
+const LEVELS: usize = 4;
+/// Share of the corners that must be seen before the others are looked for where they must be.
+const ENOUGH: f64 = 0.8;
+
+/// A board in an image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// Every inner corner in the board's order, px from the centre of the top left pixel.
+    pub corners: Vec<[f64; 2]>,
+    /// Standard deviation of the edges' blur, px; of the blurrier of the board's two directions.
+    pub blur_px: f64,
+}
+
+/// Why there is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotFound {
+    /// Nothing like a chessboard.
+    Nothing,
+    /// A chessboard, or part of one, with this many corners along its sides.
+    Other([usize; 2]),
+    /// So many of the board's corners are hidden or unclear.
+    Hidden(usize),
+}
+
+impl fmt::Display for NotFound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nothing => f.write_str("no board found"),
+            Self::Other([columns, rows]) => {
+                write!(
+                    f,
+                    "a grid of {columns} x {rows} inner corners found instead of the board"
+                )
+            }
+            Self::Hidden(1) => f.write_str("a corner of the board is hidden or unclear"),
+            Self::Hidden(count) => write!(f, "{count} corners of the board are hidden or unclear"),
+        }
+    }
+}
+
+/// Finds all inner corners of `board`. `half_window` sets half the refinement window in px; without, it follows the size of
+/// the squares.
+///
+/// # Errors
+/// [`NotFound`], about the most complete grid in the image.
+pub fn find(image: &Image, board: &Board, half_window: Option<usize>) -> Result<Found, NotFound> {
+    let pyramid = Pyramid::new(image, LEVELS);
+    let mut refusal = NotFound::Nothing;
+    let mut most = 0;
+    for (level, plane) in pyramid.levels.iter().enumerate() {
+        let scale = (1 << level) as f64;
+        for grid in grids(plane, &saddles(plane), 6) {
+            let place = |at: [f64; 2]| at.map(|c| c * scale);
+            match corners(image, board, &grid, place, half_window) {
+                Ok(corners) => {
+                    let blur_px = blur::of_edges(image, board, &corners);
+                    return Ok(Found { corners, blur_px });
+                }
+                // Part of a larger board would do for one camera, but which part is anybody's guess.
+                Err(reason) if is_larger(reason, board) => return Err(reason),
+                Err(reason) if grid.len() > most => {
+                    most = grid.len();
+                    refusal = reason;
+                }
+                Err(_) => {}
+            }
+        }
+    }
+    Err(refusal)
+}
+
+/// Whether what was found is a chessboard with more corners than `board`.
+fn is_larger(found: NotFound, board: &Board) -> bool {
+    let [a, b] = board.corners;
+    matches!(found, NotFound::Other([long, short]) if long >= a.max(b) && short >= a.min(b))
+}
+
+/// The board's corners, if `grid` is the board.
+fn corners(
+    image: &Image,
+    board: &Board,
+    grid: &Grid,
+    place: impl Fn([f64; 2]) -> [f64; 2],
+    half_window: Option<usize>,
+) -> Result<Vec<[f64; 2]>, NotFound> {
+    let named = name(board, grid)?;
+    let (indices, seen): (Vec<usize>, Vec<[f64; 2]>) =
+        named.into_iter().map(|(i, at)| (i, place(at))).unzip();
+    let hidden = NotFound::Hidden(board.count() - seen.len());
+    if (seen.len() as f64) < ENOUGH * board.count() as f64 {
+        return Err(hidden);
+    }
+    let points: Vec<[f64; 2]> = indices.iter().map(|i| board.point_mm(*i)).collect();
+    let map = homography::fit(&points, &seen).ok_or(hidden)?;
+    let mut rough: Vec<[f64; 2]> = board
+        .points_mm()
+        .iter()
+        .map(|p| homography::apply(&map, *p))
+        .collect();
+    for (index, at) in indices.into_iter().zip(seen) {
+        rough[index] = at;
+    }
+    let refined: Vec<Option<[f64; 2]>> = (0..board.count())
+        .map(|index| {
+            let room = room_px(board, &rough, index);
+            let half = half_window.unwrap_or_else(|| {
+                ((WINDOW * room).round() as usize).clamp(LEAST_HALF_WINDOW, MOST_HALF_WINDOW)
+            });
+            let at = refine::refine(image, rough[index], half)?;
+            (distance(at, rough[index]) < room / 3.0).then_some(at)
+        })
+        .collect();
+    let unclear = refined.iter().filter(|corner| corner.is_none()).count();
+    refined
+        .into_iter()
+        .collect::<Option<_>>()
+        .ok_or(NotFound::Hidden(unclear))
+}
+
+/// First and last cell along an axis.
+fn bound(grid: &Grid, axis: usize) -> (i32, i32) {
+    let along = || grid.keys().map(|cell| cell[axis]);
+    (along().min().unwrap_or(0), along().max().unwrap_or(0))
+}
+
+/// Without the outermost lines that are nearly empty: where the board's border meets something dark, a saddle or two may go on.
+fn trimmed(grid: &Grid) -> Grid {
+    let mut grid = grid.clone();
+    loop {
+        let before = grid.len();
+        for axis in [0, 1] {
+            let (first, last) = bound(&grid, 1 - axis);
+            let length = (last - first + 1) as usize;
+            let (low, high) = bound(&grid, axis);
+            for line in [low, high] {
+                if 3 * grid.keys().filter(|cell| cell[axis] == line).count() <= length {
+                    grid.retain(|cell, _| cell[axis] != line);
+                }
+            }
+        }
+        if grid.len() == before {
+            return grid;
+        }
+    }
+}
+
+/// The board's corner for every cell of the grid, right way round.
+fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> {
+    let grid = &trimmed(grid);
+    let [(left, right), (top, bottom)] = [0, 1].map(|axis| bound(grid, axis));
+    let size = [right - left, bottom - top].map(|n| n as usize + 1);
+    let [columns, rows] = board.corners;
+    let turned = |quarters: usize, [i, j]: [i32; 2]| {
+        let (c, r) = match quarters {
+            0 => (i - left, j - top),
+            1 => (j - top, right - i),
+            2 => (right - i, bottom - j),
+            _ => (bottom - j, i - left),
+        };
+        (c as usize, r as usize)
+    };
+    let fits = |quarters: &usize| match quarters % 2 {
+        0 => size == [columns, rows],
+        _ => size == [rows, columns],
+    };
+    // Whether the square outside the first corner is black, as told by any corner: opposite squares are alike, neighbours are not, and
+    // a quarter turn takes one square to its neighbour.
+    let begins_black = |quarters: usize| {
+        grid.iter().all(|(cell, member)| {
+            let (c, r) = turned(quarters, *cell);
+            member.is_bright == ((c + r + quarters) % 2 == 1)
+        })
+    };
+    let first_px = |quarters: usize| {
+        grid.iter()
+            .map(|(cell, member)| (turned(quarters, *cell), member.at))
+            .min_by_key(|((c, r), _)| c + r)
+            .map_or(f64::MAX, |(_, at)| at[0] + at[1])
+    };
+    let ways = (0..4)
+        .filter(fits)
+        .filter(|q| !board.is_unique() || begins_black(*q));
+    let way = ways.min_by(|a, b| first_px(*a).total_cmp(&first_px(*b)));
+    let Some(quarters) = way else {
+        return Err(NotFound::Other([
+            size[0].max(size[1]),
+            size[0].min(size[1]),
+        ]));
+    };
+    let index = |cell: &[i32; 2]| {
+        let (c, r) = turned(quarters, *cell);
+        c + r * columns
+    };
+    Ok(grid
+        .iter()
+        .map(|(cell, member)| (index(cell), member.at))
+        .collect())
+}
+
+/// How far a corner is from the nearest edge that is not its own, px: the smallest height of the squares around it.
+fn room_px(board: &Board, corners: &[[f64; 2]], index: usize) -> f64 {
+    let [columns, rows] = board.corners;
+    let (c, r) = (index % columns, index / columns);
+    let side = |neighbour: Option<usize>| {
+        neighbour.map(|other| [0, 1].map(|i| corners[other][i] - corners[index][i]))
+    };
+    let across = [
+        side((c > 0).then(|| index.wrapping_sub(1))),
+        side((c + 1 < columns).then_some(index + 1)),
+    ];
+    let down = [
+        side((r > 0).then(|| index.wrapping_sub(columns))),
+        side((r + 1 < rows).then_some(index + columns)),
+    ];
+    let mut room = f64::INFINITY;
+    for a in across.into_iter().flatten() {
+        for b in down.into_iter().flatten() {
+            let area = (a[0] * b[1] - a[1] * b[0]).abs();
+            room = room.min(area / a[0].hypot(a[1]).max(b[0].hypot(b[1])));
+        }
+    }
+    room
+}

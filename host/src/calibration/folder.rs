@@ -1,0 +1,270 @@
+//! A folder of photographs to a calibrated rig: everything the command `calibrate` does but print.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::board::Board;
+use super::find::{Found, find};
+use super::intrinsics::{self, Intrinsics, Verdict};
+use super::photographs::{self, Series};
+use super::rig::{self, Eye, Instant, RigSolution};
+use super::stand::doubts;
+use crate::error::InputError;
+use crate::rig_file::{RigFile, TRINOCULAR};
+
+/// What to look for and what to be content with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// The chessboard.
+    pub board: Board,
+    /// Half the window for refining corners, px; without, it follows the size of the squares.
+    pub half_window: Option<usize>,
+    /// Images whose residual is larger than this many times the median image's are rejected.
+    pub outlier: f64,
+}
+
+impl Settings {
+    /// The usual ones for a board.
+    pub fn new(board: Board) -> Self {
+        Self {
+            board,
+            half_window: None,
+            outlier: 3.0,
+        }
+    }
+}
+
+/// One camera, calibrated.
+#[derive(Clone, Debug)]
+pub struct CameraResult {
+    /// Its name.
+    pub name: String,
+    /// Names of its image files, in the order of `intrinsics.verdicts`.
+    pub files: Vec<String>,
+    /// Width and height of its images, px.
+    pub image_size_px: [u32; 2],
+    /// What came out.
+    pub intrinsics: Intrinsics,
+}
+
+/// All cameras and how they stand to each other.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// The cameras; left, middle, right first.
+    pub cameras: Vec<CameraResult>,
+    /// What the instants of `rig.instants` are called.
+    pub instants: Vec<String>,
+    /// Where the cameras are, if there is more than one.
+    pub rig: Option<RigSolution>,
+}
+
+impl Calibration {
+    /// The rig as a rig file holds it. None for a single camera. Only cameras with images of one size make a rig.
+    pub fn rig_file(&self) -> Option<RigFile> {
+        let lenses: Vec<_> = self
+            .cameras
+            .iter()
+            .map(|camera| camera.intrinsics.lens)
+            .collect();
+        let rig = self
+            .rig
+            .as_ref()?
+            .rig(self.cameras.first()?.image_size_px, &lenses);
+        let names = self
+            .cameras
+            .iter()
+            .map(|camera| camera.name.clone())
+            .collect();
+        Some(RigFile {
+            names,
+            rig,
+            stage: None,
+        })
+    }
+
+    /// What a user should know about the rig before trusting it.
+    pub fn warnings(&self) -> Vec<String> {
+        const FEW_IMAGES: usize = 8;
+        let mut warnings = Vec::new();
+        for CameraResult {
+            name, intrinsics, ..
+        } in &self.cameras
+        {
+            let used = intrinsics.used();
+            if used < FEW_IMAGES {
+                warnings.push(format!(
+                    "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all directions, leave less to chance"
+                ));
+            }
+        }
+        if let Some(rig) = &self.rig {
+            let names: Vec<&str> = self
+                .cameras
+                .iter()
+                .map(|camera| camera.name.as_str())
+                .collect();
+            warnings.extend(doubts(&names, &rig.stands, &rig.sigma));
+        }
+        warnings
+    }
+}
+
+/// Calibrates the cameras whose images are in `dir`. `progress` is told the share of images that have been looked at.
+///
+/// # Errors
+/// If a camera or the rig cannot be calibrated; single bad images are rejected instead.
+pub fn calibrate(
+    dir: &Path,
+    settings: &Settings,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Calibration, InputError> {
+    let series = photographs::list(dir)?;
+    let total: usize = series.iter().map(|s| s.files.len()).sum();
+    let mut done = 0;
+    let mut cameras = Vec::with_capacity(series.len());
+    let mut instants: BTreeMap<String, Instant> = BTreeMap::new();
+    for (index, one) in series.iter().enumerate() {
+        let mut next = || {
+            done += 1;
+            progress(done as f64 / total as f64);
+        };
+        let (camera, found) = calibrate_camera(dir, one, settings, &mut next)?;
+        for (((instant, _), found), pose) in
+            one.files.iter().zip(found).zip(&camera.intrinsics.poses)
+        {
+            let seen = instants
+                .entry(instant.clone())
+                .or_insert_with(|| vec![None; series.len()]);
+            // An image that its own camera has rejected is of no use to the rig either.
+            seen[index] = found
+                .ok()
+                .filter(|_| pose.is_some())
+                .map(|found| found.corners);
+        }
+        cameras.push(camera);
+    }
+    let (names, instants): (Vec<String>, Vec<Instant>) = instants.into_iter().unzip();
+    let rig = match cameras.as_slice() {
+        [_] => None,
+        cameras => Some(place(dir, cameras, &instants, settings)?),
+    };
+    Ok(Calibration {
+        cameras,
+        instants: names,
+        rig,
+    })
+}
+
+fn calibrate_camera(
+    dir: &Path,
+    series: &Series,
+    settings: &Settings,
+    next: &mut dyn FnMut(),
+) -> Result<(CameraResult, Vec<Result<Found, String>>), InputError> {
+    let mut size = None;
+    let mut found = Vec::with_capacity(series.files.len());
+    for (_, path) in &series.files {
+        found.push(corners(path, settings, &mut size));
+        next();
+    }
+    let fault =
+        |reason: String| InputError::file(dir, format!("camera `{}`: {reason}", series.name));
+    let files: Vec<String> = series
+        .files
+        .iter()
+        .map(|(_, path)| file_name(path))
+        .collect();
+    // No readable image at all is the same as too few of them.
+    let image_size_px = size.unwrap_or_default();
+    let intrinsics =
+        intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
+            |(refusal, verdicts)| {
+                let rejected =
+                    files
+                        .iter()
+                        .zip(&verdicts)
+                        .filter_map(|(file, verdict)| match verdict {
+                            Verdict::Rejected(reason) => Some(format!("{file}: {reason}")),
+                            Verdict::Used { .. } => None,
+                        });
+                let reasons: Vec<String> = std::iter::once(refusal.to_string())
+                    .chain(rejected)
+                    .collect();
+                fault(reasons.join("; "))
+            },
+        )?;
+    let name = series.name.clone();
+    Ok((
+        CameraResult {
+            name,
+            files,
+            image_size_px,
+            intrinsics,
+        },
+        found,
+    ))
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// The board in one file; `size` is that of the camera's images, once one has been read.
+fn corners(path: &Path, settings: &Settings, size: &mut Option<[u32; 2]>) -> Result<Found, String> {
+    let image = photographs::read(path).map_err(|error| error.reason)?;
+    let own = [image.width, image.height].map(|side| side as u32);
+    let [width, height] = *size.get_or_insert(own);
+    if own != [width, height] {
+        let [w, h] = own;
+        return Err(format!(
+            "{w} x {h} px, but the images before it are {width} x {height} px"
+        ));
+    }
+    find(&image, &settings.board, settings.half_window).map_err(|reason| reason.to_string())
+}
+
+fn place(
+    dir: &Path,
+    cameras: &[CameraResult],
+    instants: &[Instant],
+    settings: &Settings,
+) -> Result<RigSolution, InputError> {
+    let [first, ..] = cameras else {
+        return Err(InputError::file(dir, rig::Refusal::Count(0).to_string()));
+    };
+    let size = first.image_size_px;
+    if let Some(other) = cameras.iter().find(|camera| camera.image_size_px != size) {
+        let [[w, h], [width, height]] = [other.image_size_px, size];
+        return Err(InputError::file(
+            dir,
+            format!(
+                "the images of `{}` are {w} x {h} px, those of `{}` {width} x {height} px; a rig's are all of one size",
+                other.name, first.name
+            ),
+        ));
+    }
+    let middle = cameras
+        .iter()
+        .position(|camera| camera.name == TRINOCULAR[1]);
+    let reference = middle.unwrap_or(0);
+    let eyes: Vec<Eye> = cameras
+        .iter()
+        .map(|camera| Eye {
+            lens: camera.intrinsics.lens,
+            covariance: camera.intrinsics.covariance.clone(),
+        })
+        .collect();
+    rig::calibrate(&settings.board, &eyes, reference, instants, settings.outlier).map_err(|refusal| {
+        let reason = match &refusal {
+            rig::Refusal::Apart { camera, instants } => format!(
+                "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
+                cameras[*camera].name, cameras[reference].name, rig::LEAST_INSTANTS
+            ),
+            other => other.to_string(),
+        };
+        InputError::file(dir, reason)
+    })
+}

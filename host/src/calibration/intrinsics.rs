@@ -1,0 +1,315 @@
+//! One camera from its images of the board: Zhang's method (2000).
+//!
+//! Each view gives a homography `H = [h1 h2 h3]` of the board. Its first two columns, seen through the lens, are two sides of a square:
+//! `h1ᵀ ω h2 = 0` and `h1ᵀ ω h1 = h2ᵀ ω h2` with `ω = diag(1/fx², 1/fy², 1)` once the principal point, to begin with the middle of
+//! the image, has been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and [`super::adjust`] does the rest with all
+//! nine parameters.
+//!
+//! *Images are rejected* for a board that is not found, for edges much more blurred than those of the other images, and for residuals much larger
+//! than those of the others: the worst first, then everything is solved again.
+
+use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::adjust::{Bundle, Sight, Unsolved, View};
+use super::blur::median;
+use super::board::Board;
+use super::find::Found;
+use super::homography;
+use super::lens::{Lens, PARAMETERS};
+
+/// The fewest images that determine nine parameters with something left to test them.
+pub const LEAST_IMAGES: usize = 3;
+/// Edges this much more blurred than the median image's make an image useless.
+const BLURRED: f64 = 2.0;
+/// Blur below this does no harm, px.
+const SHARP_PX: f64 = 2.0;
+/// Residuals below this reject no image, px.
+const HARMLESS_PX: f64 = 0.02;
+
+/// What became of an image.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Used; root mean square residual, px.
+    Used {
+        /// Distance of corners from where they should be.
+        rms_px: f64,
+    },
+    /// Rejected, with the reason.
+    Rejected(String),
+}
+
+/// A calibrated camera.
+#[derive(Clone, Debug)]
+pub struct Intrinsics {
+    /// Focal lengths, principal point, distortion.
+    pub lens: Lens,
+    /// Covariance of the lens's parameters.
+    pub covariance: DMatrix<f64>,
+    /// Root mean square residual over all used images, px.
+    pub rms_px: f64,
+    /// Per image that was given.
+    pub verdicts: Vec<Verdict>,
+    /// Per image that was given: from the board's axes to the camera's, mm, if the image was used.
+    pub poses: Vec<Option<Isometry3<f64>>>,
+}
+
+impl Intrinsics {
+    /// Standard deviations of the lens's parameters.
+    pub fn sigma(&self) -> [f64; PARAMETERS] {
+        std::array::from_fn(|i| self.covariance[(i, i)].sqrt())
+    }
+
+    /// How many images were used.
+    pub fn used(&self) -> usize {
+        self.poses.iter().flatten().count()
+    }
+}
+
+/// Why a camera could not be calibrated.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// Not enough images left.
+    #[error("{used} of {given} images can be used, but a calibration takes {LEAST_IMAGES} or more")]
+    Few {
+        /// Images that were not rejected.
+        used: usize,
+        /// All images.
+        given: usize,
+    },
+    /// No solution.
+    #[error(transparent)]
+    Unsolved(#[from] Unsolved),
+    /// A solution that is none.
+    #[error(
+        "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board are too alike; tilt it more, in more directions"
+    )]
+    Vague {
+        /// The parameter.
+        name: &'static str,
+        /// Its value, rounded.
+        value: i64,
+        /// Its standard deviation, rounded up.
+        sigma: i64,
+    },
+}
+
+/// Calibrates a camera from boards found in its images, given per image with the reason if there is none. Images whose residual is
+/// larger than `outlier` times the median image's are rejected.
+///
+/// # Errors
+/// [`Refusal`]; the verdicts so far come with it.
+pub fn calibrate(
+    board: &Board,
+    size_px: [u32; 2],
+    images: &[Result<Found, String>],
+    outlier: f64,
+) -> Result<Intrinsics, (Refusal, Vec<Verdict>)> {
+    let mut verdicts: Vec<Verdict> = images.iter().map(first_verdict).collect();
+    reject_blurred(images, &mut verdicts);
+    loop {
+        let kept: Vec<usize> = (0..images.len())
+            .filter(|i| matches!(verdicts[*i], Verdict::Used { .. }))
+            .collect();
+        let corners: Vec<&[[f64; 2]]> = kept
+            .iter()
+            .filter_map(|i| {
+                images[*i]
+                    .as_ref()
+                    .ok()
+                    .map(|found| found.corners.as_slice())
+            })
+            .collect();
+        let (bundle, covariance) = match solve(board, size_px, &corners) {
+            Ok(solved) => solved,
+            Err(Refusal::Few { used, .. }) => {
+                let given = images.len();
+                return Err((Refusal::Few { used, given }, verdicts));
+            }
+            Err(refusal) => return Err((refusal, verdicts)),
+        };
+        let rms: Vec<f64> = bundle
+            .views
+            .iter()
+            .map(|view| bundle.rms_px(view, &view.sights[0]))
+            .collect();
+        let middle = median(rms.clone());
+        let mut worst = None;
+        for (index, rms_px) in kept.iter().zip(&rms) {
+            verdicts[*index] = Verdict::Used { rms_px: *rms_px };
+            if *rms_px > (outlier * middle).max(HARMLESS_PX)
+                && worst.is_none_or(|(_, most)| *rms_px > most)
+            {
+                worst = Some((*index, *rms_px));
+            }
+        }
+        let Some((index, rms_px)) = worst else {
+            let mut poses = vec![None; images.len()];
+            for (index, view) in kept.iter().zip(&bundle.views) {
+                poses[*index] = Some(view.pose);
+            }
+            let squares: f64 = rms.iter().map(|r| r * r).sum();
+            return Ok(Intrinsics {
+                lens: bundle.lenses[0],
+                covariance,
+                rms_px: (squares / rms.len() as f64).sqrt(),
+                verdicts,
+                poses,
+            });
+        };
+        verdicts[index] = Verdict::Rejected(format!(
+            "residual {rms_px:.3} px, {:.1} times the median image's {middle:.3} px",
+            rms_px / middle
+        ));
+    }
+}
+
+fn first_verdict(image: &Result<Found, String>) -> Verdict {
+    match image {
+        Ok(_) => Verdict::Used { rms_px: f64::NAN },
+        Err(reason) => Verdict::Rejected(reason.clone()),
+    }
+}
+
+fn reject_blurred(images: &[Result<Found, String>], verdicts: &mut [Verdict]) {
+    let blurs = images
+        .iter()
+        .filter_map(|image| image.as_ref().ok())
+        .map(|found| found.blur_px);
+    let middle = median(blurs.collect());
+    for (image, verdict) in images.iter().zip(verdicts) {
+        let blur_px = image.as_ref().map_or(0.0, |found| found.blur_px);
+        if blur_px > SHARP_PX && blur_px > BLURRED * middle {
+            *verdict = Verdict::Rejected(format!(
+                "blurred: edges {blur_px:.1} px wide, the median image's {middle:.1} px"
+            ));
+        }
+    }
+}
+
+/// Lens and poses of these images, with the lens's covariance.
+fn solve(
+    board: &Board,
+    size_px: [u32; 2],
+    images: &[&[[f64; 2]]],
+) -> Result<(Bundle, DMatrix<f64>), Refusal> {
+    let used = images.len();
+    if used < LEAST_IMAGES {
+        return Err(Refusal::Few { used, given: used });
+    }
+    let lens = initial_lens(board, size_px, images).ok_or(Unsolved::Open)?;
+    let views = images
+        .iter()
+        .map(|corners| {
+            let sight = Sight {
+                camera: 0,
+                corners: corners.to_vec(),
+            };
+            let pose = pose(board, &lens, corners).ok_or(Unsolved::Behind)?;
+            Ok(View {
+                pose,
+                sights: vec![sight],
+            })
+        })
+        .collect::<Result<_, Unsolved>>()?;
+    let mut bundle = Bundle {
+        board_mm: board.points_mm(),
+        lenses: vec![lens],
+        motions: vec![Isometry3::identity()],
+        views,
+    };
+    let free: Vec<usize> = (0..PARAMETERS).collect();
+    let solution = bundle.adjust(&free)?;
+    for (i, name) in ["fx", "fy"].into_iter().enumerate() {
+        let (value, sigma) = (bundle.lenses[0].0[i], solution.covariance[(i, i)].sqrt());
+        if !(value > 0.0 && sigma < 0.1 * value) {
+            return Err(Refusal::Vague {
+                name,
+                value: value.round() as i64,
+                sigma: sigma.ceil() as i64,
+            });
+        }
+    }
+
+    Ok((bundle, solution.covariance))
+}
+
+/// Focal lengths by Zhang's two conditions per view; no distortion.
+fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Option<Lens> {
+    let middle = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
+    // To the order of 1, so that both conditions weigh alike.
+    let scale = middle[0] + middle[1];
+    let (mut aa, mut ab, mut bb, mut ac, mut bc) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for corners in images {
+        let centred: Vec<[f64; 2]> = corners
+            .iter()
+            .map(|c| [0, 1].map(|i| (c[i] - middle[i]) / scale))
+            .collect();
+        let h = homography::fit(&board.points_mm(), &centred)?;
+        let (u, v) = (h.column(0), h.column(1));
+        let size = u.norm() * v.norm();
+        for (a, b, c) in [
+            (u[0] * v[0], u[1] * v[1], u[2] * v[2]),
+            (
+                u[0] * u[0] - v[0] * v[0],
+                u[1] * u[1] - v[1] * v[1],
+                u[2] * u[2] - v[2] * v[2],
+            ),
+        ] {
+            let [a, b, c] = [a / size, b / size, c / size];
+            aa += a * a;
+            ab += a * b;
+            bb += b * b;
+            ac -= a * c;
+            bc -= b * c;
+        }
+    }
+    let determinant = aa * bb - ab * ab;
+    let separate = [
+        (bb * ac - ab * bc) / determinant,
+        (aa * bc - ab * ac) / determinant,
+    ];
+    // Boards tilted about one axis only leave one of the two open, noise may turn its sign: then both are taken for equal.
+    let equal = (ac + bc) / (aa + 2.0 * ab + bb);
+    let inverse = if separate.iter().all(|s| *s > 0.0) {
+        separate
+    } else {
+        [equal; 2]
+    };
+    let [fx, fy] = inverse.map(|s| scale / s.sqrt());
+    let is_plausible = |f: f64| f > 0.1 * scale && f < 100.0 * scale;
+    (is_plausible(fx) && is_plausible(fy)).then_some(Lens([
+        fx, fy, middle[0], middle[1], 0.0, 0.0, 0.0, 0.0, 0.0,
+    ]))
+}
+
+/// From the board's axes to the camera's, by the homography of the rectified corners.
+pub fn pose(board: &Board, lens: &Lens, corners: &[[f64; 2]]) -> Option<Isometry3<f64>> {
+    let camera = lens.camera();
+    let seen: Vec<[f64; 2]> = corners.iter().map(|c| camera.normalise(*c)).collect();
+    let h = homography::fit(&board.points_mm(), &seen)?;
+    // The board lies before the camera.
+    let sign = if h[(2, 2)] > 0.0 { 1.0 } else { -1.0 };
+    let scale = sign * 2.0 / (h.column(0).norm() + h.column(1).norm());
+    let (u, v, t) = (
+        h.column(0) * scale,
+        h.column(1) * scale,
+        h.column(2) * scale,
+    );
+    let w: Vector3<f64> = u.cross(&v);
+    let rough = Matrix3::from_columns(&[u.into_owned(), v.into_owned(), w]);
+    // The nearest rotation.
+    let svd = rough.svd(true, true);
+    let rotation = svd.u? * svd.v_t?;
+    let rotation = Rotation3::from_matrix_unchecked(rotation);
+    let is_finite = rotation
+        .matrix()
+        .iter()
+        .chain(t.iter())
+        .all(|e| e.is_finite());
+    is_finite.then(|| {
+        Isometry3::from_parts(
+            Translation3::from(t.into_owned()),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
+    })
+}

@@ -1,0 +1,313 @@
+//! The rig from boards that several cameras saw at the same instant.
+//!
+//! Each camera's own calibration says where the board was before it; two cameras that saw the same board thus know how they stand to each
+//! other. The medians of all such answers are the start of a bundle adjustment over the cameras' places and the board's, with
+//! lenses held as calibrated: they used every image of their camera, this uses the simultaneous ones.
+//!
+//! *Sigma* has two parts, which do not correlate (a lens's error comes from residuals that no place of the board could take up, those of the rig from
+//! residuals that it did): the scatter of this adjustment, and the lenses' covariance through the response of the places to the lenses.
+//!
+//! The result stands in axes of its own: [`super::stand`].
+
+use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
+use shared::rig::{MAX_CAMERAS, Rig};
+
+use super::adjust::{Bundle, PER_CAMERA, Sight, Unsolved, View, moved};
+use super::blur::median;
+use super::board::Board;
+use super::intrinsics::pose;
+use super::lens::{Lens, PARAMETERS};
+use super::stand::{Stand, numbers, stands};
+
+/// Residuals below this reject no instant, px.
+const HARMLESS_PX: f64 = 0.02;
+/// The fewest instants a rig can be told from.
+pub const LEAST_INSTANTS: usize = 3;
+
+/// A camera as the rig needs it.
+#[derive(Clone, Debug)]
+pub struct Eye {
+    /// Its lens, from its own calibration.
+    pub lens: Lens,
+    /// The lens's covariance.
+    pub covariance: DMatrix<f64>,
+}
+
+/// One instant: per camera the board's corners, if it saw them.
+pub type Instant = Vec<Option<Vec<[f64; 2]>>>;
+
+/// A calibrated rig.
+#[derive(Clone, Debug)]
+pub struct RigSolution {
+    /// The camera whose place is the origin.
+    pub reference: usize,
+    /// Per camera.
+    pub stands: Vec<Stand>,
+    /// Their standard deviations.
+    pub sigma: Vec<Stand>,
+    /// Root mean square residual over all used images, px.
+    pub rms_px: f64,
+    /// Per instant: the root mean square residual in px, or why it was not used.
+    pub instants: Vec<Result<f64, String>>,
+}
+
+/// Why there is no rig.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// One camera, or too many.
+    #[error("{0} cameras, but a rig has 2 to {MAX_CAMERAS}")]
+    Count(usize),
+    /// A camera that has too little in common with the reference camera.
+    #[error(
+        "camera number {camera} and the reference camera saw the board at {instants} common instants, but it takes {LEAST_INSTANTS} (files of the same name)"
+    )]
+    Apart {
+        /// Index of the camera.
+        camera: usize,
+        /// Instants both saw.
+        instants: usize,
+    },
+    /// No solution.
+    #[error(transparent)]
+    Unsolved(#[from] Unsolved),
+}
+
+impl RigSolution {
+    /// Distance of a camera from the origin's, with its standard deviation, mm.
+    pub fn baseline_mm(&self, camera: usize) -> (f64, f64) {
+        let (Some(stand), Some(sigma)) = (self.stands.get(camera), self.sigma.get(camera)) else {
+            return (0.0, 0.0);
+        };
+        let length = Vector3::from(stand.offset_mm).norm();
+        let along = (0..3).map(|i| (stand.offset_mm[i] * sigma.offset_mm[i]).powi(2));
+        match length > 0.0 {
+            true => (length, along.sum::<f64>().sqrt() / length),
+            false => (0.0, 0.0),
+        }
+    }
+
+    /// The rig as a rig file holds it: offsets in the plane, rotations, no offset along z.
+    pub fn rig(&self, image_size_px: [u32; 2], lenses: &[Lens]) -> Rig {
+        let cameras = self
+            .stands
+            .iter()
+            .zip(lenses)
+            .map(|(stand, lens)| stand.camera(lens));
+        Rig {
+            image_size_px,
+            cameras: cameras.take(MAX_CAMERAS).collect(),
+        }
+    }
+}
+
+/// Places the cameras. Instants whose residual is larger than `outlier` times the median instant's are left out.
+///
+/// # Errors
+/// [`Refusal`].
+pub fn calibrate(
+    board: &Board,
+    eyes: &[Eye],
+    reference: usize,
+    instants: &[Instant],
+    outlier: f64,
+) -> Result<RigSolution, Refusal> {
+    let count = eyes.len();
+    if !(2..=MAX_CAMERAS).contains(&count) {
+        return Err(Refusal::Count(count));
+    }
+    let mut verdicts: Vec<Result<f64, String>> = instants
+        .iter()
+        .map(|instant| match instant.iter().flatten().count() {
+            0 | 1 => Err("fewer than two cameras have a usable image".to_owned()),
+            _ => Ok(f64::NAN),
+        })
+        .collect();
+    loop {
+        let kept: Vec<usize> = (0..instants.len())
+            .filter(|i| verdicts[*i].is_ok())
+            .collect();
+        let sights: Vec<Vec<Sighting>> = kept
+            .iter()
+            .map(|i| sightings(board, eyes, &instants[*i]))
+            .collect();
+        let motions = initial_motions(count, reference, &sights)?;
+        let views = kept
+            .iter()
+            .zip(sights)
+            .filter_map(|(index, sights)| Some((*index, view(&motions, sights)?)));
+        let (kept, views): (Vec<usize>, Vec<View>) = views.unzip();
+        let lenses = eyes.iter().map(|eye| eye.lens).collect();
+        let mut bundle = Bundle {
+            board_mm: board.points_mm(),
+            lenses,
+            motions,
+            views,
+        };
+        let free: Vec<usize> = (0..count)
+            .filter(|k| *k != reference)
+            .flat_map(|k| (PARAMETERS..PER_CAMERA).map(move |i| PER_CAMERA * k + i))
+            .collect();
+        let solution = bundle.adjust(&free)?;
+        let rms = bundle.views.iter().map(|view| {
+            let squares: f64 = view
+                .sights
+                .iter()
+                .map(|s| bundle.rms_px(view, s).powi(2))
+                .sum();
+            (squares / view.sights.len() as f64).sqrt()
+        });
+        let rms: Vec<f64> = rms.collect();
+        let middle = median(rms.clone());
+        for (index, rms_px) in kept.iter().zip(&rms) {
+            verdicts[*index] = Ok(*rms_px);
+        }
+        let worst = kept.iter().zip(&rms).max_by(|a, b| a.1.total_cmp(b.1));
+        match worst {
+            Some((index, rms_px)) if *rms_px > (outlier * middle).max(HARMLESS_PX) => {
+                verdicts[*index] = Err(format!(
+                    "the cameras disagree: residual {rms_px:.3} px, {:.1} times the median instant's {middle:.3} px",
+                    rms_px / middle
+                ));
+            }
+            _ => {
+                let covariance = solution.covariance + through_lenses(&solution.response, eyes);
+                let squares: f64 = rms.iter().map(|r| r * r).sum();
+                return Ok(RigSolution {
+                    reference,
+                    stands: stands(&numbers(&bundle.motions)),
+                    sigma: stands(&deviations(&bundle.motions, reference, &covariance)),
+                    rms_px: (squares / rms.len().max(1) as f64).sqrt(),
+                    instants: verdicts,
+                });
+            }
+        }
+    }
+}
+
+/// One camera's image of the board at one instant.
+#[derive(Clone)]
+struct Sighting {
+    camera: usize,
+    corners: Vec<[f64; 2]>,
+    /// From the board's axes to the camera's.
+    pose: Isometry3<f64>,
+}
+
+/// All cameras' sightings, the corners numbered alike: on boards that look the same after a turn, each camera's numbers are turned so
+/// that its view of the board is turned least against the first one's.
+fn sightings(board: &Board, eyes: &[Eye], instant: &Instant) -> Vec<Sighting> {
+    let mut all: Vec<Sighting> = Vec::new();
+    for (camera, (eye, corners)) in eyes.iter().zip(instant).enumerate() {
+        let Some(corners) = corners else { continue };
+        let turned = board.symmetries().iter().filter_map(|quarters| {
+            let mut named = corners.clone();
+            for (index, at) in corners.iter().enumerate() {
+                named[board.turned(index, *quarters)] = *at;
+            }
+            Some(Sighting {
+                camera,
+                pose: pose(board, &eye.lens, &named)?,
+                corners: named,
+            })
+        });
+        let angle = |sighting: &Sighting| match all.first() {
+            Some(first) => sighting.pose.rotation.angle_to(&first.pose.rotation),
+            None => 0.0,
+        };
+        let best = turned.min_by(|a, b| angle(a).total_cmp(&angle(b)));
+        all.extend(best);
+    }
+    all
+}
+
+/// From the reference camera's axes to each camera's: medians over the instants that both saw.
+fn initial_motions(
+    count: usize,
+    reference: usize,
+    instants: &[Vec<Sighting>],
+) -> Result<Vec<Isometry3<f64>>, Refusal> {
+    let motion = |camera: usize| {
+        if camera == reference {
+            return Ok(Isometry3::identity());
+        }
+        let common: Vec<Isometry3<f64>> = instants
+            .iter()
+            .filter_map(|sights| {
+                let of = |k: usize| sights.iter().find(|s| s.camera == k).map(|s| s.pose);
+                Some(of(camera)? * of(reference)?.inverse())
+            })
+            .collect();
+        if common.len() < LEAST_INSTANTS {
+            return Err(Refusal::Apart {
+                camera,
+                instants: common.len(),
+            });
+        }
+        let middle = |part: &dyn Fn(&Isometry3<f64>) -> Vector3<f64>| {
+            Vector3::from_fn(|i, _| median(common.iter().map(|m| part(m)[i]).collect()))
+        };
+        let shift = middle(&|m| m.translation.vector);
+        let turn = middle(&|m| m.rotation.scaled_axis());
+        Ok(Isometry3::from_parts(
+            shift.into(),
+            UnitQuaternion::from_scaled_axis(turn),
+        ))
+    };
+    (0..count).map(motion).collect()
+}
+
+/// A view whose board is where its first camera says; the adjustment asks the others.
+fn view(motions: &[Isometry3<f64>], sightings: Vec<Sighting>) -> Option<View> {
+    let first = sightings.first()?;
+    let pose = motions[first.camera].inverse() * first.pose;
+    let sights = sightings
+        .into_iter()
+        .map(|s| Sight {
+            camera: s.camera,
+            corners: s.corners,
+        })
+        .collect();
+    Some(View { pose, sights })
+}
+
+/// What the lenses' uncertainty adds to the covariance of the motions.
+fn through_lenses(response: &DMatrix<f64>, eyes: &[Eye]) -> DMatrix<f64> {
+    let free = response.nrows();
+    let mut sum = DMatrix::zeros(free, free);
+    for (k, eye) in eyes.iter().enumerate() {
+        let block = response.columns(PER_CAMERA * k, PARAMETERS);
+        sum += block * &eye.covariance * block.transpose();
+    }
+    sum
+}
+
+/// Standard deviations of [`numbers`], from the covariance of all motions but the reference's.
+fn deviations(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix<f64>) -> Vec<f64> {
+    /// Far above rounding, far below any curvature: mm and rad.
+    const STEP: f64 = 1e-6;
+    let others: Vec<usize> = (0..motions.len()).filter(|k| *k != reference).collect();
+    let slopes: Vec<Vec<f64>> = (0..6 * others.len())
+        .map(|i| {
+            let shifted = |step: f64| {
+                let mut change = nalgebra::SVector::<f64, 6>::zeros();
+                change[i % 6] = step;
+                let mut motions = motions.to_vec();
+                let camera = others[i / 6];
+                motions[camera] = moved(&motions[camera], change);
+                numbers(&motions)
+            };
+            let (low, high) = (shifted(-STEP), shifted(STEP));
+            let slope = |(low, high)| (high - low) / (2.0 * STEP);
+            low.into_iter().zip(high).map(slope).collect()
+        })
+        .collect();
+    let slopes = DMatrix::from_fn(6 * motions.len(), slopes.len(), |row, column| {
+        slopes[column][row]
+    });
+    let spread = &slopes * covariance * slopes.transpose();
+    spread
+        .diagonal()
+        .iter()
+        .map(|variance| variance.max(0.0).sqrt())
+        .collect()
+}

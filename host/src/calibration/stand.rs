@@ -1,0 +1,154 @@
+//! Where cameras stand, in axes that suit them.
+//!
+//! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as near to the real one as it can: the plane's
+//! x runs along the line of the cameras, or, if they are not in line, along the mean of their x axes; z is the mean of their optical
+//! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's normal. What is left is a rotation per camera,
+//! which [`shared::rig::Camera`] undoes exactly, and an offset along z, which nothing undoes: it is reported.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+use shared::rig::{Camera, Rotation};
+
+use super::lens::Lens;
+
+/// Cameras spread in a second direction if they reach this far across their line, as a share of its length.
+const SPREAD: f64 = 0.1;
+/// The line of the cameras is the x axis if it is this near to it, as a cosine.
+const ALONG_X: f64 = 0.8;
+
+/// How a camera stands in the rig.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stand {
+    /// Right, down and forward of the rig's origin, along the rig's axes, mm. A plane rig has no third component.
+    pub offset_mm: [f64; 3],
+    /// Against the rig's axes: axis times angle, degrees.
+    pub rotation_deg: [f64; 3],
+}
+
+impl Stand {
+    /// The camera with this lens that stands here, as near as a plane rig has it.
+    pub fn camera(&self, lens: &Lens) -> Camera {
+        let [x, y, _] = self.offset_mm;
+        // What rounding has left beside the axis is cut off at the picometre: cameras in line are in line.
+        let offset_mm = [x, y].map(|offset| (offset * 1e9).round() / 1e9 + 0.0);
+        Camera {
+            offset_mm,
+            rotation: Rotation::from_degrees(self.rotation_deg),
+            ..lens.camera()
+        }
+    }
+}
+
+/// [`numbers`], camera by camera.
+pub(super) fn stands(numbers: &[f64]) -> Vec<Stand> {
+    let of_camera = |six: &[f64]| Stand {
+        offset_mm: std::array::from_fn(|i| six[i]),
+        rotation_deg: std::array::from_fn(|i| six[3 + i]),
+    };
+    numbers.chunks_exact(6).map(of_camera).collect()
+}
+
+/// Cameras placed by others, given by the motions from some common axes to theirs. Axes in whose plane the cameras are stay as they
+/// are; otherwise new ones are chosen as for calibrated rigs.
+pub fn placed(motions: &[Isometry3<f64>]) -> Vec<Stand> {
+    /// Above what rounding leaves of a shared plane, below what anybody can build.
+    const IN_PLANE_MM: f64 = 1e-6;
+    let is_plane = motions
+        .iter()
+        .all(|motion| centre(motion).z.abs() < IN_PLANE_MM);
+    let axes = if is_plane {
+        Matrix3::identity()
+    } else {
+        axes(motions)
+    };
+    stands(&along(&axes, motions))
+}
+
+/// What a user should know of cameras that stand like this, with standard deviations `sigma`, before trusting them as a rig.
+pub fn doubts(names: &[&str], stands: &[Stand], sigma: &[Stand]) -> Vec<String> {
+    /// Farther out of the plane than this share of the longest baseline.
+    const OUT_OF_PLANE: f64 = 0.01;
+    const TURNED_DEG: f64 = 5.0;
+    let mut doubts = Vec::new();
+    let reach = |stand: &Stand| stand.offset_mm[0].hypot(stand.offset_mm[1]);
+    let longest = stands.iter().map(reach).fold(0.0, f64::max);
+    for ((name, stand), sigma) in names.iter().zip(stands).zip(sigma) {
+        let [z, sigma] = [stand, sigma].map(|s| s.offset_mm[2]);
+        if z.abs() > (OUT_OF_PLANE * longest).max(2.0 * sigma) {
+            let side = if z > 0.0 { "before" } else { "behind" };
+            doubts.push(format!(
+                "{name} stands {:.2} mm {side} the plane of the cameras; a rig file cannot say so, and displacements err by about that over the \
+                 distance to the target",
+                z.abs()
+            ));
+        }
+        let turned = stand.rotation_deg.iter().map(|d| d * d).sum::<f64>().sqrt();
+        if turned > TURNED_DEG {
+            doubts.push(format!(
+                "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see less in common"
+            ));
+        }
+    }
+    doubts
+}
+
+/// Per camera: offset in mm, rotation in degrees, along the rig's axes.
+pub(super) fn numbers(motions: &[Isometry3<f64>]) -> Vec<f64> {
+    along(&axes(motions), motions)
+}
+
+/// As [`numbers`], along the axes that are the columns of `axes`.
+fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
+    let stand = |motion: &Isometry3<f64>| {
+        let offset = axes.transpose() * centre(motion);
+        let rotation = motion.rotation.to_rotation_matrix().into_inner() * axes;
+        let rotation = Rotation3::from_matrix_unchecked(rotation).scaled_axis();
+        let [x, y, z] = rotation.map(f64::to_degrees).into();
+        [offset.x, offset.y, offset.z, x, y, z]
+    };
+    motions.iter().flat_map(stand).collect()
+}
+
+/// Where the camera is, along the axes the motion starts from.
+fn centre(motion: &Isometry3<f64>) -> Vector3<f64> {
+    motion.inverse_transform_vector(&-motion.translation.vector)
+}
+
+/// The rig's x, y and z as columns, along the reference camera's axes.
+fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
+    let centres: Vec<Vector3<f64>> = motions.iter().map(centre).collect();
+    let count = centres.len() as f64;
+    let mean = centres.iter().sum::<Vector3<f64>>() / count;
+    let scatter: Matrix3<f64> = centres
+        .iter()
+        .map(|c| (c - mean) * (c - mean).transpose())
+        .sum();
+    let svd = scatter.svd(true, false);
+    let own = |axis: Vector3<f64>| -> Vector3<f64> {
+        motions
+            .iter()
+            .map(|m| m.inverse_transform_vector(&axis))
+            .sum::<Vector3<f64>>()
+            .normalize()
+    };
+    let (right, ahead) = (own(Vector3::x()), own(Vector3::z()));
+    let Some(u) = svd.u else {
+        return Matrix3::identity();
+    };
+    let line: Vector3<f64> = u.column(0).into_owned();
+    // Singular values of the scatter are squares of lengths.
+    let is_flat = svd.singular_values[1] > SPREAD * SPREAD * svd.singular_values[0];
+    let z = if is_flat {
+        let normal: Vector3<f64> = u.column(2).into_owned();
+        normal * normal.dot(&ahead).signum()
+    } else {
+        (ahead - line * line.dot(&ahead)).normalize()
+    };
+    let along = line.dot(&right);
+    let x = if !is_flat && along.abs() > ALONG_X {
+        line * along.signum()
+    } else {
+        right
+    };
+    let x = (x - z * z.dot(&x)).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
+}

@@ -1,0 +1,324 @@
+//! `trinocular calibrate`: cameras and rig from photographs of a chessboard.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use host::calibration::board::{Board, Pattern};
+use host::calibration::folder::{Calibration, CameraResult, Settings, calibrate};
+use host::calibration::intrinsics::Verdict;
+use host::calibration::photographs::list;
+use host::calibration::rig::RigSolution;
+use host::error::{Failure, InputError};
+use host::rig_file::RigFile;
+use serde_json::{Value, json};
+
+use super::destination::Destination;
+use super::progress::Progress;
+
+/// Calibrate cameras and rig from photographs of a chessboard
+///
+/// Finds the board's inner corners, solves every camera by Zhang's method (focal lengths, principal point, distortion k1 k2 p1 p2 k3), rejects bad
+/// images by name, then places the cameras by the images they took at the same instant. Every figure comes with its standard deviation.
+///
+/// Take 10 or more images in which the board fills a good part of the view, tilted by 20 to 40 degrees in different directions, some of
+/// them reaching into the corners. Flat, sharp, evenly lit. A board with an even and an odd number of inner corners is best: its colours tell which
+/// end is which.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// The photographs: a subfolder per camera, equal file names for images of the same instant
+    ///
+    /// PNG, JPEG or PNM. The subfolders' names become the cameras' names: left, middle, right for the paper's rig. Or all images in one folder,
+    /// named by camera and number: left01.jpg, right01.jpg. One camera alone is calibrated too, but makes no rig.
+    input: PathBuf,
+
+    /// Inner corners of the board along its two sides, where four squares meet
+    #[arg(long, value_name = "9x6")]
+    board: Pattern,
+
+    /// Side of one square, mm
+    #[arg(long, value_name = "MM", value_parser = positive, allow_negative_numbers = true)]
+    square: f64,
+
+    #[command(flatten)]
+    destination: Destination,
+
+    /// Reject images whose residual is larger than this many times the median image's
+    #[arg(long, value_name = "TIMES", default_value_t = 3.0, value_parser = at_least_one)]
+    outlier: f64,
+
+    /// Half the window in which corners are refined, px
+    ///
+    /// Without it the window follows the size of the squares, small enough that the board's border stays outside. 11 reproduces what most
+    /// examples of OpenCV do.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u8).range(2..=50))]
+    window: Option<u8>,
+
+    /// Print JSON: one line per camera, then one for the rig
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Residuals are root mean square distances of corners from where they should be. A camera's offset is right, down and forward of the origin, the middle \
+or first camera, in mm; its rotation is axis times angle in degrees, from the rig's axes to the camera's. The rig's x axis runs along the line of the cameras. \
+Rotations are undone exactly by all commands that read the rig file; the offset forward is not, and should be small.
+
+The paper's estimators (closed-form, least-squares) want cameras exactly in line: set the second number of every offset_mm to 0 if that is near enough.
+
+Examples:
+  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
+  trinocular calibrate boards/ --board 9x6 --square 25 --ros camera_info/ --json";
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if number > 0.0 && number < 1e5 {
+        Ok(number)
+    } else {
+        Err("must be greater than 0 and less than 100000".to_owned())
+    }
+}
+
+fn at_least_one(text: &str) -> Result<f64, String> {
+    match positive(text)? {
+        number if number >= 1.0 => Ok(number),
+        _ => Err("must be at least 1".to_owned()),
+    }
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    // What would be refused at the end is refused before the work.
+    let names: Vec<String> = list(&options.input)?
+        .into_iter()
+        .map(|series| series.name)
+        .collect();
+    options.destination.check(&names)?;
+    let board = Board {
+        corners: options.board.0,
+        square_mm: options.square,
+    };
+    let settings = Settings {
+        half_window: options.window.map(usize::from),
+        outlier: options.outlier,
+        ..Settings::new(board)
+    };
+    let mut progress = Progress::new("looking for the board");
+    let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));
+    drop(progress);
+    let result = result?;
+    let warnings = result.warnings();
+    if options.json {
+        print_json(&result, &warnings, out)?;
+    } else {
+        print_text(&result, out)?;
+    }
+    for warning in &warnings {
+        eprintln!("warning: {warning}");
+    }
+    if options.destination.is_some() {
+        let rig = rig_file(options, &result)?;
+        for path in options.destination.write(rig)? {
+            eprintln!("written: {}", path.display());
+        }
+    }
+    out.flush()?;
+    Ok(())
+}
+
+/// The rig, if it obeys every rule of a rig file.
+fn rig_file(options: &Options, result: &Calibration) -> Result<RigFile, InputError> {
+    let refuse = |reason: &str| InputError::file(&options.input, format!("makes no rig: {reason}"));
+    let rig = result
+        .rig_file()
+        .ok_or_else(|| refuse("it takes two cameras or more"))?;
+    RigFile::parse(&options.input, &rig.to_toml()).map_err(|error| {
+        let field = error.field.unwrap_or_default();
+        let advice = match field.ends_with("distortion") {
+            true => "; images in which the board reaches into the corners would tell",
+            false => "",
+        };
+        refuse(&format!("{field}: {}{advice}", error.reason))
+    })
+}
+
+fn print_text(result: &Calibration, out: &mut impl Write) -> Result<(), Failure> {
+    for camera in &result.cameras {
+        print_camera(camera, out)?;
+    }
+    if let Some(rig) = &result.rig {
+        print_rig(result, rig, out)?;
+    }
+    Ok(())
+}
+
+fn print_camera(camera: &CameraResult, out: &mut impl Write) -> Result<(), Failure> {
+    let intrinsics = &camera.intrinsics;
+    let ([width, height], used) = (camera.image_size_px, intrinsics.used());
+    let (name, given) = (&camera.name, camera.files.len());
+    writeln!(
+        out,
+        "{name}: {used} of {given} images used, {width} x {height} px"
+    )?;
+    for (file, verdict) in camera.files.iter().zip(&intrinsics.verdicts) {
+        match verdict {
+            Verdict::Used { rms_px } => writeln!(out, "  {file:<24} {rms_px:.3} px")?,
+            Verdict::Rejected(reason) => writeln!(out, "  {file:<24} rejected: {reason}")?,
+        }
+    }
+    let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
+    let px = |i: usize| format!("{:.2} ± {:.2}", value[i], sigma[i]);
+    writeln!(out, "  focal lengths   {}   {} px", px(0), px(1))?;
+    writeln!(out, "  principal point {}   {} px", px(2), px(3))?;
+    for (i, name) in ["k1", "k2", "p1", "p2", "k3"].into_iter().enumerate() {
+        writeln!(
+            out,
+            "  {name}              {:9.5} ± {:.5}",
+            value[4 + i],
+            sigma[4 + i]
+        )?;
+    }
+    writeln!(out, "  residual        {:.3} px\n", intrinsics.rms_px)?;
+    Ok(())
+}
+
+fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> Result<(), Failure> {
+    let used = rig
+        .instants
+        .iter()
+        .filter(|instant| instant.is_ok())
+        .count();
+    writeln!(
+        out,
+        "rig: {used} of {} instants used, residual {:.3} px",
+        rig.instants.len(),
+        rig.rms_px
+    )?;
+    for (name, instant) in result.instants.iter().zip(&rig.instants) {
+        if let Err(reason) = instant {
+            writeln!(out, "  {name:<24} left out: {reason}")?;
+        }
+    }
+    let origin = &result.cameras[rig.reference].name;
+    for (k, camera) in result
+        .cameras
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| *k != rig.reference)
+    {
+        let (length, sigma) = rig.baseline_mm(k);
+        writeln!(
+            out,
+            "  {origin} - {}: {length:.3} ± {sigma:.3} mm",
+            camera.name
+        )?;
+    }
+    for ((camera, stand), sigma) in result.cameras.iter().zip(&rig.stands).zip(&rig.sigma) {
+        let list = |value: [f64; 3], sigma: [f64; 3]| {
+            // Adding zero to what is left after rounding turns -0 into 0.
+            let one = |i: usize| {
+                format!(
+                    "{:8.3} ± {:.3}",
+                    (value[i] * 1e3).round() / 1e3 + 0.0,
+                    sigma[i]
+                )
+            };
+            [0, 1, 2].map(one).join("  ")
+        };
+        let name = &camera.name;
+        writeln!(
+            out,
+            "  {name:<10} offset   {} mm",
+            list(stand.offset_mm, sigma.offset_mm)
+        )?;
+        writeln!(
+            out,
+            "  {:<10} rotation {} degrees",
+            "",
+            list(stand.rotation_deg, sigma.rotation_deg)
+        )?;
+    }
+    Ok(())
+}
+
+fn print_json(
+    result: &Calibration,
+    warnings: &[String],
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    for camera in &result.cameras {
+        writeln!(out, "{}", camera_json(camera))?;
+    }
+    if let Some(rig) = &result.rig {
+        writeln!(out, "{}", rig_json(result, rig, warnings))?;
+    }
+    Ok(())
+}
+
+fn camera_json(camera: &CameraResult) -> Value {
+    let intrinsics = &camera.intrinsics;
+    let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
+    let image = |(file, verdict): (&String, &Verdict)| match verdict {
+        Verdict::Used { rms_px } => json!({ "file": file, "rms_px": rms_px }),
+        Verdict::Rejected(reason) => json!({ "file": file, "rejected": reason }),
+    };
+    let images: Vec<Value> = camera
+        .files
+        .iter()
+        .zip(&intrinsics.verdicts)
+        .map(image)
+        .collect();
+    json!({
+        "camera": camera.name,
+        "image_size_px": camera.image_size_px,
+        "focal_px": value[..2],
+        "focal_sigma_px": sigma[..2],
+        "principal_px": value[2..4],
+        "principal_sigma_px": sigma[2..4],
+        "distortion": value[4..],
+        "distortion_sigma": sigma[4..],
+        "rms_px": intrinsics.rms_px,
+        "images": images,
+    })
+}
+
+fn rig_json(result: &Calibration, rig: &RigSolution, warnings: &[String]) -> Value {
+    let cameras: Vec<Value> = result
+        .cameras
+        .iter()
+        .zip(rig.stands.iter().zip(&rig.sigma))
+        .enumerate()
+        .map(|(k, (camera, (stand, sigma)))| {
+            let (length, length_sigma) = rig.baseline_mm(k);
+            json!({
+                "name": camera.name,
+                "baseline_mm": length,
+                "baseline_sigma_mm": length_sigma,
+                "offset_mm": stand.offset_mm,
+                "offset_sigma_mm": sigma.offset_mm,
+                "rotation_deg": stand.rotation_deg,
+                "rotation_sigma_deg": sigma.rotation_deg,
+            })
+        })
+        .collect();
+    let instant = |(name, verdict): (&String, &Result<f64, String>)| match verdict {
+        Ok(rms_px) => json!({ "name": name, "rms_px": rms_px }),
+        Err(reason) => json!({ "name": name, "left_out": reason }),
+    };
+    let instants: Vec<Value> = result
+        .instants
+        .iter()
+        .zip(&rig.instants)
+        .map(instant)
+        .collect();
+    json!({
+        "rig": {
+            "origin": result.cameras[rig.reference].name,
+            "cameras": cameras,
+            "rms_px": rig.rms_px,
+            "instants": instants,
+            "warnings": warnings,
+        }
+    })
+}

@@ -1,0 +1,158 @@
+//! A chessboard before a rig, drawn from the camera models alone.
+
+use std::path::Path;
+
+use host::images::{Image, folder};
+use host::random::Random;
+use shared::rig::{Camera, Rig, Rotation};
+
+/// Side of a square, mm.
+pub const SQUARE_MM: f64 = 18.0;
+/// Inner corners.
+pub const CORNERS: [usize; 2] = [9, 6];
+/// Noise of the images, grey levels.
+const NOISE_GREY: f64 = 2.0;
+/// Places in a pixel, along either side, whose light makes the pixel's.
+const SAMPLES: usize = 2;
+
+/// Three cameras as somebody built them who meant them to be parallel. Their optical axes are level on the whole.
+pub fn crooked_rig() -> Rig {
+    let camera = |focal_px, principal_px, x, degrees| Camera {
+        focal_px,
+        principal_px,
+        offset_mm: [x, 0.0],
+        distortion: [-0.12, 0.05, 4e-4, -6e-4, 0.0],
+        rotation: Rotation::from_degrees(degrees),
+    };
+    Rig {
+        image_size_px: [480, 360],
+        cameras: [
+            camera([602.0, 600.0], [233.0, 184.0], -70.0, [1.0, -1.4, 1.2]),
+            camera([597.0, 596.0], [246.0, 177.0], 0.0, [-0.4, 0.3, -1.6]),
+            camera([605.0, 603.0], [241.0, 186.0], 68.0, [-0.6, 1.1, 0.9]),
+        ]
+        .into_iter()
+        .collect(),
+    }
+}
+
+/// Where the board is: its middle, and how it is turned about x, y and z.
+#[derive(Clone, Copy, Debug)]
+pub struct Pose {
+    pub middle_mm: [f64; 3],
+    pub turn_deg: [f64; 3],
+}
+
+impl Pose {
+    /// One of many different ones before the rig.
+    pub fn number(index: u64) -> Self {
+        let mut random = Random::new(index, 100);
+        let mut within = |reach: f64| random.between(-reach, reach);
+        Self {
+            middle_mm: [within(25.0), within(20.0), 560.0 + within(60.0)],
+            turn_deg: [within(32.0), within(32.0), within(25.0)],
+        }
+    }
+}
+
+/// The directions in which a camera's pixels look.
+pub struct Eye {
+    offset_mm: [f64; 2],
+    size_px: [usize; 2],
+    rays: Vec<[f64; 2]>,
+}
+
+impl Eye {
+    pub fn new(camera: &Camera, size_px: [u32; 2]) -> Self {
+        let [width, height] = size_px.map(|side| side as usize * SAMPLES);
+        let place = |i: usize| (i as f64 + 0.5) / SAMPLES as f64 - 0.5;
+        let rays =
+            (0..width * height).map(|i| camera.normalise([place(i % width), place(i / width)]));
+        Self {
+            offset_mm: camera.offset_mm,
+            size_px: size_px.map(|side| side as usize),
+            rays: rays.collect(),
+        }
+    }
+
+    /// What the camera sees.
+    pub fn view(&self, pose: &Pose, seed: u64) -> Image {
+        let mut random = Random::new(seed, 0);
+        let [right, down, ahead] = axes(pose.turn_deg);
+        let [cx, cy] = self.offset_mm;
+        let way = [
+            pose.middle_mm[0] - cx,
+            pose.middle_mm[1] - cy,
+            pose.middle_mm[2],
+        ];
+        let [width, height] = self.size_px;
+        let mut sums = vec![0.0; width * height];
+        for (i, &[x, y]) in self.rays.iter().enumerate() {
+            let ray = [x, y, 1.0];
+            let far = dot(ahead, way) / dot(ahead, ray);
+            let u = far * dot(right, ray) - dot(right, way);
+            let v = far * dot(down, ray) - dot(down, way);
+            let (column, row) = (
+                i % (width * SAMPLES) / SAMPLES,
+                i / (width * SAMPLES) / SAMPLES,
+            );
+            sums[row * width + column] += grey(u, v);
+        }
+        let level = |sum: f64| {
+            let grey = sum / (SAMPLES * SAMPLES) as f64 + NOISE_GREY * random.gaussian();
+            grey.round().clamp(0.0, 255.0) as u8
+        };
+        Image {
+            width,
+            height,
+            grey: sums.into_iter().map(level).collect(),
+        }
+    }
+}
+
+/// Grey level of the board at a place from its middle, mm: black outside the first corner, a white border one square wide, then a desk. Every edge
+/// is as soft as a lens makes it.
+fn grey(u: f64, v: f64) -> f64 {
+    const SOFT_MM: f64 = 0.9;
+    let sides = CORNERS.map(|n| n as f64 + 1.0);
+    let place = [
+        u / SQUARE_MM + sides[0] / 2.0,
+        v / SQUARE_MM + sides[1] / 2.0,
+    ];
+    // From -1 to 1 and back at every whole number, and from 0 to 1 where a distance becomes positive.
+    let wave = |a: f64| {
+        let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
+        sign * ((a - a.round()) * SQUARE_MM / SOFT_MM).tanh()
+    };
+    let inside = |border: f64| {
+        let step = |squares: f64| 0.5 + 0.5 * (squares * SQUARE_MM / SOFT_MM).tanh();
+        let along = |i: usize| step(place[i] + border) * step(sides[i] + border - place[i]);
+        along(0) * along(1)
+    };
+    let squares = 125.0 - 90.0 * wave(place[0]) * wave(place[1]);
+    let paper = 215.0 + inside(0.0) * (squares - 215.0);
+    90.0 + inside(1.0) * (paper - 90.0)
+}
+
+/// The board's right, down and away along the rig's axes.
+fn axes(turn_deg: [f64; 3]) -> [[f64; 3]; 3] {
+    let rows = Rotation::from_degrees(turn_deg).rows();
+    [0, 1, 2].map(|axis| rows.map(|row| row[axis]))
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Photographs of the board at `count` instants by the cameras called `names`, in `dir`.
+pub fn photograph(dir: &Path, rig: &Rig, names: &[&str], count: u64) {
+    for ((name, camera), number) in names.iter().zip(&rig.cameras).zip(0..) {
+        let eye = Eye::new(camera, rig.image_size_px);
+        std::fs::create_dir_all(dir.join(name)).expect("the folder can be made");
+        for instant in 0..count {
+            let view = eye.view(&Pose::number(instant), 1000 * number + instant);
+            folder::write(&dir.join(name).join(format!("{instant:02}.png")), &view)
+                .expect("written");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! `convert` between our rig file, OpenCV's and ROS's.
+
+use std::fs;
+
+use host::rig_file::RigFile;
+use shared::rig::Rotation;
+use tempfile::TempDir;
+
+use super::run;
+
+fn desk() -> TempDir {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let mut rig = RigFile::paper();
+    rig.rig.cameras[0].rotation = Rotation::from_degrees([0.5, -1.0, 0.25]);
+    rig.rig.cameras[2].distortion = [-0.2, 0.1, 1e-3, -1e-3, 0.05];
+    rig.rig.cameras[2].offset_mm[1] = 0.5;
+    rig.write(&desk.path().join("rig.toml")).expect("written");
+    desk
+}
+
+#[test]
+fn a_rig_file_goes_out_and_comes_back() {
+    let desk = desk();
+    let own = RigFile::read(&desk.path().join("rig.toml")).expect("a rig file");
+    let outcome = run(
+        desk.path(),
+        &["convert", "rig.toml", "--opencv", "cv", "--ros", "ros"],
+    );
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert_eq!(outcome.stdout.lines().count(), 6);
+    for (folder, ending) in [("cv", "yml"), ("ros", "yaml")] {
+        let files = ["left", "middle", "right"].map(|name| format!("{folder}/{name}.{ending}"));
+        let out = format!("{folder}.toml");
+        let outcome = run(
+            desk.path(),
+            &["convert", &files[0], &files[1], &files[2], "--out", &out],
+        );
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let back = RigFile::read(&desk.path().join(&out)).expect("a rig file");
+        assert_eq!(back.names, own.names);
+        assert_eq!(back.rig.image_size_px, own.rig.image_size_px);
+        for (a, b) in back.rig.cameras.iter().zip(&own.rig.cameras) {
+            assert_eq!(
+                (a.focal_px, a.principal_px, a.distortion),
+                (b.focal_px, b.principal_px, b.distortion)
+            );
+            assert!(
+                (0..2).all(|i| (a.offset_mm[i] - b.offset_mm[i]).abs() < 1e-8),
+                "{a:?} {b:?}"
+            );
+            let mut turns = a.rotation.degrees().into_iter().zip(b.rotation.degrees());
+            assert!(turns.all(|(a, b)| (a - b).abs() < 1e-9), "{a:?} {b:?}");
+        }
+    }
+    run(desk.path(), &["convert", "rig.toml", "--out", "cv.toml"])
+        .failed(1, &["cv.toml", "exists"]);
+}
+
+/// As OpenCV's calibration sample writes it: no word on where the camera is.
+fn opencv(focal: f64) -> String {
+    format!(
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
+         data: [ {focal}, 0., 3.2e+02, 0.,\n       {focal}, 240., 0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 5\n   \
+         cols: 1\n   dt: d\n   data: [ -1.6e-01, 0., 0., 0., 0. ]\navg_reprojection_error: 3.9e-01\n"
+    )
+}
+
+#[test]
+fn opencvs_own_files_make_a_rig_with_offsets_given() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    for (name, focal) in [("left", 530.0), ("right", 540.0)] {
+        fs::write(desk.path().join(format!("{name}.yml")), opencv(focal)).expect("written");
+    }
+    let convert = |more: &[&str]| {
+        let mut arguments = vec!["convert", "left.yml", "right.yml"];
+        arguments.extend(more);
+        run(desk.path(), &arguments)
+    };
+    convert(&[]).failed(1, &["left.yml", "--offset left=X,Y"]);
+    convert(&["--offset", "left=-40,0"]).failed(1, &["right.yml", "--offset right=X,Y"]);
+    convert(&["--offset", "middle=0,0"]).failed(2, &["middle", "left, right"]);
+    convert(&["--offset", "left=1"]).failed(2, &["left=1"]);
+    convert(&["--offset", "left=0,0", "--offset", "right=0,0"]).failed(1, &["same place"]);
+    let outcome = convert(&["--offset", "left=-40,0", "--offset", "right=40,0"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let rig = RigFile::parse("out.toml".as_ref(), &outcome.stdout).expect("a rig file");
+    assert_eq!(rig.rig.cameras[1].offset_mm, [40.0, 0.0]);
+    assert_eq!(rig.rig.cameras[1].focal_px, [540.0; 2]);
+    assert_eq!(rig.rig.cameras[1].rotation, Rotation::NONE);
+
+    fs::write(
+        desk.path().join("right.yml"),
+        opencv(540.0).replace("640", "320"),
+    )
+    .expect("written");
+    convert(&["--offset", "left=0,0", "--offset", "right=9,0"])
+        .failed(1, &["right.yml", "320 x 480", "640 x 480"]);
+    fs::write(
+        desk.path().join("right.yml"),
+        opencv(540.0).replace("rows: 3", "rows: x"),
+    )
+    .expect("written");
+    convert(&["--offset", "left=0,0", "--offset", "right=9,0"])
+        .failed(1, &["right.yml:6", "camera_matrix.rows"]);
+    run(desk.path(), &["convert", "left.yml"]).failed(2, &["2 to 8"]);
+    run(desk.path(), &["convert", "none.yml", "left.yml"]).failed(1, &["none.yml", "cannot read"]);
+}
