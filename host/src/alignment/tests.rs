@@ -1,7 +1,7 @@
 //! Rendered scenes of known offsets: what is found, and whether sigma is true.
 
 use super::*;
-use crate::images::random::Random;
+use crate::random::Random;
 use crate::images::{Scene, SceneSettings, Texture};
 use crate::rig_file::RigFile;
 

@@ -283,7 +283,7 @@ fn farthest(works: impl Fn(f64) -> bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::images::random::Random;
+    use crate::random::Random;
     use shared::rig::Camera;
 
     const RANGE_MM: [f64; 2] = [300.0, 2000.0];

@@ -137,7 +137,7 @@ fn covered(length_px: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::images::random::Random;
+    use crate::random::Random;
     use crate::validation::bound;
     use shared::estimate::midpoint;
     use shared::sums::View as PointView;

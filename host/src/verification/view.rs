@@ -164,7 +164,7 @@ fn directions(camera: &Camera, size_px: [u32; 2], margin_px: f64) -> Rectangle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::images::random::Random;
+    use crate::random::Random;
 
     fn sees(rig: &Rig, margin_px: f64, point_mm: [f64; 3]) -> usize {
         let inside = |camera: &&Camera| {
