@@ -325,7 +325,7 @@ fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
 }
 
 /// Whether removing and applying the distortion leads back to the same pixel, all round the image's border.
-fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
+pub(crate) fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
     const STEPS: u32 = 16;
     /// Far below what any tracker sees, far above rounding.
     const TOLERANCE_PX: f64 = 1e-3;

@@ -49,7 +49,7 @@ impl Pose {
         let mut random = Random::new(index, 100);
         let mut within = |reach: f64| random.between(-reach, reach);
         Self {
-            middle_mm: [within(25.0), within(20.0), 560.0 + within(60.0)],
+            middle_mm: [within(25.0), within(60.0), 560.0 + within(60.0)],
             turn_deg: [within(32.0), within(32.0), within(25.0)],
         }
     }

@@ -97,6 +97,17 @@ impl Calibration {
                 ));
             }
         }
+        for CameraResult {
+            name, intrinsics, ..
+        } in &self.cameras
+        {
+            if !intrinsics.held.is_empty() {
+                warnings.push(format!(
+                    "{name}: {} held at 0, since the board does not reach far enough into the corners to tell",
+                    intrinsics.held.join(" and ")
+                ));
+            }
+        }
         if let Some(rig) = &self.rig {
             let names: Vec<&str> = self
                 .cameras

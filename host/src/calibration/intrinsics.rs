@@ -5,6 +5,9 @@
 //! the image, has been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and [`super::adjust`] does the rest with all
 //! nine parameters.
 //!
+//! *k3 is held at zero* if the lens would fold the image over with it and does not without: the board has not been far enough out to tell it, and beyond the
+//! board's reach it would do harm.
+//!
 //! *Images are rejected* for a board that is not found, for edges much more blurred than those of the other images, and for residuals much larger
 //! than those of the others: the worst first, then everything is solved again.
 
@@ -15,7 +18,8 @@ use super::blur::median;
 use super::board::Board;
 use super::find::Found;
 use super::homography;
-use super::lens::{Lens, PARAMETERS};
+use super::lens::{Lens, NAMES, PARAMETERS};
+use crate::rig_file::can_undistort;
 
 /// The fewest images that determine nine parameters with something left to test them.
 pub const LEAST_IMAGES: usize = 3;
@@ -25,6 +29,9 @@ const BLURRED: f64 = 2.0;
 const SHARP_PX: f64 = 2.0;
 /// Residuals below this reject no image, px.
 const HARMLESS_PX: f64 = 0.02;
+
+/// Parameters that are solved for: all, or all but k3.
+const MODELS: [&[usize]; 2] = [&[0, 1, 2, 3, 4, 5, 6, 7, 8], &[0, 1, 2, 3, 4, 5, 6, 7]];
 
 /// What became of an image.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,8 +50,10 @@ pub enum Verdict {
 pub struct Intrinsics {
     /// Focal lengths, principal point, distortion.
     pub lens: Lens,
-    /// Covariance of the lens's parameters.
+    /// Covariance of the lens's parameters; zero for those held.
     pub covariance: DMatrix<f64>,
+    /// Names of the coefficients that are held at zero.
+    pub held: Vec<&'static str>,
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
     /// Per image that was given.
@@ -106,6 +115,7 @@ pub fn calibrate(
 ) -> Result<Intrinsics, (Refusal, Vec<Verdict>)> {
     let mut verdicts: Vec<Verdict> = images.iter().map(first_verdict).collect();
     reject_blurred(images, &mut verdicts);
+    let (mut model, mut is_last) = (0, false);
     loop {
         let kept: Vec<usize> = (0..images.len())
             .filter(|i| matches!(verdicts[*i], Verdict::Used { .. }))
@@ -119,7 +129,7 @@ pub fn calibrate(
                     .map(|found| found.corners.as_slice())
             })
             .collect();
-        let (bundle, covariance) = match solve(board, size_px, &corners) {
+        let (bundle, covariance) = match solve(board, size_px, &corners, MODELS[model]) {
             Ok(solved) => solved,
             Err(Refusal::Few { used, .. }) => {
                 let given = images.len();
@@ -143,13 +153,24 @@ pub fn calibrate(
             }
         }
         let Some((index, rms_px)) = worst else {
+            let lens = bundle.lenses[0];
+            if !is_last && !can_undistort(&lens.camera(), size_px) {
+                // Without k3; and if that does not help, with it after all.
+                is_last = model == 1;
+                model = 1 - model;
+                continue;
+            }
             let mut poses = vec![None; images.len()];
             for (index, view) in kept.iter().zip(&bundle.views) {
                 poses[*index] = Some(view.pose);
             }
             let squares: f64 = rms.iter().map(|r| r * r).sum();
             return Ok(Intrinsics {
-                lens: bundle.lenses[0],
+                lens,
+                held: (0..PARAMETERS)
+                    .filter(|i| !MODELS[model].contains(i))
+                    .map(|i| NAMES[i])
+                    .collect(),
                 covariance,
                 rms_px: (squares / rms.len() as f64).sqrt(),
                 verdicts,
@@ -191,6 +212,7 @@ fn solve(
     board: &Board,
     size_px: [u32; 2],
     images: &[&[[f64; 2]]],
+    free: &[usize],
 ) -> Result<(Bundle, DMatrix<f64>), Refusal> {
     let used = images.len();
     if used < LEAST_IMAGES {
@@ -217,8 +239,7 @@ fn solve(
         motions: vec![Isometry3::identity()],
         views,
     };
-    let free: Vec<usize> = (0..PARAMETERS).collect();
-    let solution = bundle.adjust(&free)?;
+    let solution = bundle.adjust(free)?;
     for (i, name) in ["fx", "fy"].into_iter().enumerate() {
         let (value, sigma) = (bundle.lenses[0].0[i], solution.covariance[(i, i)].sqrt());
         if !(value > 0.0 && sigma < 0.1 * value) {
@@ -230,7 +251,13 @@ fn solve(
         }
     }
 
-    Ok((bundle, solution.covariance))
+    let mut covariance = DMatrix::zeros(PARAMETERS, PARAMETERS);
+    for (i, row) in free.iter().enumerate() {
+        for (j, column) in free.iter().enumerate() {
+            covariance[(*row, *column)] = solution.covariance[(i, j)];
+        }
+    }
+    Ok((bundle, covariance))
 }
 
 /// Focal lengths by Zhang's two conditions per view; no distortion.

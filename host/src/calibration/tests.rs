@@ -9,6 +9,7 @@ use super::lens::{Lens, PARAMETERS};
 use super::rig::{self, Eye, Instant};
 use super::stand;
 use crate::random::Random;
+use crate::rig_file::can_undistort;
 
 const BOARD: Board = Board {
     corners: [9, 6],
@@ -19,7 +20,7 @@ const NOISE_PX: f64 = 0.1;
 /// Nothing is an outlier.
 const KEEP: f64 = f64::INFINITY;
 
-const LENS: Lens = Lens([533.0, 529.0, 331.0, 236.0, -0.28, 0.08, 1e-3, -5e-4, 0.0]);
+const LENS: Lens = Lens([533.0, 529.0, 331.0, 236.0, -0.2, 0.05, 1e-3, -5e-4, 0.0]);
 
 /// The board somewhere before the cameras, tilted by up to 35 degrees about any axis.
 fn pose(random: &mut Random) -> Isometry3<f64> {
@@ -82,15 +83,19 @@ fn exact_corners_give_the_lens_back() {
 #[test]
 fn a_cameras_sigma_is_true() {
     let runs = 60;
-    let mut squares = [0.0; PARAMETERS];
+    let (mut squares, mut counts) = ([0.0; PARAMETERS], [0.0; PARAMETERS]);
     let mut worst: f64 = 0.0;
     for run in 0..runs {
         let images = images(12, NOISE_PX, &mut Random::new(7, run));
         let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
         for (i, sigma) in found.sigma().into_iter().enumerate() {
-            let error = (found.lens.0[i] - LENS.0[i]) / sigma;
-            squares[i] += error * error / runs as f64;
-            worst = worst.max(error.abs());
+            // In some runs k3 is held, at what it is in truth.
+            if sigma > 0.0 {
+                let error = (found.lens.0[i] - LENS.0[i]) / sigma;
+                squares[i] += error * error;
+                counts[i] += 1.0;
+                worst = worst.max(error.abs());
+            }
         }
         // Two coordinates of noise each.
         let expected = NOISE_PX * 2.0_f64.sqrt();
@@ -100,10 +105,14 @@ fn a_cameras_sigma_is_true() {
             found.rms_px
         );
     }
-    let mean = squares.iter().sum::<f64>() / PARAMETERS as f64;
+    assert!(counts[8] > 0.5 * runs as f64, "{counts:?}");
+    let mean = squares.iter().sum::<f64>() / counts.iter().sum::<f64>();
     assert!((0.7..1.4).contains(&mean), "{mean} {squares:?}");
-    for square in squares {
-        assert!((0.5..1.7).contains(&square), "{squares:?}");
+    for (square, count) in squares.into_iter().zip(counts) {
+        assert!(
+            (0.5..1.7).contains(&(square / count)),
+            "{squares:?} {counts:?}"
+        );
     }
     assert!(worst < 4.5, "{worst}");
 }
@@ -137,6 +146,34 @@ fn images_are_rejected_by_the_stated_rules() {
         assert_eq!(found.poses[index].is_some(), expected.is_empty());
     }
     assert_eq!(found.used(), 7);
+}
+
+/// Boards in the middle of the view say little about the bend of its corners: what would fold them over is left out.
+#[test]
+fn a_bend_that_cannot_be_told_is_left_out() {
+    let mut held = 0;
+    for run in 0..20 {
+        let mut random = Random::new(13, run);
+        let images: Vec<_> = (0..6)
+            .map(|_| {
+                let mut motion = pose(&mut random);
+                motion.translation.vector.z += 150.0;
+                found(corners(&BOARD, &LENS, &motion, NOISE_PX, &mut random))
+            })
+            .collect();
+        let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
+        if !found.held.is_empty() {
+            held += 1;
+            assert_eq!(found.held, ["k3"]);
+            assert_eq!((found.lens.0[8], found.sigma()[8]), (0.0, 0.0));
+            assert!(
+                can_undistort(&found.lens.camera(), SIZE_PX),
+                "{:?}",
+                found.lens
+            );
+        }
+    }
+    assert!(held > 2, "{held} of 20");
 }
 
 #[test]
