@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use host::error::{Failure, InputError};
 use host::station::StationError;
 
+mod bench;
 mod estimate;
 mod experiment;
 mod hello;
@@ -49,6 +50,7 @@ Exit codes:
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Bench(bench::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Ports(ports::Options),
@@ -60,6 +62,7 @@ enum Command {
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
+        Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
