@@ -31,10 +31,10 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 ];
 
 fn main() {
-    let mut arguments = std::env::args().skip(1);
+    let arguments = std::env::args().skip(1);
     // `cargo test --benches` does not say `--bench`: one round shows that everything runs.
     let mut rounds = 1;
-    while let Some(argument) = arguments.next() {
+    for argument in arguments {
         rounds = argument
             .parse()
             .unwrap_or(if argument == "--bench" { 7 } else { rounds });

@@ -1,6 +1,7 @@
 //! Images whose true flow is known exactly: periodic noise of three octaves, moved by multiplying its spectrum.
 
 use host::images::{Capture, Image};
+use host::random::Random;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use shared::rig::{Camera, Rig};
@@ -40,7 +41,7 @@ impl Scene {
     /// Two captures: left, middle, right, then the same moved by the flow.
     pub fn captures(&self) -> [Capture; 2] {
         let spectrum = Spectrum::noise(side(self.size_px), self.seed);
-        let mut noise = Random(self.seed ^ 0x5eed);
+        let mut noise = Random::new(self.seed, 1);
         [0.0, 1.0].map(|moved| {
             let [x, y] = self.flow_px.map(|f| f * moved);
             let shifts = [self.disparity_px[0], 0.0, self.disparity_px[1]];
@@ -76,24 +77,6 @@ fn side(size_px: [usize; 2]) -> usize {
     (size_px[0] + size_px[0] / 2).next_power_of_two()
 }
 
-/// splitmix64.
-struct Random(u64);
-
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn gaussian(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
-    }
-}
-
 /// A periodic pattern's spectrum, column by column.
 struct Spectrum {
     n: usize,
@@ -103,7 +86,7 @@ struct Spectrum {
 impl Spectrum {
     /// White noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard deviation 40 grey levels.
     fn noise(n: usize, seed: u64) -> Self {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed, 0);
         let mut sum = vec![Complex::default(); n * n];
         for (sigma, weight) in [(1.2, 1.0), (3.0, 1.0), (8.0, 0.8)] {
             let mut octave: Vec<Complex<f64>> = (0..n * n)

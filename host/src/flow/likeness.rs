@@ -224,19 +224,15 @@ impl NullaryFnOnce for Compare<'_> {
                     *out = sum * inverse;
                 }
             };
-            done += match rest.len() {
-                0..=SHORT => {
-                    finish(&self.block::<SHORT>(column), rest);
-                    SHORT
-                }
-                ..=LONG => {
-                    finish(&self.block::<LONG>(column), rest);
-                    LONG
-                }
-                _ => {
-                    finish(&self.block::<MANY>(column), rest);
-                    MANY
-                }
+            done += if rest.len() > LONG {
+                finish(&self.block::<MANY>(column), rest);
+                MANY
+            } else if rest.len() > SHORT {
+                finish(&self.block::<LONG>(column), rest);
+                LONG
+            } else {
+                finish(&self.block::<SHORT>(column), rest);
+                SHORT
             };
         }
     }

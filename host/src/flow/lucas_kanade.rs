@@ -153,14 +153,15 @@ impl<const N: usize, const W: usize> Template<N, W> {
         }
         let half = (N / 2) as f32;
         let mut grey = self.grey;
-        for r in 0..N {
+        for (r, row) in grey.iter_mut().enumerate() {
+            let (along, down) = (&self.along[r], &self.down[r]);
             let y = r as f32 - half;
-            for c in 0..W {
+            for (c, value) in row.iter_mut().enumerate() {
                 let x = c as f32 - half;
                 let dx = off[0][0] * x + off[0][1] * y;
                 let dy = off[1][0] * x + off[1][1] * y;
-                grey[r][c] += dx * (self.along[r][c] + self.mean_gradient[0])
-                    + dy * (self.down[r][c] + self.mean_gradient[1]);
+                *value += dx * (along[c] + self.mean_gradient[0])
+                    + dy * (down[c] + self.mean_gradient[1]);
             }
         }
         let mean = window::total(&grey) / (N * N) as f32;

@@ -79,7 +79,7 @@ impl Candidate {
 struct Corner {
     at: [f64; 2],
     /// From level 1 to the one below that which is searched.
-    coarse: Vec<Box<Small>>,
+    coarse: Vec<Small>,
     template: Box<Large>,
 }
 
@@ -141,7 +141,7 @@ impl Stereo<'_> {
         let levels = &self.pyramids[self.geometry.reference].levels;
         let coarse = (1..self.level).map(|level| {
             let scale = (1 << level) as f64;
-            Small::new(&levels[level], at.map(|c| (c / scale) as f32))
+            Small::new(&levels[level], at.map(|c| (c / scale) as f32)).map(|template| *template)
         });
         Some(Corner {
             at,
