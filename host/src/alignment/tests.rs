@@ -1,8 +1,8 @@
 //! Rendered scenes of known offsets: what is found, and whether sigma is true.
 
 use super::*;
-use crate::random::Random;
 use crate::images::{Scene, SceneSettings, Texture};
+use crate::random::Random;
 use crate::rig_file::RigFile;
 
 /// The paper's rig with principal points that are off: what the pictures are taken with.

@@ -8,6 +8,7 @@ use host::error::{Failure, InputError};
 use host::station::StationError;
 
 mod align;
+mod bench;
 mod calibrate;
 mod convert;
 mod destination;
@@ -55,6 +56,7 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Options),
+    Bench(bench::Options),
     Calibrate(calibrate::Options),
     Convert(convert::Options),
     Estimate(estimate::Options),
@@ -72,6 +74,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
+        Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),

@@ -13,7 +13,7 @@
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 use shared::sums::View;
-use shared::sums::centred::CentredSums;
+use shared::sums::centred::{CentredSums, PointFit};
 
 use super::geometry::Geometry;
 use crate::random::Random;
@@ -32,29 +32,23 @@ pub struct Consensus {
     pub median_px: f64,
 }
 
-/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes, px.
-pub fn residual_px(geometry: &Geometry, views: &[View], displacement_mm: [f64; 3]) -> f64 {
-    let ends = |pick: fn(&View) -> [f64; 2]| -> Vec<[f64; 2]> { views.iter().map(pick).collect() };
-    let before = geometry.fit(&ends(|v| v.start)).inverse_depth;
-    let now = geometry.fit(&ends(|v| v.end)).inverse_depth;
-    let g = 2.0 * before * now / (before + now);
-    let [tx, ty, tz] = displacement_mm;
-    let squares: f64 = views
-        .iter()
-        .map(|view| {
-            let flow = view.flow();
-            let middle: [f64; 2] = core::array::from_fn(|i| 0.5 * (view.start[i] + view.end[i]));
-            let dx = flow[0] - g * (tx - middle[0] * tz);
-            let dy = flow[1] - g * (ty - middle[1] * tz);
-            dx * dx + dy * dy
-        })
-        .sum();
-    let residual = geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt();
-    if residual.is_finite() {
-        residual
-    } else {
-        f64::INFINITY
+/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes, px. Infinite for a point that is not in
+/// front of the cameras (`None`).
+fn residual_px(
+    geometry: &Geometry,
+    views: &[View],
+    fit: Option<&PointFit>,
+    displacement_mm: [f64; 3],
+) -> f64 {
+    let Some(fit) = fit else {
+        return f64::INFINITY;
+    };
+    let mut squares = 0.0;
+    for (k, view) in views.iter().enumerate() {
+        let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
+        squares += (seen[0] - expected[0]).powi(2) + (seen[1] - expected[1]).powi(2);
     }
+    geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt()
 }
 
 /// The set of points that agree, from `start_mm` on. `None` if no solution exists.
@@ -64,17 +58,15 @@ pub fn agree(
     start_mm: [f64; 3],
     least_px: f64,
 ) -> Option<Consensus> {
+    let fits: Vec<Option<PointFit>> = points.iter().map(|p| geometry.arms.point(p)).collect();
     let mut displacement_mm = start_mm;
     let mut agrees = vec![false; points.len()];
     let mut median_px = f64::INFINITY;
     for _ in 0..ROUNDS {
-        let residuals: Vec<f64> = points
-            .iter()
-            .map(|views| residual_px(geometry, views, displacement_mm))
+        let residuals: Vec<f64> = (points.iter().zip(&fits))
+            .map(|(views, fit)| residual_px(geometry, views, fit.as_ref(), displacement_mm))
             .collect();
-        let mut sorted = residuals.clone();
-        sorted.sort_by(f64::total_cmp);
-        median_px = *sorted.get(sorted.len() / 2)?;
+        median_px = median(&mut residuals.clone())?;
         let limit = (3.0 * median_px).max(least_px);
         let now: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
         let settled = now == agrees;
@@ -123,7 +115,8 @@ impl Sighting {
     /// Distance from where `displacement_mm` puts it, normalised.
     pub fn residual(&self, displacement_mm: [f64; 3]) -> f64 {
         let expected = Self::predicted(self.before, self.inverse_depth, displacement_mm);
-        (self.now[0] - expected[0]).hypot(self.now[1] - expected[1])
+        let off = [self.now[0] - expected[0], self.now[1] - expected[1]];
+        (off[0] * off[0] + off[1] * off[1]).sqrt()
     }
 }
 
@@ -164,12 +157,16 @@ fn least_median(sightings: &[Sighting], start_mm: [f64; 3]) -> Option<[f64; 3]> 
 
 fn median_residual(sightings: &[Sighting], displacement_mm: [f64; 3]) -> Option<f64> {
     let residual = |s: &Sighting| s.residual(displacement_mm);
-    let mut residuals: Vec<f64> = sightings.iter().map(residual).collect();
-    if residuals.is_empty() {
+    median(&mut sightings.iter().map(residual).collect::<Vec<f64>>())
+}
+
+/// Of an even number, the larger of both in the middle.
+fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() {
         return None;
     }
-    let middle = residuals.len() / 2;
-    Some(*residuals.select_nth_unstable_by(middle, f64::total_cmp).1)
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Weighted least squares. `None` if the sightings do not determine it.

@@ -4,8 +4,8 @@ use shared::sums::View;
 
 use super::consensus::{self, Sighting};
 use super::geometry::Geometry;
-use super::lucas_kanade::{Found, Large, Small, Template};
-use super::pyramid::{Plane, Pyramid};
+use super::lucas_kanade::{Found, Large, Small};
+use super::pyramid::Pyramid;
 use super::stereo::{self, Match};
 use super::{Reason, Settings};
 
@@ -63,11 +63,11 @@ impl Follow<'_> {
             if !Small::fits(before, from) || !Small::fits(now, to) {
                 continue;
             }
-            let Some(template) = Small::new(before, from, shrink(rho, guess_mm)) else {
+            let Some(template) = Small::new(before, from) else {
                 continue;
             };
             in_view += 1;
-            if let Some(found) = template.find(now, to, STEPS) {
+            if let Some(found) = template.find(now, to, shrink(rho, guess_mm), STEPS) {
                 let pixel = found.at.map(|p| f64::from(p) * scale);
                 sightings.push(Sighting {
                     before: matched.views[k],
@@ -117,28 +117,20 @@ impl Follow<'_> {
     }
 
     fn view(&self, k: usize, matched: &Match, displacement_mm: [f64; 3]) -> Result<Found, Reason> {
-        let [before, now]: [&Plane; 2] = [self.before, self.now].map(|p| &p[k].levels[0]);
+        let now = &self.now[k].levels[0];
         let rho = matched.ray.inverse_depth;
-        let from = matched.pixels[k];
         let expected = Sighting::predicted(matched.views[k], rho, displacement_mm);
-        let to = self.geometry.pixel(k, expected);
-        let start = to.map(|p| p as f32);
-        let warp = shrink(rho, displacement_mm);
-        if !Template::<21, 24>::fits(now, start) {
+        let start = self.geometry.pixel(k, expected).map(|p| p as f32);
+        if !Large::fits(now, start) {
             return Err(Reason::OutOfView);
         }
-        let template = Large::new(before, from.map(|p| p as f32), warp).ok_or(Reason::Flat)?;
-        let found = template.find(now, start, STEPS).ok_or(Reason::Unlike)?;
+        let warp = shrink(rho, displacement_mm);
+        let found = matched.templates[k].find(now, start, warp, STEPS);
+        let found = found.ok_or(Reason::Unlike)?;
         if found.likeness < self.settings.least_likeness {
             return Err(Reason::Unlike);
         }
-        let grow = [[1.0 / warp[0][0], 0.0], [0.0, 1.0 / warp[1][1]]];
-        let back = Large::new(now, found.at, grow).ok_or(Reason::Flat)?;
-        // From where the rough displacement, not the match, puts it: else there would be nothing to find.
-        let start = [0, 1].map(|i| (from[i] - to[i]) as f32 + found.at[i]);
-        let returned = back.find(before, start, STEPS).ok_or(Reason::NoReturn)?;
-        let miss = [0, 1].map(|i| f64::from(returned.at[i]) - from[i]);
-        if miss[0].hypot(miss[1]) > self.settings.return_px {
+        if !(f64::from(found.miss) <= self.settings.return_px) {
             return Err(Reason::NoReturn);
         }
         Ok(found)

@@ -11,6 +11,7 @@
 //! every point); its part across the arm is the paper's vertical test (2).
 
 use shared::rig::Rig;
+use shared::sums::centred;
 
 /// The rig as the matching needs it.
 #[derive(Clone, Debug)]
@@ -23,8 +24,8 @@ pub struct Geometry {
     pub focal_px: f64,
     /// Largest distance of a camera from the reference camera, mm.
     pub reach_mm: f64,
-    arms_mm: Vec<[f64; 2]>,
-    arms_squared_mm2: f64,
+    /// Where the cameras stand, and what their views of one point say together.
+    pub arms: centred::Geometry,
 }
 
 /// A point in space, seen from the rig's plane.
@@ -39,37 +40,26 @@ pub struct Ray {
 impl Geometry {
     /// `None` unless the rig has at least two cameras in different places.
     pub fn new(rig: &Rig) -> Option<Self> {
-        let count = rig.cameras.len() as f64;
-        let mean: [f64; 2] = core::array::from_fn(|i| {
-            rig.cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count
-        });
-        let arms_mm: Vec<[f64; 2]> = rig
-            .cameras
-            .iter()
-            .map(|c| [c.offset_mm[0] - mean[0], c.offset_mm[1] - mean[1]])
-            .collect();
-        let length = |arm: &[f64; 2]| arm[0].hypot(arm[1]);
-        let reference = (0..arms_mm.len())
-            .min_by(|&a, &b| length(&arms_mm[a]).total_cmp(&length(&arms_mm[b])))?;
-        let centre = arms_mm[reference];
-        let reach_mm = arms_mm
-            .iter()
-            .map(|arm| length(&[arm[0] - centre[0], arm[1] - centre[1]]))
+        let arms = centred::Geometry::new(rig).ok()?;
+        let places = arms.arms_mm();
+        let reference =
+            (0..places.len()).min_by(|&a, &b| length(places[a]).total_cmp(&length(places[b])))?;
+        let centre = places[reference];
+        let reach_mm = (places.iter())
+            .map(|arm| length([arm[0] - centre[0], arm[1] - centre[1]]))
             .fold(0.0, f64::max);
-        let arms_squared_mm2 = arms_mm.iter().map(|[x, y]| x * x + y * y).sum();
-        (rig.cameras.len() >= 2 && arms_squared_mm2 > 0.0).then(|| Self {
+        Some(Self {
             rig: rig.clone(),
             reference,
             focal_px: rig.mean_focal_px(),
             reach_mm,
-            arms_mm,
-            arms_squared_mm2,
+            arms,
         })
     }
 
     /// Number of cameras.
     pub fn cameras(&self) -> usize {
-        self.arms_mm.len()
+        self.arms.cameras()
     }
 
     /// Pixel of camera `k` to normalised coordinates.
@@ -84,7 +74,8 @@ impl Geometry {
 
     /// Where camera `k` sees what the reference camera sees in the normalised direction `at`, px.
     pub fn transfer(&self, k: usize, at: [f64; 2], inverse_depth: f64) -> [f64; 2] {
-        let (from, to) = (self.arms_mm[self.reference], self.arms_mm[k]);
+        let arms = self.arms.arms_mm();
+        let (from, to) = (arms[self.reference], arms[k]);
         self.pixel(
             k,
             core::array::from_fn(|i| at[i] - inverse_depth * (to[i] - from[i])),
@@ -117,25 +108,16 @@ impl Geometry {
 
     /// The point that fits the normalised views best.
     pub fn fit(&self, views: &[[f64; 2]]) -> Ray {
-        let count = self.arms_mm.len() as f64;
-        let mut direction = [0.0; 2];
-        let mut lever = 0.0;
-        for (arm, view) in self.arms_mm.iter().zip(views) {
-            direction = [
-                direction[0] + view[0] / count,
-                direction[1] + view[1] / count,
-            ];
-            lever -= arm[0] * view[0] + arm[1] * view[1];
-        }
+        let (inverse_depth, direction) = self.arms.fit(views.iter().copied());
         Ray {
             direction,
-            inverse_depth: lever / self.arms_squared_mm2,
+            inverse_depth,
         }
     }
 
     /// Where camera `k` should see `ray`, normalised.
     pub fn view(&self, k: usize, ray: &Ray) -> [f64; 2] {
-        core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms_mm[k][i])
+        core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms.arms_mm()[k][i])
     }
 
     /// Constraint (3): by how much the disparities of one point's views disagree, px: the largest residual along a camera's arm.
@@ -159,29 +141,28 @@ impl Geometry {
         part: impl Fn([f64; 2], [f64; 2]) -> f64,
     ) -> f64 {
         let ray = self.fit(views);
-        let longest = self
-            .arms_mm
-            .iter()
-            .map(|a| a[0].hypot(a[1]))
-            .fold(0.0, f64::max);
-        let across = self.arms_mm.iter().find(|a| a[0].hypot(a[1]) == longest);
+        let arms = self.arms.arms_mm();
+        let longest = arms.iter().map(|a| length(*a)).fold(0.0, f64::max);
+        let across = arms.iter().find(|a| length(**a) == longest);
         let main = across.map_or([1.0, 0.0], |a| a.map(|c| c / longest));
         (0..views.len())
             .map(|k| {
                 let expected = self.view(k, &ray);
                 let residual = core::array::from_fn(|i| views[k][i] - expected[i]);
-                let arm = self.arms_mm[k];
-                let length = arm[0].hypot(arm[1]);
                 // A camera in the middle has no arm of its own to speak of.
-                let unit = if length < 0.1 * longest {
+                let unit = if length(arms[k]) < 0.1 * longest {
                     main
                 } else {
-                    arm.map(|c| c / length)
+                    arms[k].map(|c| c / length(arms[k]))
                 };
                 self.focal_px * part(residual, unit).abs()
             })
             .fold(0.0, f64::max)
     }
+}
+
+fn length([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

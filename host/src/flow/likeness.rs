@@ -4,17 +4,27 @@
 //! likeness(x, y) = Σ T' I(x + i, y + j) / sqrt(Σ (I - mean)²)       T' zero-mean with Σ T'² = 1
 //! ```
 
+use pulp::{Arch, NullaryFnOnce};
+
 use super::pyramid::Plane;
 
 /// Side of the window, px of the level.
 pub const SIDE: usize = 11;
 const REACH: usize = SIDE / 2;
-/// Positions that are computed together.
-const LANES: usize = 8;
+/// Places that are compared together: so many that no sum waits for itself, so few that all stay in registers.
+const MANY: usize = 32;
+/// The same at the end of a row.
+const LONG: usize = 40;
+/// The same where few are left.
+const SHORT: usize = 16;
+/// Places whose windows are summed together.
+const BLOCK: usize = 64;
+/// The middle of the grey levels.
+const MIDDLE: f32 = 128.0;
 /// Likeness of a position whose window is not within the image.
 pub const OUTSIDE: f32 = f32::NEG_INFINITY;
 /// Windows with less contrast than this (grey levels, standard deviation) are like nothing.
-const LEAST_CONTRAST: f64 = 1.0;
+const LEAST_CONTRAST: f32 = 1.0;
 
 /// A coarse level and the contrast of every window in it.
 #[derive(Clone, Debug, Default)]
@@ -28,48 +38,81 @@ pub struct Field {
 #[derive(Clone, Debug)]
 pub struct Probe([[f32; SIDE]; SIDE]);
 
+/// The contrast of all windows.
+struct Contrast<'a> {
+    plane: &'a Plane,
+    inverse: &'a mut [f32],
+}
+
+impl NullaryFnOnce for Contrast<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Plane { width, stride, .. } = *self.plane;
+        let count = (SIDE * SIDE) as f32;
+        let places = width - (SIDE - 1);
+        // Σ (I - middle) and Σ (I - middle)² over the rows of the window, per column: small numbers lose little.
+        let mut columns = [vec![0.0_f32; width], vec![0.0_f32; width]];
+        let mut windows = [vec![0.0_f32; width], vec![0.0_f32; width]];
+        for y in REACH..self.plane.height - REACH {
+            let [sums, squares] = &mut columns;
+            sums.fill(0.0);
+            squares.fill(0.0);
+            for r in y - REACH..=y + REACH {
+                let row = &self.plane.grey[r * stride..][..width];
+                for ((sum, square), level) in sums.iter_mut().zip(&mut *squares).zip(row) {
+                    let level = level - MIDDLE;
+                    *sum += level;
+                    *square += level * level;
+                }
+            }
+            for (column, window) in columns.iter().zip(&mut windows) {
+                sums_of_eleven(column, window);
+            }
+            let out = &mut self.inverse[y * stride + REACH..][..places];
+            for ((out, sum), square) in out.iter_mut().zip(&windows[0]).zip(&windows[1]) {
+                let variation = square - sum * sum / count;
+                let inverse = 1.0 / variation.sqrt();
+                let enough = variation > count * LEAST_CONTRAST * LEAST_CONTRAST;
+                *out = if enough { inverse } else { 0.0 };
+            }
+        }
+    }
+}
+
+/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out` are of no use.
+#[inline(always)]
+fn sums_of_eleven(values: &[f32], out: &mut [f32]) {
+    const { assert!(SIDE == 11) }
+    let count = values.len();
+    let mut pairs = [0.0_f32; BLOCK + 10];
+    let mut fours = [0.0_f32; BLOCK + 8];
+    for start in (0..count - (SIDE - 1)).step_by(BLOCK) {
+        let places = BLOCK.min(count - (SIDE - 1) - start);
+        let values = &values[start..][..places + SIDE - 1];
+        for (i, pair) in pairs[..places + 9].iter_mut().enumerate() {
+            *pair = values[i] + values[i + 1];
+        }
+        for i in 0..places + 4 {
+            fours[i] = pairs[i] + pairs[i + 2];
+        }
+        let out = &mut out[start..][..places];
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = (fours[i] + fours[i + 4]) + (pairs[i + 8] + values[i + 10]);
+        }
+    }
+}
+
 impl Field {
     /// Sums up all windows of `plane`.
     pub fn new(plane: &Plane) -> Self {
-        let (width, height) = (plane.width, plane.height);
-        let mut inverse = vec![0.0_f32; plane.stride * height];
-        if width < SIDE || height < SIDE {
-            return Self {
-                plane: plane.clone(),
-                inverse,
-            };
-        }
-        let count = (SIDE * SIDE) as f64;
-        // Column sums of I and I² over the rows of the window.
-        let mut sums = vec![[0.0_f64; 2]; width];
-        for y in 0..height {
-            let row = &plane.grey[y * plane.stride..][..width];
-            for (sum, level) in sums.iter_mut().zip(row) {
-                let level = f64::from(*level);
-                *sum = [sum[0] + level, sum[1] + level * level];
-            }
-            if y + 1 < SIDE {
-                continue;
-            }
-            let mut total = [0.0_f64; 2];
-            for x in 0..width {
-                total = [total[0] + sums[x][0], total[1] + sums[x][1]];
-                if x + 1 < SIDE {
-                    continue;
-                }
-                let variation = total[1] - total[0] * total[0] / count;
-                if variation > count * LEAST_CONTRAST * LEAST_CONTRAST {
-                    inverse[(y - REACH) * plane.stride + x - REACH] =
-                        (1.0 / variation.sqrt()) as f32;
-                }
-                let gone = sums[x + 1 - SIDE];
-                total = [total[0] - gone[0], total[1] - gone[1]];
-            }
-            let first = &plane.grey[(y + 1 - SIDE) * plane.stride..][..width];
-            for (sum, level) in sums.iter_mut().zip(first) {
-                let level = f64::from(*level);
-                *sum = [sum[0] - level, sum[1] - level * level];
-            }
+        let mut inverse = vec![0.0_f32; plane.stride * plane.height];
+        if plane.width >= SIDE && plane.height >= SIDE {
+            Arch::new().dispatch(Contrast {
+                plane,
+                inverse: &mut inverse,
+            });
         }
         Self {
             plane: plane.clone(),
@@ -122,27 +165,75 @@ impl Field {
         if first >= end {
             return;
         }
-        let (start, y) = (first as usize, y as usize);
-        let inverse = &self.inverse[y * self.plane.stride..][..self.plane.stride];
-        let out = &mut out[(first - x) as usize..(end - x) as usize];
-        for (block, out) in out.chunks_mut(LANES).enumerate() {
-            let column = start + block * LANES;
-            let mut sums = [0.0_f32; LANES];
-            for (r, taps) in probe.0.iter().enumerate() {
-                let from = (y + r - REACH) * self.plane.stride + column - REACH;
-                let row: &[f32; SIDE + LANES - 1] = match self.plane.grey[from..].first_chunk() {
-                    Some(row) => row,
-                    None => return,
-                };
-                for (i, tap) in taps.iter().enumerate() {
-                    for l in 0..LANES {
-                        sums[l] += tap * row[i + l];
-                    }
+        Arch::new().dispatch(Compare {
+            field: self,
+            probe,
+            start: first as usize,
+            y: y as usize,
+            out: &mut out[(first - x) as usize..(end - x) as usize],
+        });
+    }
+}
+
+/// The comparison of a probe with places in a row, all within the image.
+struct Compare<'a> {
+    field: &'a Field,
+    probe: &'a Probe,
+    start: usize,
+    y: usize,
+    out: &'a mut [f32],
+}
+
+impl Compare<'_> {
+    /// So many places at once: enough that no sum waits for itself.
+    #[inline(always)]
+    fn block<const PLACES: usize>(&self, column: usize) -> [f32; PLACES] {
+        let Plane { stride, grey, .. } = &self.field.plane;
+        let mut sums = [0.0_f32; PLACES];
+        for (r, taps) in self.probe.0.iter().enumerate() {
+            let from = (self.y + r - REACH) * stride + column - REACH;
+            // The padding lets the last block read on; what it computes there is dropped.
+            let Some(row) = grey.get(from..from + SIDE - 1 + PLACES) else {
+                return sums;
+            };
+            for (i, tap) in taps.iter().enumerate() {
+                let row = &row[i..][..PLACES];
+                for (sum, level) in sums.iter_mut().zip(row) {
+                    *sum += tap * level;
                 }
             }
-            for (l, out) in out.iter_mut().enumerate() {
-                *out = sums[l] * inverse[column + l];
-            }
+        }
+        sums
+    }
+}
+
+impl NullaryFnOnce for Compare<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(mut self) {
+        let inverse = &self.field.inverse[self.y * self.field.plane.stride..];
+        let out = std::mem::take(&mut self.out);
+        let mut done = 0;
+        while done < out.len() {
+            let column = self.start + done;
+            let rest = &mut out[done..];
+            let inverse = &inverse[column..];
+            let finish = |sums: &[f32], rest: &mut [f32]| {
+                for ((out, sum), inverse) in rest.iter_mut().zip(sums).zip(inverse) {
+                    *out = sum * inverse;
+                }
+            };
+            done += if rest.len() > LONG {
+                finish(&self.block::<MANY>(column), rest);
+                MANY
+            } else if rest.len() > SHORT {
+                finish(&self.block::<LONG>(column), rest);
+                LONG
+            } else {
+                finish(&self.block::<SHORT>(column), rest);
+                SHORT
+            };
         }
     }
 }

@@ -16,25 +16,32 @@
 use crate::images::Capture;
 use shared::rig::Rig;
 
+pub mod alignment;
 pub mod consensus;
 pub mod corner;
 pub mod follow;
+pub mod frame_set;
 pub mod geometry;
+pub mod laps;
 pub mod likeness;
 pub mod lucas_kanade;
 pub mod pyramid;
 pub mod refusal;
 pub mod search;
+mod spare;
 pub mod stereo;
+mod workers;
 
 use follow::{Follow, Followed};
 use geometry::Geometry;
+use laps::{Laps, Stage};
 use likeness::Field;
 use lucas_kanade::Large;
 use pyramid::Pyramid;
 pub use refusal::{Reason, Refusal, Rejected};
 use search::Search;
 use shared::sums::View;
+use spare::Spare;
 use stereo::{Match, Stereo};
 
 /// One scene point, followed in every camera.
@@ -70,6 +77,8 @@ pub struct Settings {
     pub scatter_px: f64,
     /// The least number of points of any use.
     pub least_points: usize,
+    /// Threads that share the work, at least 1. Results do not depend on it.
+    pub threads: usize,
 }
 
 impl Default for Settings {
@@ -86,6 +95,7 @@ impl Default for Settings {
             agree_px: 0.1,
             scatter_px: 0.5,
             least_points: 8,
+            threads: 1,
         }
     }
 }
@@ -106,6 +116,12 @@ pub struct Measurement {
     pub overlap: f64,
 }
 
+/// A capture's images at all scales, one per camera: what needs no other capture.
+#[derive(Clone, Debug)]
+pub struct Filtered {
+    pyramids: Vec<Pyramid>,
+}
+
 /// Matched points and images of the reference instant.
 #[derive(Clone, Debug)]
 struct Keyframe {
@@ -121,6 +137,7 @@ pub struct Flow {
     geometry: Geometry,
     settings: Settings,
     keyframe: Option<Keyframe>,
+    spare: Spare,
 }
 
 /// The level on which an image `width` px wide is at most `most` px wide.
@@ -138,6 +155,7 @@ impl Flow {
             geometry: Geometry::new(rig).ok_or(Refusal::WrongRig)?,
             settings,
             keyframe: None,
+            spare: Spare::default(),
         })
     }
 
@@ -151,7 +169,11 @@ impl Flow {
         level_of(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
     }
 
-    fn pyramids(&self, capture: &Capture) -> Result<Vec<Pyramid>, Refusal> {
+    /// Filters the images of a capture.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongViews`] or [`Refusal::WrongSize`] if they are not this rig's.
+    pub fn filter(&self, capture: &Capture, laps: &mut Laps) -> Result<Filtered, Refusal> {
         let cameras = self.geometry.cameras();
         if capture.views.len() != cameras {
             return Err(Refusal::WrongViews {
@@ -167,11 +189,17 @@ impl Flow {
             }
         }
         let levels = 1 + self.temporal_level().max(self.spatial_level());
-        Ok(capture
-            .views
-            .iter()
-            .map(|view| Pyramid::new(view, levels))
-            .collect())
+        let memory = self.spare.take().map_or_else(Vec::new, |s| s.pyramids);
+        let memory = memory
+            .into_iter()
+            .chain(std::iter::repeat_with(Pyramid::default));
+        let jobs = capture.views.iter().zip(memory).collect();
+        let pyramids = workers::map(self.settings.threads, jobs, |(view, mut pyramid)| {
+            pyramid.refill(view, levels);
+            pyramid
+        });
+        laps.lap(Stage::Filter);
+        Ok(Filtered { pyramids })
     }
 
     /// Makes `capture` the reference of all later measurements. After a refusal there is none.
@@ -179,22 +207,38 @@ impl Flow {
     /// # Errors
     /// [`Refusal`], with what was found.
     pub fn set_reference(&mut self, capture: &Capture) -> Result<(), Refusal> {
-        self.keyframe = None;
-        let pyramids = self.pyramids(capture)?;
+        let mut laps = Laps::start();
+        match self.filter(capture, &mut laps) {
+            Ok(filtered) => self.refer_to(filtered, &mut laps),
+            Err(refusal) => {
+                self.keyframe = None;
+                Err(refusal)
+            }
+        }
+    }
+
+    /// [`Flow::set_reference`] with a capture that was filtered before, as that of the last measurement was.
+    ///
+    /// # Errors
+    /// [`Refusal`], with what was found.
+    pub fn refer_to(&mut self, filtered: Filtered, laps: &mut Laps) -> Result<(), Refusal> {
+        // What the old keyframe occupies is given back only when the new one is complete: else the allocator would return it to the system,
+        // to ask for it again at once.
+        let old = self.keyframe.take();
+        let pyramids = filtered.pyramids;
         let settings = &self.settings;
         let reference = self.geometry.reference;
         let base = &pyramids[reference].levels[0];
         let corners = corner::corners(base, Large::MARGIN + 1, settings.apart_px, settings.corners);
+        laps.lap(Stage::Corners);
         let least = settings.least_points;
         if corners.len() < least {
             let found = corners.len();
             return Err(Refusal::FewCorners { found, least });
         }
         let level = self.spatial_level();
-        let fields: Vec<Field> = pyramids
-            .iter()
-            .map(|p| Field::new(&p.levels[level]))
-            .collect();
+        let planes = pyramids.iter().map(|p| &p.levels[level]).collect();
+        let fields = workers::map(settings.threads, planes, Field::new);
         let stereo = Stereo {
             geometry: &self.geometry,
             settings,
@@ -202,19 +246,26 @@ impl Flow {
             fields: &fields,
             level,
         };
+        let places: Vec<[f64; 2]> = (corners.iter().enumerate())
+            .map(|(index, corner)| spread_phase(index, *corner))
+            .collect();
         let mut rejected = Rejected::default();
         let mut matches = Vec::with_capacity(settings.points);
-        let mut tried = 0;
-        for (index, corner) in corners.into_iter().enumerate() {
-            if matches.len() == settings.points {
-                break;
-            }
-            tried += 1;
-            match stereo.find(spread_phase(index, corner)) {
-                Ok(matched) => matches.push(matched),
-                Err(reason) => rejected.add(reason),
+        let mut untried = places.as_slice();
+        while matches.len() < settings.points && !untried.is_empty() {
+            // No more than could be used, so none is tried in vain however many threads there are.
+            let wanted = settings.points - matches.len();
+            let (batch, rest) = untried.split_at(wanted.min(untried.len()));
+            untried = rest;
+            for found in workers::map(settings.threads, batch.to_vec(), |place| stereo.find(place))
+            {
+                match found {
+                    Ok(matched) => matches.push(matched),
+                    Err(reason) => rejected.add(reason),
+                }
             }
         }
+        let tried = places.len() - untried.len();
         let (matched, ambiguous) = (matches.len(), rejected.of(Reason::Ambiguous));
         if ambiguous > matched && 4 * ambiguous > tried {
             return Err(Refusal::AmbiguousDepth { ambiguous, matched });
@@ -233,6 +284,10 @@ impl Flow {
             matches,
             rejected,
         });
+        if let Some(Keyframe { pyramids, .. }) = old {
+            self.spare.keep(Filtered { pyramids });
+        }
+        laps.lap(Stage::Spatial);
         Ok(())
     }
 
@@ -241,23 +296,40 @@ impl Flow {
     /// # Errors
     /// [`Refusal`], with what was found. The reference stays.
     pub fn measure(&self, capture: &Capture) -> Result<Measurement, Refusal> {
+        // Before anything is computed in vain.
+        self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
+        let mut laps = Laps::start();
+        let filtered = self.filter(capture, &mut laps)?;
+        let measurement = self.measure_in(&filtered, &mut laps);
+        self.spare.keep(filtered);
+        measurement
+    }
+
+    /// [`Flow::measure`] with a capture that was filtered before.
+    ///
+    /// # Errors
+    /// [`Refusal`], with what was found. The reference stays.
+    pub fn measure_in(&self, now: &Filtered, laps: &mut Laps) -> Result<Measurement, Refusal> {
         let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
-        let pyramids = self.pyramids(capture)?;
         let follow = Follow {
             geometry: &self.geometry,
             settings: &self.settings,
             before: &keyframe.pyramids,
-            now: &pyramids,
+            now: &now.pyramids,
         };
-        let rough_mm = self.rough(keyframe, &pyramids, &follow)?;
+        let rough_mm = self.rough(keyframe, &now.pyramids, &follow)?;
+        laps.lap(Stage::Search);
         let mut rejected = keyframe.rejected;
         let mut followed: Vec<Followed> = Vec::with_capacity(keyframe.matches.len());
-        for matched in &keyframe.matches {
-            match follow.point(matched, rough_mm) {
+        let threads = self.settings.threads;
+        let matches = keyframe.matches.iter().collect();
+        for point in workers::map(threads, matches, |m| follow.point(m, rough_mm)) {
+            match point {
                 Ok(point) => followed.push(point),
                 Err(reason) => rejected.add(reason),
             }
         }
+        laps.lap(Stage::Temporal);
         let least = self.settings.least_points;
         if followed.len() < least {
             return Err(Refusal::FewTracks {
@@ -266,7 +338,9 @@ impl Flow {
                 least,
             });
         }
-        self.settle(followed, rough_mm, rejected)
+        let measurement = self.settle(followed, rough_mm, rejected);
+        laps.lap(Stage::Consensus);
+        measurement
     }
 
     /// The displacement to a fraction of a pixel, or why there is none or more than one.

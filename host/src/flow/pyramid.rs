@@ -4,6 +4,8 @@
 //! second pixel; the lowest is the image itself, smoothed by the same filter (the Gaussian of the paper's
 //! section 4.3, sigma 1 px). Pixel `(x, y)` of level `l` lies at `(x 2^l, y 2^l)` of the image: no half pixels.
 
+use pulp::{Arch, NullaryFnOnce};
+
 use crate::images::Image;
 
 /// Columns right of the image that repeat its last one, so that vectors may read past the end of a row.
@@ -22,53 +24,126 @@ pub struct Plane {
     pub grey: Vec<f32>,
 }
 
-impl Plane {
-    /// The 5-tap filter over rows of `source`, every `step`th pixel kept.
-    fn filtered<T: Copy + Into<f32>>(
-        source: &[T],
-        [width, height]: [usize; 2],
-        source_stride: usize,
-        step: usize,
-    ) -> Self {
-        let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
-        let stride = columns + PADDING;
-        let mut grey = vec![0.0_f32; stride * rows + PADDING];
-        // One row, smoothed along y, with two repeated pixels on either side.
-        let mut smooth = vec![0.0_f32; width + 4];
-        let row = |at: isize| {
-            let at = at.clamp(0, height as isize - 1) as usize;
-            &source[at * source_stride..][..width]
-        };
-        for (r, out) in grey.chunks_exact_mut(stride).take(rows).enumerate() {
-            let centre = (r * step) as isize;
-            let [a, b, c, d, e] = [-2, -1, 0, 1, 2].map(|offset| row(centre + offset));
-            for (i, sum) in smooth[2..width + 2].iter_mut().enumerate() {
-                let (a, b, c): (f32, f32, f32) = (a[i].into(), b[i].into(), c[i].into());
-                let (d, e): (f32, f32) = (d[i].into(), e[i].into());
-                *sum = (a + e) + 4.0 * (b + d) + 6.0 * c;
-            }
-            let (first, last) = (smooth[2], smooth[width + 1]);
-            smooth[..2].fill(first);
-            smooth[width + 2..].fill(last);
-            let tap = |w: &[f32]| ((w[0] + w[4]) + 4.0 * (w[1] + w[3]) + 6.0 * w[2]) / 256.0;
-            if step == 1 {
-                for (out, window) in out.iter_mut().zip(smooth.windows(5)) {
-                    *out = tap(window);
-                }
-            } else {
-                for (out, window) in out.iter_mut().zip(smooth.windows(5).step_by(step)) {
-                    *out = tap(window);
-                }
-            }
-            let last = out[columns - 1];
-            out[columns..].fill(last);
-        }
-        Self {
-            width: columns,
-            height: rows,
+/// The filter, not yet divided by its sum. Of grey levels: the sum of 16 fits 16 bits, and so does that of 256; nothing wraps.
+#[inline(always)]
+fn narrow([a, b, c, d, e]: [u16; 5]) -> u16 {
+    let (outer, inner) = (a.wrapping_add(e), b.wrapping_add(d));
+    let inner = inner.wrapping_add(c);
+    let twice = c.wrapping_add(c);
+    outer.wrapping_add(inner << 2).wrapping_add(twice)
+}
+
+/// The filter, not yet divided by its sum.
+#[inline(always)]
+fn wide([a, b, c, d, e]: [f32; 5]) -> f32 {
+    (a + e) + 4.0 * (b + d) + 6.0 * c
+}
+
+/// The filter across five rows.
+#[inline(always)]
+fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [T]) {
+    let [a, b, c, d, e] = rows.map(|row| &row[..out.len()]);
+    for i in 0..out.len() {
+        out[i] = filter([a[i], b[i], c[i], d[i], e[i]]);
+    }
+}
+
+/// The filter along a row whose two first and two last values lie beyond the image, at every `STEP`th place.
+#[inline(always)]
+fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, out: &mut [f32]) {
+    let count = (out.len() - 1) * STEP + 1;
+    let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|i| &row[i..][..count]);
+    for (i, out) in out.iter_mut().enumerate() {
+        let i = i * STEP;
+        *out = filter([a[i], b[i], c[i], d[i], e[i]]) / 256.0;
+    }
+}
+
+/// A row with two repeated pixels on either side.
+#[inline(always)]
+fn repeat_ends<T: Copy>(row: &mut [T]) {
+    let end = row.len() - 2;
+    let (first, last) = (row[2], row[end - 1]);
+    row[..2].fill(first);
+    row[end..].fill(last);
+}
+
+/// The five rows around `centre`; beyond the border, the outermost.
+#[inline(always)]
+fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usize) -> [&[T]; 5] {
+    [0, 1, 2, 3, 4].map(|i| {
+        let row = (centre + i).saturating_sub(2).min(height - 1);
+        &source[row * stride..][..width]
+    })
+}
+
+/// Level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers are the fastest.
+struct Smooth<'a> {
+    image: &'a Image,
+    plane: &'a mut Plane,
+}
+
+impl NullaryFnOnce for Smooth<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Plane {
+            width,
+            height,
             stride,
             grey,
+        } = self.plane;
+        let mut column = vec![0_u16; *width + 4];
+        for (r, out) in grey.chunks_exact_mut(*stride).take(*height).enumerate() {
+            let five = rows(&self.image.grey, r, [*width, *height], *width);
+            let filter = |levels: [u8; 5]| narrow(levels.map(u16::from));
+            across(five, filter, &mut column[2..*width + 2]);
+            repeat_ends(&mut column);
+            let (inside, beyond) = out.split_at_mut(*width);
+            along::<u16, 1>(&column, |sums| f32::from(narrow(sums)), inside);
+            beyond.fill(inside[*width - 1]);
         }
+    }
+}
+
+/// All other levels.
+struct Halve<'a> {
+    below: &'a Plane,
+    plane: &'a mut Plane,
+}
+
+impl NullaryFnOnce for Halve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Plane {
+            width,
+            height,
+            stride,
+            grey,
+        } = self.plane;
+        let size = [self.below.width, self.below.height];
+        let mut column = vec![0.0_f32; size[0] + 4];
+        for (r, out) in grey.chunks_exact_mut(*stride).take(*height).enumerate() {
+            let five = rows(&self.below.grey, 2 * r, size, self.below.stride);
+            across(five, wide, &mut column[2..size[0] + 2]);
+            repeat_ends(&mut column);
+            let (inside, beyond) = out.split_at_mut(*width);
+            along::<f32, 2>(&column, wide, inside);
+            beyond.fill(inside[*width - 1]);
+        }
+    }
+}
+
+impl Plane {
+    /// Makes room for an image of this size.
+    fn resize(&mut self, width: usize, height: usize) {
+        let stride = width + PADDING;
+        (self.width, self.height, self.stride) = (width, height, stride);
+        // Rows may be read past the end of the last one, too.
+        self.grey.resize(stride * height + PADDING, 0.0);
     }
 }
 
@@ -82,14 +157,26 @@ pub struct Pyramid {
 impl Pyramid {
     /// Filters `image` into `levels` levels. The image must not be empty.
     pub fn new(image: &Image, levels: usize) -> Self {
-        let size = [image.width, image.height];
-        let mut planes = vec![Plane::filtered(&image.grey, size, image.width, 1)];
-        while planes.len() < levels {
-            let Some(below) = planes.last() else { break };
-            let size = [below.width, below.height];
-            planes.push(Plane::filtered(&below.grey, size, below.stride, 2));
+        let mut pyramid = Self::default();
+        pyramid.refill(image, levels);
+        pyramid
+    }
+
+    /// The same in the memory of another image.
+    pub fn refill(&mut self, image: &Image, levels: usize) {
+        let arch = Arch::new();
+        self.levels.resize_with(levels.max(1), Plane::default);
+        if let Some(plane) = self.levels.first_mut() {
+            plane.resize(image.width, image.height);
+            arch.dispatch(Smooth { image, plane });
         }
-        Self { levels: planes }
+        for level in 1..self.levels.len() {
+            let (below, above) = self.levels.split_at_mut(level);
+            if let ([.., below], [plane, ..]) = (below, above) {
+                plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
+                arch.dispatch(Halve { below, plane });
+            }
+        }
     }
 }
 

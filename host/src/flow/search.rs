@@ -15,7 +15,7 @@ use super::likeness::{Field, OUTSIDE};
 use super::stereo::Match;
 
 /// How many points vote, at most.
-const VOTERS: usize = 80;
+const VOTERS: usize = 60;
 /// Displacements within this of the best score are rivals.
 const RIVAL: f32 = 0.3;
 /// How many rivals are looked at.
@@ -38,10 +38,33 @@ pub struct Guess {
 struct Voter {
     at: [f64; 2],
     inverse_depth: f64,
-    /// Likeness at offsets from `-reach` to `reach`, row by row.
-    map: Vec<f32>,
+    /// [`vote`]s at offsets from `-reach` to `reach`, row by row.
+    map: Vec<u32>,
     /// Part of a pixel between the point and the middle of the map.
     off: [f64; 2],
+}
+
+/// Votes and their sums in one number: how many in the upper bits, their likenesses below. There are at most [`VOTERS`].
+const ONE_VOTE: u32 = 1 << 20;
+/// Of a place that is not in the image.
+const NO_VOTE: u32 = 0;
+/// A likeness of 1.
+const FULL: f32 = 4096.0;
+
+/// What a voter says of a place.
+fn vote(likeness: f32) -> u32 {
+    if likeness > OUTSIDE {
+        ONE_VOTE + (FULL * likeness.max(0.0) + 0.5) as u32
+    } else {
+        NO_VOTE
+    }
+}
+
+/// Displacements along x and y that are tried, mm.
+struct Grid {
+    side: usize,
+    first: f64,
+    step: f64,
 }
 
 /// The coarse level at two instants.
@@ -79,12 +102,12 @@ impl Search<'_> {
         let mut peaks: Vec<Guess> = Vec::new();
         for change in DEPTH_CHANGES {
             let tz = change / median;
-            let mut plane = vec![OUTSIDE; side * side];
-            for (index, score) in plane.iter_mut().enumerate() {
-                let (i, j) = ((index % side) as i64 - count, (index / side) as i64 - count);
-                let place = [i, j].map(|c| c as f64 * step * per_px);
-                *score = self.score(&voters, [place[0], place[1], tz], focal);
-            }
+            let grid = Grid {
+                side,
+                first: -(count as f64) * step * per_px,
+                step: step * per_px,
+            };
+            let plane = self.scores(&voters, &grid, tz, focal);
             for index in local_peaks(&plane, side) {
                 let (x, y) = (index % side, index / side);
                 let along = |offset: usize| {
@@ -112,6 +135,7 @@ impl Search<'_> {
     fn voters(&self, matches: &[Match]) -> Vec<Voter> {
         let reference = self.geometry.reference;
         let side = 2 * self.reach + 1;
+        let mut likeness = vec![OUTSIDE; side];
         let mut voters = Vec::with_capacity(VOTERS);
         for matched in matches {
             let exact = matched.pixels[reference].map(|p| p / self.scale);
@@ -119,11 +143,12 @@ impl Search<'_> {
             let Some(probe) = self.before.probe(centre[0], centre[1]) else {
                 continue;
             };
-            let mut map = vec![OUTSIDE; side * side];
-            for (row, out) in map.chunks_mut(side).enumerate() {
+            let mut map = Vec::with_capacity(side * side);
+            for row in 0..side {
                 let y = centre[1] + row as i64 - self.reach as i64;
-                self.now
-                    .compare(&probe, centre[0] - self.reach as i64, y, out);
+                let x = centre[0] - self.reach as i64;
+                self.now.compare(&probe, x, y, &mut likeness);
+                map.extend(likeness.iter().map(|l| vote(*l)));
             }
             voters.push(Voter {
                 at: matched.views[reference],
@@ -138,30 +163,43 @@ impl Search<'_> {
         voters
     }
 
-    /// Mean likeness of the voters where `displacement_mm` puts them; [`OUTSIDE`] if that is out of view for half of them.
-    fn score(&self, voters: &[Voter], [tx, ty, tz]: [f64; 3], focal: f64) -> f32 {
+    /// Mean likeness of the voters where each displacement of the grid puts them, row by row; [`OUTSIDE`] if that is out of view for half of
+    /// them.
+    fn scores(&self, voters: &[Voter], grid: &Grid, tz: f64, focal: f64) -> Vec<f32> {
         let side = 2 * self.reach + 1;
         let middle = self.reach as f64 + 0.5;
-        let (mut sum, mut seen) = (0.0_f32, 0_usize);
+        let mut sums = vec![NO_VOTE; grid.side * grid.side];
         for voter in voters {
             let shrink = 1.0 / (1.0 + voter.inverse_depth * tz);
-            let moved = |at: f64, t: f64| focal * ((at + voter.inverse_depth * t) * shrink - at);
-            let x = moved(voter.at[0], tx) + voter.off[0] * (shrink - 1.0) + middle;
-            let y = moved(voter.at[1], ty) + voter.off[1] * (shrink - 1.0) + middle;
-            if x < 0.0 || y < 0.0 || x >= side as f64 || y >= side as f64 {
-                continue;
-            }
-            let likeness = voter.map[y as usize * side + x as usize];
-            if likeness > OUTSIDE {
-                sum += likeness.max(0.0);
-                seen += 1;
+            // Since x and y do not mix, a column and a row of the map for every column and row of the grid.
+            let places = |axis: usize| {
+                let (at, off) = (voter.at[axis], voter.off[axis] * (shrink - 1.0));
+                (0..grid.side).map(move |i| {
+                    let t = grid.first + grid.step * i as f64;
+                    let moved = focal * ((at + voter.inverse_depth * t) * shrink - at);
+                    let place = moved + off + middle;
+                    (place >= 0.0 && place < side as f64).then_some(place as usize)
+                })
+            };
+            let columns: Vec<usize> = places(0).map(|x| x.unwrap_or(side)).collect();
+            let mut padded = vec![NO_VOTE; side + 1];
+            for (y, sums) in places(1).zip(sums.chunks_exact_mut(grid.side)) {
+                let Some(y) = y else { continue };
+                padded[..side].copy_from_slice(&voter.map[y * side..][..side]);
+                for (sum, column) in sums.iter_mut().zip(&columns) {
+                    *sum = sum.wrapping_add(padded[*column]);
+                }
             }
         }
-        if 2 * seen < voters.len() {
-            OUTSIDE
-        } else {
-            sum / seen as f32
-        }
+        let score = |sum: &u32| {
+            let (seen, likeness) = (sum / ONE_VOTE, sum % ONE_VOTE);
+            if 2 * (seen as usize) < voters.len() {
+                OUTSIDE
+            } else {
+                likeness as f32 / (seen as f32 * FULL)
+            }
+        };
+        sums.iter().map(score).collect()
     }
 
     /// The best of all peaks and its rivals.

@@ -84,6 +84,11 @@ impl Geometry {
         })
     }
 
+    /// Positions of the cameras relative to their mean, mm.
+    pub fn arms_mm(&self) -> &[[f64; 2]] {
+        &self.arms_mm
+    }
+
     /// How many cameras.
     pub fn cameras(&self) -> usize {
         self.arms_mm.len()
@@ -103,7 +108,7 @@ impl Geometry {
     }
 
     /// Where each camera should see a point fitted by [`Geometry::fit`].
-    pub fn refit(&self, inverse_depth: f64, mean: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
+    fn refit(&self, inverse_depth: f64, mean: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
         self.arms_mm
             .iter()
             .map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))

@@ -44,12 +44,12 @@ fn errors(scene: &Scene, shift: [f64; 2], seed: u64) -> Vec<[f64; 2]> {
     for [x, y] in corners(&before, 18, 8.0, 200) {
         // Positions between pixels as well: the spatial match puts templates there.
         let at = [x as f32, y as f32].map(|c| c + 0.37 * ((x + y) % 3) as f32);
-        let Some(template) = Large::new(&before, at, STILL) else {
+        let Some(template) = Large::new(&before, at) else {
             continue;
         };
         let start = [0, 1].map(|i| at[i] + shift[i].round() as f32);
         let found = template
-            .find(&after, start, 20)
+            .find(&after, start, STILL, 20)
             .expect("a shifted window is found");
         assert!(found.likeness > 0.9, "{}", found.likeness);
         errors.push([0, 1].map(|i| f64::from(found.at[i] - at[i]) - shift[i]));
@@ -123,8 +123,8 @@ fn another_light_changes_nothing() {
     let mut errors = Vec::new();
     for x in (40..280).step_by(20) {
         let at = [x as f32, 120.0];
-        if let Some(template) = Large::new(&before, at, STILL) {
-            let found = template.find(&after, at, 20).unwrap();
+        if let Some(template) = Large::new(&before, at) {
+            let found = template.find(&after, at, STILL, 20).unwrap();
             errors.push([
                 f64::from(found.at[0] - at[0]) - 1.3,
                 f64::from(found.at[1] - at[1]) - 0.6,
@@ -151,8 +151,9 @@ fn a_warped_template_finds_the_enlarged_window_without_bias() {
                     (at[0] - 160.0) / shrink + 160.0,
                     (at[1] - 120.0) / shrink + 120.0,
                 ];
-                let template = Large::new(&before, at, [[warp, 0.0], [0.0, warp]]);
-                if let Some(found) = template.and_then(|t| t.find(&after, goal, 20)) {
+                let template = Large::new(&before, at);
+                let warp = [[warp, 0.0], [0.0, warp]];
+                if let Some(found) = template.and_then(|t| t.find(&after, goal, warp, 20)) {
                     errors.push([0, 1].map(|i| f64::from(found.at[i] - goal[i])));
                 }
             }
@@ -172,7 +173,7 @@ fn windows_without_texture_or_outside_are_refused() {
         grey: vec![128; 64 * 64],
     };
     let flat = plane(&even);
-    assert!(Large::new(&flat, [32.0, 32.0], STILL).is_none());
+    assert!(Large::new(&flat, [32.0, 32.0]).is_none());
     let edge = Image {
         grey: (0..64 * 64)
             .map(|i| if i % 64 < 32 { 50 } else { 200 })
@@ -181,10 +182,10 @@ fn windows_without_texture_or_outside_are_refused() {
     };
     let edge = plane(&edge);
     assert!(
-        Large::new(&edge, [32.0, 32.0], STILL).is_none(),
+        Large::new(&edge, [32.0, 32.0]).is_none(),
         "an edge slides along itself"
     );
     for at in [[11.9, 32.0], [32.0, 52.1], [f32::NAN, 32.0], [-5.0, 1e9]] {
-        assert!(Large::new(&edge, at, STILL).is_none());
+        assert!(Large::new(&edge, at).is_none());
     }
 }

@@ -1,0 +1,304 @@
+//! The flow's speed and accuracy beside those of optical-flow-lk, imageproc and OpenCV, on images whose true flow is known.
+//!
+//! `cargo bench -p host [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has `cv2`. All take turns, round by round, so that
+//! whatever else the machine does hits all of them; the least time is the one to compare.
+
+mod accuracy;
+mod opencv;
+mod peers;
+mod scene;
+
+use std::time::Instant;
+
+use accuracy::Quality;
+use host::flow::frame_set::{FrameSet, frame_set, keyframe};
+use host::flow::laps::{Laps, Stage};
+use host::flow::{Filtered, Flow, Settings};
+use host::images::Capture;
+use opencv::OpenCv;
+use peers::OpticalFlowLk;
+use scene::Scene;
+
+const CORNERS: usize = 200;
+const REPETITIONS: usize = 15;
+/// Accuracy is the mean over so many scenes; the first is the one that is timed.
+const FLOWS_PX: [[f64; 2]; 5] = [
+    [3.37, -2.21],
+    [-4.62, 0.87],
+    [0.49, 4.15],
+    [-1.74, -3.93],
+    [4.88, 2.56],
+];
+
+fn main() {
+    let arguments = std::env::args().skip(1);
+    // `cargo test --benches` does not say `--bench`: one round shows that everything runs.
+    let mut rounds = 1;
+    for argument in arguments {
+        rounds = argument
+            .parse()
+            .unwrap_or(if argument == "--bench" { 7 } else { rounds });
+    }
+    let small = |name, disparity_px| Scene {
+        name,
+        size_px: [320, 240],
+        disparity_px,
+        flow_px: FLOWS_PX[0],
+        noise_grey: 2.0,
+        seed: 1,
+    };
+    for scene in [
+        small("the paper's rig at 700 mm", [53.33, -51.81]),
+        small("18 and 14 px of disparity", [18.3, -14.2]),
+    ] {
+        beside_others(&scene, rounds);
+    }
+    println!(
+        "\n| this project, size | frame set ms (least) | keyframe ms (least) | {} | points | RMS px, temporal / spatial | wrong |",
+        stages()
+    );
+    println!(
+        "|---|---|---|{}---|---|---|",
+        "---|".repeat(Stage::ALL.len())
+    );
+    for (size_px, threads) in [
+        ([320, 240], 1),
+        ([320, 240], 3),
+        ([640, 480], 1),
+        ([1280, 960], 1),
+    ] {
+        let factor = size_px[0] as f64 / 320.0;
+        let scene = Scene {
+            size_px,
+            disparity_px: [53.33 * factor, -51.81 * factor],
+            ..small("", [0.0; 2])
+        };
+        alone(&scene, threads, rounds);
+    }
+}
+
+fn stages() -> String {
+    Stage::ALL.map(Stage::name).join(" | ")
+}
+
+/// Times of one way to do it, ms.
+#[derive(Default)]
+struct Times(Vec<f64>);
+
+impl Times {
+    fn add(&mut self, run: impl FnOnce()) {
+        let start = Instant::now();
+        run();
+        self.0.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+
+    fn least(&self) -> f64 {
+        self.0.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    fn median(&self) -> f64 {
+        let mut sorted = self.0.clone();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+    }
+}
+
+/// This project's flow on a scene.
+struct Ours {
+    flow: Flow,
+    captures: [Capture; 2],
+    before: Filtered,
+}
+
+impl Ours {
+    fn new(scene: &Scene, threads: usize) -> Self {
+        let settings = Settings {
+            corners: CORNERS,
+            points: CORNERS,
+            threads,
+            ..Settings::default()
+        };
+        let flow = Flow::new(&scene.rig(), settings).expect("three cameras");
+        let captures = scene.captures();
+        let before = flow
+            .filter(&captures[0], &mut Laps::start())
+            .expect("the rig's images");
+        Self {
+            flow,
+            captures,
+            before,
+        }
+    }
+
+    fn frame_set(&mut self) -> FrameSet {
+        let before = self.before.clone();
+        frame_set(&mut self.flow, before, &self.captures[1]).expect("a textured scene")
+    }
+
+    fn quality(&mut self, scene: &Scene, (points, quality): &mut (usize, Quality)) {
+        let measurement = self.frame_set().measurement;
+        for track in &measurement.tracks {
+            let [middle, _] = track.pixels[1];
+            for (k, shift) in [(0, scene.disparity_px[0]), (2, scene.disparity_px[1])] {
+                let [at, _] = track.pixels[k];
+                let found = [at[0] - middle[0], at[1] - middle[1]];
+                quality.spatial.add(found, [shift, 0.0]);
+            }
+            for [from, to] in &track.pixels {
+                let found = [to[0] - from[0], to[1] - from[1]];
+                quality.temporal.add(found, scene.flow_px);
+            }
+        }
+        *points += measurement.tracks.len();
+    }
+}
+
+fn beside_others(scene: &Scene, rounds: usize) {
+    let mut ours = Ours::new(scene, 1);
+    let mut lk = OpticalFlowLk::new(&ours.captures, CORNERS);
+    let mut opencv = OpenCv::start(scene, &ours.captures, CORNERS);
+    let raw: Vec<_> = ours.captures[1].views.iter().map(peers::gray).collect();
+    let [
+        mut set,
+        mut lk_set,
+        mut filters,
+        mut others_filters,
+        mut opencv_set,
+    ] = [(); 5].map(|()| Times::default());
+    for _ in 0..rounds {
+        for _ in 0..REPETITIONS {
+            let before = ours.before.clone();
+            set.add(|| {
+                std::hint::black_box(frame_set(&mut ours.flow, before, &ours.captures[1]).is_ok());
+            });
+        }
+        for _ in 0..REPETITIONS {
+            lk.prepare();
+            lk_set.add(|| {
+                std::hint::black_box(lk.run());
+            });
+        }
+        for _ in 0..REPETITIONS {
+            filters.add(|| {
+                std::hint::black_box(peers::our_filters(&ours.captures[1]));
+            });
+            others_filters.add(|| {
+                std::hint::black_box(peers::imageproc_filters(&raw));
+            });
+        }
+        if let Some(times) = opencv.as_mut().and_then(|o| o.times_ms(REPETITIONS)) {
+            opencv_set.0.extend(times);
+        }
+    }
+    println!(
+        "\n| {}: frame set, one thread | median ms (least) | least / ours | points | RMS px, temporal / spatial | wrong, temporal / spatial |",
+        scene.name
+    );
+    println!("|---|---|---|---|---|---|");
+    let base = set.least();
+    let row = |name: &str, times: &Times, rest: &str| {
+        println!(
+            "| {name} | {:.2} ({:.2}) | {:.2} | {rest} |",
+            times.median(),
+            times.least(),
+            times.least() / base
+        );
+    };
+    let mut found = [(0, Quality::default()); 2];
+    let mut opencv_found = (0, Quality::default());
+    for (flow_px, seed) in FLOWS_PX.into_iter().zip(1..) {
+        let scene = Scene {
+            flow_px,
+            seed,
+            ..scene.clone()
+        };
+        let mut ours = Ours::new(&scene, 1);
+        ours.quality(&scene, &mut found[0]);
+        let mut lk = OpticalFlowLk::new(&ours.captures, CORNERS);
+        lk.prepare();
+        let places = lk.run();
+        OpticalFlowLk::quality(&scene, &places, &mut found[1]);
+        if opencv.is_some() {
+            let mut opencv = OpenCv::start(&scene, &ours.captures, CORNERS);
+            let answer = opencv.as_mut().and_then(OpenCv::quality);
+            answer.as_ref().map(|a| opencv::add(a, &mut opencv_found));
+        }
+    }
+    let [(points, quality), _] = found;
+    row("this project", &set, &described(points, &quality));
+    let [_, (points, quality)] = found;
+    row(
+        "optical-flow-lk 0.6, window 21, on filtered images",
+        &lk_set,
+        &described(points, &quality),
+    );
+    let sum = Times(
+        lk_set
+            .0
+            .iter()
+            .zip(&filters.0)
+            .map(|(a, b)| a + b)
+            .collect(),
+    );
+    row(
+        "the same and this project's filter",
+        &sum,
+        &described(points, &quality),
+    );
+    if let Some(opencv) = &mut opencv {
+        let name = format!("OpenCV {}, window 21, 4 levels", opencv.version);
+        let (points, quality) = opencv_found;
+        let rest = described(points, &quality);
+        row(&name, &opencv_set, &rest);
+    } else {
+        println!("| OpenCV: no Python with cv2 found | | | | | |");
+    }
+    row("only the three filters: this project", &filters, " | |");
+    row(
+        "only the three filters: imageproc 0.27, sigma 1",
+        &others_filters,
+        " | |",
+    );
+}
+
+fn described(points: usize, quality: &Quality) -> String {
+    let Quality { temporal, spatial } = quality;
+    format!(
+        "{points} | {:.4} / {:.4} | {} / {}",
+        temporal.rms_px(),
+        spatial.rms_px(),
+        temporal.wrong,
+        spatial.wrong
+    )
+}
+
+fn alone(scene: &Scene, threads: usize, rounds: usize) {
+    let mut ours = Ours::new(scene, threads);
+    let [mut set, mut key] = [(); 2].map(|()| Times::default());
+    let mut stages = Stage::ALL.map(|_| Times::default());
+    for _ in 0..rounds * REPETITIONS {
+        let laps = ours.frame_set().laps;
+        set.0.push(laps.total().as_secs_f64() * 1e3);
+        for (times, stage) in stages.iter_mut().zip(Stage::ALL) {
+            times.0.push(laps.of(stage).as_secs_f64() * 1e3);
+        }
+        let again = keyframe(&ours.flow, &ours.captures[1]);
+        let (_, laps) = again.expect("the reference is set");
+        key.0.push(laps.total().as_secs_f64() * 1e3);
+    }
+    let mut found = (0, Quality::default());
+    ours.quality(scene, &mut found);
+    let (points, quality) = found;
+    let [width, height] = scene.size_px;
+    print!(
+        "| {width} x {height}, threads: {threads} | {:.2} ({:.2}) | {:.2} ({:.2}) |",
+        set.median(),
+        set.least(),
+        key.median(),
+        key.least()
+    );
+    for times in &stages {
+        print!(" {:.2} |", times.least());
+    }
+    println!(" {} |", described(points, &quality));
+}

@@ -1,0 +1,157 @@
+//! Images whose true flow is known exactly: periodic noise of three octaves, moved by multiplying its spectrum.
+
+use host::images::{Capture, Image};
+use host::random::Random;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+use shared::rig::{Camera, Rig};
+
+/// What is in front of the cameras, and how it moves.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    pub name: &'static str,
+    pub size_px: [usize; 2],
+    /// By how much the left and the right camera's images are shifted, px.
+    pub disparity_px: [f64; 2],
+    /// From one capture to the next, px.
+    pub flow_px: [f64; 2],
+    /// Standard deviation, grey levels.
+    pub noise_grey: f64,
+    pub seed: u64,
+}
+
+const FOCAL_PX: f64 = 533.32;
+const DEPTH_MM: f64 = 700.0;
+
+impl Scene {
+    /// Parallel cameras that see these disparities at [`DEPTH_MM`].
+    pub fn rig(&self) -> Rig {
+        let centre = self.size_px.map(|s| (s as f64 - 1.0) / 2.0);
+        let camera = |shift: f64| {
+            let offset = -shift * DEPTH_MM / FOCAL_PX;
+            Camera::ideal([FOCAL_PX; 2], centre, [offset, 0.0])
+        };
+        let [left, right] = self.disparity_px;
+        Rig {
+            image_size_px: self.size_px.map(|s| s as u32),
+            cameras: [left, 0.0, right].map(camera).into_iter().collect(),
+        }
+    }
+
+    /// Two captures: left, middle, right, then the same moved by the flow.
+    pub fn captures(&self) -> [Capture; 2] {
+        let spectrum = Spectrum::noise(side(self.size_px), self.seed);
+        let mut noise = Random::new(self.seed, 1);
+        [0.0, 1.0].map(|moved| {
+            let [x, y] = self.flow_px.map(|f| f * moved);
+            let shifts = [self.disparity_px[0], 0.0, self.disparity_px[1]];
+            let views = shifts
+                .map(|shift| {
+                    let moved = spectrum.moved([shift + x, y]);
+                    self.photograph(&moved, &mut noise)
+                })
+                .into();
+            Capture { time_us: 0, views }
+        })
+    }
+
+    /// A part of the pattern, with noise, in 8 bits.
+    fn photograph(&self, pattern: &[f64], noise: &mut Random) -> Image {
+        let [width, height] = self.size_px;
+        let n = side(self.size_px);
+        let margin = [(n - width) / 2, (n - height) / 2];
+        let place = |i: usize| (i / width + margin[1]) * n + i % width + margin[0];
+        let grey = (0..width * height)
+            .map(|i| (pattern[place(i)] + self.noise_grey * noise.gaussian()).round() as u8)
+            .collect();
+        Image {
+            width,
+            height,
+            grey,
+        }
+    }
+}
+
+/// Side of the periodic pattern, px.
+fn side(size_px: [usize; 2]) -> usize {
+    (size_px[0] + size_px[0] / 2).next_power_of_two()
+}
+
+/// A periodic pattern's spectrum, column by column.
+struct Spectrum {
+    n: usize,
+    values: Vec<Complex<f64>>,
+}
+
+impl Spectrum {
+    /// White noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard deviation 40 grey levels.
+    fn noise(n: usize, seed: u64) -> Self {
+        let mut random = Random::new(seed, 0);
+        let mut sum = vec![Complex::default(); n * n];
+        for (sigma, weight) in [(1.2, 1.0), (3.0, 1.0), (8.0, 0.8)] {
+            let mut octave: Vec<Complex<f64>> = (0..n * n)
+                .map(|_| Complex::new(random.gaussian(), 0.0))
+                .collect();
+            transform(&mut octave, n, false);
+            for (i, value) in octave.iter_mut().enumerate() {
+                let [u, v] = [frequency(i % n, n), frequency(i / n, n)];
+                let exponent = std::f64::consts::PI * sigma;
+                *value *= (-2.0 * exponent * exponent * (u * u + v * v)).exp();
+            }
+            let scale = weight / deviation(&octave, n);
+            for (sum, value) in sum.iter_mut().zip(&octave) {
+                *sum += value * scale;
+            }
+        }
+        let scale = 40.0 / deviation(&sum, n);
+        for value in &mut sum {
+            *value *= scale;
+        }
+        sum[0] = Complex::new(128.0 * (n * n) as f64, 0.0);
+        Self { n, values: sum }
+    }
+
+    /// The pattern, moved.
+    fn moved(&self, [x, y]: [f64; 2]) -> Vec<f64> {
+        let n = self.n;
+        let mut values = self.values.clone();
+        for (i, value) in values.iter_mut().enumerate() {
+            // Transposed by the transform: rows are x.
+            let turn = frequency(i / n, n) * x + frequency(i % n, n) * y;
+            *value *= Complex::cis(-std::f64::consts::TAU * turn);
+        }
+        transform(&mut values, n, true);
+        let scale = 1.0 / (n * n) as f64;
+        values.iter().map(|v| v.re * scale).collect()
+    }
+}
+
+/// Without the mean, which is left out of the pattern anyway.
+fn deviation(spectrum: &[Complex<f64>], n: usize) -> f64 {
+    let power: f64 = spectrum[1..].iter().map(Complex::norm_sqr).sum();
+    power.sqrt() / (n * n) as f64
+}
+
+/// Cycles per px; none at the Nyquist frequency, where a shift has no meaning and the blur has left nothing.
+fn frequency(index: usize, n: usize) -> f64 {
+    let signed = if index < n / 2 {
+        index as f64
+    } else {
+        index as f64 - n as f64
+    };
+    signed / n as f64
+}
+
+/// Both axes, transposing the raster. The inverse is not divided by n².
+fn transform(values: &mut Vec<Complex<f64>>, n: usize, inverse: bool) {
+    let mut planner = FftPlanner::new();
+    let fft = if inverse {
+        planner.plan_fft_inverse(n)
+    } else {
+        planner.plan_fft_forward(n)
+    };
+    fft.process(values);
+    let mut turned: Vec<Complex<f64>> = (0..n * n).map(|i| values[i % n * n + i / n]).collect();
+    fft.process(&mut turned);
+    *values = turned;
+}

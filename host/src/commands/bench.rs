@@ -1,0 +1,277 @@
+//! `trinocular bench`: how long the matching takes on this machine.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use host::error::{Failure, InputError};
+use host::flow::alignment;
+use host::flow::frame_set::{FrameSet, frame_set, keyframe};
+use host::flow::laps::{Laps, Stage};
+use host::flow::{Flow, Refusal, Settings};
+use host::images::Capture;
+use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::rig_file::RigFile;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use shared::rig::Rig;
+
+/// Time what this program does with pictures
+#[derive(Debug, Args)]
+pub struct Options {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    Flow(FlowOptions),
+}
+
+/// Time the way from pictures to tracked points
+///
+/// A frame set is the work from one capture to the next when all points are chosen anew: filter the new pictures, choose points in the
+/// middle picture before, match them in the other two, follow them into the new pictures of all cameras. With a
+/// keyframe, the points are those of the first capture: filter, and follow. Reading the files is not timed.
+#[derive(Debug, Args)]
+struct FlowOptions {
+    /// A folder of captures: left/ middle/ right/ (or the rig's cameras) with equal file names
+    ///
+    /// Each capture follows the one before it; a single one follows itself.
+    folder: PathBuf,
+
+    /// The rig file; without it, heights and baselines are told from the first capture
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+
+    /// How often the whole folder is gone through
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    repeat: u32,
+
+    /// Threads that share the work
+    #[arg(long, value_name = "T", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=64))]
+    threads: u8,
+
+    /// Points that are chosen, at most
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(8..=4000))]
+    corners: u16,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    match &options.what {
+        What::Flow(options) => run_flow(options, out),
+    }
+}
+
+fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> {
+    let (rig, captures) = open(options)?;
+    let settings = Settings {
+        corners: usize::from(options.corners),
+        points: usize::from(options.corners),
+        threads: usize::from(options.threads),
+        // A rig told from pictures has no lens and no tilt.
+        view_residual_px: if options.rig.is_some() {
+            Settings::default().view_residual_px
+        } else {
+            2.0
+        },
+        ..Settings::default()
+    };
+    let refused =
+        |refusal: Refusal| Failure::Scene(format!("{}: {refusal}", options.folder.display()));
+    let flow = Flow::new(&rig, settings).map_err(refused)?;
+    let mut timing = Timing::default();
+    for _ in 0..options.repeat {
+        timing.go_through(&flow, &captures);
+    }
+    if let (Some(refusal), true) = (timing.refusal.take(), timing.sets.is_empty()) {
+        return Err(refused(refusal));
+    }
+    let report = timing.report(options, &rig, captures.len());
+    if options.json {
+        let line = serde_json::to_string(&report).map_err(std::io::Error::from)?;
+        writeln!(out, "{line}")?;
+    } else {
+        report.print(out)?;
+    }
+    Ok(())
+}
+
+/// The rig and all captures.
+fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
+    let given = options.rig.as_deref().map(RigFile::read).transpose()?;
+    let (names, size_px) = match &given {
+        Some(file) => (file.names.clone(), file.rig.image_size_px),
+        None => {
+            let names = ["left", "middle", "right"].map(String::from).to_vec();
+            (names, first_size(&options.folder.join("middle"))?)
+        }
+    };
+    let folder = Folder::open(&options.folder, &names, size_px, DEFAULT_PERIOD_US)?;
+    let captures: Vec<Capture> = folder.captures().collect::<Result<_, _>>()?;
+    let rig = match given {
+        Some(file) => file.rig,
+        None => alignment::align(&captures[0]).map_err(|refusal| {
+            let reason = format!(
+                "no rig can be told from the first capture ({refusal}); give one with --rig"
+            );
+            InputError::file(&options.folder, reason)
+        })?,
+    };
+    Ok((rig, captures))
+}
+
+/// Width and height of any image in a camera's folder.
+fn first_size(camera: &Path) -> Result<[u32; 2], InputError> {
+    let listing =
+        std::fs::read_dir(camera).map_err(|cause| InputError::io(camera, "list", &cause))?;
+    let mut paths: Vec<PathBuf> = listing
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    paths.sort();
+    let sizes = paths
+        .iter()
+        .filter_map(|path| image::image_dimensions(path).ok());
+    let first = sizes.map(|(width, height)| [width, height]).next();
+    first.ok_or_else(|| InputError::file(camera, "holds no image"))
+}
+
+/// Everything that was timed.
+#[derive(Default)]
+struct Timing {
+    sets: Vec<Laps>,
+    keyframes: Vec<Laps>,
+    points: Vec<usize>,
+    attempts: usize,
+    refusal: Option<Refusal>,
+}
+
+impl Timing {
+    fn go_through(&mut self, flow: &Flow, captures: &[Capture]) {
+        let from: Vec<&Capture> = captures.iter().collect();
+        let last = captures.len().saturating_sub(1);
+        let pairs = (0..last.max(1)).map(|i| (from[i], from[(i + 1).min(last)]));
+        let mut anew = flow.clone();
+        for (before, now) in pairs {
+            self.attempts += 1;
+            let set = flow
+                .filter(before, &mut Laps::start())
+                .and_then(|before| frame_set(&mut anew, before, now));
+            match set {
+                Ok(FrameSet {
+                    laps, measurement, ..
+                }) => {
+                    self.sets.push(laps);
+                    self.points.push(measurement.tracks.len());
+                }
+                Err(refusal) => self.refusal = Some(refusal),
+            }
+        }
+        let mut kept = flow.clone();
+        if kept.set_reference(from[0]).is_err() {
+            return;
+        }
+        for now in &captures[last.min(1)..] {
+            if let Ok((_, laps)) = keyframe(&kept, now) {
+                self.keyframes.push(laps);
+            }
+        }
+    }
+
+    fn report(mut self, options: &FlowOptions, rig: &Rig, captures: usize) -> Report {
+        self.points.sort_unstable();
+        let spent = |laps: &[Laps]| Spread::of(laps.iter().map(Laps::total));
+        let stages = Stage::ALL.map(|stage| {
+            let median = Spread::of(self.sets.iter().map(|laps| laps.of(stage)));
+            (
+                stage.name().to_owned(),
+                json!(median.map_or(f64::NAN, |s| s.median)),
+            )
+        });
+        Report {
+            frame_set_ms: spent(&self.sets),
+            stages_ms: stages.into_iter().collect(),
+            keyframe_ms: spent(&self.keyframes),
+            points: self.points.get(self.points.len() / 2).copied().unwrap_or(0),
+            corners: options.corners,
+            image_size_px: rig.image_size_px,
+            captures,
+            frame_sets: self.sets.len(),
+            refused: self.attempts - self.sets.len(),
+            threads: options.threads,
+        }
+    }
+}
+
+/// Of times, ms.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Spread {
+    median: f64,
+    min: f64,
+}
+
+impl Spread {
+    /// `None` of nothing.
+    fn of(times: impl Iterator<Item = Duration>) -> Option<Self> {
+        let mut ms: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
+        ms.sort_by(f64::total_cmp);
+        let round = |ms: f64| (ms * 1e4).round() / 1e4;
+        Some(Self {
+            median: round(*ms.get(ms.len() / 2)?),
+            min: round(*ms.first()?),
+        })
+    }
+}
+
+/// As it is printed.
+#[derive(Debug, Serialize)]
+struct Report {
+    frame_set_ms: Option<Spread>,
+    /// Medians.
+    stages_ms: Map<String, Value>,
+    keyframe_ms: Option<Spread>,
+    /// That agree, in the median frame set.
+    points: usize,
+    corners: u16,
+    image_size_px: [u32; 2],
+    captures: usize,
+    frame_sets: usize,
+    refused: usize,
+    threads: u8,
+}
+
+impl Report {
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let [width, height] = self.image_size_px;
+        writeln!(
+            out,
+            "{} captures of {width} x {height} px, {} corners, threads: {}",
+            self.captures, self.corners, self.threads
+        )?;
+        writeln!(out, "{:12} {:>9} {:>9}", "", "median ms", "least ms")?;
+        let rows = [
+            ("frame set", &self.frame_set_ms),
+            ("keyframe", &self.keyframe_ms),
+        ];
+        for (name, spread) in rows {
+            if let Some(Spread { median, min }) = spread {
+                writeln!(out, "{name:12} {median:9.3} {min:9.3}")?;
+            }
+        }
+        for stage in Stage::ALL {
+            let median = self.stages_ms[stage.name()].as_f64().unwrap_or(f64::NAN);
+            writeln!(out, "  {:10} {median:9.3}", stage.name())?;
+        }
+        writeln!(
+            out,
+            "{} points in the median frame set; {} timed, {} refused",
+            self.points, self.frame_sets, self.refused
+        )
+    }
+}

@@ -1,0 +1,245 @@
+//! The arithmetic of one window, row by row in lanes.
+//!
+//! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order: the same bits on every processor, however wide its
+//! vectors. Everything is inlined into its caller, which is compiled once per kind of processor.
+
+use std::hint::black_box;
+
+use super::super::pyramid::Plane;
+
+/// Partial sums: two vectors, so that neither waits for itself.
+const LANES: usize = 16;
+
+/// A window's values.
+pub type Grid<const N: usize, const W: usize> = [[f32; W]; N];
+
+/// A window's place in a plane.
+pub struct Window<'a, const N: usize, const W: usize> {
+    plane: &'a Plane,
+    start: usize,
+    fraction: [f32; 2],
+}
+
+impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
+    /// `at` must fit ([`super::Template::fits`]).
+    #[inline(always)]
+    pub fn around(plane: &'a Plane, at: [f32; 2]) -> Self {
+        // Positive, so truncation is the floor.
+        let corner = at.map(|a| a as usize);
+        let reach = N / 2 + 1;
+        let (left, top) = (corner[0] - reach, corner[1] - reach);
+        Self {
+            plane,
+            start: top * plane.stride + left,
+            fraction: [at[0] - corner[0] as f32, at[1] - corner[1] as f32],
+        }
+    }
+
+    #[inline(always)]
+    fn row(&self, r: usize) -> &'a [f32] {
+        &self.plane.grey[self.start + r * self.plane.stride..][..W + 3]
+    }
+
+    /// Grey levels and both derivatives of the interpolated image. Columns beyond `N` are zero.
+    #[inline(always)]
+    pub fn read(&self, grey: &mut Grid<N, W>, along: &mut Grid<N, W>, down: &mut Grid<N, W>) {
+        let (wx, sx) = (weights(self.fraction[0]), slopes(self.fraction[0]));
+        let (wy, sy) = (weights(self.fraction[1]), slopes(self.fraction[1]));
+        // The last four rows, filtered along x, in a ring.
+        let mut values = [[0.0_f32; W]; 4];
+        let mut steeps = [[0.0_f32; W]; 4];
+        for r in 0..N + 3 {
+            let row = self.row(r);
+            mix(row, &wx, &mut values[r % 4]);
+            mix(row, &sx, &mut steeps[r % 4]);
+            if let Some(out) = r.checked_sub(3) {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|i| &values[(out + i) % 4]);
+                let [p, q, s, t] = [0, 1, 2, 3].map(|i| &steeps[(out + i) % 4]);
+                for i in 0..W {
+                    grey[out][i] = wy[0] * a[i] + wy[1] * b[i] + wy[2] * c[i] + wy[3] * d[i];
+                    down[out][i] = sy[0] * a[i] + sy[1] * b[i] + sy[2] * c[i] + sy[3] * d[i];
+                    along[out][i] = wy[0] * p[i] + wy[1] * q[i] + wy[2] * s[i] + wy[3] * t[i];
+                }
+                for part in [&mut *grey, &mut *along, &mut *down] {
+                    part[out][N..].fill(0.0);
+                }
+            }
+        }
+    }
+
+    /// Grey levels, into `out`. What is beyond column `N` has no meaning.
+    #[inline(always)]
+    pub fn sample(&self, out: &mut Grid<N, W>) {
+        let (wx, wy) = (weights(self.fraction[0]), weights(self.fraction[1]));
+        let mut ring = [[0.0_f32; W]; 4];
+        for r in 0..N + 3 {
+            mix(self.row(r), &wx, &mut ring[r % 4]);
+            let Some(row) = r.checked_sub(3) else {
+                continue;
+            };
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| &ring[(row + i) % 4]);
+            let out = &mut out[row];
+            for i in 0..W {
+                out[i] = wy[0] * a[i] + wy[1] * b[i] + wy[2] * c[i] + wy[3] * d[i];
+            }
+        }
+    }
+}
+
+/// Four-tap filter along a row.
+#[inline(always)]
+fn mix<const W: usize>(row: &[f32], w: &[f32; 4], out: &mut [f32; W]) {
+    let row = &row[..W + 3];
+    for i in 0..W {
+        out[i] = w[0] * row[i] + w[1] * row[i + 1] + w[2] * row[i + 2] + w[3] * row[i + 3];
+    }
+}
+
+/// `Σ a b`.
+#[inline(always)]
+pub fn product<const N: usize, const W: usize>(a: &Grid<N, W>, b: &Grid<N, W>) -> f32 {
+    let (blocks_a, rest_a) = a.as_flattened().as_chunks::<LANES>();
+    let (blocks_b, rest_b) = b.as_flattened().as_chunks::<LANES>();
+    let mut sum = [0.0_f32; LANES];
+    for (a, b) in blocks_a.iter().zip(blocks_b) {
+        for l in 0..LANES {
+            sum[l] += a[l] * b[l];
+        }
+    }
+    for (sum, (a, b)) in sum.iter_mut().zip(rest_a.iter().zip(rest_b)) {
+        *sum += a * b;
+    }
+    lanes(sum)
+}
+
+/// `Σ a` over the first `N` columns.
+#[inline(always)]
+pub fn total<const N: usize, const W: usize>(a: &Grid<N, W>) -> f32 {
+    let inside: [f32; W] = core::array::from_fn(|c| if c < N { 1.0 } else { 0.0 });
+    let mut sum = [0.0_f32; W];
+    for row in a {
+        for c in 0..W {
+            sum[c] += inside[c] * row[c];
+        }
+    }
+    let mut folded = [0.0_f32; LANES];
+    for block in sum.chunks(LANES) {
+        for (folded, value) in folded.iter_mut().zip(block) {
+            *folded += value;
+        }
+    }
+    lanes(folded)
+}
+
+/// `a - mean` in the first `N` columns, zero beyond.
+#[inline(always)]
+pub fn centre<const N: usize, const W: usize>(a: &mut Grid<N, W>, mean: f32) {
+    let inside: [f32; W] = core::array::from_fn(|c| if c < N { 1.0 } else { 0.0 });
+    for row in a {
+        for c in 0..W {
+            row[c] = inside[c] * (row[c] - mean);
+        }
+    }
+}
+
+/// The sum of the partial sums.
+#[inline(always)]
+fn lanes(sum: [f32; LANES]) -> f32 {
+    // Hides from the compiler what becomes of the sums: where it knew, it made vectors of two.
+    let sum = black_box(sum);
+    let mut half: [f32; 8] = core::array::from_fn(|l| sum[l] + sum[l + 8]);
+    for width in [4, 2, 1] {
+        for l in 0..width {
+            half[l] += half[l + width];
+        }
+    }
+    half[0]
+}
+
+/// Of a vector.
+#[inline(always)]
+pub fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
+/// A symmetric matrix of 2 x 2.
+#[derive(Clone, Copy, Debug)]
+pub struct LeastSquares {
+    pub xx: f32,
+    pub xy: f32,
+    pub yy: f32,
+}
+
+impl LeastSquares {
+    /// The smaller eigenvalue.
+    #[inline(always)]
+    pub fn weakest(&self) -> f32 {
+        let half = 0.5 * (self.xx - self.yy);
+        0.5 * (self.xx + self.yy) - (half * half + self.xy * self.xy).sqrt()
+    }
+
+    #[inline(always)]
+    pub fn solve(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let determinant = self.xx * self.yy - self.xy * self.xy;
+        [
+            (self.yy * x - self.xy * y) / determinant,
+            (self.xx * y - self.xy * x) / determinant,
+        ]
+    }
+}
+
+/// How far one step of Lucas and Kanade leads with the roles exchanged, px: from the found window `seen` (zero-mean), which is `factor` times
+/// the zero-mean `template`, with its own gradients. These are central differences; the window's border has none. Infinite if the
+/// gradients determine no step.
+#[inline(always)]
+pub fn miss<const N: usize, const W: usize>(
+    seen: &Grid<N, W>,
+    template: &Grid<N, W>,
+    factor: f32,
+) -> f32 {
+    let inside: [f32; W] =
+        core::array::from_fn(|c| if (1..N - 1).contains(&c) { 1.0 } else { 0.0 });
+    let [mut along, mut down, mut rest] = [[[0.0_f32; W]; N]; 3];
+    for r in 1..N - 1 {
+        let row = seen.as_flattened();
+        // The row with its neighbours in memory, which are not its neighbours in the window at either end.
+        let near = &row[r * W - 1..][..W + 2];
+        let (above, below) = (&seen[r - 1], &seen[r + 1]);
+        for c in 0..W {
+            along[r][c] = 0.5 * inside[c] * (near[c + 2] - near[c]);
+            down[r][c] = 0.5 * inside[c] * (below[c] - above[c]);
+            rest[r][c] = near[c + 1] - factor * template[r][c];
+        }
+    }
+    let matrix = LeastSquares {
+        xx: product(&along, &along),
+        xy: product(&along, &down),
+        yy: product(&down, &down),
+    };
+    let miss = length(matrix.solve([product(&along, &rest), product(&down, &rest)]));
+    if miss >= 0.0 { miss } else { f32::INFINITY }
+}
+
+/// Cubic convolution (Keys 1981, a = -1/2): weights of the four neighbours at `t` in `[0, 1)` after the second.
+#[inline(always)]
+fn weights(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        -0.5 * t + t2 - 0.5 * t3,
+        1.0 - 2.5 * t2 + 1.5 * t3,
+        0.5 * t + 2.0 * t2 - 1.5 * t3,
+        -0.5 * t2 + 0.5 * t3,
+    ]
+}
+
+/// Derivatives of [`weights`] with respect to the position.
+#[inline(always)]
+fn slopes(t: f32) -> [f32; 4] {
+    let t2 = t * t;
+    [
+        -0.5 + 2.0 * t - 1.5 * t2,
+        -5.0 * t + 4.5 * t2,
+        0.5 + 4.0 * t - 4.5 * t2,
+        -t + 1.5 * t2,
+    ]
+}
