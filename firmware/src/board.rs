@@ -17,6 +17,9 @@ mod feather_f405;
 #[cfg(feature = "feather-f405")]
 pub use feather_f405::*;
 
+#[cfg(any(feature = "olimex-h405", feature = "feather-f405"))]
+mod plain_f405;
+
 #[cfg(feature = "skr-2")]
 mod skr_2;
 #[cfg(feature = "skr-2")]
