@@ -349,10 +349,6 @@ impl Pace {
         fastest: i64,
         stop: i64,
     ) -> i64 {
-        if u == 0 && e == 0 && ahead < 2 {
-            // At rest: the shortest move there is takes two quanta.
-            return 0;
-        }
         let way = |e: i64| {
             let end = u + e;
             u + end + self.stopping_way(end, e)
