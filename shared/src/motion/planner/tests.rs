@@ -1,3 +1,5 @@
+// Tens of thousands of moves: too many for an interpreter.
+#[cfg(not(miri))]
 mod optimal;
 
 use proptest::prelude::*;
