@@ -16,7 +16,8 @@ use shared::frame::encode::encode;
 use shared::frame::message::{Command, Packet, Report};
 use shared::frame::receive::Receiver;
 use shared::machine::{Machine, Output, TICK_US};
-use shared::steps::{AxisMotion, Generator, Segment};
+use shared::motion::{Limits, Planner};
+use shared::steps::{AxisMotion, Generator, Position, Segment};
 
 /// Control ticks that each kind of tick is measured over.
 const TICKS: u64 = 100;
@@ -55,6 +56,7 @@ pub fn run() -> Result<(), Failure> {
     estimators(&mut counter, &mut table);
     wire(&mut counter, &mut table);
     let word = generator(&mut counter, &mut table)?;
+    planner(&mut counter, &mut table)?;
     let (tick, segment, frame, reports) = control(&mut counter, &mut table)?;
     // Four segments a tick, the first with the control in it; words at 1 MHz; a hundred frames a second.
     let million = |instructions_per_s: u64| instructions_per_s.div_ceil(1_000_000);
@@ -110,7 +112,11 @@ fn estimators(counter: &mut Counter, table: &mut Table) {
     );
     let sums = sample::single(&pair);
     let ours = counter.calls(|| sample::closed_form_f32(black_box(&sums)));
-    table.row("for comparison, built for size: closed form, f32", ours.per(1), None);
+    table.row(
+        "for comparison, built for size: closed form, f32",
+        ours.per(1),
+        None,
+    );
     let theirs = counter.calls(|| sample::least_squares_f32(black_box(&sums)));
     table.row(
         "for comparison, built for size: least squares, f32, nalgebra's Cholesky",
@@ -176,6 +182,45 @@ fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
         Some(12),
     );
     Ok(busy)
+}
+
+/// An axis of the samples' stage, sent after another target in every tick: now anywhere, now near the last one, at rest or moving. What the
+/// same tick takes with all axes at rest is taken off.
+fn planner(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
+    let limits = Limits::new(&sample::config().axes, BOARD.word_rate)
+        .map_err(|_| Failure("impossible limits"))?;
+    let rest = Position::centre(0);
+    let mut planner = Planner::new(limits, [rest; 3]);
+    let idle = counter.calls(|| {
+        planner.follow([rest; 3], [0; 3]);
+        planner.plan_tick()
+    });
+    table.row("a planner's tick, three axes at rest", idle.per(1), None);
+    let mut state = 1u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        i64::from(state.cast_signed())
+    };
+    let (mut all, mut worst, mut place) = (Sum::default(), 0, 0);
+    for tick in 0..10_000u32 {
+        if tick % 256 == 0 {
+            place = 9_600 * random(); // within 60 mm
+        }
+        // Within two steps; 24 mm/s are 2⁻⁸ step per slot.
+        let target = Position::from_fine(place + 4 * random());
+        let speed = if tick / 16 % 2 == 1 { random() >> 7 } else { 0 };
+        let mut one = Sum::default();
+        counter.add(&mut one, || {
+            planner.follow([target, rest, rest], [speed, 0, 0]);
+            planner.plan_tick()
+        });
+        worst = worst.max(one.per(1));
+        all += one;
+    }
+    let more = |instructions: u64| instructions.saturating_sub(idle.per(1));
+    table.row("a new target of one axis, on top", more(all.per(1)), None);
+    table.row("at most, of 10,000", more(worst), Some(5_000));
+    Ok(())
 }
 
 /// Instructions of a tick's first segment and of each further one while following, of a frame from bytes to segment, and of its reports.

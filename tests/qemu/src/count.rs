@@ -1,5 +1,6 @@
 //! Counts instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts at 25 MHz, once in 5 instructions.
 
+use core::ops::AddAssign;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 
@@ -33,6 +34,13 @@ impl Sum {
     /// The same in tenths.
     pub fn tenths_per(self, units: u64) -> u64 {
         (self.ticks * INSTRUCTIONS_PER_TICK * 10).div_ceil((self.runs * units).max(1))
+    }
+}
+
+impl AddAssign for Sum {
+    fn add_assign(&mut self, more: Self) {
+        self.ticks += more.ticks;
+        self.runs += more.runs;
     }
 }
 

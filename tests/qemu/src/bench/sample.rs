@@ -115,7 +115,8 @@ pub fn status() -> Report {
     })
 }
 
-fn config() -> Config {
+/// The stage of the experiments, on the cameras' axes.
+pub fn config() -> Config {
     let axis = AxisConfig {
         steps_per_m: 80_000,
         max_speed_um_s: 100_000,
