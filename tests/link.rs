@@ -471,7 +471,7 @@ fn each_reject_is_counted_by_its_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 500, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.max(500), ..ProptestConfig::default() })]
 
     #[test]
     fn garbage_never_becomes_a_packet(garbage in prop::collection::vec(any::<u8>(), 0..2000), chunk in 1usize..300) {
