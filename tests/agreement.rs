@@ -7,7 +7,7 @@ use host::station::tape::Tape;
 use host::station::twin::{PORT, RING_WORDS};
 use life::Life;
 use shared::frame::encode::encode;
-use shared::frame::message::{Command, Frame, Packet, Report, ResetCause, Status, Sums};
+use shared::frame::message::{Command, Frame, LastRun, Packet, Report, ResetCause, Status, Sums};
 use shared::frame::receive::Receiver;
 use shared::machine::Board;
 use shared::replay::{Edge, Entry, Event, Log, Record, Replay, Station, Trace, Writer};
@@ -29,6 +29,7 @@ const BOARD: Board = Board {
     delay_us: RING_WORDS as u32,
     session: 1,
     reset_cause: ResetCause::PowerOn,
+    last_run: LastRun::UNKNOWN,
 };
 
 /// The log of one life and what the twin did in it.
@@ -133,7 +134,7 @@ fn the_recorded_life_is_eventful() {
             Report::Answer { outcome, .. } => {
                 *outcomes.entry(format!("{outcome:?}")).or_default() += 1;
             }
-            Report::Pong { .. } => {}
+            Report::Pong { .. } | Report::LastRun(_) => {}
         }
     }
     let last = last.expect("there was a status");

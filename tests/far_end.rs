@@ -6,7 +6,7 @@ use host::plant::Plant;
 use host::station::stage::{configuration, default_stage};
 use host::station::twin::{PORT, RING_WORDS};
 use serialport::{SerialPort as _, TTYPort};
-use shared::frame::message::{Config, Mounting, ResetCause};
+use shared::frame::message::{Config, LastRun, Mounting, ResetCause};
 use shared::machine::Board;
 use shared::replay::{Event, Station};
 use shared::steps::WordRate;
@@ -144,21 +144,27 @@ fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> 
     }
 }
 
-fn switched_on(session: u32) -> Station {
+fn switched_on(session: u32, reset_cause: ResetCause, last_run: LastRun) -> Station {
     let board = Board {
         name: "far end",
         version: [0, 1, 0],
         word_rate: WordRate::MHZ_1,
         delay_us: RING_WORDS as u32,
         session,
-        reset_cause: ResetCause::PowerOn,
+        reset_cause,
+        last_run,
     };
     Station::new(board, PORT, RING_WORDS as u32).expect("possible pins")
 }
 
 /// The machine, on this computer's clock.
 pub fn station() -> FarEnd {
-    let mut station = switched_on(1);
+    station_after(ResetCause::PowerOn, LastRun::UNKNOWN)
+}
+
+/// As [`station`], with something to remember.
+pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
+    let mut station = switched_on(1, reset_cause, last_run);
     let mut plant = Plant::new(PORT, default_stage().steps_per_mm);
     let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
     let mut last = Instant::now();
@@ -167,7 +173,7 @@ pub fn station() -> FarEnd {
         let wanted = shared.restarts.load(Ordering::Relaxed);
         if restarts != wanted {
             restarts = wanted;
-            station = switched_on(1 + restarts);
+            station = switched_on(1 + restarts, ResetCause::PowerOn, LastRun::UNKNOWN);
         }
         station.receive(bytes);
         // A computer that is busy elsewhere stops the station's clock, too: no real board misses a heartbeat for that.

@@ -162,6 +162,12 @@ fn reports() -> Vec<(&'static str, Report)> {
         outcome,
     };
     let received = Instant::from_micros(100);
+    let last_run = LastRun {
+        starts: 3,
+        fault: Some(Fault::Underrun),
+        end: End::HardFault,
+        places: [0x0800_1234, 0x0800_5679, 0x0801_0001, 0, 0, 0],
+    };
     vec![
         ("hello", Report::Hello(hello)),
         (
@@ -178,6 +184,8 @@ fn reports() -> Vec<(&'static str, Report)> {
             "answer denied",
             answer(Outcome::Denied(Denial::Estimate(Refusal::TooUncertain))),
         ),
+        ("last_run", Report::LastRun(last_run)),
+        ("last_run unknown", Report::LastRun(LastRun::UNKNOWN)),
     ]
 }
 
@@ -246,13 +254,8 @@ fn schema_lists_every_variant_at_its_number() {
             "schema.txt lacks `{line}`"
         );
     }
-    for fault in [
-        Fault::Heartbeat,
-        Fault::EmergencyStop,
-        Fault::Limit,
-        Fault::Driver,
-        Fault::Underrun,
-    ] {
+    for (number, fault) in (0..).zip(Fault::ALL) {
+        assert_eq!(fault.number(), number);
         let name = format!("{fault:?}")
             .to_lowercase()
             .replace("emergencystop", "emergency_stop");

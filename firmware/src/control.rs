@@ -1,7 +1,6 @@
 //! The machine and its wires: bytes and switches in, bytes and segments out.
 
-use crate::crash::{self, History};
-use crate::{board, engine, link, pins, switches, watch};
+use crate::{board, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
 use shared::machine::{Board, Machine, Output};
@@ -13,25 +12,20 @@ const NO_ROOM_US: u64 = 50;
 
 /// Runs the machine for ever.
 #[embassy_executor::task]
-pub async fn run(history: History, session: u32) {
+pub async fn run(session: u32) {
     static MACHINE: StaticCell<Machine> = StaticCell::new();
     let machine = MACHINE.init_with(|| {
+        let (reset_cause, last_run) = crash::begin();
         Machine::new(Board {
             name: board::NAME,
             version: VERSION,
             word_rate: board::WORD_RATE,
             delay_us: engine::DELAY_US,
             session,
-            reset_cause: history.cause,
+            reset_cause,
+            last_run,
         })
     });
-    note!(
-        "start {}, after {}: places {:x}, fault {}",
-        history.starts,
-        history.kind as u32,
-        history.places,
-        history.fault,
-    );
     let mut words_given: u64 = 0;
     let mut words_emitted: u64 = 0;
     let mut driven = false;
@@ -56,7 +50,7 @@ pub async fn run(history: History, session: u32) {
                 watch::alive(watch::Task::Control);
                 let state = machine.state();
                 watch::show(state);
-                crash::keep_fault(machine.fault().map(shared::safety::Fault::number));
+                crash::keep_fault(machine.fault());
                 if !driven && state != State::Unconfigured {
                     driven = true;
                     pins::set_drivers(true);

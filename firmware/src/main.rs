@@ -42,7 +42,6 @@ use vectors::{Irqs, Level};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let history = crash::begin();
     let chip = embassy_stm32::init(board::clocks());
     // Under a debugger time, steps and watchdog stand still together with the processor.
     pac::DBGMCU.apb1fzr().modify(|freeze| {
@@ -66,7 +65,7 @@ async fn main(spawner: Spawner) {
     for spawned in [
         engine::run(parts.engine).map(|task| step.spawn(task)),
         switches::emergency_stop(parts.emergency_stop).map(|task| step.spawn(task)),
-        control::run(history, session).map(|task| control.spawn(task)),
+        control::run(session).map(|task| control.spawn(task)),
     ] {
         // Each task has its place and is spawned once.
         let _ = spawned;

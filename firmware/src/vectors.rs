@@ -22,6 +22,7 @@ use core::sync::atomic::AtomicU32;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::{bind_interrupts, exti, peripherals, rng, usart, usb};
+use shared::frame::message::End;
 use static_cell::ConstStaticCell;
 
 bind_interrupts!(
@@ -89,9 +90,9 @@ unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
     let at = frame.pc();
     // SAFETY: an even address within flash, which can always be read.
     let panicked = CODE.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED;
-    let kind = match panicked {
-        true => crash::Kind::Panic,
-        false => crash::Kind::HardFault,
+    let how = match panicked {
+        true => End::Panic,
+        false => End::HardFault,
     };
     let above = core::ptr::from_ref(frame) as usize as u32 + FRAME;
     let top = &raw const _stack_start as usize as u32;
@@ -100,7 +101,7 @@ unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
         .step_by(4)
         .map(|address| unsafe { (address as *const u32).read() })
         .filter(|word| word % 2 == 1 && CODE.contains(word));
-    crash::end(kind, [at, frame.lr()].into_iter().chain(stack))
+    crash::end(how, [at, frame.lr()].into_iter().chain(stack))
 }
 
 /// Where flash is.

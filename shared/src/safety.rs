@@ -22,6 +22,29 @@ pub enum State {
     Faulted,
 }
 
+impl State {
+    /// Every state, at its number.
+    pub const ALL: [Self; 7] = [
+        Self::Unconfigured,
+        Self::Idle,
+        Self::Moving,
+        Self::Following,
+        Self::Stopping,
+        Self::Stopped,
+        Self::Faulted,
+    ];
+
+    /// The state's number.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// Whether the stage may be in motion.
+    pub const fn is_moving(self) -> bool {
+        matches!(self, Self::Moving | Self::Following | Self::Stopping)
+    }
+}
+
 /// How far the station's idea of its position can be trusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Trust {
@@ -50,6 +73,15 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// Every fault, at its number.
+    pub const ALL: [Self; 5] = [
+        Self::Heartbeat,
+        Self::EmergencyStop,
+        Self::Limit,
+        Self::Driver,
+        Self::Underrun,
+    ];
+
     /// The fault's number.
     pub const fn number(self) -> u8 {
         self as u8
@@ -58,21 +90,6 @@ impl Fault {
     /// Whether motion ends at once, without a ramp, which may lose steps.
     pub const fn is_abrupt(self) -> bool {
         !matches!(self, Self::Heartbeat)
-    }
-
-    /// What happened and what the operator does.
-    pub const fn explain(self) -> &'static str {
-        match self {
-            Self::Heartbeat => {
-                "the host fell silent while the stage moved; it stopped on a ramp, the position is kept: reset to go on"
-            }
-            Self::EmergencyStop => "the emergency stop was pressed: release it, reset, then zero",
-            Self::Limit => "a limit switch was met: reset, jog off the switch, then zero",
-            Self::Driver => {
-                "a motor driver reports a fault: check wiring and temperature, reset, then zero"
-            }
-            Self::Underrun => "step words were not emitted in time: reset, then zero",
-        }
     }
 }
 

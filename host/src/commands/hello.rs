@@ -5,19 +5,28 @@ use std::io::Write;
 use clap::Args;
 use host::error::Failure;
 use host::station::serial::Serial;
-use host::station::{StationError, ports, reset_cause};
+use host::station::{StationError, diagnosis, ports, reset_cause};
 use serde_json::json;
-use shared::frame::message::{Hello, Mismatch};
+use shared::frame::message::{End, Hello, LastRun, Mismatch};
+use std::path::{Path, PathBuf};
 
 /// Ask the station on a serial port who it is
 ///
 /// Sends a hello and nothing else: no configuration, no motion. When the firmware does not fit this program, every field
-/// that differs is named and the exit code is 3.
+/// that differs is named and the exit code is 3. After a crash of the station's program it also prints the command that finds the lines of source.
 #[derive(Debug, Args)]
 pub struct Options {
     /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
     port: String,
+
+    /// The image that was flashed, for the command that looks a crash up in it
+    #[arg(
+        long,
+        value_name = "ELF",
+        default_value = "firmware/target/thumbv7em-none-eabihf/release/station-b"
+    )]
+    elf: PathBuf,
 
     /// Print one JSON object
     #[arg(long)]
@@ -33,10 +42,18 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         return Err(Failure::Station(format!("{port}: no hello")));
     };
     let mismatches = hello.mismatches();
+    let last = serial.last_run().map_err(failed)?;
     if options.json {
-        writeln!(out, "{}", to_json(&port, &hello, &mismatches))?;
+        writeln!(
+            out,
+            "{}",
+            to_json(&port, &hello, last.as_ref(), &mismatches)
+        )?;
     } else {
         print(out, &port, &hello)?;
+        if let Some(last) = &last {
+            print_last_run(out, &hello, last, &options.elf)?;
+        }
     }
     if mismatches.is_empty() {
         Ok(())
@@ -68,7 +85,52 @@ fn print(out: &mut impl Write, port: &str, hello: &Hello) -> Result<(), Failure>
     Ok(())
 }
 
-fn to_json(port: &str, hello: &Hello, mismatches: &[Mismatch]) -> serde_json::Value {
+fn print_last_run(
+    out: &mut impl Write,
+    hello: &Hello,
+    last: &LastRun,
+    elf: &Path,
+) -> Result<(), Failure> {
+    if last.starts > 0 {
+        writeln!(out, "starts        {} since power on", last.starts)?;
+    }
+    if let Some(ended) = diagnosis::last_run(hello, last) {
+        writeln!(out, "before that   {ended}")?;
+    }
+    let places = diagnosis::places(last);
+    if !places.is_empty() {
+        let places: Vec<_> = places.iter().map(|place| format!("{place:#x}")).collect();
+        writeln!(
+            out,
+            "to see where  addr2line -fie {} {}",
+            elf.display(),
+            places.join(" ")
+        )?;
+    }
+    Ok(())
+}
+
+/// What the station remembers of its last run.
+pub fn last_run_json(last: &LastRun) -> serde_json::Value {
+    let end = match last.end {
+        End::Outside => "outside",
+        End::Panic => "panic",
+        End::HardFault => "hard_fault",
+    };
+    json!({
+        "starts": last.starts,
+        "fault": last.fault.map(|fault| fault.number()),
+        "end": end,
+        "addresses": diagnosis::places(last),
+    })
+}
+
+fn to_json(
+    port: &str,
+    hello: &Hello,
+    last: Option<&LastRun>,
+    mismatches: &[Mismatch],
+) -> serde_json::Value {
     let mismatch = |m: &Mismatch| json!({"field": m.field, "station": m.station, "host": m.host});
     json!({
         "port": port,
@@ -80,6 +142,7 @@ fn to_json(port: &str, hello: &Hello, mismatches: &[Mismatch]) -> serde_json::Va
         "delay_us": hello.delay_us,
         "session": hello.session,
         "reset_cause": reset_cause(hello.reset_cause).replace(' ', "_"),
+        "last_run": last.map(last_run_json),
         "mismatches": mismatches.iter().map(mismatch).collect::<Vec<_>>(),
     })
 }

@@ -9,19 +9,26 @@ use host::station::StationError;
 
 mod align;
 mod bench;
+mod by_hand;
 mod calibrate;
 mod convert;
 mod destination;
+mod diagnose;
 mod estimate;
 mod experiment;
 mod hello;
+mod jog;
 mod port;
 mod ports;
 mod progress;
+mod reset;
 mod scene;
+mod status;
+mod stop;
 mod tables;
 mod track;
 mod verify;
+mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
 ///
@@ -59,12 +66,18 @@ enum Command {
     Bench(bench::Options),
     Calibrate(calibrate::Options),
     Convert(convert::Options),
+    Diagnose(diagnose::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
+    Jog(jog::Options),
     Ports(ports::Options),
+    Reset(reset::Options),
+    Status(status::Options),
+    Stop(stop::Options),
     Tables(tables::Options),
     Track(track::Options),
     Verify(verify::Options),
+    Zero(zero::Options),
 }
 
 /// Runs the command; results go to `out`, one line at a time.
@@ -75,12 +88,18 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Bench(options)) => bench::run(&options, out),
+        Some(Command::Diagnose(options)) => diagnose::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
+        Some(Command::Jog(options)) => jog::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
+        Some(Command::Reset(options)) => reset::run(&options, out),
+        Some(Command::Status(options)) => status::run(&options, out),
+        Some(Command::Stop(options)) => stop::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),
         Some(Command::Track(options)) => track::run(&options, out),
         Some(Command::Verify(options)) => verify::run(&options, out),
+        Some(Command::Zero(options)) => zero::run(&options, out),
     }
 }
 

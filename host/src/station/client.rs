@@ -2,7 +2,7 @@
 
 use super::clock::Clock;
 use shared::frame::encode::{Bytes, encode};
-use shared::frame::message::{Command, Denial, Hello, Outcome, Packet, Report, Status};
+use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
 use shared::frame::receive::{Receiver, Rejects};
 use std::collections::VecDeque;
 
@@ -15,8 +15,12 @@ pub struct Client {
     sequence: u16,
     receiver: Receiver<Report>,
     hello: Option<Hello>,
+    last_run: Option<LastRun>,
     status: Option<Status>,
+    /// `status` came after the last hello.
+    status_is_fresh: bool,
     answers: VecDeque<(u16, Result<(), Denial>)>,
+    answered_tick: Option<u32>,
     clock: Clock,
     rejects: Rejects,
 }
@@ -46,8 +50,18 @@ impl Client {
 
     fn take(&mut self, now_us: u64, report: Report) {
         match report {
-            Report::Hello(hello) => self.hello = Some(hello),
-            Report::Status(status) => self.status = Some(status),
+            Report::Hello(hello) => {
+                self.hello = Some(hello);
+                // A line may have kept what the station told somebody else: of that, only what comes after our hello is for us.
+                self.status_is_fresh = false;
+                self.answers.clear();
+                self.answered_tick = None;
+            }
+            Report::LastRun(last_run) => self.last_run = Some(last_run),
+            Report::Status(status) => {
+                self.status = Some(status);
+                self.status_is_fresh = true;
+            }
             Report::Pong {
                 host_us,
                 received,
@@ -57,8 +71,11 @@ impl Client {
                     .pong(host_us, received.micros(), sent.micros(), now_us);
             }
             Report::Answer {
-                sequence, outcome, ..
+                sequence,
+                tick,
+                outcome,
             } => {
+                self.answered_tick = Some(tick);
                 if self.answers.len() == ANSWERS {
                     self.answers.pop_front();
                 }
@@ -75,8 +92,10 @@ impl Client {
     pub fn begin_again(&mut self) {
         self.receiver = Receiver::default();
         self.hello = None;
+        self.last_run = None;
         self.status = None;
         self.answers.clear();
+        self.answered_tick = None;
     }
 
     /// Another station, or the same after a restart: its clock began anew.
@@ -87,6 +106,11 @@ impl Client {
     /// Who the station said it is.
     pub fn hello(&self) -> Option<&Hello> {
         self.hello.as_ref()
+    }
+
+    /// What the station said of the time before it started; comes after its hello.
+    pub fn last_run(&self) -> Option<&LastRun> {
+        self.last_run.as_ref()
     }
 
     /// The latest status.
@@ -101,6 +125,18 @@ impl Client {
             .iter()
             .position(|(number, _)| *number == sequence)?;
         self.answers.remove(at).map(|(_, outcome)| outcome)
+    }
+
+    /// The latest status, if it came after the station's hello.
+    pub fn status_since_hello(&self) -> Option<&Status> {
+        self.status.as_ref().filter(|_| self.status_is_fresh)
+    }
+
+    /// The latest status, if it was made at or after the control tick of the latest answer: so it shows what that command has done.
+    pub fn status_since_answer(&self) -> Option<&Status> {
+        let status = self.status_since_hello()?;
+        let since = status.tick.wrapping_sub(self.answered_tick?);
+        (since <= u32::MAX / 2).then_some(status)
     }
 
     /// The station's clock as seen from here.

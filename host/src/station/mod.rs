@@ -2,10 +2,11 @@
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
 //! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
-//! the station's time. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! the station's time, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod client;
 pub mod clock;
+pub mod diagnosis;
 pub mod ports;
 pub mod serial;
 pub mod stage;
@@ -39,7 +40,7 @@ pub enum StationError {
         denial: Denial,
     },
     /// It latched a fault.
-    #[error("the station stopped with fault {}: {}", .0.number(), .0.explain())]
+    #[error("the station stopped with fault {}: {}", .0.number(), diagnosis::explain(*.0))]
     Faulted(Fault),
     /// Its bytes were not understood.
     #[error("the link to the station garbles: {0:?}")]
@@ -76,7 +77,7 @@ pub enum StationError {
     },
     /// The station started anew.
     #[error(
-        "{path}: the station restarted ({cause}): its position is unknown and its configuration gone; see that the stage stands right, then start again"
+        "{path}: the station restarted ({cause}): its position is unknown and its configuration gone; see that the stage stands right, then start again (`trinocular hello` shows what it remembers)"
     )]
     Restarted {
         /// The port.

@@ -12,7 +12,7 @@ use super::client::Client;
 use super::stage::configuration;
 use crate::rig_file::Stage;
 use line::Line;
-use shared::frame::message::{Command, Config, Denial, Hello, Mounting, Status};
+use shared::frame::message::{Command, Config, Denial, Hello, LastRun, Mounting, Status};
 use shared::safety::Fault;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -152,7 +152,7 @@ impl Serial {
         }
         // Without the heartbeat: what a host that crashed set moving must not live on by ours.
         serial.command("stop", Command::Stop)?;
-        serial.cleared = serial.status().and_then(|status| status.fault);
+        serial.cleared = serial.fresh_status(true)?.fault;
         let end = Instant::now() + REST_PATIENCE;
         loop {
             match serial.command("reset", Command::Reset) {
@@ -232,6 +232,33 @@ impl Serial {
     /// What the station said of itself.
     pub fn who(&self) -> Option<Hello> {
         self.client().hello().cloned()
+    }
+
+    /// What the station remembers of the time before it started. `None` if it is of other firmware or did not say.
+    ///
+    /// # Errors
+    /// If the line is or was lost.
+    pub fn last_run(&self) -> Result<Option<LastRun>, StationError> {
+        let fits = |hello: Hello| hello.mismatches().is_empty();
+        if !self.who().is_some_and(fits) {
+            return Ok(None);
+        }
+        // It comes right behind the hello.
+        self.wait_until(Instant::now() + PATIENCE, |client| {
+            client.last_run().copied()
+        })
+    }
+
+    /// A status from after the hello or, with `answered`, one that shows what the last answered command did. It comes within a tenth of a second.
+    ///
+    /// # Errors
+    /// [`StationError::Silent`] without one; if the line is or was lost.
+    pub fn fresh_status(&self, answered: bool) -> Result<Status, StationError> {
+        let status = self.wait_until(Instant::now() + PATIENCE, |client| match answered {
+            true => client.status_since_answer().copied(),
+            false => client.status_since_hello().copied(),
+        })?;
+        status.ok_or_else(|| self.silence("status", PATIENCE))
     }
 
     /// The port it is on.

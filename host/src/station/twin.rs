@@ -10,7 +10,7 @@ use super::tape::Tape;
 use crate::plant::Plant;
 use crate::rig_file::Stage;
 use shared::frame::encode::Bytes;
-use shared::frame::message::{Command, Denial, Mounting, ResetCause, Status};
+use shared::frame::message::{Command, Denial, LastRun, Mounting, ResetCause, Status};
 use shared::machine::{Board, Machine, Output};
 use shared::safety::Inputs;
 use shared::steps::{Generator, PortMap, WordRate};
@@ -59,6 +59,7 @@ impl Hardware {
             delay_us: (RING_WORDS as u64 * 1_000_000 / u64::from(rate.hz())) as u32,
             session,
             reset_cause: ResetCause::PowerOn,
+            last_run: LastRun::UNKNOWN,
         };
         Self {
             machine: Machine::new(board),

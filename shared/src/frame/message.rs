@@ -24,7 +24,7 @@ pub struct Packet {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
 pub enum Command {
-    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`].
+    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`] and [`Report::LastRun`].
     Hello,
     /// Replaces the whole configuration. Only at rest; refused as a whole if any value is impossible.
     Config(Config),
@@ -130,6 +130,8 @@ pub enum Report {
         /// Accepted, or refused and why.
         outcome: Outcome,
     },
+    /// What was before it started: after every hello. A message of its own, so that hello stays readable for hosts of any version.
+    LastRun(LastRun),
 }
 
 /// Who the station is.
@@ -166,6 +168,44 @@ pub enum ResetCause {
     Software,
     /// The watchdog was not fed.
     Watchdog,
+}
+
+/// What the station remembers of the time before its present start, in memory that a reset does not clear. Power-on forgets it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LastRun {
+    /// Starts since power-on, the present one included; 0 from a station that does not count.
+    pub starts: u32,
+    /// The fault that was latched when it ended.
+    pub fault: Option<Fault>,
+    /// How it ended.
+    pub end: End,
+    /// Addresses in the program, 0 is none: the instruction that failed, then what on the stack looks like return addresses (odd, as Thumb has
+    /// them), innermost first.
+    pub places: [u32; PLACES],
+}
+
+impl LastRun {
+    /// Of a station that keeps nothing across its starts.
+    pub const UNKNOWN: Self = Self {
+        starts: 0,
+        fault: None,
+        end: End::Outside,
+        places: [0; PLACES],
+    };
+}
+
+/// Addresses in a [`LastRun`].
+pub const PLACES: usize = 6;
+
+/// How a run of the program ended. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum End {
+    /// Not by itself: power, the pin, or a watchdog that nobody fed ([`Hello::reset_cause`] says which).
+    Outside,
+    /// It panicked.
+    Panic,
+    /// The processor faulted.
+    HardFault,
 }
 
 impl Hello {

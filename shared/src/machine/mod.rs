@@ -21,7 +21,8 @@ mod follow;
 
 use crate::frame::encode::{Bytes, encode};
 use crate::frame::message::{
-    Command, Denial, Drops, EstimateReport, Hello, Outcome, Packet, Report, ResetCause, Status,
+    Command, Denial, Drops, EstimateReport, Hello, LastRun, Outcome, Packet, Report, ResetCause,
+    Status,
 };
 use crate::frame::receive::Receiver;
 use crate::frame::{PROTOCOL, SCHEMA_HASH};
@@ -69,6 +70,8 @@ pub struct Board {
     pub session: u32,
     /// Why the board last started.
     pub reset_cause: ResetCause,
+    /// What was before that start.
+    pub last_run: LastRun,
 }
 
 /// What the shell is to do.
@@ -276,7 +279,7 @@ impl Machine {
         if command == Command::Hello {
             self.sequence = Some(sequence);
             self.heard = self.tick;
-            self.report(Report::Hello(self.hello()));
+            self.greet();
             return;
         }
         match self.sequence.map(|last| sequence.wrapping_sub(last)) {
@@ -306,6 +309,14 @@ impl Machine {
                 }
             }
         }
+    }
+
+    /// Says who it is, and what was before. Rare and large: in a function of its own the image is smaller.
+    #[cold]
+    #[inline(never)]
+    fn greet(&mut self) {
+        self.report(Report::Hello(self.hello()));
+        self.report(Report::LastRun(self.board.last_run));
     }
 
     fn hello(&self) -> Hello {

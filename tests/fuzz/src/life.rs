@@ -3,7 +3,7 @@
 use crate::command::{Order, Settings};
 use arbitrary::Arbitrary;
 use shared::frame::encode::encode;
-use shared::frame::message::{Command, Config, Outcome, Packet, Report, ResetCause};
+use shared::frame::message::{Command, Config, LastRun, Outcome, Packet, Report, ResetCause};
 use shared::frame::receive::Receiver;
 use shared::machine::{Board, SEGMENT_US};
 use shared::replay::{Event as Did, Probe, Station};
@@ -69,6 +69,7 @@ pub fn live(start: Start, events: &[Event]) {
         delay_us: RING_WORDS,
         session: 1,
         reset_cause: ResetCause::PowerOn,
+        last_run: LastRun::UNKNOWN,
     };
     let mut life = Life {
         station: Station::new(board, MAP, RING_WORDS).expect("the pins are possible"),

@@ -1,6 +1,6 @@
 //! What this board is: the twin's figures, so that the same log has the same meaning on both.
 
-use shared::frame::message::ResetCause;
+use shared::frame::message::{LastRun, ResetCause};
 use shared::machine::Board;
 use shared::steps::{PortMap, WordRate};
 
@@ -25,4 +25,5 @@ pub const BOARD: Board = Board {
     delay_us: RING_WORDS, // at 1 MHz
     session: 1,
     reset_cause: ResetCause::PowerOn,
+    last_run: LastRun::UNKNOWN,
 };

@@ -7,6 +7,7 @@ use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
+use host::station::diagnosis::explain;
 use host::station::serial::Serial;
 use host::station::stage::default_stage;
 use serde_json::json;
@@ -40,7 +41,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             eprintln!(
                 "its fault {} was cleared: {}",
                 fault.number(),
-                fault.explain()
+                explain(fault)
             );
         }
     }

@@ -1,0 +1,229 @@
+//! What the commands that drive a station by hand share: the port, the stage of the rig file, and refusals that say what to do next.
+
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::rig_file::{RigFile, Stage};
+use host::station::diagnosis::{self, remedy};
+use host::station::serial::Serial;
+use host::station::stage::{HEARTBEAT_MS, configuration};
+use host::station::{StationError, ports};
+use serde_json::{Value, json};
+use shared::frame::message::{Command, Denial, Mounting, Status};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// How long a stage may take to come to rest.
+const REST_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How often a stage in motion is looked at.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// Where the station is.
+#[derive(Debug, Args)]
+pub struct PortArgument {
+    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports` lists all
+    #[arg(long, value_name = "PATH")]
+    pub port: String,
+}
+
+/// What the station moves.
+#[derive(Debug, Args)]
+pub struct StageArgument {
+    /// Configure the station with the [stage] of this rig file first; without it the station keeps the configuration it has
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+
+    /// The station stops when it hears nothing for so long, ms. More on a busy computer
+    #[arg(long, value_name = "MS", requires = "rig", default_value_t = HEARTBEAT_MS, value_parser = clap::value_parser!(u16).range(20..=10_000))]
+    heartbeat: u16,
+}
+
+impl StageArgument {
+    /// The stage of the rig file, if one was named.
+    pub fn read(&self) -> Result<Option<Stage>, Failure> {
+        let Some(path) = &self.rig else {
+            return Ok(None);
+        };
+        match RigFile::read(path)?.stage {
+            Some(stage) => Ok(Some(stage)),
+            None => {
+                Err(InputError::file(path, "has no [stage]: it says what the station moves").into())
+            }
+        }
+    }
+}
+
+/// A connected station.
+pub struct Hand {
+    serial: Serial,
+    port: String,
+}
+
+impl Hand {
+    /// Asks who is there; a station of other firmware is refused.
+    pub fn connect(argument: &PortArgument) -> Result<Self, Failure> {
+        let hand = Self::connect_to_any(argument)?;
+        let mismatches = hand.serial.who().map(|hello| hello.mismatches());
+        match mismatches.unwrap_or_default() {
+            list if list.is_empty() => Ok(hand),
+            list => Err(hand.failed(StationError::Mismatch(list.to_vec()))),
+        }
+    }
+
+    /// As [`Hand::connect`], for a command that means the same to every firmware.
+    pub fn connect_to_any(argument: &PortArgument) -> Result<Self, Failure> {
+        let port = ports::resolve(&argument.port).map_err(super::station_failed)?;
+        let serial =
+            Serial::connect(&port).map_err(|error| super::failed_at(Some(&port), error.into()))?;
+        Ok(Self { serial, port })
+    }
+
+    /// The conversation.
+    pub fn serial(&self) -> &Serial {
+        &self.serial
+    }
+
+    /// The port's path.
+    pub fn port(&self) -> &str {
+        &self.port
+    }
+
+    /// How the station is now.
+    pub fn status(&self) -> Result<Status, Failure> {
+        self.serial
+            .fresh_status(false)
+            .map_err(|error| self.failed(error))
+    }
+
+    /// Sends a command; returns how the station is after it.
+    pub fn command(&mut self, name: &'static str, command: Command) -> Result<Status, Failure> {
+        self.try_command(name, command)
+            .map_err(|error| self.failed(error))
+    }
+
+    fn try_command(
+        &mut self,
+        name: &'static str,
+        command: Command,
+    ) -> Result<Status, StationError> {
+        self.serial.command(name, command)?;
+        self.serial.fresh_status(true)
+    }
+
+    /// As [`Hand::command`], and once more while the stage still ramps down.
+    pub fn command_at_rest(
+        &mut self,
+        name: &'static str,
+        command: Command,
+    ) -> Result<Status, Failure> {
+        let end = Instant::now() + REST_PATIENCE;
+        loop {
+            let outcome = self.try_command(name, command);
+            let denied = matches!(
+                outcome,
+                Err(StationError::Denied {
+                    denial: Denial::Moving,
+                    ..
+                })
+            );
+            if !denied || Instant::now() >= end {
+                return outcome.map_err(|error| self.failed(error));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Gives the station its stage, if one was named.
+    pub fn configure(
+        &mut self,
+        stage: Option<&Stage>,
+        argument: &StageArgument,
+    ) -> Result<(), Failure> {
+        let (Some(stage), Some(path)) = (stage, &argument.rig) else {
+            return Ok(());
+        };
+        let config = configuration(stage, Mounting::OnStage)
+            .map_err(|error| InputError::file(path, error.to_string()))?;
+        let heartbeat_ms = argument.heartbeat;
+        let config = Command::Config(shared::frame::message::Config {
+            heartbeat_ms,
+            ..config
+        });
+        self.command("config", config).map(|_| ())
+    }
+
+    /// Starts the heartbeat, and waits until the station has heard it.
+    pub fn start_heartbeat(&mut self) -> Result<(), Failure> {
+        self.serial.set_pings(true);
+        let heard = self
+            .serial
+            .wait_until(Instant::now() + REST_PATIENCE, |client| {
+                client.clock().offset_us(0)
+            });
+        match heard.map_err(|error| self.failed(error))? {
+            Some(_) => Ok(()),
+            None => Err(self.failed(StationError::Silent {
+                command: "ping",
+                waited_ms: REST_PATIENCE.as_millis() as u64,
+            })),
+        }
+    }
+
+    /// Waits until the stage stands; `watch` sees every status meanwhile, and may send commands.
+    pub fn wait_for_rest(
+        &mut self,
+        mut watch: impl FnMut(&mut Self, &Status) -> Result<(), Failure>,
+    ) -> Result<Status, Failure> {
+        loop {
+            self.serial.check().map_err(|error| self.failed(error))?;
+            let status = self.serial.client().status_since_answer().copied();
+            if let Some(status) = status {
+                if !status.state.is_moving() {
+                    return Ok(status);
+                }
+                watch(self, &status)?;
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// The failure, with the port it happened on and what to do next.
+    pub fn failed(&self, error: StationError) -> Failure {
+        let next = match &error {
+            StationError::Denied { denial, .. } => remedy(*denial),
+            _ => None,
+        };
+        match (super::failed_at(Some(&self.port), error.into()), next) {
+            (Failure::Station(reason), Some(next)) => Failure::Station(format!("{reason}; {next}")),
+            (failure, _) => failure,
+        }
+    }
+}
+
+/// Whole steps, and mm where the stage is known.
+pub fn position(steps: [i32; 3], stage: Option<&Stage>) -> String {
+    let [x, y, z] = steps;
+    match stage.map(|stage| in_mm(steps, stage)) {
+        Some([a, b, c]) => format!("{a:.4} {b:.4} {c:.4} mm ({x} {y} {z} steps)"),
+        None => format!("{x} {y} {z} steps"),
+    }
+}
+
+/// Whole steps in mm.
+pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
+    std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
+}
+
+/// State, trust and fault by name; the fault also by number.
+pub fn condition(status: &Status) -> Value {
+    let fault = status
+        .fault
+        .map(|fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name}));
+    json!({
+        "state": diagnosis::state(status.state).name,
+        "fault": fault,
+        "trust": diagnosis::trust(status.trust),
+        "position_steps": status.position_steps,
+        "target_steps": status.target_steps,
+    })
+}

@@ -1,0 +1,212 @@
+//! `trinocular jog`: moves the stage by a distance.
+
+use std::io::Write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+use super::by_hand::{Hand, PortArgument, StageArgument, condition, in_mm, position};
+use super::progress::Progress;
+use clap::Args;
+use host::error::Failure;
+use host::rig_file::Stage;
+use host::station::StationError;
+use host::station::diagnosis;
+use serde_json::json;
+use shared::frame::message::{Command, Denial, Status};
+use shared::safety::{State, Trust};
+
+/// Longest jog, mm: more is a slip of the unit.
+const LONGEST_MM: f64 = 1000.0;
+
+/// Move the stage by a distance along its axes, in mm, and wait until it stands
+///
+/// While the position is unknown it moves slowly and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the move. Ctrl-C stops
+/// the stage on a ramp.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// How far, mm: x=1.5 y=-2; axes that are not named stand still
+    #[arg(value_name = "AXIS=MM", required = true)]
+    distances: Vec<Distance>,
+
+    #[command(flatten)]
+    port: PortArgument,
+
+    #[command(flatten)]
+    stage: StageArgument,
+
+    /// Print one JSON object at the end
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular jog x=1 --port auto --rig rig.toml     # the first after the station's start: configure it
+  trinocular jog y=-0.5 z=10 --port /dev/ttyACM0";
+
+/// A distance along one axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Distance {
+    axis: usize,
+    um: i32,
+}
+
+impl std::str::FromStr for Distance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=');
+        let (axis, mm) = parts.ok_or("write an axis, =, and mm: x=1.5")?;
+        let axis = ["x", "y", "z"]
+            .into_iter()
+            .position(|name| axis.eq_ignore_ascii_case(name))
+            .ok_or_else(|| format!("no axis `{axis}`: x, y, z"))?;
+        let mm: f64 = mm.parse().map_err(|_| format!("`{mm}` is no number"))?;
+        if !(mm.abs() <= LONGEST_MM) {
+            return Err(format!("must be -{LONGEST_MM} to {LONGEST_MM} mm"));
+        }
+        let um = (mm * 1e3).round() as i32;
+        if um == 0 && mm != 0.0 {
+            return Err("shorter than 0.001 mm".to_owned());
+        }
+        Ok(Self { axis, um })
+    }
+}
+
+/// One distance per axis.
+fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
+    let mut um = [None; 3];
+    for distance in distances {
+        if um[distance.axis].replace(distance.um).is_some() {
+            let name = ['x', 'y', 'z'][distance.axis];
+            return Err(Failure::Usage(format!("axis {name} is named twice")));
+        }
+    }
+    Ok(um.map(Option::unwrap_or_default))
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let distance_um = along_axes(&options.distances)?;
+    let stage = options.stage.read()?;
+    let mut hand = Hand::connect(&options.port)?;
+    let before = hand.status()?;
+    if before.state.is_moving() {
+        // Whoever set it moving is gone or busy: our heartbeat must not keep it going.
+        return Err(denied(&hand, Denial::Moving));
+    }
+    if before.state == State::Unconfigured && stage.is_none() {
+        return Err(denied(&hand, Denial::Unconfigured));
+    }
+    hand.configure(stage.as_ref(), &options.stage)?;
+    hand.start_heartbeat()?;
+    let interrupted = on_interrupt()?;
+    let started = hand.command("jog", Command::Jog { distance_um })?;
+    if started.trust != Trust::Homed {
+        eprintln!(
+            "the position is {}: slowly, and without soft limits",
+            diagnosis::trust(started.trust)
+        );
+    }
+    let mut progress = Progress::new("moving");
+    let mut stopping = false;
+    let end = hand.wait_for_rest(|hand, status| {
+        progress.at(share(&before, status));
+        if interrupted.load(Relaxed) && !stopping {
+            stopping = true;
+            hand.command("stop", Command::Stop)?;
+        }
+        Ok(())
+    })?;
+    drop(progress);
+    tell(options, &before, &end, stage.as_ref(), out)?;
+    if let Some(fault) = end.fault {
+        return Err(hand.failed(StationError::Faulted(fault)));
+    }
+    if end.state == State::Stopped {
+        let who = if stopping {
+            "interrupted"
+        } else {
+            "stopped by somebody else"
+        };
+        let next = diagnosis::state(end.state).action;
+        return Err(Failure::Station(format!("{who}; next: {next}")));
+    }
+    if let Some(stage) = &stage {
+        warn_of_soft_limits(distance_um, &before, &end, stage);
+    }
+    Ok(())
+}
+
+fn denied(hand: &Hand, denial: Denial) -> Failure {
+    hand.failed(StationError::Denied {
+        command: "jog",
+        denial,
+    })
+}
+
+/// Set by Ctrl-C, or a polite end; the second time the program ends at once, and the station stops without its heartbeat.
+fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if set.swap(true, Relaxed) {
+            std::process::exit(3);
+        }
+    })
+    .map_err(|cause| Failure::Scene(format!("cannot watch for Ctrl-C: {cause}")))?;
+    Ok(flag)
+}
+
+fn share(before: &Status, now: &Status) -> f64 {
+    let far =
+        |axis: usize, to: [i32; 3]| f64::from(to[axis]) - f64::from(before.position_steps[axis]);
+    let shares = (0..3).map(|axis| far(axis, now.position_steps) / far(axis, now.target_steps));
+    // An axis that stands has no share.
+    shares.filter(|share| share.is_finite()).fold(1.0, f64::min)
+}
+
+fn tell(
+    options: &Options,
+    before: &Status,
+    end: &Status,
+    stage: Option<&Stage>,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let moved = moved_steps(before, end);
+    if options.json {
+        let mut object = condition(end);
+        object["moved_steps"] = json!(moved);
+        object["moved_mm"] = json!(stage.map(|stage| in_mm(moved, stage)));
+        object["position_mm"] = json!(stage.map(|stage| in_mm(end.position_steps, stage)));
+        writeln!(out, "{object}")?;
+    } else {
+        writeln!(out, "moved by  {}", position(moved, stage))?;
+        let trust = diagnosis::trust(end.trust);
+        writeln!(
+            out,
+            "now at    {}, {trust}",
+            position(end.position_steps, stage)
+        )?;
+    }
+    Ok(())
+}
+
+fn moved_steps(before: &Status, end: &Status) -> [i32; 3] {
+    std::array::from_fn(|axis| end.position_steps[axis].wrapping_sub(before.position_steps[axis]))
+}
+
+fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, stage: &Stage) {
+    let moved_mm = in_mm(moved_steps(before, end), stage);
+    for axis in 0..3 {
+        let short_mm = (f64::from(distance_um[axis]) * 1e-3 - moved_mm[axis]).abs();
+        if short_mm * stage.steps_per_mm[axis] > 1.0 {
+            let name = ['x', 'y', 'z'][axis];
+            let [least, greatest] = stage.travel_mm[axis];
+            eprintln!(
+                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to {greatest} mm"
+            );
+        }
+    }
+}

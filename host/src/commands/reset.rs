@@ -1,0 +1,35 @@
+//! `trinocular reset`: a stopped or faulted station may move again.
+
+use std::io::Write;
+
+use super::by_hand::{Hand, PortArgument};
+use clap::Args;
+use host::error::Failure;
+use host::station::diagnosis::{self, next_step};
+use shared::frame::message::Command;
+
+/// Clear a stop, or a fault whose cause is gone
+///
+/// Moves nothing, and says what the station needs next. Refused while the cause of the fault is still there. Waits while the stage ramps down.
+#[derive(Debug, Args)]
+pub struct Options {
+    #[command(flatten)]
+    port: PortArgument,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let mut hand = Hand::connect(&options.port)?;
+    let before = hand.status()?;
+    let status = hand.command_at_rest("reset", Command::Reset)?;
+    if let Some(fault) = before.fault {
+        let cause = diagnosis::fault(fault).cause;
+        writeln!(out, "cleared fault {}: {cause}", fault.number())?;
+    }
+    let state = diagnosis::state(status.state);
+    writeln!(out, "{}: {}", state.name, state.meaning)?;
+    if let Some(next) = next_step(&status) {
+        writeln!(out, "next: {next}")?;
+    }
+    Ok(())
+}

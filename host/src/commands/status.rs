@@ -1,0 +1,158 @@
+//! `trinocular status`: how a station is.
+
+use std::io::Write;
+
+use super::by_hand::{Hand, PortArgument, condition};
+use clap::Args;
+use host::error::Failure;
+use host::station::diagnosis::{self, next_step};
+use host::station::{StationError, reset_cause};
+use serde_json::json;
+use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
+
+/// Ask the station on a serial port how it is
+///
+/// Changes nothing. With a latched fault the exit code is 3; `trinocular diagnose` explains all states and faults.
+#[derive(Debug, Args)]
+pub struct Options {
+    #[command(flatten)]
+    port: PortArgument,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let hand = Hand::connect(&options.port)?;
+    let (hello, last) = who(&hand)?;
+    let status = hand.status()?;
+    if options.json {
+        writeln!(out, "{}", to_json(&hand, &hello, last.as_ref(), &status))?;
+    } else {
+        writeln!(out, "{} on {}", hello.board, hand.port())?;
+        for (name, value) in lines(&hello, last.as_ref(), &status) {
+            writeln!(out, "{name:<12}  {value}")?;
+        }
+    }
+    match status.fault {
+        None => Ok(()),
+        Some(fault) => Err(hand.failed(StationError::Faulted(fault))),
+    }
+}
+
+/// Who it is, and what it remembers.
+pub fn who(hand: &Hand) -> Result<(Hello, Option<LastRun>), Failure> {
+    let last = hand
+        .serial()
+        .last_run()
+        .map_err(|error| hand.failed(error))?;
+    let hello = hand.serial().who();
+    let hello = hello.ok_or_else(|| Failure::Station(format!("{}: no hello", hand.port())))?;
+    Ok((hello, last))
+}
+
+/// What there is to say, with its names.
+pub fn lines(
+    hello: &Hello,
+    last: Option<&LastRun>,
+    status: &Status,
+) -> Vec<(&'static str, String)> {
+    let state = diagnosis::state(status.state);
+    let steps = |[x, y, z]: [i32; 3]| format!("{x} {y} {z} steps");
+    let mut lines = vec![("state", format!("{}: {}", state.name, state.meaning))];
+    if let Some(fault) = status.fault {
+        let cause = diagnosis::fault(fault).cause;
+        lines.push(("fault", format!("{}: {cause}", fault.number())));
+    }
+    let trust = diagnosis::trust(status.trust);
+    let position = format!("{}, {trust}", steps(status.position_steps));
+    lines.push(("position", position));
+    if status.target_steps != status.position_steps {
+        lines.push(("target", steps(status.target_steps)));
+    }
+    if status.frames_used > 0 || status.frames_refused > 0 {
+        let (used, refused) = (status.frames_used, status.frames_refused);
+        lines.push(("frames", format!("{used} used, {refused} refused")));
+    }
+    if let Some(estimate) = &status.estimate {
+        lines.push(("last frame", last_frame(estimate)));
+    }
+    let dropped: Vec<_> = drops(&status.drops)
+        .into_iter()
+        .filter(|(_, count)| *count > 0)
+        .map(|(name, count)| format!("{count} {}", name.replace('_', " ")))
+        .collect();
+    if !dropped.is_empty() {
+        lines.push(("not taken", format!("packets: {}", dropped.join(", "))));
+    }
+    let ended = last.and_then(|last| diagnosis::last_run(hello, last));
+    let cause = reset_cause(hello.reset_cause);
+    let start = ended.map_or(cause.to_owned(), |ended| {
+        format!("{cause}: {ended} (`trinocular hello` says where)")
+    });
+    lines.push(("last start", start));
+    if let Some(next) = next_step(status) {
+        lines.push(("next", next));
+    }
+    lines
+}
+
+fn last_frame(estimate: &EstimateReport) -> String {
+    let mm = |nm: f64| format!("{:.4}", nm * 1e-6);
+    let moved = estimate.displacement_nm.map(|nm| mm(f64::from(nm)));
+    let sigma = estimate.sigma_nm.map_or(String::new(), |sigma| {
+        let sigma = sigma.map(|nm| mm(f64::from(nm)));
+        format!(" +- {}", sigma.join(" "))
+    });
+    let latency_ms = f64::from(estimate.latency_us) * 1e-3;
+    format!(
+        "{}{sigma} mm, {latency_ms:.1} ms after the picture",
+        moved.join(" ")
+    )
+}
+
+fn drops(drops: &Drops) -> [(&'static str, u16); 7] {
+    [
+        ("too_long", drops.rejects.too_long),
+        ("framing", drops.rejects.framing),
+        ("checksum", drops.rejects.checksum),
+        ("malformed", drops.rejects.malformed),
+        ("duplicate", drops.duplicate),
+        ("stale", drops.stale),
+        ("overflow", drops.overflow),
+    ]
+}
+
+fn to_json(
+    hand: &Hand,
+    hello: &Hello,
+    last: Option<&LastRun>,
+    status: &Status,
+) -> serde_json::Value {
+    let mut object = condition(status);
+    let mm = |nm: f64| nm * 1e-6;
+    let estimate = status.estimate.map(|estimate| {
+        json!({
+            "sequence": estimate.sequence,
+            "displacement_mm": estimate.displacement_nm.map(|nm| mm(f64::from(nm))),
+            "sigma_mm": estimate.sigma_nm.map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            "latency_ms": f64::from(estimate.latency_us) * 1e-3,
+        })
+    });
+    object["port"] = json!(hand.port());
+    object["board"] = json!(hello.board.as_str());
+    object["time_us"] = json!(status.time.micros());
+    object["tick"] = json!(status.tick);
+    object["frames_used"] = json!(status.frames_used);
+    object["frames_refused"] = json!(status.frames_refused);
+    object["drops"] = drops(&status.drops)
+        .map(|(name, count)| (name.to_owned(), json!(count)))
+        .into_iter()
+        .collect();
+    object["estimate"] = json!(estimate);
+    object["last_run"] = json!(last.map(super::hello::last_run_json));
+    object["next"] = json!(next_step(status));
+    object
+}

@@ -1,0 +1,261 @@
+//! What the station's states, faults and refusals mean to whoever stands beside it: one table, which `trinocular diagnose` prints and every message
+//! quotes.
+
+use shared::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
+use shared::safety::{Fault, State, Trust};
+
+/// A line of the table of states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StateText {
+    /// As in JSON and in the protocol's `schema.txt`.
+    pub name: &'static str,
+    /// What the stage does.
+    pub meaning: &'static str,
+    /// What the operator does.
+    pub action: &'static str,
+}
+
+/// A line of the table of faults.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultText {
+    /// As in JSON and in the protocol's `schema.txt`.
+    pub name: &'static str,
+    /// What happened.
+    pub cause: &'static str,
+    /// What the operator does.
+    pub action: &'static str,
+    /// Whether the position is still good.
+    pub position: &'static str,
+}
+
+/// The line of a state.
+pub const fn state(state: State) -> StateText {
+    let (name, meaning, action) = match state {
+        State::Unconfigured => (
+            "unconfigured",
+            "it knows nothing of its stage since it started: nothing moves",
+            "give it the stage: `zero` or `jog` with --rig, or a run of `track`",
+        ),
+        State::Idle => ("idle", "at rest and ready", "nothing"),
+        State::Moving => (
+            "moving",
+            "a jog or a move to a position is under way",
+            "wait, or `stop`",
+        ),
+        State::Following => (
+            "following",
+            "it follows the target that a host describes",
+            "end that program, or `stop`",
+        ),
+        State::Stopping => (
+            "stopping",
+            "it ramps down after a stop or a fault",
+            "wait until it stands",
+        ),
+        State::Stopped => (
+            "stopped",
+            "somebody stopped it: nothing moves until a reset",
+            "`reset`",
+        ),
+        State::Faulted => (
+            "faulted",
+            "a fault is latched: nothing moves until a reset",
+            "see the fault; remove its cause, then `reset`",
+        ),
+    };
+    StateText {
+        name,
+        meaning,
+        action,
+    }
+}
+
+/// The line of a fault.
+pub const fn fault(fault: Fault) -> FaultText {
+    let (name, cause, action) = match fault {
+        Fault::Heartbeat => (
+            "heartbeat",
+            "the host fell silent while the stage moved; it stopped on a ramp",
+            "see that program and line are well, then `reset`; on a busy computer a longer --heartbeat",
+        ),
+        Fault::EmergencyStop => (
+            "emergency_stop",
+            "the emergency stop was pressed, or its wire is broken",
+            "release it, `reset`, then `zero`",
+        ),
+        Fault::Limit => (
+            "limit",
+            "a limit switch was met, or its wire is broken",
+            "`reset`, `jog` off the switch, then `zero`",
+        ),
+        Fault::Driver => (
+            "driver",
+            "a motor driver reports a fault",
+            "check its wiring, current and temperature, `reset`, then `zero`",
+        ),
+        Fault::Underrun => (
+            "underrun",
+            "the step engine fell behind or stopped: pulses were not made in time",
+            "`reset`, then `zero`; if it comes again, note what `hello` and `status` say",
+        ),
+    };
+    let position = match fault.is_abrupt() {
+        true => "degraded if it moved: steps may be lost",
+        false => "good",
+    };
+    FaultText {
+        name,
+        cause,
+        action,
+        position,
+    }
+}
+
+/// A fault in one sentence.
+pub fn explain(latched: Fault) -> String {
+    let FaultText { cause, action, .. } = fault(latched);
+    format!("{cause}: {action}")
+}
+
+/// A trust's name.
+pub const fn trust(trust: Trust) -> &'static str {
+    match trust {
+        Trust::Unknown => "unknown",
+        Trust::Homed => "homed",
+        Trust::Degraded => "degraded",
+    }
+}
+
+/// What makes a refused command possible.
+pub const fn remedy(denial: Denial) -> Option<&'static str> {
+    Some(match denial {
+        Denial::Unconfigured => {
+            "it forgets its configuration when it restarts; give it one with --rig RIG.toml"
+        }
+        Denial::Moving => "wait until it stands, or stop it with `trinocular stop`",
+        Denial::PositionUnknown => "`trinocular zero` makes the present position zero",
+        Denial::Stopped => "`trinocular reset` lets it move again",
+        Denial::Faulted => {
+            "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
+        }
+        Denial::CauseRemains => "release the emergency stop, or see to the driver, then again",
+        Denial::Config(_) => "correct the [stage] of the rig file",
+        Denial::LimitSwitch => "move the other way, off the switch",
+        Denial::Estimate(_)
+        | Denial::CaptureInFuture
+        | Denial::CaptureTooOld
+        | Denial::CaptureOutOfOrder
+        | Denial::UnknownReference => return None,
+    })
+}
+
+/// What the operator does next with a station in this condition; `None` if it is ready for anything.
+pub fn next_step(status: &Status) -> Option<String> {
+    if let Some(latched) = status.fault {
+        return Some(fault(latched).action.to_owned());
+    }
+    if status.state != State::Idle {
+        return Some(state(status.state).action.to_owned());
+    }
+    match status.trust {
+        Trust::Homed => None,
+        Trust::Unknown => Some(
+            "`jog` to where zero is to be (it moves slowly and knows no soft limits), then `zero`"
+                .to_owned(),
+        ),
+        Trust::Degraded => Some(
+            "steps may be lost: see where the stage stands, `jog` it to its zero, then `zero`"
+                .to_owned(),
+        ),
+    }
+}
+
+/// How the station's last run ended, in words; `None` if there is nothing to tell: it was switched on or reset from outside, without a fault.
+pub fn last_run(hello: &Hello, last: &LastRun) -> Option<String> {
+    let end = match last.end {
+        End::Panic => Some("its program panicked"),
+        End::HardFault => Some("its processor faulted"),
+        End::Outside if hello.reset_cause == ResetCause::Watchdog => {
+            Some("its program hung, so that the watchdog reset it")
+        }
+        End::Outside => None,
+    };
+    let latched = last.fault.map(|latched| {
+        format!(
+            "fault {} ({}) was latched",
+            latched.number(),
+            fault(latched).name
+        )
+    });
+    let parts: Vec<String> = end.map(str::to_owned).into_iter().chain(latched).collect();
+    (!parts.is_empty()).then(|| parts.join("; "))
+}
+
+/// The addresses of a crash, to be looked up in the program: a return address lies behind the call, and says by its lowest bit that it is Thumb code.
+pub fn places(last: &LastRun) -> Vec<u32> {
+    let even = |(index, place): (usize, &u32)| match index {
+        0 => *place,
+        _ => (place & !1).saturating_sub(2),
+    };
+    let known = last.places.iter().enumerate().filter(|(_, p)| **p != 0);
+    known.map(even).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared::frame::SCHEMA;
+    use shared::frame::message::PLACES;
+
+    /// The names are the protocol's.
+    #[test]
+    fn names_are_those_of_the_schema() {
+        let line = |kind: &str| {
+            let line = SCHEMA.lines().find(|line| line.starts_with(kind));
+            line.expect("the schema has it").to_owned()
+        };
+        let states = State::ALL.map(|s| format!(" {} {}", s.number(), state(s).name));
+        assert_eq!(line("state "), format!("state{}", states.concat()));
+        let faults = Fault::ALL.map(|f| format!(" {} {}", f.number(), fault(f).name));
+        assert_eq!(line("fault "), format!("fault{}", faults.concat()));
+    }
+
+    #[test]
+    fn the_position_is_good_after_a_ramp_only() {
+        for each in Fault::ALL {
+            assert_eq!(fault(each).position == "good", each == Fault::Heartbeat);
+        }
+    }
+
+    #[test]
+    fn a_crash_is_told_with_addresses_inside_the_calls() {
+        let hello = |reset_cause| Hello {
+            protocol: 1,
+            schema: 0,
+            version: [0, 1, 0],
+            board: Default::default(),
+            word_rate_hz: 1_000_000,
+            delay_us: 1,
+            session: 1,
+            reset_cause,
+        };
+        let mut places_kept = [0; PLACES];
+        places_kept[..2].copy_from_slice(&[0x0800_1234, 0x0800_5679]);
+        let crashed = LastRun {
+            starts: 2,
+            fault: Some(Fault::Underrun),
+            end: End::Panic,
+            places: places_kept,
+        };
+        let watchdog = hello(ResetCause::Watchdog);
+        let text = last_run(&watchdog, &crashed).expect("a crash");
+        assert!(
+            text.contains("panicked") && text.contains("fault 4 (underrun)"),
+            "{text}"
+        );
+        assert_eq!(places(&crashed), [0x0800_1234, 0x0800_5676]);
+        let hung = last_run(&watchdog, &LastRun::UNKNOWN).expect("a hang");
+        assert!(hung.contains("hung"), "{hung}");
+        assert_eq!(last_run(&hello(ResetCause::Pin), &LastRun::UNKNOWN), None);
+    }
+}

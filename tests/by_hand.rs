@@ -1,0 +1,323 @@
+//! The commands that drive a station by hand, as their user meets them: a station on a pseudo-terminal, the built program, its words and exit codes.
+
+use host::rig_file::RigFile;
+use host::station::stage::default_stage;
+use serde_json::{Value, json};
+use shared::frame::message::{End, LastRun, ResetCause};
+use shared::safety::{Fault, State};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use trinocular_tests::binary::trinocular;
+use trinocular_tests::emulator::{Emulator, pins};
+use trinocular_tests::far_end::{FarEnd, mute, station, station_after};
+
+/// Long enough for any machine; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a run of the program left behind.
+struct Done {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+impl Done {
+    #[track_caller]
+    fn ended(self, code: i32, parts: &[&str]) -> Self {
+        assert_eq!(self.code, Some(code), "{}\n{}", self.out, self.err);
+        let text = if code == 0 { &self.out } else { &self.err };
+        for part in parts {
+            assert!(text.contains(part), "`{part}` is not in: {text}");
+        }
+        self
+    }
+
+    #[track_caller]
+    fn json(&self) -> Value {
+        serde_json::from_str(&self.out).expect("one JSON object")
+    }
+}
+
+/// A folder with a rig file, and the path to a station.
+struct Desk {
+    folder: TempDir,
+    port: String,
+}
+
+impl Desk {
+    fn new(port: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut rig = RigFile::paper();
+        std::fs::write(folder.path().join("cameras.toml"), rig.to_toml()).expect("it is ours");
+        rig.stage = Some(default_stage());
+        std::fs::write(folder.path().join("rig.toml"), rig.to_toml()).expect("it is ours");
+        Self {
+            folder,
+            port: port.to_owned(),
+        }
+    }
+
+    fn command(&self, words: &str) -> Command {
+        let mut command = trinocular();
+        command
+            .args(words.split_whitespace())
+            .args(["--port", &self.port])
+            .current_dir(self.folder.path());
+        command
+    }
+
+    fn run(&self, words: &str) -> Done {
+        let done = self.command(words).output().expect("trinocular runs");
+        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+        Done {
+            code: done.status.code(),
+            out: text(done.stdout),
+            err: text(done.stderr),
+        }
+    }
+
+    fn start(&self, words: &str) -> Child {
+        let mut command = self.command(words);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().expect("trinocular runs")
+    }
+
+    fn status(&self) -> Value {
+        self.run("status --json").json()
+    }
+}
+
+/// The machine that runs the tests has other things to do than a heartbeat every 20 ms.
+const CONFIGURE: &str = "--rig rig.toml --heartbeat 5000";
+
+fn moving(end: &FarEnd) {
+    let patience = Instant::now() + PATIENCE;
+    while end.steps()[0] < 80 {
+        assert!(Instant::now() < patience, "{:?}", end.steps());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn standing(end: &FarEnd) -> [i64; 3] {
+    let patience = Instant::now() + PATIENCE;
+    loop {
+        let steps = end.steps();
+        std::thread::sleep(Duration::from_millis(300));
+        if end.steps() == steps {
+            return steps;
+        }
+        assert!(Instant::now() < patience);
+    }
+}
+
+#[test]
+fn a_day_with_a_station() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run("status")
+        .ended(0, &["far end on", "unconfigured", "next", "--rig"]);
+    desk.run("jog x=1").ended(3, &["--rig RIG.toml", &end.path]);
+    desk.run("zero").ended(3, &["--rig RIG.toml", &end.path]);
+    assert_eq!(end.steps(), [0; 3]);
+
+    let first = desk.run(&format!("jog x=1 Y=-0.5 {CONFIGURE}"));
+    let first = first.ended(0, &["1.0000 -0.5000 0.0000 mm (80 -40 0 steps)", "unknown"]);
+    assert!(first.err.contains("slowly"), "{}", first.err);
+    assert_eq!(end.steps(), [80, -40, 0]);
+    desk.run("status")
+        .ended(0, &["80 -40 0 steps, unknown", "`zero`"]);
+
+    desk.run("zero").ended(0, &["it was at 80 -40 0 steps"]);
+    let status = desk.status();
+    assert_eq!(status["state"], "idle");
+    assert_eq!(status["trust"], "homed");
+    assert_eq!(status["position_steps"], json!([0, 0, 0]));
+    assert_eq!(status["next"], Value::Null);
+
+    // The station keeps its configuration; without the rig file here steps are all that is known.
+    let jog = desk.run("jog z=2 --json").ended(0, &[]).json();
+    assert_eq!(jog["moved_steps"], json!([0, 0, 160]));
+    assert_eq!(jog["position_mm"], Value::Null);
+    assert_eq!(end.steps(), [80, -40, 160]);
+}
+
+#[test]
+fn a_stopped_station_says_how_to_go_on() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
+    desk.run("stop")
+        .ended(0, &["stopped at 0 0 0 steps, position homed"]);
+    desk.run("jog x=1").ended(3, &["`trinocular reset`"]);
+    desk.run("reset").ended(0, &["idle"]);
+    desk.run("jog x=1").ended(0, &["80 0 0 steps, homed"]);
+    assert_eq!(end.steps(), [80, 0, 0]);
+}
+
+#[test]
+fn soft_limits_shorten_a_jog_and_it_says_so() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
+    let jog = desk.run(&format!("jog y=-80 {CONFIGURE}"));
+    let jog = jog.ended(0, &["0.0000 -60.0000 0.0000 mm"]);
+    assert!(
+        jog.err.contains("y was shortened by 20.0000 mm"),
+        "{}",
+        jog.err
+    );
+    assert_eq!(end.steps(), [0, -4_800, 0]);
+}
+
+#[test]
+fn an_interrupted_jog_stops_on_a_ramp() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    // Slowly, at 5 mm/s: ten seconds, if nobody stopped it.
+    let jog = desk.start(&format!("jog x=50 {CONFIGURE}"));
+    moving(&end);
+    let status = Command::new("kill")
+        .args(["-INT", &jog.id().to_string()])
+        .status();
+    assert!(status.expect("kill runs").success());
+    let done = jog.wait_with_output().expect("it ends");
+    let (out, err) = (
+        String::from_utf8_lossy(&done.stdout),
+        String::from_utf8_lossy(&done.stderr),
+    );
+    assert_eq!(done.status.code(), Some(3), "{err}");
+    assert!(
+        err.contains("interrupted") && err.contains("`reset`"),
+        "{err}"
+    );
+    let stood = end.steps();
+    assert!(
+        stood[0] < 4_000 && out.contains(&format!("({} 0 0 steps)", stood[0])),
+        "{out}"
+    );
+    assert_eq!(desk.status()["state"], "stopped");
+    assert_eq!(standing(&end), stood);
+}
+
+#[test]
+fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    let mut jog = desk.start("jog x=50 --rig rig.toml --heartbeat 1000");
+    moving(&end);
+    jog.kill().expect("it runs");
+    jog.wait().expect("it ends");
+    let stood = standing(&end);
+    assert!(stood[0] < 4_000, "{stood:?}");
+    let status = desk.run("status").ended(3, &["fault 0", &end.path]);
+    assert!(
+        status.out.contains("the host fell silent"),
+        "{}",
+        status.out
+    );
+    assert_eq!(
+        desk.status()["fault"],
+        json!({"number": 0, "name": "heartbeat"})
+    );
+    desk.run("diagnose")
+        .ended(0, &["States", "faulted", "`reset`"]);
+    desk.run("jog x=1")
+        .ended(3, &["a fault is latched", "trinocular reset"]);
+    desk.run("reset")
+        .ended(0, &["cleared fault 0", "idle", "next"]);
+    assert_eq!(end.steps(), stood);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
+    let desk = Desk::new("/dev/no-such-port");
+    for (words, part) in [
+        ("jog", "AXIS=MM"),
+        ("jog w=1", "no axis `w`"),
+        ("jog x", "x=1.5"),
+        ("jog x=far", "`far` is no number"),
+        ("jog x=NaN", "-1000 to 1000"),
+        ("jog x=1001", "-1000 to 1000"),
+        ("jog x=0.0001", "shorter than 0.001 mm"),
+        ("jog x=1 X=2", "axis x is named twice"),
+        ("jog x=1 --heartbeat 200", "--rig"),
+    ] {
+        desk.run(words).ended(2, &[part]);
+    }
+    desk.run("jog x=1 --rig cameras.toml")
+        .ended(1, &["cameras.toml", "[stage]"]);
+    desk.run("zero --rig none.toml").ended(1, &["none.toml"]);
+    for words in ["status", "jog x=1", "zero", "stop", "reset", "diagnose"] {
+        desk.run(words).ended(1, &["/dev/no-such-port"]);
+    }
+    let nobody = mute();
+    Desk::new(&nobody.path)
+        .run("status")
+        .ended(3, &["did not answer hello", &nobody.path]);
+}
+
+#[test]
+fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
+    let end = station_after(
+        ResetCause::Watchdog,
+        LastRun {
+            starts: 3,
+            fault: Some(Fault::Limit),
+            end: End::Panic,
+            places: [0x0800_1234, 0x0800_5679, 0, 0, 0, 0],
+        },
+    );
+    let desk = Desk::new(&end.path);
+    let told = [
+        "last start    watchdog",
+        "starts        3 since power on",
+        "its program panicked; fault 2 (limit) was latched",
+        "addr2line -fie my.elf 0x8001234 0x8005676",
+    ];
+    desk.run("hello --elf my.elf").ended(0, &told);
+    assert_eq!(
+        desk.run("hello --json").json()["last_run"],
+        json!({"starts": 3, "fault": 2, "end": "panic", "addresses": [0x0800_1234, 0x0800_5676]})
+    );
+    desk.run("status")
+        .ended(0, &["panicked", "`trinocular hello`"]);
+}
+
+#[test]
+fn diagnose_lists_every_state_and_fault_with_its_number() {
+    let done = trinocular().arg("diagnose").output().expect("it runs");
+    assert!(done.status.success());
+    let text = String::from_utf8(done.stdout).expect("UTF-8");
+    for state in State::ALL {
+        let name = format!("{state:?}").to_lowercase();
+        assert!(
+            text.contains(&format!("  {} {name} ", state.number())),
+            "{text}"
+        );
+    }
+    let positions = text.matches("position: ").count();
+    assert_eq!(positions, Fault::ALL.len());
+    for fault in Fault::ALL {
+        assert!(text.contains(&format!("\n  {} ", fault.number())), "{text}");
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
+fn the_emulated_board_is_driven_by_hand() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trace = folder.path().join("trace");
+    let (emulator, path) = Emulator::live(&trace);
+    let desk = Desk::new(&path);
+    desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
+    desk.run("jog x=2 y=-1")
+        .ended(0, &["160 -80 0 steps, homed"]);
+    desk.run("jog z=0.5").ended(0, &["160 -80 40 steps, homed"]);
+    desk.run("stop").ended(0, &["stopped"]);
+    desk.run("reset").ended(0, &["idle"]);
+    // The trace is written every 100 ms; two seconds are many of those on any machine.
+    std::thread::sleep(Duration::from_secs(2));
+    drop(emulator);
+    assert_eq!(pins(&trace).0, [160, -80, 40]);
+}
