@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(1);
 
 /// How long an answer may take.
-const PATIENCE: Duration = Duration::from_millis(500);
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// How long the first answer may take: some boards restart when their port is opened, and a pseudo-terminal takes a second to notice it.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
