@@ -29,7 +29,7 @@ pub struct PortArgument {
 /// What the station moves.
 #[derive(Debug, Args)]
 pub struct StageArgument {
-    /// Configure the station with the [stage] of this rig file first; without it the station keeps the configuration it has
+    /// Configure the station with the `stage` section of this rig file first; without it the station keeps the configuration it has
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
