@@ -30,6 +30,7 @@ pub mod refusal;
 pub mod search;
 mod spare;
 pub mod stereo;
+mod strip;
 mod workers;
 
 use follow::{Follow, Followed};

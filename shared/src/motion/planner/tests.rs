@@ -1,4 +1,5 @@
 // Tens of thousands of moves: too many for an interpreter.
+mod judge;
 #[cfg(not(miri))]
 mod optimal;
 
@@ -7,6 +8,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::motion::AxisConfig;
 use crate::steps::WordRate;
+use judge::Judge;
 
 /// 80 steps/mm, 100 mm/s, 1 m/s², ±1 m.
 const CONFIG: AxisConfig = AxisConfig {
@@ -27,103 +29,6 @@ fn planner(configs: [AxisConfig; AXES], rate: WordRate) -> Planner {
 
 fn centres(steps: [i32; AXES]) -> [Position; AXES] {
     steps.map(Position::centre)
-}
-
-/// Judges segments by the physical limits of the configuration, knowing nothing of the planner's grid.
-struct Judge {
-    configs: [AxisConfig; AXES],
-    rate: WordRate,
-    axes: [Seen; AXES],
-    position: [Position; AXES],
-    /// Accelerations and jerks are given this many acceleration quanta (2 fine units per slot²) for rounding.
-    quanta: i64,
-}
-
-/// What was seen of an axis so far.
-#[derive(Clone, Copy, Default)]
-struct Seen {
-    /// Twice the speed at the end of the last segment, fine units per slot: the middle between two slots is halved.
-    ended: i64,
-    /// Fine units per slot².
-    acceleration: i64,
-}
-
-impl Judge {
-    fn new(configs: [AxisConfig; AXES], rate: WordRate) -> Self {
-        Self {
-            configs,
-            rate,
-            axes: [Seen::default(); AXES],
-            position: [Position::centre(0); AXES],
-            quanta: 0,
-        }
-    }
-
-    fn see(&mut self, segment: &Segment) {
-        assert_eq!(segment.slots(), self.rate.slots_per_segment());
-        let ways = segment.displacement();
-        for (axis, motion) in segment.axes().iter().enumerate() {
-            self.see_axis(axis, motion);
-            self.position[axis] = self.position[axis].saturating_add(ways[axis]);
-        }
-    }
-
-    fn see_axis(&mut self, axis: usize, motion: &AxisMotion) {
-        let slots = i64::from(self.rate.slots_per_segment());
-        let sign = if motion.backward { -1 } else { 1 };
-        let first = i64::from(motion.first);
-        let change = i64::from(motion.change);
-        // Twice the speeds half a slot before the first increment and half a slot after the last one.
-        let starts = sign * (2 * first - change);
-        let mut ends = sign * (2 * first + (2 * slots - 1) * change);
-        let was = self.axes[axis].ended;
-        if starts == was {
-            self.accelerate(axis, sign * change);
-        } else {
-            // The axis turns and is given the mean speed: a constant acceleration ends the segment as far beyond the mean as the
-            // segment began before it. The next one starts there, unless it turns again.
-            assert!(change == 0, "the speed jumps on axis {axis}");
-            ends = 2 * starts - was;
-            assert!(was * ends < 0, "no turn on axis {axis}");
-            assert_eq!((ends - was) % (2 * slots), 0);
-            self.accelerate(axis, (ends - was) / (2 * slots));
-        }
-        self.axes[axis].ended = ends;
-        let speed_um_s =
-            ends as f64 / 2.0 * self.um_per_fine(axis) * f64::from(self.rate.slots_per_s());
-        assert!(
-            speed_um_s.abs() <= f64::from(self.configs[axis].max_speed_um_s),
-            "{speed_um_s} µm/s"
-        );
-    }
-
-    fn accelerate(&mut self, axis: usize, acceleration: i64) {
-        let free = |value: i64| (value.abs() - 2 * self.quanta).max(0) as f64;
-        let change = free(acceleration - self.axes[axis].acceleration);
-        let slot_rate = f64::from(self.rate.slots_per_s());
-        let to_um_s2 = self.um_per_fine(axis) * slot_rate * slot_rate;
-        let config = self.configs[axis];
-        let um_s2 = free(acceleration) * to_um_s2;
-        assert!(
-            um_s2 <= f64::from(config.max_acceleration_um_s2),
-            "{um_s2} µm/s²"
-        );
-        // Changes at tick borders only, so by a tick's worth of jerk at most.
-        let um_s3 = change * to_um_s2 * 1_000.0;
-        assert!(um_s3 <= f64::from(config.max_jerk_um_s3), "{um_s3} µm/s³");
-        self.axes[axis].acceleration = acceleration;
-    }
-
-    fn um_per_fine(&self, axis: usize) -> f64 {
-        1e6 / f64::from(self.configs[axis].steps_per_m) / 4_294_967_296.0
-    }
-
-    fn tick(&mut self, planner: &mut Planner) {
-        for segment in planner.plan_tick() {
-            self.see(&segment);
-        }
-        assert_eq!(self.position, planner.positions());
-    }
 }
 
 /// Runs until the target is reached and returns the ticks it took.
