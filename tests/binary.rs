@@ -10,6 +10,79 @@ pub fn trinocular() -> Command {
     Command::new(PROGRAM.get_or_init(build))
 }
 
+/// What a run of the program left behind.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The exit code; none after a signal.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Outcome {
+    /// Runs `command` to its end.
+    pub fn of(command: &mut Command) -> Self {
+        let output = command.output().expect("the program starts");
+        let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
+        Self {
+            code: output.status.code(),
+            stdout: text(output.stdout),
+            stderr: text(output.stderr),
+        }
+    }
+
+    /// Every line of standard output as JSON.
+    #[track_caller]
+    pub fn json(&self) -> Vec<serde_json::Value> {
+        let lines = self.stdout.lines();
+        lines
+            .map(|line| serde_json::from_str(line).expect("each line is one JSON value"))
+            .collect()
+    }
+
+    /// The same, of a run that went well.
+    #[track_caller]
+    pub fn good_json(&self) -> Vec<serde_json::Value> {
+        assert_eq!(self.code, Some(0), "{}", self.stderr);
+        self.json()
+    }
+
+    /// The run ended with `code`, having printed nothing but one error line that contains all of `parts`.
+    #[track_caller]
+    pub fn failed(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, Some(code), "{}", self.stderr);
+        assert_eq!(self.stdout, "");
+        self.complained(parts);
+    }
+
+    /// Standard error is one line that contains all of `parts`.
+    #[track_caller]
+    pub fn complained(&self, parts: &[&str]) {
+        let text = &self.stderr;
+        assert!(text.starts_with("error: "), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+        self.complained_among_others(parts);
+    }
+
+    /// The run ended with `code` and an error line that contains all of `parts`.
+    #[track_caller]
+    pub fn failed_after_notes(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, Some(code), "{}", self.stderr);
+        self.complained_among_others(parts);
+    }
+
+    #[track_caller]
+    fn complained_among_others(&self, parts: &[&str]) {
+        let errors = self.stderr.lines().find(|line| line.starts_with("error: "));
+        let line = errors.unwrap_or_default();
+        for part in parts {
+            assert!(line.contains(part), "`{part}` is not in: {}", self.stderr);
+        }
+    }
+}
+
 /// Builds the program in the profile and target folder of the running test.
 ///
 /// Cargo tells a test where a binary is only within the binary's own package, and a binary found lying in the target

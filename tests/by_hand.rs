@@ -99,18 +99,6 @@ fn moving(end: &FarEnd) {
     }
 }
 
-fn standing(end: &FarEnd) -> [i64; 3] {
-    let patience = Instant::now() + PATIENCE;
-    loop {
-        let steps = end.steps();
-        std::thread::sleep(Duration::from_millis(300));
-        if end.steps() == steps {
-            return steps;
-        }
-        assert!(Instant::now() < patience);
-    }
-}
-
 #[test]
 fn a_day_with_a_station() {
     let end = station();
@@ -197,7 +185,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
         "{out}"
     );
     assert_eq!(desk.status()["state"], "stopped");
-    assert_eq!(standing(&end), stood);
+    assert_eq!(end.standing(), stood);
 }
 
 #[test]
@@ -208,7 +196,7 @@ fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
     moving(&end);
     jog.kill().expect("it runs");
     jog.wait().expect("it ends");
-    let stood = standing(&end);
+    let stood = end.standing();
     assert!(stood[0] < 4_000, "{stood:?}");
     let status = desk.run("status").ended(3, &["fault 0", &end.path]);
     assert!(

@@ -17,60 +17,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use host::rig_file::RigFile;
-use serde_json::Value;
 use tempfile::TempDir;
-use trinocular_tests::binary::trinocular;
-
-/// What a run of the program left behind.
-struct Outcome {
-    code: Option<i32>,
-    stdout: String,
-    stderr: String,
-}
-
-impl Outcome {
-    /// Every line of standard output as JSON.
-    #[track_caller]
-    fn json(&self) -> Vec<Value> {
-        let lines = self.stdout.lines();
-        lines
-            .map(|line| serde_json::from_str(line).expect("each line is one JSON value"))
-            .collect()
-    }
-
-    /// The run ended with `code`, having printed nothing but one error line that contains all of `parts`.
-    #[track_caller]
-    fn failed(&self, code: i32, parts: &[&str]) {
-        assert_eq!(self.code, Some(code), "{}", self.stderr);
-        assert_eq!(self.stdout, "");
-        self.complained(parts);
-    }
-
-    /// Standard error is one line that contains all of `parts`.
-    #[track_caller]
-    fn complained(&self, parts: &[&str]) {
-        let text = &self.stderr;
-        assert!(text.starts_with("error: "), "{text}");
-        assert_eq!(text.lines().count(), 1, "{text}");
-        for part in parts {
-            assert!(text.contains(part), "`{part}` is not in: {text}");
-        }
-    }
-}
+use trinocular_tests::binary::{Outcome, trinocular};
 
 /// Runs the program with `arguments` in `folder`.
 fn run(folder: &Path, arguments: &[&str]) -> Outcome {
-    let output = trinocular()
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .expect("the program starts");
-    let text = |bytes| String::from_utf8(bytes).expect("the program writes UTF-8");
-    Outcome {
-        code: output.status.code(),
-        stdout: text(output.stdout),
-        stderr: text(output.stderr),
-    }
+    Outcome::of(trinocular().args(arguments).current_dir(folder))
 }
 
 /// A folder with the paper's `rig.toml` and a `points.csv` of five points that have moved by (1, 0, 0) mm.

@@ -63,6 +63,22 @@ impl FarEnd {
         *self.shared.steps.lock().expect("no thread panics")
     }
 
+    /// Waits until no more edges come, and tells where that is.
+    ///
+    /// # Panics
+    /// If they still come after a minute.
+    pub fn standing(&self) -> [i64; 3] {
+        let patience = Instant::now() + Duration::from_secs(60);
+        loop {
+            let steps = self.steps();
+            std::thread::sleep(Duration::from_millis(300));
+            if self.steps() == steps {
+                return steps;
+            }
+            assert!(Instant::now() < patience, "still moving: {steps:?}");
+        }
+    }
+
     /// Pulls the plug; whoever is there lives on.
     pub fn unplug(&self) {
         self.shared.unplugged.store(true, Ordering::Relaxed);

@@ -207,7 +207,7 @@ fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
     end.unplug();
-    let stood = standing(&end);
+    let stood = end.standing();
     assert!(stood[0] < 4_000, "{stood:?}");
     end.plug();
     assert!(matches!(back(&serial), StationError::Interrupted { .. }));
@@ -220,19 +220,6 @@ fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
     let status = serial.status().expect("it goes on telling");
     assert_eq!(status.trust, Trust::Homed);
     assert_eq!(status.position_steps.map(i64::from), stood);
-}
-
-/// Waits until no more edges come.
-fn standing(end: &FarEnd) -> [i64; 3] {
-    let patience = Instant::now() + PATIENCE;
-    loop {
-        let steps = end.steps();
-        std::thread::sleep(Duration::from_millis(300));
-        if end.steps() == steps {
-            return steps;
-        }
-        assert!(Instant::now() < patience);
-    }
 }
 
 #[test]
@@ -278,7 +265,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
     drop(serial);
-    standing(&end);
+    end.standing();
     assert_eq!(start(&end.path).cleared(), Some(Fault::Heartbeat));
 }
 

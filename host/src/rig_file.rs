@@ -25,13 +25,13 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::Write as _;
 use std::path::Path;
 
 use shared::rig::{Camera, MAX_CAMERAS, Rig, Rotation};
 use toml::de::{DeTable, DeValue};
 
 use crate::error::InputError;
+use crate::report::write_atomically;
 use field::{Field, Source};
 
 mod field;
@@ -167,27 +167,8 @@ impl RigFile {
 
     /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        let fault = |cause: std::io::Error| InputError::io(path, "write", &cause);
-        let Some(name) = path.file_name() else {
-            return Err(InputError::file(
-                path,
-                "cannot write: not the name of a file",
-            ));
-        };
-        let mut draft_name = std::ffi::OsString::from(".");
-        draft_name.push(name);
-        draft_name.push(format!(".{}.draft", std::process::id()));
-        let draft = path.with_file_name(draft_name);
-        let written = fs::File::create(&draft).and_then(|mut file| {
-            file.write_all(self.to_toml().as_bytes())?;
-            file.sync_all()?;
-            fs::rename(&draft, path)
-        });
-        if written.is_err() {
-            // Best effort: the error that led here is the one to report.
-            let _ = fs::remove_file(&draft);
-        }
-        written.map_err(fault)
+        write_atomically(path, &self.to_toml())
+            .map_err(|cause| InputError::io(path, "write", &cause))
     }
 }
 

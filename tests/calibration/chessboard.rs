@@ -63,7 +63,7 @@ fn used(camera: &Value) -> usize {
 
 #[test]
 fn it_agrees_with_opencv_within_one_standard_deviation() {
-    let lines = calibrate(&[]).json();
+    let lines = calibrate(&[]).good_json();
     let reference = opencv("5");
     assert_eq!(lines.len(), 3);
     for (camera, name) in lines.iter().zip(["left", "right"]) {
@@ -94,7 +94,7 @@ fn it_agrees_with_opencv_within_one_standard_deviation() {
 #[test]
 fn the_same_window_gives_the_same_result() {
     for half in ["5", "11"] {
-        let lines = calibrate(&["--window", half, "--outlier", "99"]).json();
+        let lines = calibrate(&["--window", half, "--outlier", "99"]).good_json();
         let reference = opencv(half);
         for (camera, name) in lines.iter().zip(["left", "right"]) {
             let theirs = &reference[name];
@@ -117,7 +117,7 @@ fn the_same_window_gives_the_same_result() {
 /// The large window sees the board's border on some images: just these are rejected.
 #[test]
 fn images_with_large_residuals_are_rejected_by_name() {
-    let lines = calibrate(&["--window", "11"]).json();
+    let lines = calibrate(&["--window", "11"]).good_json();
     let rejected = |camera: &Value| -> Vec<String> {
         let images = camera["images"].as_array().expect("a list of images");
         let reason = |image: &Value| {
@@ -154,7 +154,7 @@ fn the_wrong_board_is_said_to_be_another() {
         &folder(),
         &["calibrate", ".", "--board", "8x6", "--square", "25"],
     );
-    outcome.failed(
+    outcome.failed_after_notes(
         1,
         &[
             "camera `left`",
@@ -166,7 +166,7 @@ fn the_wrong_board_is_said_to_be_another() {
         &folder(),
         &["calibrate", ".", "--board", "10x7", "--square", "25"],
     );
-    outcome.failed(
+    outcome.failed_after_notes(
         1,
         &[
             "camera `left`",
@@ -185,6 +185,6 @@ fn the_wrong_board_is_said_to_be_another() {
             &folder(),
             &["calibrate", ".", "--board", board, "--square", square],
         );
-        outcome.failed(2, &["invalid value"]);
+        outcome.failed_after_notes(2, &["invalid value"]);
     }
 }

@@ -53,7 +53,7 @@ fn a_rig_file_goes_out_and_comes_back() {
         }
     }
     run(desk.path(), &["convert", "rig.toml", "--out", "cv.toml"])
-        .failed(1, &["cv.toml", "exists"]);
+        .failed_after_notes(1, &["cv.toml", "exists"]);
 }
 
 /// As OpenCV's calibration sample writes it: no word on where the camera is.
@@ -76,11 +76,13 @@ fn opencvs_own_files_make_a_rig_with_offsets_given() {
         arguments.extend(more);
         run(desk.path(), &arguments)
     };
-    convert(&[]).failed(1, &["left.yml", "--offset left=X,Y"]);
-    convert(&["--offset", "left=-40,0"]).failed(1, &["right.yml", "--offset right=X,Y"]);
-    convert(&["--offset", "middle=0,0"]).failed(2, &["middle", "left, right"]);
-    convert(&["--offset", "left=1"]).failed(2, &["left=1"]);
-    convert(&["--offset", "left=0,0", "--offset", "right=0,0"]).failed(1, &["same place"]);
+    convert(&[]).failed_after_notes(1, &["left.yml", "--offset left=X,Y"]);
+    convert(&["--offset", "left=-40,0"])
+        .failed_after_notes(1, &["right.yml", "--offset right=X,Y"]);
+    convert(&["--offset", "middle=0,0"]).failed_after_notes(2, &["middle", "left, right"]);
+    convert(&["--offset", "left=1"]).failed_after_notes(2, &["left=1"]);
+    convert(&["--offset", "left=0,0", "--offset", "right=0,0"])
+        .failed_after_notes(1, &["same place"]);
     let outcome = convert(&["--offset", "left=-40,0", "--offset", "right=40,0"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     let rig = RigFile::parse("out.toml".as_ref(), &outcome.stdout).expect("a rig file");
@@ -94,14 +96,15 @@ fn opencvs_own_files_make_a_rig_with_offsets_given() {
     )
     .expect("written");
     convert(&["--offset", "left=0,0", "--offset", "right=9,0"])
-        .failed(1, &["right.yml", "320 x 480", "640 x 480"]);
+        .failed_after_notes(1, &["right.yml", "320 x 480", "640 x 480"]);
     fs::write(
         desk.path().join("right.yml"),
         opencv(540.0).replace("rows: 3", "rows: x"),
     )
     .expect("written");
     convert(&["--offset", "left=0,0", "--offset", "right=9,0"])
-        .failed(1, &["right.yml:6", "camera_matrix.rows"]);
-    run(desk.path(), &["convert", "left.yml"]).failed(2, &["2 to 8"]);
-    run(desk.path(), &["convert", "none.yml", "left.yml"]).failed(1, &["none.yml", "cannot read"]);
+        .failed_after_notes(1, &["right.yml:6", "camera_matrix.rows"]);
+    run(desk.path(), &["convert", "left.yml"]).failed_after_notes(2, &["2 to 8"]);
+    run(desk.path(), &["convert", "none.yml", "left.yml"])
+        .failed_after_notes(1, &["none.yml", "cannot read"]);
 }

@@ -118,7 +118,7 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
         save(&desk.join("views"), &names, index, &capture).expect("written");
     }
     let outcome = run(desk, &["estimate", "views", "--rig", rig_file, "--json"]);
-    let got = outcome.json();
+    let got = outcome.good_json();
     assert_eq!(got.len(), moves.len() - 1);
     for (line, truth) in got.iter().zip(&moves[1..]) {
         let got = numbers(line, "displacement_mm");
@@ -151,7 +151,7 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
         "--out", "rig.toml", "--opencv", "cv", "--ros", "ros", "--json",
     ]);
     let outcome = run(desk.path(), &arguments);
-    let lines = outcome.json();
+    let lines = outcome.good_json();
     assert!(
         outcome.stderr.contains("written: rig.toml"),
         "{}",
@@ -255,7 +255,7 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     let old = RigFile::paper().to_toml() + stage;
     let path = desk.path().join("rig.toml");
     fs::write(&path, &old).expect("written");
-    with(&["--out", "rig.toml"]).failed(1, &["rig.toml", "exists", "--force"]);
+    with(&["--out", "rig.toml"]).failed_after_notes(1, &["rig.toml", "exists", "--force"]);
     assert_eq!(fs::read_to_string(&path).expect("it is there"), old);
     let kept = RigFile::read(&path).expect("a rig file").stage;
     assert!(kept.is_some());
@@ -269,7 +269,8 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     );
 
     fs::write(&path, "[stage]\nhalf a file").expect("written");
-    with(&["--out", "rig.toml", "--force"]).failed(1, &["rig.toml:2", "not valid TOML"]);
+    with(&["--out", "rig.toml", "--force"])
+        .failed_after_notes(1, &["rig.toml:2", "not valid TOML"]);
     assert_eq!(
         fs::read_to_string(&path).expect("it is there"),
         "[stage]\nhalf a file"
@@ -277,9 +278,9 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
 
     fs::create_dir(desk.path().join("cv")).expect("made");
     fs::write(desk.path().join("cv/right.yml"), "mine").expect("written");
-    with(&["--opencv", "cv"]).failed(1, &["right.yml", "exists"]);
+    with(&["--opencv", "cv"]).failed_after_notes(1, &["right.yml", "exists"]);
     assert!(!desk.path().join("cv/left.yml").exists());
-    with(&["--out", "none/rig.toml"]).failed(1, &["none", "no such folder"]);
+    with(&["--out", "none/rig.toml"]).failed_after_notes(1, &["none", "no such folder"]);
 }
 
 #[test]
@@ -295,13 +296,13 @@ fn what_makes_no_rig_is_refused_by_name() {
     fs::rename(boards.join("left"), boards.join("away")).expect("renamed");
     fs::create_dir(boards.join("left")).expect("made");
     let one = calibrate(&["--json"]);
-    assert_eq!(one.json().len(), 3, "an empty folder is no camera");
+    assert_eq!(one.good_json().len(), 3, "an empty folder is no camera");
     fs::remove_dir_all(boards.join("away")).expect("removed");
-    assert_eq!(calibrate(&["--json"]).json().len(), 1);
-    calibrate(&["--out", "rig.toml"]).failed(1, &["boards", "two cameras or more"]);
+    assert_eq!(calibrate(&["--json"]).good_json().len(), 1);
+    calibrate(&["--out", "rig.toml"]).failed_after_notes(1, &["boards", "two cameras or more"]);
     run(
         desk.path(),
         &["calibrate", "nowhere", "--board", "9x6", "--square", "18"],
     )
-    .failed(1, &["nowhere", "no such folder"]);
+    .failed_after_notes(1, &["nowhere", "no such folder"]);
 }

@@ -75,10 +75,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let (rig, text) = read(&options.rig)?;
     if let Some(path) = &options.out {
         // Before the work: it would be for nothing.
-        if path.exists() && !options.force {
-            let reason = "exists already; --force replaces it";
-            return Err(InputError::file(path, reason).into());
-        }
+        super::destination::refuse_existing(path, options.force)?;
     }
     let captures = captures(options, &rig)?;
     let found = Alignment::of(&rig, &captures, &settings)
@@ -133,7 +130,7 @@ fn write(rig: &Path, text: &str, to: &Path, found: &Alignment) -> Result<(), Fai
         .map(|camera| (camera.name.as_str(), camera.principal_px))
         .collect();
     let text = rewrite::with_principal_points(rig, text, &points)?;
-    write_atomically(to, &text).map_err(super::unwritable)
+    write_atomically(to, &text).map_err(|cause| InputError::io(to, "write", &cause).into())
 }
 
 fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {

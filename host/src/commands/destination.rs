@@ -56,10 +56,7 @@ impl Destination {
             }
         }
         for file in files {
-            if !self.force && file.exists() {
-                let reason = "exists; give --force to overwrite it";
-                return Err(InputError::file(&file, reason).into());
-            }
+            refuse_existing(&file, self.force)?;
         }
         Ok(())
     }
@@ -104,10 +101,20 @@ impl Destination {
     }
 }
 
+/// Refuses a file that exists, unless it may be overwritten.
+pub fn refuse_existing(path: &Path, force: bool) -> Result<(), InputError> {
+    if path.exists() && !force {
+        return Err(InputError::file(
+            path,
+            "exists; give --force to overwrite it",
+        ));
+    }
+    Ok(())
+}
+
 fn save(dir: &Path, name: &str, text: &str) -> Result<PathBuf, Failure> {
     fs::create_dir_all(dir).map_err(|cause| InputError::io(dir, "make the folder", &cause))?;
     let path = dir.join(name);
-    write_atomically(&path, text)
-        .map_err(|error| InputError::file(&path, format!("cannot write: {error}")))?;
+    write_atomically(&path, text).map_err(|cause| InputError::io(&path, "write", &cause))?;
     Ok(path)
 }
