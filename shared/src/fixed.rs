@@ -92,7 +92,7 @@ pub fn root(a: i64) -> i64 {
 /// The integer square root, rounded down: exact for every input. Faster for 32 bits.
 ///
 /// Longer numbers by Zimmermann's Karatsuba square root (INRIA report 3805, 1999): the root of the upper half, then half as many digits
-/// again by one division. The core library's own roots are three times as long and, for 32 bits, twice as slow.
+/// again by one division. Needs no tables, unlike the core library's, which flash has no room for.
 #[inline(never)]
 pub fn square_root(value: u64) -> u32 {
     if let Ok(small) = u32::try_from(value) {

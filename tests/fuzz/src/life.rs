@@ -141,7 +141,6 @@ impl Life {
         let end = self.station.now().plus_micros(us);
         let mut words = [0; 250];
         loop {
-            // The switches as they are before the tick that may begin here.
             match self.station.run(end, &mut words) {
                 Did::Idle(_) => break,
                 Did::Refused(fault) => panic!("a segment was refused: {fault}"),
