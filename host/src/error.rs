@@ -64,6 +64,14 @@ impl InputError {
     pub fn io(file: &Path, action: &str, cause: &io::Error) -> Self {
         Self::file(file, format!("cannot {action}: {cause}"))
     }
+
+    /// A file that [`write_atomically`](crate::report::write_atomically) could not write; named once.
+    pub fn unwritten(file: &Path, error: crate::report::Error) -> Self {
+        match error {
+            crate::report::Error::Write { source, .. } => Self::io(file, "write", &source),
+            other => Self::file(file, other.to_string()),
+        }
+    }
 }
 
 impl fmt::Display for InputError {

@@ -167,8 +167,7 @@ impl RigFile {
 
     /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        write_atomically(path, &self.to_toml())
-            .map_err(|cause| InputError::io(path, "write", &cause))
+        write_atomically(path, &self.to_toml()).map_err(|error| InputError::unwritten(path, error))
     }
 }
 

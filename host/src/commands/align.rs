@@ -130,7 +130,7 @@ fn write(rig: &Path, text: &str, to: &Path, found: &Alignment) -> Result<(), Fai
         .map(|camera| (camera.name.as_str(), camera.principal_px))
         .collect();
     let text = rewrite::with_principal_points(rig, text, &points)?;
-    write_atomically(to, &text).map_err(|cause| InputError::io(to, "write", &cause).into())
+    write_atomically(to, &text).map_err(super::unwritable)
 }
 
 fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {

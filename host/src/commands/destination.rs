@@ -115,6 +115,6 @@ pub fn refuse_existing(path: &Path, force: bool) -> Result<(), InputError> {
 fn save(dir: &Path, name: &str, text: &str) -> Result<PathBuf, Failure> {
     fs::create_dir_all(dir).map_err(|cause| InputError::io(dir, "make the folder", &cause))?;
     let path = dir.join(name);
-    write_atomically(&path, text).map_err(|cause| InputError::io(&path, "write", &cause))?;
+    write_atomically(&path, text).map_err(|error| InputError::unwritten(&path, error))?;
     Ok(path)
 }

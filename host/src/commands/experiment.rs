@@ -4,7 +4,7 @@ use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
 use clap::Args;
-use host::error::{Failure, InputError};
+use host::error::Failure;
 use host::experiment::{present, tracking};
 use host::report::write_atomically;
 use std::io::Write;
@@ -56,8 +56,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .map_err(super::unwritable)?;
     if let Some(path) = &options.figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
-        let svg = picture.map_err(super::unwritable)?;
-        write_atomically(path, &svg).map_err(|cause| InputError::io(path, "write", &cause))?;
+        picture
+            .and_then(|svg| write_atomically(path, &svg))
+            .map_err(super::unwritable)?;
     }
     let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
     writeln!(

@@ -101,10 +101,7 @@ impl Page {
 
     /// Writes the page to `path`: the whole of it or, on any error, nothing.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
-        write_atomically(path, &self.to_html()?).map_err(|source| Error::Write {
-            path: path.to_owned(),
-            source,
-        })
+        write_atomically(path, &self.to_html()?)
     }
 }
 

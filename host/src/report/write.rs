@@ -1,12 +1,20 @@
 //! Files that are either there in full or not at all.
 
+use super::Error;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Writes `text` to a new file beside `path`, then renames it over `path`: a reader sees the old file or
 /// the new one, never half of one. On any error nothing is left behind.
-pub fn write_atomically(path: &Path, text: &str) -> io::Result<()> {
+pub fn write_atomically(path: &Path, text: &str) -> Result<(), Error> {
+    write_and_rename(path, text).map_err(|source| Error::Write {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn write_and_rename(path: &Path, text: &str) -> io::Result<()> {
     let (mut file, temporary) = create_beside(path)?;
     let written = file
         .write_all(text.as_bytes())
