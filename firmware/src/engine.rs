@@ -176,6 +176,9 @@ struct Engine {
 impl Engine {
     /// Starts timer and streams on an empty ring, at a multiple of 250 µs of the station's clock, as segments are due.
     fn start(&mut self) {
+        // Registers without a clock cannot be written.
+        pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
+        pac::RCC.ahb1enr().modify(|w| w.set_dma2en(true));
         stop();
         for word in &WORDS {
             word.store(IDLE_WORD, Relaxed);
@@ -241,7 +244,8 @@ impl Engine {
                 break;
             }
             if !silent {
-                for (place, word) in place.by_ref().zip(words.iter().take(made)) {
+                // The words come first: `zip` would take one place more than there are words, and each further piece would lie a word late.
+                for (word, place) in words.iter().take(made).zip(place.by_ref()) {
                     place.store(*word, Relaxed);
                 }
             }
@@ -321,7 +325,6 @@ pub fn plays() -> bool {
 }
 
 fn prepare_timer() {
-    pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
     let timer = pac::TIM8;
     timer.dier().write(|_| {});
     timer.psc().write_value(0);
@@ -342,7 +345,6 @@ fn prepare_timer() {
 }
 
 fn prepare_streams() {
-    pac::RCC.ahb1enr().modify(|w| w.set_dma2en(true));
     for stream in [player(), eraser()] {
         stream.cr().modify(|w| w.set_en(false));
         // The end of a transfer under way: some cycles.

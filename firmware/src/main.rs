@@ -43,6 +43,15 @@ use vectors::{Irqs, Level};
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let chip = embassy_stm32::init(board::clocks());
+    // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by the HAL, hide nearly all of them. The chip's
+    // first revision, A, must do without prefetch (errata sheet ES0182).
+    const REVISION_A: u16 = 0x1000;
+    let prefetch = pac::DBGMCU.idcode().read().rev_id() != REVISION_A;
+    pac::FLASH.acr().modify(|w| {
+        w.set_icen(true);
+        w.set_dcen(true);
+        w.set_prften(prefetch);
+    });
     // Under a debugger time, steps and watchdog stand still together with the processor.
     pac::DBGMCU.apb1fzr().modify(|freeze| {
         freeze.set_tim5(true);
