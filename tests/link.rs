@@ -14,6 +14,7 @@ use shared::steps::DriverTiming;
 use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
 use shared::time::Instant;
+use shared::track::pursuit::{Settings, Sight};
 use std::fmt::Write as _;
 
 fn axis() -> AxisConfig {
@@ -36,6 +37,7 @@ fn config() -> Config {
         heartbeat_ms: 100,
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
+        tracking: Settings::DEFAULT,
     }
 }
 
@@ -141,6 +143,8 @@ fn status() -> Status {
             sigma_nm: Some([900, 900, 8_000]),
             latency_us: 21_500,
         }),
+        sight: Sight::Coasting,
+        seen_ms: 321,
     }
 }
 
@@ -340,6 +344,10 @@ fn every_message_fits() {
         heartbeat_ms: u16::MAX,
         slow_speed_um_s: u32::MAX,
         mounting: Mounting::Fixed,
+        tracking: Settings {
+            prediction: true,
+            coast_ms: u16::MAX,
+        },
     };
     let longest = encode(&Packet {
         sequence: u16::MAX,

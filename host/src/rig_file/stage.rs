@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::field::Field;
 use crate::error::InputError;
+use shared::track::pursuit::Settings;
 
 /// Step drivers whose pulse timing is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,9 +50,11 @@ pub struct Stage {
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
     pub driver: Driver,
+    /// How a target is followed: `prediction` (optional, true without) and `coast_ms` (optional, 800 without).
+    pub tracking: Settings,
 }
 
-const KEYS: [&str; 8] = [
+const KEYS: [&str; 10] = [
     "steps_per_mm",
     "max_speed_mm_s",
     "max_acceleration_mm_s2",
@@ -60,6 +63,8 @@ const KEYS: [&str; 8] = [
     "invert",
     "matrix",
     "driver",
+    "prediction",
+    "coast_ms",
 ];
 
 /// Larger figures than these belong to no stage; a slip of the unit does.
@@ -85,6 +90,7 @@ impl Stage {
             invert: section.required("invert")?.each(|axis| axis.flag())?,
             matrix: matrix(&section.required("matrix")?)?,
             driver: driver(&section.required("driver")?)?,
+            tracking: tracking(section)?,
         })
     }
 
@@ -103,7 +109,28 @@ impl Stage {
         let _ = writeln!(text, "invert = {:?}", self.invert);
         let _ = writeln!(text, "matrix = {:?}", self.matrix);
         let _ = writeln!(text, "driver = \"{}\"", self.driver.name());
+        if self.tracking != Settings::DEFAULT {
+            let _ = writeln!(text, "prediction = {}", self.tracking.prediction);
+            let _ = writeln!(text, "coast_ms = {}", self.tracking.coast_ms);
+        }
     }
+}
+
+fn tracking(section: &Field<'_>) -> Result<Settings, InputError> {
+    let Settings {
+        mut prediction,
+        mut coast_ms,
+    } = Settings::DEFAULT;
+    if let Some(field) = section.optional("prediction")? {
+        prediction = field.flag()?;
+    }
+    if let Some(field) = section.optional("coast_ms")? {
+        coast_ms = field.whole(1..=u32::from(Settings::LONGEST_COAST_MS))? as u16;
+    }
+    Ok(Settings {
+        prediction,
+        coast_ms,
+    })
 }
 
 fn travel(axis: &Field<'_>) -> Result<[f64; 2], InputError> {

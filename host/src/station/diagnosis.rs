@@ -145,7 +145,8 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
         | Denial::CaptureInFuture
         | Denial::CaptureTooOld
         | Denial::CaptureOutOfOrder
-        | Denial::UnknownReference => return None,
+        | Denial::UnknownReference
+        | Denial::Outlier => return None,
     })
 }
 

@@ -6,6 +6,7 @@ use shared::estimate::Gate;
 use shared::frame::message::{Config, MATRIX_BITS, Mounting};
 use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
+use shared::track::pursuit::Settings;
 
 /// Longest silence of the host while moving, unless another is chosen, ms.
 pub const HEARTBEAT_MS: u16 = 100;
@@ -24,6 +25,7 @@ pub fn default_stage() -> Stage {
         invert: [false; 3],
         matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         driver: Driver::Tmc2209,
+        tracking: Settings::DEFAULT,
     }
 }
 
@@ -89,6 +91,7 @@ pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, Statio
         heartbeat_ms: HEARTBEAT_MS,
         slow_speed_um_s: SLOW_SPEED_UM_S,
         mounting,
+        tracking: stage.tracking,
     })
 }
 

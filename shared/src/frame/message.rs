@@ -8,6 +8,7 @@ use crate::steps::DriverTiming;
 use crate::sums::centred::FixedCentredSums;
 use crate::sums::pair::FixedPairSums;
 use crate::time::Instant;
+use crate::track::pursuit::{Settings, Sight};
 use serde::{Deserialize, Serialize};
 
 /// What the host sends.
@@ -90,6 +91,8 @@ pub struct Config {
     pub slow_speed_um_s: u32,
     /// Whether the cameras ride on the stage.
     pub mounting: Mounting,
+    /// How the target is followed.
+    pub tracking: Settings,
 }
 
 /// Where the cameras are. Append-only.
@@ -264,6 +267,10 @@ pub struct Status {
     pub drops: Drops,
     /// The last frame that was used.
     pub estimate: Option<EstimateReport>,
+    /// What is known of the target.
+    pub sight: Sight,
+    /// How long ago the target was seen, ms, saturating; 0 while nothing is followed.
+    pub seen_ms: u16,
 }
 
 /// Packets that changed nothing; the counts saturate.
@@ -330,6 +337,8 @@ pub enum Denial {
     UnknownReference,
     /// The way leads onto a tripped limit switch.
     LimitSwitch,
+    /// No target that the stage can follow moves so fast. A second frame that agrees is followed.
+    Outlier,
 }
 
 /// Which part of a configuration is impossible. Append-only.
@@ -347,6 +356,8 @@ pub enum ConfigField {
     Heartbeat,
     /// The slow speed is zero.
     SlowSpeed,
+    /// The time to coast is zero or above 5000 ms.
+    Tracking,
 }
 
 impl core::fmt::Display for Denial {
@@ -370,6 +381,9 @@ impl core::fmt::Display for Denial {
                 "configuration: heartbeat_ms is not within 20 to 10000"
             }
             Self::Config(ConfigField::SlowSpeed) => "configuration: slow_speed_um_s is zero",
+            Self::Config(ConfigField::Tracking) => {
+                "configuration: coast_ms is not within 1 to 5000"
+            }
             Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
             Self::CaptureInFuture => "the capture lies in the future",
             Self::CaptureTooOld => "the capture is too old",
@@ -378,6 +392,9 @@ impl core::fmt::Display for Denial {
                 "the reference is neither the present one nor a recent capture"
             }
             Self::LimitSwitch => "the way leads onto a tripped limit switch",
+            Self::Outlier => {
+                "the target cannot have moved so far: waiting for a second frame that says so"
+            }
         };
         f.write_str(text)
     }

@@ -6,6 +6,9 @@ use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting};
 use crate::motion::{AxisConfig, Limits};
 use crate::steps::WordRate;
 use crate::track::Fine;
+use crate::track::filter::Reach;
+use crate::track::pursuit::Settings;
+use nalgebra::{Matrix3, Vector3};
 
 /// Fraction bits of [`Active::fine_per_nm`].
 const SCALE_BITS: u32 = 16;
@@ -23,6 +26,10 @@ pub(super) struct Active {
     pub slow: Limits,
     /// 2⁻³² steps per nm on each axis, Q48.16. Below 2⁵¹.
     fine_per_nm: [i64; 3],
+    /// What each axis can do, and so the most that a target can be followed in.
+    pub reach: [Reach; 3],
+    /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera axes' errors have in common is left out.
+    variances: Matrix3<f32>,
 }
 
 impl Active {
@@ -41,6 +48,9 @@ impl Active {
         if config.slow_speed_um_s == 0 {
             return Err(ConfigField::SlowSpeed);
         }
+        if !(1..=Settings::LONGEST_COAST_MS).contains(&config.tracking.coast_ms) {
+            return Err(ConfigField::Tracking);
+        }
         let slow = config
             .axes
             .map(|axis| slow_axis(axis, config.slow_speed_um_s));
@@ -54,6 +64,8 @@ impl Active {
                 // steps/m 2^32 2^16 / 10^9 nm/m: below 2^51.
                 ratio(u64::from(axis.steps_per_m) << SCALE_BITS, 1_000_000_000) as i64
             }),
+            reach: config.axes.map(reach),
+            variances: variances(config),
         })
     }
 
@@ -84,6 +96,12 @@ impl Active {
         self.fine(self.config.matrix.map(row))
     }
 
+    /// Standard deviations along the camera axes, nm, to variances along the stage axes, steps².
+    pub fn variance(&self, camera_sigma_nm: [u32; 3]) -> [f32; 3] {
+        let [x, y, z] = camera_sigma_nm.map(|sigma| sigma as f32);
+        (self.variances * Vector3::new(x * x, y * y, z * z)).into()
+    }
+
     /// Stage distances in nm to 2⁻³² steps, saturating.
     pub fn fine(&self, stage_nm: [i64; 3]) -> Fine {
         core::array::from_fn(|axis| {
@@ -99,6 +117,28 @@ impl Active {
     pub fn fine_from_um(&self, stage_um: [i32; 3]) -> Fine {
         self.fine(stage_um.map(|um| i64::from(um) * 1000))
     }
+}
+
+fn reach(axis: AxisConfig) -> Reach {
+    let steps_per_um = axis.steps_per_m as f32 * 1e-6;
+    Reach {
+        speed: axis.max_speed_um_s as f32 * steps_per_um * 1e-3,
+        acceleration: axis.max_acceleration_um_s2 as f32 * steps_per_um * 1e-6,
+    }
+}
+
+/// The squares of the matrix from camera axes in nm to stage axes in steps.
+fn variances(config: &Config) -> Matrix3<f32> {
+    const ONE: f32 = (1 << MATRIX_BITS) as f32;
+    let rows = config.matrix.iter().zip(&config.axes);
+    let elements = rows.flat_map(|(row, axis)| {
+        let steps_per_nm = axis.steps_per_m as f32 * 1e-9;
+        row.map(|element| {
+            let steps = element as f32 / ONE * steps_per_nm;
+            steps * steps
+        })
+    });
+    Matrix3::from_row_iterator(elements)
 }
 
 /// The axis at `speed_um_s`, with the widest travel there is.

@@ -89,23 +89,10 @@ impl Machine {
 
     /// Sends the stage to `target`, 2⁻³² steps from zero, rounded to whole steps and clamped to the soft limits.
     pub(super) fn go(&mut self, target: Fine, state: State) -> Result<(), Denial> {
-        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
         let target = target.map(to_centre);
-        for axis in 0..3 {
-            let (Some(target), Some(position)) =
-                (target.get(axis), planner.positions().get(axis).copied())
-            else {
-                continue;
-            };
-            let [negative, positive] = self.inputs.limits.get(axis).copied().unwrap_or_default();
-            if (negative && *target < position) || (positive && *target > position) {
-                return Err(Denial::LimitSwitch);
-            }
-        }
-        match state {
-            State::Following => planner.set_target(target),
-            _ => planner.move_in_step(target),
-        }
+        self.require_free_way(target)?;
+        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
+        planner.move_in_step(target);
         self.state = state;
         Ok(())
     }
@@ -173,7 +160,7 @@ impl Machine {
 }
 
 /// The resting position nearest to a distance from zero.
-fn to_centre(fine: i64) -> Position {
+pub(super) fn to_centre(fine: i64) -> Position {
     let nearest = Position::from_fine(fine.saturating_add(Position::centre(0).fine()));
     Position::centre(nearest.whole_steps())
 }

@@ -1,19 +1,27 @@
-//! One flow frame: gate, estimate, target.
+//! One flow frame: gate, estimate, target; and where the stage goes for it.
 
 use super::Machine;
-use crate::estimate::{DisplacementNm, closed_form, midpoint};
+use super::command::to_centre;
+use crate::estimate::{DisplacementNm, Gate, closed_form, midpoint};
 use crate::frame::message::{Denial, EstimateReport, Frame, Sums};
 use crate::safety::State;
+use crate::steps::Position;
+use crate::time::Instant;
 use crate::track::history::Unknown;
+use crate::track::pursuit::{Aim, Measurement};
+
+/// The paper's estimators have no standard deviation. Taken is this share of the gate's largest.
+const UNSTATED: u32 = 10;
 
 impl Machine {
-    /// Uses one frame: the stage goes to where the target is.
+    /// Uses one frame: the stage goes to where the target is by now.
     pub(super) fn follow(&mut self, sequence: u16, frame: &Frame) -> Result<(), Denial> {
         self.require_ready()?;
         self.require_homed()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let (displacement_nm, sigma_nm) = estimate(&frame.sums, active.gate())?;
-        if frame.capture > self.now() {
+        let now = self.now();
+        if frame.capture > now {
             return Err(Denial::CaptureInFuture);
         }
         let stage = if active.on_stage() {
@@ -29,10 +37,22 @@ impl Machine {
         let displacement = active.to_stage(displacement_nm);
         let reference = self.tracker.reference(frame.reference, frame.capture)?;
         let view = reference.moved(frame.capture, displacement);
-        self.go(view.target(stage), State::Following)?;
+        let position = view.target(stage);
+        self.require_free_way(position.map(to_centre))?;
+        let unstated = || active.gate().max_sigma_nm.map(|most| most / UNSTATED);
+        let measurement = Measurement {
+            capture: frame.capture,
+            position,
+            variance: active.variance(sigma_nm.unwrap_or_else(unstated)),
+        };
+        self.tracker
+            .pursuit
+            .measure(now, &measurement, &active.reach, &active.config.tracking)
+            .map_err(|_| Denial::Outlier)?;
         self.tracker.keep(reference, view);
-        let first_word = self.now().plus_micros(u64::from(self.board.delay_us));
-        let latency_us = first_word.since(frame.capture);
+        self.state = State::Following;
+        self.aim();
+        let latency_us = self.first_word().since(frame.capture);
         self.estimate = Some(EstimateReport {
             sequence,
             displacement_nm,
@@ -41,13 +61,92 @@ impl Machine {
         });
         Ok(())
     }
+
+    /// Ramps down when there was no frame for too long.
+    pub(super) fn check_sight(&mut self) {
+        let (State::Following, Some(active)) = (self.state, &self.active) else {
+            return;
+        };
+        let now = self.now();
+        if self.tracker.pursuit.lose(now, &active.config.tracking)
+            && let Some(planner) = &mut self.planner
+        {
+            planner.stop();
+        }
+    }
+
+    /// Sends the stage to where the target will be when the coming tick's first word is on the pins. From there the planner goes on with the target's
+    /// speed by itself, tick by tick, until the next frame.
+    fn aim(&mut self) {
+        let at = self.first_word();
+        let (Some(active), Some(planner)) = (&self.active, &mut self.planner) else {
+            return;
+        };
+        let Some(aims) = self
+            .tracker
+            .pursuit
+            .aim(at, &active.reach, &active.config.tracking)
+        else {
+            return;
+        };
+        let slots = planner.limits().word_rate().slots_per_tick();
+        let (mut targets, mut speeds) = (planner.positions(), [0; 3]);
+        let axes = targets.iter_mut().zip(&mut speeds).zip(aims);
+        let bounds = planner.limits().axes().iter().zip(self.inputs.limits);
+        for (((target, speed), aim), (limits, [negative, positive])) in axes.zip(bounds) {
+            let wanted = resting_or_moving(aim);
+            if (negative && wanted < *target) || (positive && wanted > *target) {
+                continue; // a tripped switch: stays
+            }
+            *target = limits.clamp(wanted);
+            if *target == wanted {
+                *speed = per_slot(aim.speed, slots);
+            }
+        }
+        planner.follow(targets, speeds);
+    }
+
+    /// Refuses a way that leads onto a tripped limit switch.
+    pub(super) fn require_free_way(&self, targets: [Position; 3]) -> Result<(), Denial> {
+        let positions = self
+            .planner
+            .as_ref()
+            .ok_or(Denial::Unconfigured)?
+            .positions();
+        let ways = targets.into_iter().zip(positions).zip(self.inputs.limits);
+        let onto =
+            |((target, position), [negative, positive]): ((Position, Position), [bool; 2])| {
+                (negative && target < position) || (positive && target > position)
+            };
+        match ways.into_iter().any(onto) {
+            true => Err(Denial::LimitSwitch),
+            false => Ok(()),
+        }
+    }
+
+    /// When the first word of the coming tick is on the pins.
+    fn first_word(&self) -> Instant {
+        self.now().plus_micros(u64::from(self.board.delay_us))
+    }
+}
+
+/// A resting target lies in the middle of a step, a moving one anywhere.
+fn resting_or_moving(aim: Aim) -> Position {
+    if aim.speed == 0.0 {
+        to_centre(aim.position)
+    } else {
+        Position::centre(0).saturating_add(aim.position)
+    }
+}
+
+/// Steps/ms to 2⁻³² step per slot, of which there are `slots` to the ms. Saturates at two steps per slot, beyond what any axis can do.
+fn per_slot(speed: f32, slots: u32) -> i64 {
+    const QUARTER: f32 = (1 << 30) as f32;
+    i64::from((speed * (QUARTER / slots as f32)) as i32) << 2
 }
 
 /// The displacement, if the gate lets it pass.
-fn estimate(
-    sums: &Sums,
-    gate: &crate::estimate::Gate,
-) -> Result<(DisplacementNm, Option<[u32; 3]>), Denial> {
+fn estimate(sums: &Sums, gate: &Gate) -> Result<(DisplacementNm, Option<[u32; 3]>), Denial> {
     let checked = || match sums {
         Sums::ClosedForm(sums) => {
             gate.points(sums.points)?;

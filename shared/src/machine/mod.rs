@@ -367,6 +367,7 @@ impl Machine {
             let outcome = self.apply(sequence, command);
             self.answer(sequence, outcome);
         }
+        self.check_sight();
         self.settle();
         let changed = before != (self.state, self.fault);
         if followed || changed || self.tick.saturating_sub(self.told) >= STATUS_TICKS {
@@ -392,6 +393,9 @@ impl Machine {
             frames_refused: self.frames_refused,
             drops: self.drops,
             estimate: self.estimate,
+            sight: self.tracker.pursuit.sight(self.now()),
+            seen_ms: u16::try_from(self.tracker.pursuit.age_us(self.now()) / 1000)
+                .unwrap_or(u16::MAX),
         }
     }
 }

@@ -12,7 +12,9 @@
 //! (a keyframe: no drift) or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference, or a new
 //! keyframe: the accumulated target is preserved). Anything else is refused: a lost frame can never shift the target unnoticed.
 
+pub mod filter;
 pub mod history;
+pub mod pursuit;
 
 use crate::frame::message::Denial;
 use crate::time::Instant;
@@ -36,6 +38,8 @@ pub struct View {
 pub struct Tracker {
     reference: Option<View>,
     recent: heapless::Deque<View, RECENT>,
+    /// What the stage is after.
+    pub pursuit: pursuit::Pursuit,
 }
 
 impl Tracker {

@@ -8,6 +8,7 @@ use shared::steps::DriverTiming;
 use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
 use shared::time::Instant;
+use shared::track::pursuit;
 
 /// A [`Command`].
 #[derive(Arbitrary, Clone, Copy, Debug)]
@@ -43,6 +44,8 @@ pub struct Settings {
     slow_speed_um_s: Option<u32>,
     fixed: bool,
     drv8825: bool,
+    prediction: bool,
+    coast_ms: Option<u16>,
 }
 
 #[derive(Arbitrary, Clone, Copy, Debug)]
@@ -146,6 +149,10 @@ impl Settings {
                 Mounting::Fixed
             } else {
                 Mounting::OnStage
+            },
+            tracking: pursuit::Settings {
+                prediction: self.prediction,
+                coast_ms: self.coast_ms.unwrap_or(800),
             },
         }
     }

@@ -17,6 +17,7 @@ use shared::sums::View;
 use shared::sums::centred::{CentredSums, FixedCentredSums};
 use shared::sums::pair::PairSums;
 use shared::time::Instant;
+use shared::track::pursuit::{Settings, Sight};
 
 /// Fifty points in front of the paper's cameras, moved by (4, 4, 1) mm.
 pub fn sums() -> (PairSums, CentredSums) {
@@ -112,6 +113,8 @@ pub fn status() -> Report {
             sigma_nm: Some([9_000, 9_000, 80_000]),
             latency_us: 25_000,
         }),
+        sight: Sight::Tracking,
+        seen_ms: 25,
     })
 }
 
@@ -133,6 +136,7 @@ pub fn config() -> Config {
         heartbeat_ms: 100,
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
+        tracking: Settings::DEFAULT,
     }
 }
 

@@ -1,0 +1,259 @@
+//! Where one axis of the target is and how fast it moves: a Kalman filter of constant velocity.
+//!
+//! State `(x, v)`, measurement `z = x + noise` of a variance `R` that comes with every estimate. With `dt` since the last measurement used,
+//!
+//! ```text
+//! x += v dt       P = F P F' + q [[dt³/3, dt²/2], [dt²/2, dt]]       F = [[1, dt], [0, 1]]
+//! n = z - x       S = P_xx + R       K = (P_xx, P_xv)/S       (x, v) += K n       P -= K (P_xx, P_xv)
+//! ```
+//!
+//! The position is an integer, 2⁻³² step, of any size; everything else is a deviation or a rate, for which `f32` is plenty: steps and
+//! milliseconds, so that all numbers are of a size.
+//!
+//! # The process noise adapts
+//! `q` says how restless the target is, and nobody can know. Three things set it:
+//!
+//! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign say that it is too sluggish, of
+//!   opposite signs that it is too restless: `q *= 1 + c/2` with `c = n n_last / S` within ±1. A still target is averaged down to a fraction of
+//!   the measurement's noise, one on a curve is followed on it.
+//! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is added in that step as makes it three.
+//! * *Bounds.* No target is followed that is more restless than the stage itself can be.
+//!
+//! # How far to trust the speed
+//! The covariance tells how well the speed is known now. The stage, though, needs a while to match it, and a target that is speeding
+//! up or braking will have another one by then. So the squared acceleration is averaged over the last frames, and [`Filter::doubt`] adds what it
+//! would make of the speed.
+//!
+//! # The same bits everywhere
+//! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one. Extremes are chosen by
+//! comparison, since a library's `max` may choose either zero. Every state number is kept within bounds, so it is finite.
+
+use crate::fixed::narrow;
+use nalgebra::{Matrix2, Vector2};
+
+/// Largest variance there may be, steps² (and per ms²): far beyond any stage, far below the end of `f32`.
+const MOST_VARIANCE: f32 = 1e12;
+
+/// Smallest variance of a measurement, steps²: an eighth of a step, which the remembered position of the stage and rounding may be off.
+const LEAST_VARIANCE: f32 = 1.0 / 64.0;
+
+/// Highest speed there may be, steps per ms.
+const MOST_SPEED: f32 = 1e6;
+
+/// Accelerations of stages lie within these, steps/ms².
+const LEAST_ACCELERATION: f32 = 1e-6;
+const MOST_ACCELERATION: f32 = 1e6;
+
+/// Longest time there may be between two measurements, ms.
+const MOST_MS: f32 = 10_000.0;
+
+/// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the stage's.
+const STILL: f32 = 1.0 / 4_194_304.0;
+
+/// What a frame leaves of the mean of the squared acceleration: it spans some three frames.
+const FADE: f32 = 0.7;
+
+/// How long the stage may take to match a speed: so many times what it takes to come to rest from its own highest, squared.
+const CATCH_UP: f32 = 2.5 * 2.5;
+
+/// The speed is trusted in so many sigmas, squared.
+const CAUTION: f32 = 4.0;
+
+/// An innovation of more than so many sigmas, squared, is a manoeuvre.
+const MANOEUVRE: f32 = 9.0;
+
+/// What the stage can do along one axis, and so the most that a target can be followed in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reach {
+    /// Highest speed, steps/ms.
+    pub speed: f32,
+    /// Highest acceleration, steps/ms².
+    pub acceleration: f32,
+}
+
+/// One axis of the target. See the [module](self).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filter {
+    /// 2⁻³² steps from zero.
+    position: i64,
+    /// Steps/ms.
+    speed: f32,
+    /// Of position and speed, steps and ms. Symmetric.
+    covariance: Matrix2<f32>,
+    /// The process noise `q`, steps²/ms³.
+    noise: f32,
+    /// Mean of the squared acceleration over the last frames, (steps/ms²)².
+    swing: f32,
+    /// The last innovation, steps.
+    last: f32,
+}
+
+impl Filter {
+    /// From the first measurement: the speed may be any within reach. A variance is in steps².
+    pub fn new(position: i64, variance: f32, reach: Reach) -> Self {
+        let speed = within(0.5 * reach.speed, 1e-3, MOST_SPEED);
+        Self {
+            position,
+            speed: 0.0,
+            covariance: Matrix2::new(measured(variance), 0.0, 0.0, speed * speed),
+            noise: least_noise(reach),
+            swing: 0.0,
+            last: 0.0,
+        }
+    }
+
+    /// From two measurements `dt` ms apart that agree with each other, and with nothing before: the target made a jump.
+    pub fn restart(before: i64, position: i64, dt: f32, variances: [f32; 2], reach: Reach) -> Self {
+        let dt = within(dt, 1e-3, MOST_MS);
+        let [first, second] = variances.map(measured);
+        let noise = process(most_noise(reach), dt);
+        let speed = within(
+            steps(position.saturating_sub(before)) / dt,
+            -MOST_SPEED,
+            MOST_SPEED,
+        );
+        let covariance = Matrix2::new(
+            second,
+            second / dt,
+            second / dt,
+            (first + second + noise.m11) / (dt * dt),
+        );
+        Self {
+            position,
+            speed,
+            covariance: bounded(covariance),
+            noise: least_noise(reach),
+            swing: 0.0,
+            last: 0.0,
+        }
+    }
+
+    /// 2⁻³² steps from zero.
+    pub const fn position(&self) -> i64 {
+        self.position
+    }
+
+    /// Steps/ms.
+    pub const fn speed(&self) -> f32 {
+        self.speed
+    }
+
+    /// Variance of position, covariance, variance of speed: steps and ms.
+    pub fn covariance(&self) -> [f32; 3] {
+        [
+            self.covariance.m11,
+            self.covariance.m12,
+            self.covariance.m22,
+        ]
+    }
+
+    /// The square of what the speed may be off by, or change by before the stage has matched it, (steps/ms)².
+    pub fn doubt(&self, reach: Reach) -> f32 {
+        let change =
+            reach.speed / within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
+        let change = within(change, 0.0, MOST_MS);
+        CAUTION * self.covariance.m22 + CATCH_UP * change * change * self.swing
+    }
+
+    /// Where the target will be in `dt` ms, and how well that will be known.
+    #[must_use]
+    pub fn after(&self, dt: f32) -> Self {
+        let dt = within(dt, 0.0, MOST_MS);
+        let transition = Matrix2::new(1.0, dt, 0.0, 1.0);
+        let grown = transition * self.covariance * transition.transpose();
+        let noise = process(self.noise, dt);
+        Self {
+            position: self.position.saturating_add(fine(self.speed * dt)),
+            covariance: bounded(grown + noise),
+            ..*self
+        }
+    }
+
+    /// From here to a measurement, steps.
+    pub fn innovation(&self, measured: i64) -> f32 {
+        steps(measured.saturating_sub(self.position))
+    }
+
+    /// Whether an innovation is one that a target within reach can cause: five sigmas, or what full acceleration over `dt` ms makes.
+    pub fn admits(&self, innovation: f32, variance: f32, dt: f32, reach: Reach) -> bool {
+        let sigmas = 25.0 * (self.covariance.m11 + measured(variance));
+        let way = 0.5 * reach.acceleration * dt * dt;
+        innovation * innovation <= sigmas + way * way
+    }
+
+    /// Takes in a measurement `dt` ms after the last, that is `innovation` steps from where this was predicted.
+    pub fn update(&mut self, innovation: f32, variance: f32, dt: f32, reach: Reach) {
+        let variance = measured(variance);
+        let square = innovation * innovation;
+        let expected = self.covariance.m11 + variance;
+        let unit = process(1.0, within(dt, 0.0, MOST_MS));
+        let (least, most) = (least_noise(reach), most_noise(reach));
+        if square > MANOEUVRE * expected && unit.m11 > 0.0 {
+            let needed = within((square / MANOEUVRE - expected) / unit.m11, 0.0, most);
+            self.covariance = bounded(self.covariance + unit * needed);
+        }
+        let alike = within(innovation * self.last / expected, -1.0, 1.0);
+        self.noise = within(self.noise * (1.0 + 0.5 * alike), least, most);
+        self.last = innovation;
+        let expected = self.covariance.m11 + variance;
+        let row = Vector2::new(self.covariance.m11, self.covariance.m12);
+        let gain = row / expected;
+        self.position = self.position.saturating_add(fine(gain.x * innovation));
+        let acceleration = gain.y * innovation / within(dt, 1.0, MOST_MS);
+        let mean = FADE * self.swing + (1.0 - FADE) * acceleration * acceleration;
+        self.swing = within(mean, 0.0, MOST_VARIANCE);
+        self.speed = within(self.speed + gain.y * innovation, -MOST_SPEED, MOST_SPEED);
+        self.covariance = bounded(self.covariance - gain * row.transpose());
+    }
+}
+
+/// The highest process noise, steps²/ms³: what full acceleration, anew every 32 ms, amounts to.
+fn most_noise(reach: Reach) -> f32 {
+    let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
+    32.0 * acceleration * acceleration
+}
+
+/// The lowest.
+fn least_noise(reach: Reach) -> f32 {
+    most_noise(reach) * STILL
+}
+
+/// What white noise of the acceleration adds to the covariance in `dt` ms.
+fn process(noise: f32, dt: f32) -> Matrix2<f32> {
+    let speed = noise * dt;
+    let both = 0.5 * speed * dt;
+    Matrix2::new(speed * dt * dt / 3.0, both, both, speed)
+}
+
+/// The variance of a measurement, within what is believed.
+fn measured(variance: f32) -> f32 {
+    within(variance, LEAST_VARIANCE, MOST_VARIANCE)
+}
+
+/// Symmetric, positive and finite.
+fn bounded(covariance: Matrix2<f32>) -> Matrix2<f32> {
+    let position = within(covariance.m11, 1e-6, MOST_VARIANCE);
+    let speed = within(covariance.m22, 1e-12, MOST_VARIANCE);
+    let both = within(covariance.m12, -MOST_VARIANCE, MOST_VARIANCE);
+    Matrix2::new(position, both, both, speed)
+}
+
+/// The value within bounds; the lower one if it is no number.
+pub(super) fn within(value: f32, low: f32, high: f32) -> f32 {
+    if value > low {
+        if value < high { value } else { high }
+    } else {
+        low
+    }
+}
+
+/// A distance in 2⁻³² steps to steps, at a resolution of 2⁻¹⁶; saturates at ±32768.
+pub(super) fn steps(fine: i64) -> f32 {
+    narrow(fine >> 16) as f32 * (1.0 / 65_536.0)
+}
+
+/// And back.
+pub(super) fn fine(steps: f32) -> i64 {
+    // The conversion saturates, and makes zero of what is no number.
+    i64::from((steps * 65_536.0) as i32) << 16
+}

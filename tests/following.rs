@@ -1,0 +1,183 @@
+//! How well the station follows: the closed loop with its figures, asserted without rendering a picture.
+//!
+//! Cameras are simulated by what they would say and by their noise; everything from the frame's bytes to the planned position is the station's own
+//! code. 60 frames/s, 20 ms from picture to frame, the stage of the experiments.
+
+#[path = "following/chase.rs"]
+mod chase;
+
+use chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
+use shared::frame::message::Denial;
+use shared::track::pursuit::Sight;
+
+/// Different noise each.
+const SEEDS: [u64; 4] = [1, 2, 3, 4];
+
+fn each(bound: [f64; 3], value: [f64; 3]) -> bool {
+    bound
+        .iter()
+        .zip(value)
+        .all(|(bound, value)| value <= *bound)
+}
+
+/// When the stage was last farther off than this, s.
+fn settled(run: &Run, bound_mm: [f64; 3]) -> f64 {
+    let off = run
+        .samples
+        .iter()
+        .filter(|sample| !each(bound_mm, sample.error_mm().map(f64::abs)));
+    off.map(|sample| sample.time_s).fold(0.0, f64::max)
+}
+
+/// The first picture from `time_s` on, s.
+fn first_picture(time_s: f64) -> f64 {
+    (time_s * 60.0).ceil() / 60.0
+}
+
+/// Highest acceleration planned on any axis, mm/s².
+fn steepest(run: &Run) -> f64 {
+    let ticks: Vec<[i64; 3]> = run.planned.iter().copied().step_by(4).collect();
+    let of = |axis: usize| {
+        let bends = ticks.windows(3).map(move |w| {
+            let bend = w[2][axis] - 2 * w[1][axis] + w[0][axis];
+            bend.abs() as f64 / 4_294_967_296.0 / STEPS_PER_MM * 1e6
+        });
+        bends.fold(0.0, f64::max)
+    };
+    (0..3).map(of).fold(0.0, f64::max)
+}
+
+/// Also in the shape that another stage gives it, and with the frame rate of the paper's experiment.
+#[test]
+fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
+    type Step = fn(f64) -> [f64; 3];
+    let sudden: Step = |t| if t < 1.01 { [0.0; 3] } else { [4.0, 4.0, 1.0] };
+    let driven: Step = |t| [4.0, 4.0, 1.0].map(|mm| mm * smooth(t - 1.01));
+    for (name, step) in [("sudden", sudden), ("driven", driven)] {
+        for seed in SEEDS {
+            let run = Chase::new(seed).follow(step, 2.0);
+            let over = run.farthest(1.01);
+            let took = settled(&run, [0.03, 0.03, 0.08]) - first_picture(1.01);
+            println!("{name} step: settled after {took:.3} s, overshoot {over:.4?} mm");
+            assert!(took <= 0.25, "{name}: {took} s");
+            // 5 %, and what noise makes of a rest.
+            assert!(each([0.2, 0.2, 0.05 + 0.08], over), "{name}: {over:?}");
+        }
+    }
+}
+
+#[test]
+fn a_lissajous_is_followed_and_prediction_is_what_does_it() {
+    for seed in SEEDS {
+        let mut chase = Chase::new(seed);
+        let with = chase.follow(lissajous, 10.0);
+        chase.tracking.prediction = false;
+        let without = chase.follow(lissajous, 10.0);
+        let ratio = without.rms_3d(1.0) / with.rms_3d(1.0);
+        println!(
+            "lissajous: rms {:.4?} mm, without prediction {:.4?} mm: {ratio:.1} times",
+            with.rms(1.0),
+            without.rms(1.0)
+        );
+        assert!(each([0.1, 0.1, 0.2], with.rms(1.0)));
+        assert!(ratio >= 4.0, "{ratio}");
+    }
+}
+
+#[test]
+fn a_steady_motion_is_followed_without_lag() {
+    for seed in SEEDS {
+        let run = Chase::new(seed).follow(
+            |t| [4.0, 4.0, 1.0].map(|d| d * 50.0 * t / 33f64.sqrt()),
+            1.2,
+        );
+        let lag = run.mean_error(0.7).map(f64::abs);
+        println!("50 mm/s: lag {lag:.4?} mm");
+        assert!(each([0.1; 3], lag), "{lag:?}");
+    }
+}
+
+#[test]
+fn at_a_still_target_the_motors_are_quiet() {
+    for seed in SEEDS {
+        let run = Chase::new(seed).follow(|_| [0.0; 3], 20.0);
+        let (jitter, reversals) = (run.rms(0.5), run.reversals(0.5));
+        println!("still: jitter {jitter:.4?} mm, reversals {reversals:.2?} per s");
+        assert!(each([0.01, 0.01, 0.03], jitter), "{jitter:?}");
+        assert!(each([5.0; 3], reversals), "{reversals:?}");
+    }
+}
+
+#[test]
+fn half_a_second_without_frames_is_coasted_through() {
+    for seed in SEEDS {
+        let mut chase = Chase::new(seed);
+        chase.hidden_s = Some([3.0, 3.5]);
+        let run = chase.follow(lissajous, 6.0);
+        let sights: Vec<Sight> = run.statuses.iter().map(|status| status.sight).collect();
+        assert!(sights.contains(&Sight::Coasting) && !sights.contains(&Sight::Lost));
+        let steepest = steepest(&run);
+        println!(
+            "hidden for 0.5 s: {:.2} mm off at most, then rms {:.4?} mm; up to {steepest:.0} mm/s²",
+            run.worst(3.0).into_iter().fold(0.0, f64::max),
+            run.rms(4.0)
+        );
+        assert!(steepest <= 2_001.0, "{steepest} mm/s²");
+        assert!(each([0.1, 0.1, 0.2], run.rms(4.0)), "{:?}", run.rms(4.0));
+    }
+}
+
+#[test]
+fn a_lost_target_is_waited_for_at_rest_and_followed_again() {
+    let mut chase = Chase::new(1);
+    chase.hidden_s = Some([3.0, 5.0]);
+    let run = chase.follow(lissajous, 8.0);
+    let lost = run.statuses.iter().find(|s| s.sight == Sight::Lost);
+    let lost = lost.expect("it was lost");
+    assert_eq!(lost.state, shared::safety::State::Following);
+    // 800 ms after the last frame, and a ramp from 20 mm/s.
+    let resting = run
+        .samples
+        .iter()
+        .filter(|s| s.time_s > 4.0 && s.time_s < 5.0);
+    let stood: Vec<_> = resting.map(|s| s.steps).collect();
+    assert!(
+        stood.windows(2).all(|w| w[0] == w[1]),
+        "it ramps down to rest"
+    );
+    assert!(steepest(&run) <= 2_001.0);
+    assert!(each([0.1, 0.1, 0.2], run.rms(6.0)), "{:?}", run.rms(6.0));
+    assert_eq!(run.statuses.last().map(|s| s.sight), Some(Sight::Tracking));
+}
+
+#[test]
+fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
+    let mut chase = Chase::new(3);
+    chase.wrong = Some((90, 1, [5.0, -5.0, 5.0]));
+    let still = chase.follow(|_| [0.0; 3], 3.0);
+    assert_eq!(still.denials, [Denial::Outlier]);
+    assert!(
+        each([0.02, 0.02, 0.1], still.worst(0.5)),
+        "{:?}",
+        still.worst(0.5)
+    );
+    let moving = chase.follow(lissajous, 3.0);
+    assert_eq!(moving.denials, [Denial::Outlier]);
+    assert!(
+        each([0.1, 0.1, 0.2], moving.rms(1.0)),
+        "{:?}",
+        moving.rms(1.0)
+    );
+    // From frame 90 on, all of them.
+    chase.wrong = Some((90, u64::MAX, [5.0, -5.0, 5.0]));
+    let jumped = chase.follow(|_| [0.0; 3], 3.0);
+    assert_eq!(jumped.denials, [Denial::Outlier]);
+    let at = jumped.samples.last().expect("samples").stage_mm();
+    assert!(
+        each(
+            [0.03, 0.03, 0.08],
+            std::array::from_fn(|i| (at[i] - [5.0, -5.0, 5.0][i]).abs())
+        ),
+        "{at:?}"
+    );
+}

@@ -1,0 +1,323 @@
+//! A station and a target that moves; between them nothing but what cameras would say, late and with their noise.
+
+use host::random::Random;
+use host::station::stage::{configuration, default_stage};
+use shared::frame::encode::encode;
+use shared::frame::message::{
+    Command, Denial, Frame, LastRun, Mounting, Outcome, Packet, Report, ResetCause, Status, Sums,
+};
+use shared::frame::receive::Receiver;
+use shared::machine::{Board, Machine, Output, SEGMENT_US};
+use shared::safety::Inputs;
+use shared::steps::WordRate;
+use shared::sums::centred::FixedCentredSums;
+use shared::time::Instant;
+use shared::track::pursuit::Settings;
+use std::collections::VecDeque;
+
+/// From a segment to its first word on the pins, µs.
+const DELAY_US: u64 = 512;
+
+/// Steps per mm of the default stage.
+pub const STEPS_PER_MM: f64 = 80.0;
+
+/// Standard deviation of what the cameras say, mm: rendered pictures with noise of 2 grey levels.
+pub const SIGMA_MM: [f64; 3] = [0.005, 0.005, 0.03];
+
+/// Where the target is at a time, s, mm.
+pub type Target = fn(f64) -> [f64; 3];
+
+/// One millisecond of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    pub time_s: f64,
+    pub target_mm: [f64; 3],
+    /// What the pins have made, whole steps.
+    pub steps: [i64; 3],
+}
+
+impl Sample {
+    pub fn stage_mm(&self) -> [f64; 3] {
+        self.steps.map(|steps| steps as f64 / STEPS_PER_MM)
+    }
+
+    pub fn error_mm(&self) -> [f64; 3] {
+        let stage = self.stage_mm();
+        std::array::from_fn(|i| stage[i] - self.target_mm[i])
+    }
+}
+
+/// What happened.
+#[derive(Debug, Default)]
+pub struct Run {
+    pub samples: Vec<Sample>,
+    pub statuses: Vec<Status>,
+    pub denials: Vec<Denial>,
+    /// At the end of every segment, 2⁻³² steps.
+    pub planned: Vec<[i64; 3]>,
+}
+
+impl Run {
+    fn after(&self, from_s: f64) -> impl Iterator<Item = &Sample> {
+        self.samples.iter().filter(move |s| s.time_s >= from_s)
+    }
+
+    pub fn rms(&self, from_s: f64) -> [f64; 3] {
+        let n = self.after(from_s).count() as f64;
+        std::array::from_fn(|i| {
+            (self
+                .after(from_s)
+                .map(|s| s.error_mm()[i].powi(2))
+                .sum::<f64>()
+                / n)
+                .sqrt()
+        })
+    }
+
+    pub fn rms_3d(&self, from_s: f64) -> f64 {
+        self.rms(from_s).iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
+
+    pub fn worst(&self, from_s: f64) -> [f64; 3] {
+        std::array::from_fn(|i| {
+            self.after(from_s)
+                .map(|s| s.error_mm()[i].abs())
+                .fold(0.0, f64::max)
+        })
+    }
+
+    /// Stage minus target.
+    pub fn mean_error(&self, from_s: f64) -> [f64; 3] {
+        let n = self.after(from_s).count() as f64;
+        std::array::from_fn(|i| self.after(from_s).map(|s| s.error_mm()[i]).sum::<f64>() / n)
+    }
+
+    /// How far the stage was in front of the target, which moves forwards.
+    pub fn farthest(&self, from_s: f64) -> [f64; 3] {
+        std::array::from_fn(|i| {
+            self.after(from_s)
+                .map(|s| s.error_mm()[i])
+                .fold(0.0, f64::max)
+        })
+    }
+
+    /// Reversals of direction per second.
+    pub fn reversals(&self, from_s: f64) -> [f64; 3] {
+        let last = self.samples.last().map_or(1.0, |s| s.time_s);
+        std::array::from_fn(|i| {
+            let mut direction = 0;
+            let mut count = 0;
+            let mut before: Option<i64> = None;
+            for sample in self.after(from_s) {
+                let now = sample.steps[i];
+                let way = now - before.unwrap_or(now);
+                before = Some(now);
+                if way != 0 {
+                    if way.signum() == -direction {
+                        count += 1;
+                    }
+                    direction = way.signum();
+                }
+            }
+            f64::from(count) / (last - from_s)
+        })
+    }
+}
+
+pub struct Chase {
+    pub tracking: Settings,
+    pub frames_per_s: f64,
+    pub latency_us: u64,
+    pub sigma_mm: [f64; 3],
+    /// No frames from, to, s.
+    pub hidden_s: Option<[f64; 2]>,
+    /// Wrong frames: from which number on, how many, by how much, mm.
+    pub wrong: Option<(u64, u64, [f64; 3])>,
+    random: Random,
+}
+
+impl Chase {
+    pub fn new(seed: u64) -> Self {
+        Self {
+            tracking: Settings::DEFAULT,
+            frames_per_s: 60.0,
+            latency_us: 20_000,
+            sigma_mm: SIGMA_MM,
+            hidden_s: None,
+            wrong: None,
+            random: Random::new(seed, 0),
+        }
+    }
+
+    pub fn follow(&mut self, target: Target, seconds: f64) -> Run {
+        let board = Board {
+            name: "chase",
+            version: [0, 1, 0],
+            word_rate: WordRate::MHZ_1,
+            delay_us: DELAY_US as u32,
+            session: 1,
+            reset_cause: ResetCause::PowerOn,
+            last_run: LastRun::UNKNOWN,
+        };
+        let mut config = configuration(&default_stage(), Mounting::OnStage).unwrap();
+        config.tracking = self.tracking;
+        let mut machine = Machine::new(board);
+        let mut receiver = Receiver::<Report>::default();
+        let mut sequence = 0u16;
+        let mut run = Run::default();
+        let mut send = |machine: &mut Machine, now: u64, command| {
+            sequence = sequence.wrapping_add(1);
+            let bytes = encode(&Packet { sequence, command }).unwrap();
+            machine.receive(Instant::from_micros(now), &bytes);
+        };
+        // Where the pins are at the end of each segment, from time zero on.
+        let mut path: Vec<[i64; 3]> = vec![[0; 3]; 1 + (DELAY_US / SEGMENT_US) as usize];
+        let start_us = 100_000u64;
+        let mut waiting: VecDeque<(u64, Frame)> = VecDeque::new();
+        let mut taken = 0u64;
+        let period_us = 1e6 / self.frames_per_s;
+        let end_us = start_us + (seconds * 1e6) as u64;
+        let at_pins = |path: &[[i64; 3]], us: u64| -> [f64; 3] {
+            // path[k] is where the pins are at k SEGMENT_US + 12 µs.
+            let us = us.saturating_sub(DELAY_US % SEGMENT_US);
+            let (k, rest) = ((us / SEGMENT_US) as usize, us % SEGMENT_US);
+            let a = path[k.min(path.len() - 1)];
+            let b = path[(k + 1).min(path.len() - 1)];
+            std::array::from_fn(|i| {
+                let share = rest as f64 / SEGMENT_US as f64;
+                let fine = a[i] as f64 + (b[i] - a[i]) as f64 * share;
+                fine / 4_294_967_296.0 / STEPS_PER_MM
+            })
+        };
+        let mut now = 0u64;
+        while now < end_us {
+            match now {
+                0 => send(&mut machine, now, Command::Hello),
+                1_000 => send(&mut machine, now, Command::Config(config)),
+                2_000 => send(&mut machine, now, Command::Zero),
+                _ => {}
+            }
+            if now % 20_000 == 0 {
+                send(&mut machine, now, Command::Ping { host_us: now });
+            }
+            machine.sense(Inputs {
+                words_emitted: now.saturating_sub(DELAY_US),
+                ..Inputs::default()
+            });
+            loop {
+                match machine.poll(Instant::from_micros(now), 1_000) {
+                    Output::Send(bytes) => match receiver.next(&mut &bytes[..]) {
+                        Some(Ok(Report::Answer {
+                            outcome: Outcome::Denied(denial),
+                            ..
+                        })) => {
+                            run.denials.push(denial);
+                        }
+                        Some(Ok(Report::Status(status))) => run.statuses.push(status),
+                        _ => {}
+                    },
+                    Output::Segment(_) => path.push(machine.position()),
+                    Output::Idle(_) => break,
+                }
+            }
+            // What happens before the next segment is given out.
+            let next = now + SEGMENT_US;
+            loop {
+                let capture = start_us + (taken as f64 * period_us).round() as u64;
+                if capture >= next {
+                    break;
+                }
+                let at_s = (capture - start_us) as f64 * 1e-6;
+                let (goal, stage) = (target(at_s), at_pins(&path, capture));
+                let mut seen: [f64; 3] = std::array::from_fn(|i| {
+                    goal[i] - stage[i] + self.sigma_mm[i] * self.random.gaussian()
+                });
+                if let Some((first, count, by)) = self.wrong
+                    && taken >= first
+                    && taken - first < count
+                {
+                    seen = std::array::from_fn(|i| seen[i] + by[i]);
+                }
+                let hidden = self
+                    .hidden_s
+                    .is_some_and(|[from, to]| (from..to).contains(&at_s));
+                if taken > 0 && !hidden {
+                    let frame = Frame {
+                        capture: Instant::from_micros(capture),
+                        reference: Instant::from_micros(start_us),
+                        sums: self.sums(seen),
+                    };
+                    waiting.push_back((capture + self.latency_us, frame));
+                }
+                taken += 1;
+            }
+            while waiting.front().is_some_and(|(due, _)| *due < next) {
+                let (due, frame) = waiting.pop_front().unwrap();
+                send(&mut machine, due, Command::Frame(frame));
+            }
+            if next % 1_000 == 0 && next > start_us {
+                let fine = at_pins(&path, next);
+                run.samples.push(Sample {
+                    time_s: (next - start_us) as f64 * 1e-6,
+                    target_mm: target((next - start_us) as f64 * 1e-6),
+                    steps: fine.map(|mm| (mm * STEPS_PER_MM + 0.5).floor() as i64),
+                });
+            }
+            now = next;
+        }
+        run.planned = path;
+        run
+    }
+
+    /// Sums that say the target was displaced by `mm`, and how well that is known.
+    fn sums(&self, mm: [f64; 3]) -> Sums {
+        let spread = (self.sigma_mm[0] / self.sigma_mm[2]).powi(2);
+        let spread = if spread.is_finite() { spread } else { 0.03 };
+        let exponent = spread.log2().floor() as i32 + 1;
+        let mantissa = spread / f64::from(exponent).exp2();
+        let freedom = 597u16;
+        let residual = self.sigma_mm[0] * 1e6 * f64::from(freedom).sqrt();
+        Sums::Midpoint(FixedCentredSums {
+            points: 100,
+            freedom,
+            mean_nm: [(mm[0] * 1e6).round() as i32, (mm[1] * 1e6).round() as i32],
+            centroid: [0, 0],
+            spread: (mantissa * 2f64.powi(32)) as u32,
+            exponent: exponent as i8,
+            coupling: (mm[2] * mantissa * 8e6).round() as i32,
+            residual_nm: residual.round() as u32,
+        })
+    }
+}
+
+/// ±20, 20 and 5 mm, up to 20 mm/s.
+pub fn lissajous(time_s: f64) -> [f64; 3] {
+    let angle = 0.47 * time_s;
+    [
+        20.0 * angle.sin(),
+        20.0 * (2.0 * angle).sin(),
+        5.0 * (3.0 * angle).sin(),
+    ]
+}
+
+/// A move of 4 mm at 50,000 mm/s³, as a share of the whole.
+pub fn smooth(t: f64) -> f64 {
+    let quarter = (4.0f64 / 100_000.0).cbrt();
+    let j = 50_000.0 / 4.0;
+    let u = (t / quarter).clamp(0.0, 4.0);
+    let q3 = quarter.powi(3);
+    let half = |u: f64| {
+        // First half: jerk +, then -.
+        if u <= 1.0 {
+            j * q3 * u.powi(3) / 6.0
+        } else {
+            let x = u - 1.0;
+            j * q3 * (1.0 / 6.0 + x / 2.0 + x * x / 2.0 - x.powi(3) / 6.0)
+        }
+    };
+    if u <= 2.0 {
+        half(u)
+    } else {
+        1.0 - half(4.0 - u)
+    }
+}
