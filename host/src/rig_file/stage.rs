@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::care::Care;
 use super::field::Field;
 use crate::error::InputError;
 
@@ -49,9 +50,11 @@ pub struct Stage {
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
     pub driver: Driver,
+    /// Lost motion, home switches, and what is watched.
+    pub care: Care,
 }
 
-const KEYS: [&str; 8] = [
+const KEYS: [&str; 18] = [
     "steps_per_mm",
     "max_speed_mm_s",
     "max_acceleration_mm_s2",
@@ -60,6 +63,16 @@ const KEYS: [&str; 8] = [
     "invert",
     "matrix",
     "driver",
+    "backlash_mm",
+    "home_switch",
+    "home_position_mm",
+    "home_speed_mm_s",
+    "back_off_mm",
+    "slow_speed_mm_s",
+    "unknown_window_mm",
+    "largest_error_mm",
+    "longest_error_s",
+    "largest_unseen_mm",
 ];
 
 /// Larger figures than these belong to no stage; a slip of the unit does.
@@ -85,6 +98,7 @@ impl Stage {
             invert: section.required("invert")?.each(|axis| axis.flag())?,
             matrix: matrix(&section.required("matrix")?)?,
             driver: driver(&section.required("driver")?)?,
+            care: Care::read(section)?,
         })
     }
 
@@ -103,6 +117,7 @@ impl Stage {
         let _ = writeln!(text, "invert = {:?}", self.invert);
         let _ = writeln!(text, "matrix = {:?}", self.matrix);
         let _ = writeln!(text, "driver = \"{}\"", self.driver.name());
+        self.care.write_toml(text);
     }
 }
 
