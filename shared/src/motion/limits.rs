@@ -126,6 +126,8 @@ pub struct AxisLimits {
     pub(super) jerk: u32,
     /// Allowed step numbers, both ends included, within ±2²⁹.
     range: [i32; 2],
+    /// Lost motion between motor and load, whole steps, up to 2²⁹.
+    backlash: u32,
 }
 
 /// Positions of soft limits stay within this, steps: leaves room to stop within the range of [`Position`] from anywhere.
@@ -181,7 +183,13 @@ impl AxisLimits {
             acceleration,
             jerk,
             range: travel_steps(config)?,
+            backlash: 0,
         })
+    }
+
+    /// How many steps the motor makes when it turns round before the load moves.
+    pub const fn backlash(&self) -> u32 {
+        self.backlash
     }
 
     /// The lowest and highest step number the axis may stand at.
@@ -192,6 +200,12 @@ impl AxisLimits {
     /// The centres of the first and the last allowed step.
     pub fn ends(&self) -> [Position; 2] {
         self.range.map(Position::centre)
+    }
+
+    /// Between what the motor stands at when the load is at either end: pushed backwards, the motor is `backlash` steps ahead.
+    pub(super) fn motor_ends(&self) -> [Position; 2] {
+        let [low, high] = self.ends();
+        [low.saturating_add(-(i64::from(self.backlash) << 32)), high]
     }
 
     /// The allowed position nearest to `target`.
@@ -239,6 +253,14 @@ impl Limits {
             rate,
             axes: [of(0, x)?, of(1, y)?, of(2, z)?],
         })
+    }
+
+    /// With lost motion on each axis, steps. No axis loses more than 2²⁹.
+    pub fn with_backlash(mut self, steps: [u32; AXES]) -> Self {
+        for (axis, steps) in self.axes.iter_mut().zip(steps) {
+            axis.backlash = steps.min(FARTHEST as u32);
+        }
+        self
     }
 
     /// The word rate.

@@ -26,6 +26,7 @@
 //! zero, the axis is given the segment's mean speed instead. It then stands where it should at the segment's end (but
 //! for less than `N/4` fine units), and within it is off by less than an eighth of the acceleration times (250 µs)².
 
+mod backlash;
 mod limits;
 mod planner;
 mod stopping;

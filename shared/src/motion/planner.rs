@@ -1,5 +1,6 @@
 use core::cmp::Ordering;
 
+use super::backlash::Play;
 use super::stopping::Pace;
 use super::{AxisLimits, Limits};
 use crate::fixed::{product, quotient, times};
@@ -41,9 +42,10 @@ impl Axis {
         }
     }
 
+    /// `target` lies within the limits.
     fn aim(&mut self, target: Position, drift: i64) {
         self.pace = self.own;
-        self.target = self.limits.clamp(target);
+        self.target = target;
         self.drift = drift.clamp(-self.pace.speed, self.pace.speed);
     }
 
@@ -95,7 +97,7 @@ impl Axis {
     fn keep_inside(&self, wanted: i64, quantum: i64) -> i64 {
         let [low, high] = self
             .limits
-            .ends()
+            .motor_ends()
             .map(|end| end.fine().saturating_sub(self.position.fine()));
         let behind = quotient(low.saturating_neg(), quantum);
         let ahead = quotient(high, quantum);
@@ -310,10 +312,12 @@ pub struct Planner {
     given: usize,
     /// After these.
     positions: [Position; AXES],
+    /// What the motors push, after these.
+    plays: [Play; AXES],
 }
 
 impl Planner {
-    /// At rest at `positions`, going nowhere.
+    /// At rest at `positions`, going nowhere. Lost motion is taken up forwards.
     pub fn new(limits: Limits, positions: [Position; AXES]) -> Self {
         let [x, y, z] = limits.axes;
         let [px, py, pz] = positions;
@@ -325,7 +329,36 @@ impl Planner {
             tick: [Segment::pause(limits.rate.slots_per_segment()); SEGMENTS],
             given: SEGMENTS,
             positions,
+            plays: [
+                Play::new(x.backlash(), px),
+                Play::new(y.backlash(), py),
+                Play::new(z.backlash(), pz),
+            ],
         }
+    }
+
+    /// At rest where this one is, with other limits; what is left of the tick is forgotten. The load stays where it is between its flanks.
+    pub fn relimited(&self, limits: Limits) -> Self {
+        let mut planner = Self::new(limits, self.positions);
+        let plays = planner.plays.iter_mut().zip(self.plays);
+        for ((play, old), (axis, motor)) in plays.zip(limits.axes.iter().zip(self.positions)) {
+            *play = old.with_width(axis.backlash(), motor);
+        }
+        planner
+    }
+
+    /// At rest where this one is, with the origin moved back by `steps`: every position grows by as much. What is left of the tick is forgotten.
+    pub fn shifted(&self, steps: [i64; AXES]) -> Self {
+        let by = steps.map(|steps| times(steps, 1 << 32));
+        let mut positions = self.positions;
+        for (position, by) in positions.iter_mut().zip(by) {
+            *position = position.saturating_add(by);
+        }
+        let mut planner = Self::new(self.limits, positions);
+        for ((play, old), by) in planner.plays.iter_mut().zip(self.plays).zip(by) {
+            *play = old.shifted(by);
+        }
+        planner
     }
 
     /// Every axis goes to its target as fast as it can, on its own; outside of the soft limits, to the limit.
@@ -341,8 +374,29 @@ impl Planner {
     pub fn follow(&mut self, targets: [Position; AXES], speeds: [i64; AXES]) {
         let speed_quantum = self.speed_quantum();
         self.line = None;
-        for ((axis, target), speed) in self.axes.iter_mut().zip(targets).zip(speeds) {
-            axis.aim(target, speed / speed_quantum);
+        let axes = self.axes.iter_mut().zip(&mut self.plays);
+        for ((axis, play), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
+            let target = axis.limits.clamp(target);
+            axis.aim(play.aim(target), speed / speed_quantum);
+        }
+    }
+
+    /// Chooses the flank that brings each load to its goal.
+    fn take_up(&mut self) {
+        if !self.plays.iter().any(Play::is_loose) {
+            return;
+        }
+        let quantum = self.distance_quantum();
+        for (axis, play) in self.axes.iter_mut().zip(&mut self.plays) {
+            let way = axis
+                .own
+                .stopping_way(axis.speed - axis.drift, axis.acceleration);
+            let stop = axis.position.saturating_add(times(quantum, way));
+            let change = play.turn(axis.target, stop, axis.drift, quantum);
+            if change != 0 {
+                // Only a new goal turns an axis of a line, and that ends the line by itself.
+                axis.target = axis.target.saturating_add(change);
+            }
         }
     }
 
@@ -351,6 +405,7 @@ impl Planner {
     pub fn move_in_step(&mut self, targets: [Position; AXES]) {
         self.set_target(targets);
         if self.is_at_rest() {
+            self.take_up();
             self.line = Line::through(&self.axes);
             if let Some(line) = self.line {
                 let pace = line.pace(&self.axes);
@@ -365,14 +420,15 @@ impl Planner {
     pub fn stop(&mut self) {
         let quantum = self.distance_quantum();
         self.line = None;
-        for axis in &mut self.axes {
+        for (axis, play) in self.axes.iter_mut().zip(&mut self.plays) {
             axis.pace = axis.own;
             axis.target = axis.position.saturating_add(axis.stopping_way(quantum));
             axis.drift = 0;
+            play.hold();
         }
     }
 
-    /// Goes on from rest at `positions`, where an abrupt stop left the generator. Forgets the target and what is left of the tick.
+    /// Goes on from rest at `positions`, where an abrupt stop left the generator. Forgets the target, what is left of the tick, and where the load was.
     pub fn resume_at(&mut self, positions: [Position; AXES]) {
         *self = Self::new(self.limits, positions);
     }
@@ -386,8 +442,10 @@ impl Planner {
         let pause = Segment::pause(self.limits.rate.slots_per_segment());
         let segment = self.tick.get(self.given).copied().unwrap_or(pause);
         self.given += 1;
-        for (position, way) in self.positions.iter_mut().zip(segment.displacement()) {
+        let axes = self.positions.iter_mut().zip(&mut self.plays);
+        for ((position, play), way) in axes.zip(segment.displacement()) {
             *position = position.saturating_add(way);
+            play.advance(*position);
         }
         segment
     }
@@ -400,6 +458,7 @@ impl Planner {
     fn next_tick(&mut self) -> [Segment; SEGMENTS] {
         let slots = self.limits.rate.slots_per_segment();
         let quantum = self.distance_quantum();
+        self.take_up();
         let accelerations = self.accelerations(quantum);
         let ramp = |axis: &Axis, acceleration| Ramp {
             speed: axis.speed,
@@ -429,17 +488,23 @@ impl Planner {
         tick
     }
 
-    /// Where the axes will be after the segments handed out so far.
+    /// Where the motors will be after the segments handed out so far.
     pub fn positions(&self) -> [Position; AXES] {
         self.positions
     }
 
-    /// Where the axes are going, within the soft limits.
-    pub fn targets(&self) -> [Position; AXES] {
-        self.axes.each_ref().map(|axis| axis.target)
+    /// Where the loads will be then: the same without lost motion.
+    pub fn loads(&self) -> [Position; AXES] {
+        self.plays.each_ref().map(Play::load)
     }
 
-    /// Speeds after the segments handed out so far, fine units (2⁻³² step) per slot, negative backwards.
+    /// Where the loads are going, within the soft limits.
+    pub fn targets(&self) -> [Position; AXES] {
+        let ([x, y, z], [a, b, c]) = (&self.axes, &self.plays);
+        [a.goal(x.target), b.goal(y.target), c.goal(z.target)]
+    }
+
+    /// Speeds of the motors after the segments handed out so far, fine units (2⁻³² step) per slot, negative backwards.
     pub fn speeds(&self) -> [i64; AXES] {
         let quantum = self.speed_quantum();
         let per_segment = quantum / SEGMENTS as i64;
