@@ -38,6 +38,24 @@ fn config() -> Config {
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
         tracking: Settings::DEFAULT,
+        stage: StageConfig {
+            backlash_um: [20, 0, 50],
+            home: [
+                Some(HomeSwitch {
+                    side: Side::Negative,
+                    position_um: -61_000,
+                }),
+                None,
+                Some(HomeSwitch {
+                    side: Side::Positive,
+                    position_um: 61_000,
+                }),
+            ],
+            largest_error_um: 20_000,
+            longest_error_ms: 1_000,
+            unseen_um: 5_000,
+            ..StageConfig::DEFAULT
+        },
     }
 }
 
@@ -110,6 +128,12 @@ fn commands() -> Vec<(&'static str, Command)> {
             "ping",
             Command::Ping {
                 host_us: 987_654_321,
+            },
+        ),
+        (
+            "home",
+            Command::Home {
+                axes: [true, false, true],
             },
         ),
     ]
@@ -260,9 +284,7 @@ fn schema_lists_every_variant_at_its_number() {
     }
     for (number, fault) in (0..).zip(Fault::ALL) {
         assert_eq!(fault.number(), number);
-        let name = format!("{fault:?}")
-            .to_lowercase()
-            .replace("emergencystop", "emergency_stop");
+        let name = host::station::diagnosis::fault(fault).name;
         assert!(
             SCHEMA.contains(&format!("{} {name}", fault.number())),
             "schema.txt lacks fault {name}"
@@ -347,6 +369,19 @@ fn every_message_fits() {
         tracking: Settings {
             prediction: true,
             coast_ms: u16::MAX,
+        },
+        stage: StageConfig {
+            backlash_um: [u16::MAX; 3],
+            home: [Some(HomeSwitch {
+                side: Side::Positive,
+                position_um: i32::MIN,
+            }); 3],
+            home_speed_um_s: [u32::MAX; 2],
+            back_off_um: u32::MAX,
+            window_um: u32::MAX,
+            largest_error_um: u32::MAX,
+            longest_error_ms: u16::MAX,
+            unseen_um: u32::MAX,
         },
     };
     let longest = encode(&Packet {

@@ -17,8 +17,8 @@
 //! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the rig's axes to
 //! directions along the camera's; every pixel is rectified by it on its way in, so cameras need not be exactly parallel.
 //!
-//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but distortion and
-//! rotation has a default: a rig that was guessed makes a stage run away.
+//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but distortion,
+//! rotation and what is listed in [`Care`] has a default: a rig that was guessed makes a stage run away.
 //!
 //! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.
@@ -34,9 +34,11 @@ use crate::error::InputError;
 use crate::report::write_atomically;
 use field::{Field, Source};
 
+mod care;
 mod field;
 mod stage;
 
+pub use care::{Care, HomeSwitch};
 pub use stage::{Driver, Stage};
 
 /// The paper's three cameras, in the order its estimators need.

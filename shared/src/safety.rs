@@ -20,11 +20,13 @@ pub enum State {
     Stopped,
     /// A fault is latched: nothing moves until a reset.
     Faulted,
+    /// Axes are looking for their home switches.
+    Homing,
 }
 
 impl State {
     /// Every state, at its number.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Unconfigured,
         Self::Idle,
         Self::Moving,
@@ -32,6 +34,7 @@ impl State {
         Self::Stopping,
         Self::Stopped,
         Self::Faulted,
+        Self::Homing,
     ];
 
     /// The state's number.
@@ -41,14 +44,19 @@ impl State {
 
     /// Whether the stage may be in motion.
     pub const fn is_moving(self) -> bool {
-        matches!(self, Self::Moving | Self::Following | Self::Stopping)
+        self.is_commanded() || matches!(self, Self::Stopping)
+    }
+
+    /// Whether it moves because a host wants it to: the host must be heard meanwhile.
+    pub const fn is_commanded(self) -> bool {
+        matches!(self, Self::Moving | Self::Following | Self::Homing)
     }
 }
 
 /// How far the station's idea of its position can be trusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Trust {
-    /// Since power-up nobody said where it is: only slow jogs.
+    /// Since power-up nobody said where it is: only slow jogs, near by.
     #[default]
     Unknown,
     /// Homed or zeroed.
@@ -70,16 +78,31 @@ pub enum Fault {
     Driver,
     /// 4: the step engine fell behind or stopped: words were not emitted in time. Abrupt stop; the position is degraded.
     Underrun,
+    /// 5: the target stayed farther away than allowed for longer than allowed. Ramped stop; the position is still good.
+    FollowingError,
+    /// 6: the cameras did not see the stage move as it was commanded to: steps are lost, or a motor is off. Ramped stop; the position is degraded.
+    LostSteps,
+    /// 7: no home switch within the search way. Ramped stop; where the axis is stays unknown.
+    SwitchNotFound,
+    /// 8: a home switch that does not release when backed off, or does not stay tripped. Ramped stop; where the axis is stays unknown.
+    SwitchStuck,
+    /// 9: the program restarted by itself: watchdog, brown-out, panic. Nothing moves until somebody has taken note; the position is unknown.
+    Restart,
 }
 
 impl Fault {
     /// Every fault, at its number.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 10] = [
         Self::Heartbeat,
         Self::EmergencyStop,
         Self::Limit,
         Self::Driver,
         Self::Underrun,
+        Self::FollowingError,
+        Self::LostSteps,
+        Self::SwitchNotFound,
+        Self::SwitchStuck,
+        Self::Restart,
     ];
 
     /// The fault's number.
@@ -89,7 +112,15 @@ impl Fault {
 
     /// Whether motion ends at once, without a ramp, which may lose steps.
     pub const fn is_abrupt(self) -> bool {
-        !matches!(self, Self::Heartbeat)
+        matches!(
+            self,
+            Self::EmergencyStop | Self::Limit | Self::Driver | Self::Underrun
+        )
+    }
+
+    /// Whether steps may be missing although the stop itself lost none.
+    pub const fn loses_steps(self) -> bool {
+        matches!(self, Self::LostSteps)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::care::Care;
 use super::field::Field;
 use crate::error::InputError;
 use shared::track::pursuit::Settings;
@@ -52,9 +53,11 @@ pub struct Stage {
     pub driver: Driver,
     /// How a target is followed: `prediction` (optional, true without) and `coast_ms` (optional, 800 without).
     pub tracking: Settings,
+    /// Lost motion, home switches, and what is watched.
+    pub care: Care,
 }
 
-const KEYS: [&str; 10] = [
+const KEYS: [&str; 20] = [
     "steps_per_mm",
     "max_speed_mm_s",
     "max_acceleration_mm_s2",
@@ -65,6 +68,16 @@ const KEYS: [&str; 10] = [
     "driver",
     "prediction",
     "coast_ms",
+    "backlash_mm",
+    "home_switch",
+    "home_position_mm",
+    "home_speed_mm_s",
+    "back_off_mm",
+    "slow_speed_mm_s",
+    "unknown_window_mm",
+    "largest_error_mm",
+    "longest_error_s",
+    "largest_unseen_mm",
 ];
 
 /// Larger figures than these belong to no stage; a slip of the unit does.
@@ -91,6 +104,7 @@ impl Stage {
             matrix: matrix(&section.required("matrix")?)?,
             driver: driver(&section.required("driver")?)?,
             tracking: tracking(section)?,
+            care: Care::read(section)?,
         })
     }
 
@@ -113,6 +127,7 @@ impl Stage {
             let _ = writeln!(text, "prediction = {}", self.tracking.prediction);
             let _ = writeln!(text, "coast_ms = {}", self.tracking.coast_ms);
         }
+        self.care.write_toml(text);
     }
 }
 

@@ -62,6 +62,11 @@ pub const fn state(state: State) -> StateText {
             "a fault is latched: nothing moves until a reset",
             "see the fault; remove its cause, then `reset`",
         ),
+        State::Homing => (
+            "homing",
+            "axes are looking for their home switches",
+            "wait, or `stop`",
+        ),
     };
     StateText {
         name,
@@ -81,27 +86,59 @@ pub const fn fault(fault: Fault) -> FaultText {
         Fault::EmergencyStop => (
             "emergency_stop",
             "the emergency stop was pressed, or its wire is broken",
-            "release it, `reset`, then `zero`",
+            "release it, `reset`, then `home` or `zero`",
         ),
         Fault::Limit => (
             "limit",
             "a limit switch was met, or its wire is broken",
-            "`reset`, `jog` off the switch, then `zero`",
+            "`reset`, `jog` off the switch, then `home` or `zero`",
         ),
         Fault::Driver => (
             "driver",
             "a motor driver reports a fault",
-            "check its wiring, current and temperature, `reset`, then `zero`",
+            "check its wiring, current and temperature, `reset`, then `home` or `zero`",
         ),
         Fault::Underrun => (
             "underrun",
             "the step engine fell behind or stopped: pulses were not made in time",
-            "`reset`, then `zero`; if it comes again, note what `hello` and `status` say",
+            "`reset`, then `zero` or `home`; if it comes again, note what `hello` and `status` say",
+        ),
+        Fault::FollowingError => (
+            "following_error",
+            "the target stayed farther away than largest_error_mm for longer than longest_error_s",
+            "see that the stage is fast enough for the target and its matrix right (`calibrate-stage`), then `reset`",
+        ),
+        Fault::LostSteps => (
+            "lost_steps",
+            "the stage went largest_unseen_mm towards the target, and the cameras did not see it come nearer: a motor stalls or is off, or the matrix is wrong",
+            "look for what blocks the stage, `reset`, then `home` or `zero`",
+        ),
+        Fault::SwitchNotFound => (
+            "switch_not_found",
+            "no home switch within the search way: it is at the other end, not wired, or the motor does not move",
+            "`reset`, see to the switch and home_switch in the rig file, then `home`",
+        ),
+        Fault::SwitchStuck => (
+            "switch_stuck",
+            "a home switch did not release when backed off, or bounces without end",
+            "`reset`, `jog` off the switch or see to its wire, then `home`; a larger back_off_mm if it has a long way",
+        ),
+        Fault::Restart => (
+            "restart",
+            "the station's program started anew by itself: watchdog, brown-out or crash",
+            "`hello` tells what is known; see that the stage stands right, then `reset`, and `home` or `zero`",
         ),
     };
-    let position = match fault.is_abrupt() {
-        true => "degraded if it moved: steps may be lost",
-        false => "good",
+    let position = match fault {
+        Fault::Heartbeat | Fault::FollowingError => "good",
+        Fault::LostSteps => "degraded: steps are lost",
+        Fault::SwitchNotFound | Fault::SwitchStuck => {
+            "as it was before `home`; unknown for an axis that never was homed"
+        }
+        Fault::Restart => "unknown: it begins anew at 0",
+        Fault::EmergencyStop | Fault::Limit | Fault::Driver | Fault::Underrun => {
+            "degraded if it moved: steps may be lost"
+        }
     };
     FaultText {
         name,
@@ -133,7 +170,13 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "it forgets its configuration when it restarts; give it one with --rig RIG.toml"
         }
         Denial::Moving => "wait until it stands, or stop it with `trinocular stop`",
-        Denial::PositionUnknown => "`trinocular zero` makes the present position zero",
+        Denial::PositionUnknown => {
+            "`trinocular home` finds it, `trinocular zero` makes the present position zero"
+        }
+        Denial::OutsideWindow => {
+            "`home` or `zero` first; unknown_window_mm in the rig file says how far it may go until then"
+        }
+        Denial::NoHomeSwitch => "home_switch in the rig file says where an axis has one",
         Denial::Stopped => "`trinocular reset` lets it move again",
         Denial::Faulted => {
             "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
@@ -161,11 +204,11 @@ pub fn next_step(status: &Status) -> Option<String> {
     match status.trust {
         Trust::Homed => None,
         Trust::Unknown => Some(
-            "`jog` to where zero is to be (it moves slowly and knows no soft limits), then `zero`"
+            "`home`; or `jog` to where zero is to be (slowly, near by, without soft limits), then `zero`"
                 .to_owned(),
         ),
         Trust::Degraded => Some(
-            "steps may be lost: see where the stage stands, `jog` it to its zero, then `zero`"
+            "steps may be lost: `home`; or see where the stage stands, `jog` it to its zero, then `zero`"
                 .to_owned(),
         ),
     }
@@ -221,10 +264,15 @@ mod tests {
         assert_eq!(line("fault "), format!("fault{}", faults.concat()));
     }
 
+    /// What the table promises is what the machine does: see `shared/src/machine/fault.rs`.
     #[test]
-    fn the_position_is_good_after_a_ramp_only() {
+    fn no_fault_that_loses_steps_leaves_a_good_position() {
         for each in Fault::ALL {
-            assert_eq!(fault(each).position == "good", each == Fault::Heartbeat);
+            let good = fault(each).position == "good";
+            assert!(
+                !good || !(each.is_abrupt() || each.loses_steps()),
+                "{each:?}"
+            );
         }
     }
 

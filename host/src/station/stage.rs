@@ -1,18 +1,15 @@
 //! The stage in physical units, and as the station's configuration.
 
 use super::StationError;
-use crate::rig_file::{Driver, Stage};
+use crate::rig_file::{Care, Driver, Stage};
 use shared::estimate::Gate;
-use shared::frame::message::{Config, MATRIX_BITS, Mounting};
+use shared::frame::message::{Config, HomeSwitch, MATRIX_BITS, Mounting, StageConfig};
 use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
 use shared::track::pursuit::Settings;
 
 /// Longest silence of the host while moving, unless another is chosen, ms.
 pub const HEARTBEAT_MS: u16 = 100;
-
-/// Fastest motion while the position is unknown, µm/s.
-const SLOW_SPEED_UM_S: u32 = 5_000;
 
 /// The stage of the twin and of the paper's experiment: 80 steps/mm, 100 mm/s, 2,000 mm/s², 50,000 mm/s³, ±60 mm, TMC2209 drivers.
 pub fn default_stage() -> Stage {
@@ -26,6 +23,7 @@ pub fn default_stage() -> Stage {
         matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         driver: Driver::Tmc2209,
         tracking: Settings::DEFAULT,
+        care: Care::default(),
     }
 }
 
@@ -89,9 +87,58 @@ pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, Statio
         driver: timing(stage.driver),
         gate: Gate::DEFAULT,
         heartbeat_ms: HEARTBEAT_MS,
-        slow_speed_um_s: SLOW_SPEED_UM_S,
+        slow_speed_um_s: micro("slow_speed_mm_s", stage.care.slow_speed_mm_s)?,
         mounting,
         tracking: stage.tracking,
+        stage: treatment(&stage.care)?,
+    })
+}
+
+/// Thousandths: mm to µm, s to ms.
+fn micro<T: TryFrom<i64>>(field: &str, value: f64) -> Result<T, StationError> {
+    let scaled = (value * 1e3).round();
+    // A larger one is cut to what no field takes.
+    T::try_from(scaled as i64).map_err(|_| StationError::Stage {
+        field: field.to_owned(),
+    })
+}
+
+/// A distance that is watched, in µm; 0 is none, so less than half a µm will not do.
+fn watched(field: &str, mm: Option<f64>) -> Result<u32, StationError> {
+    match (mm, micro(field, mm.unwrap_or(0.0))?) {
+        (Some(_), 0) => Err(StationError::Stage {
+            field: field.to_owned(),
+        }),
+        (_, um) => Ok(um),
+    }
+}
+
+fn treatment(care: &Care) -> Result<StageConfig, StationError> {
+    let mut backlash_um = [0; 3];
+    let mut home = [None; 3];
+    for axis in 0..3 {
+        backlash_um[axis] = micro(&format!("backlash_mm[{axis}]"), care.backlash_mm[axis])?;
+        home[axis] = match care.home[axis] {
+            None => None,
+            Some(switch) => Some(HomeSwitch {
+                side: switch.side,
+                position_um: micro(&format!("home_position_mm[{axis}]"), switch.position_mm)?,
+            }),
+        };
+    }
+    let [first, second] = care.home_speed_mm_s;
+    Ok(StageConfig {
+        backlash_um,
+        home,
+        home_speed_um_s: [
+            micro("home_speed_mm_s[0]", first)?,
+            micro("home_speed_mm_s[1]", second)?,
+        ],
+        back_off_um: micro("back_off_mm", care.back_off_mm)?,
+        window_um: micro("unknown_window_mm", care.unknown_window_mm)?,
+        largest_error_um: watched("largest_error_mm", care.largest_error_mm)?,
+        longest_error_ms: micro("longest_error_s", care.longest_error_s)?,
+        unseen_um: watched("largest_unseen_mm", care.largest_unseen_mm)?,
     })
 }
 

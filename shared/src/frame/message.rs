@@ -52,6 +52,11 @@ pub enum Command {
         /// The host's clock, µs; returned as it is.
         host_us: u64,
     },
+    /// Find the home switches of these axes, one axis after the other: Z, X, Y. Only at rest. What the switches find becomes the position.
+    Home {
+        /// Which axes; each needs a home switch in the configuration.
+        axes: [bool; 3],
+    },
 }
 
 /// One frame: the target's flow since the reference instant, as the cameras on the stage saw it.
@@ -93,6 +98,61 @@ pub struct Config {
     pub mounting: Mounting,
     /// How the target is followed.
     pub tracking: Settings,
+    /// Lost motion, home switches, and what is watched.
+    pub stage: StageConfig,
+}
+
+/// What the station must know of the stage beyond its axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageConfig {
+    /// Lost motion of each axis when it turns round, µm; 0 is none. Rounded to whole steps.
+    pub backlash_um: [u16; 3],
+    /// The home switch of each axis.
+    pub home: [Option<HomeSwitch>; 3],
+    /// Speed towards a home switch the first and the second time, µm/s.
+    pub home_speed_um_s: [u32; 2],
+    /// How far an axis backs off from its home switch, µm.
+    pub back_off_um: u32,
+    /// While the position is unknown: how far an axis may go from where that began, µm.
+    pub window_um: u32,
+    /// Longest distance between target and stage while following, on any axis, µm; 0 is any.
+    pub largest_error_um: u32,
+    /// For how long it may be longer, ms.
+    pub longest_error_ms: u16,
+    /// How far the stage may move towards the target without the cameras seeing it come nearer, on any axis, µm; 0 is any.
+    pub unseen_um: u32,
+}
+
+/// A limit switch that also says where the axis is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HomeSwitch {
+    /// Which of the axis's two switches it is.
+    pub side: Side,
+    /// Where it trips on the way onto it, µm from zero.
+    pub position_um: i32,
+}
+
+/// An end of an axis. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Side {
+    /// The one that is met going backwards.
+    Negative,
+    /// The one that is met going forwards.
+    Positive,
+}
+
+impl StageConfig {
+    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10 mm while the position is unknown; nothing watched.
+    pub const DEFAULT: Self = Self {
+        backlash_um: [0; 3],
+        home: [None; 3],
+        home_speed_um_s: [10_000, 1_000],
+        back_off_um: 2_000,
+        window_um: 10_000,
+        largest_error_um: 0,
+        longest_error_ms: 0,
+        unseen_um: 0,
+    };
 }
 
 /// Where the cameras are. Append-only.
@@ -315,7 +375,7 @@ pub enum Denial {
     Unconfigured,
     /// The stage is moving.
     Moving,
-    /// The position is unknown or degraded: zero first.
+    /// The position is unknown or degraded: home or zero first.
     PositionUnknown,
     /// Stopped: reset first.
     Stopped,
@@ -339,6 +399,10 @@ pub enum Denial {
     LimitSwitch,
     /// No target that the stage can follow moves so fast. A second frame that agrees is followed.
     Outlier,
+    /// The position is unknown, and the way leads farther from where that began than the configuration allows.
+    OutsideWindow,
+    /// An axis that is to be homed has no home switch, or no axis was named.
+    NoHomeSwitch,
 }
 
 /// Which part of a configuration is impossible. Append-only.
@@ -358,6 +422,14 @@ pub enum ConfigField {
     SlowSpeed,
     /// The time to coast is zero or above 5000 ms.
     Tracking,
+    /// The lost motion of an axis is more than its travel: number from 0.
+    Backlash(u8),
+    /// Home switches: a speed or the way to back off is zero, or a switch lies beyond the range of positions.
+    Homing,
+    /// The window for unknown positions is zero.
+    Window,
+    /// A time without a distance, or a distance beyond the range of positions.
+    Watch,
 }
 
 impl core::fmt::Display for Denial {
@@ -365,7 +437,7 @@ impl core::fmt::Display for Denial {
         let text = match self {
             Self::Unconfigured => "no configuration yet",
             Self::Moving => "the stage is moving",
-            Self::PositionUnknown => "the position is unknown: zero first",
+            Self::PositionUnknown => "the position is unknown: home or zero first",
             Self::Stopped => "stopped: reset first",
             Self::Faulted => "a fault is latched: reset first",
             Self::CauseRemains => "the cause of the fault is still there",
@@ -384,6 +456,19 @@ impl core::fmt::Display for Denial {
             Self::Config(ConfigField::Tracking) => {
                 "configuration: coast_ms is not within 1 to 5000"
             }
+            Self::Config(ConfigField::Backlash(axis)) => {
+                return write!(
+                    f,
+                    "configuration: the backlash of axis {axis} is more than its travel"
+                );
+            }
+            Self::Config(ConfigField::Homing) => {
+                "configuration: homing speeds and back-off must not be zero, nor a home switch out of reach"
+            }
+            Self::Config(ConfigField::Window) => "configuration: the window is zero",
+            Self::Config(ConfigField::Watch) => {
+                "configuration: a following error needs a distance and a time, both within reach"
+            }
             Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
             Self::CaptureInFuture => "the capture lies in the future",
             Self::CaptureTooOld => "the capture is too old",
@@ -395,6 +480,8 @@ impl core::fmt::Display for Denial {
             Self::Outlier => {
                 "the target cannot have moved so far: waiting for a second frame that says so"
             }
+            Self::OutsideWindow => "the position is unknown: so far away the stage may not move",
+            Self::NoHomeSwitch => "an axis to be homed has no home switch",
         };
         f.write_str(text)
     }

@@ -23,7 +23,7 @@ pub mod message;
 pub mod receive;
 
 /// The longest packet, with all framing, bytes.
-pub const MAX_PACKET: usize = 256;
+pub const MAX_PACKET: usize = 320;
 
 /// The protocol's number: changes when packets of the old one can no longer be understood.
 pub const PROTOCOL: u16 = 1;

@@ -2,8 +2,8 @@
 
 use crate::estimate::{DisplacementNm, Gate};
 use crate::fixed::{multiply_shift, ratio, wide};
-use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting};
-use crate::motion::{AxisConfig, Limits};
+use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting, StageConfig};
+use crate::motion::{AxisConfig, ConfigFault, Limits};
 use crate::steps::WordRate;
 use crate::track::Fine;
 use crate::track::filter::Reach;
@@ -16,6 +16,9 @@ const SCALE_BITS: u32 = 16;
 /// Smallest determinant of the camera-to-stage matrix, Q3·29: one thousandth.
 const MIN_DETERMINANT: u128 = (1 << (3 * MATRIX_BITS)) / 1000;
 
+/// A home switch lies within so many steps of zero: as far again is left to search.
+const FARTHEST_HOME: u64 = 1 << 28;
+
 /// The configuration in use.
 #[derive(Clone, Debug)]
 pub(super) struct Active {
@@ -24,6 +27,8 @@ pub(super) struct Active {
     pub limits: Limits,
     /// For motion while the position is unknown: slow, and without soft limits.
     pub slow: Limits,
+    /// For the way to a home switch, the first time and the second.
+    pub home: [Limits; 2],
     /// 2⁻³² steps per nm on each axis, Q48.16. Below 2⁵¹.
     fine_per_nm: [i64; 3],
     /// What each axis can do, and so the most that a target can be followed in.
@@ -51,15 +56,27 @@ impl Active {
         if !(1..=Settings::LONGEST_COAST_MS).contains(&config.tracking.coast_ms) {
             return Err(ConfigField::Tracking);
         }
-        let slow = config
-            .axes
-            .map(|axis| slow_axis(axis, config.slow_speed_um_s));
-        let limits =
-            |axes| Limits::new(axes, rate).map_err(|fault| ConfigField::Axis(fault.axis as u8));
+        let stage = &config.stage;
+        check(stage)?;
+        let axis_field = |fault: ConfigFault| ConfigField::Axis(fault.axis as u8);
+        let limits = Limits::new(&config.axes, rate).map_err(axis_field)?;
+        let backlash = backlash_steps(config, &limits)?;
+        let limits = limits.with_backlash(backlash);
+        let slow = |speed| {
+            let axes = config.axes.map(|axis| slow_axis(axis, speed));
+            Ok(Limits::new(&axes, rate)?.with_backlash(backlash))
+        };
+        let [fast, second] = stage.home_speed_um_s;
+        // Without a home switch the speeds mean nothing.
+        let home = |speed| match stage.home {
+            [None, None, None] => Ok(limits),
+            _ => slow(speed).map_err(|_: ConfigFault| ConfigField::Homing),
+        };
         Ok(Self {
             config: *config,
-            limits: limits(&config.axes)?,
-            slow: limits(&slow)?,
+            limits,
+            slow: slow(config.slow_speed_um_s).map_err(axis_field)?,
+            home: [home(fast)?, home(second)?],
             fine_per_nm: config.axes.map(|axis| {
                 // steps/m 2^32 2^16 / 10^9 nm/m: below 2^51.
                 ratio(u64::from(axis.steps_per_m) << SCALE_BITS, 1_000_000_000) as i64
@@ -139,6 +156,46 @@ fn variances(config: &Config) -> Matrix3<f32> {
         })
     });
     Matrix3::from_row_iterator(elements)
+}
+
+/// Whether the parts of `stage` are possible, as far as they need no axis.
+fn check(stage: &StageConfig) -> Result<(), ConfigField> {
+    let within = |um: u32| i32::try_from(um).is_ok();
+    if stage.window_um == 0 || !within(stage.window_um) {
+        return Err(ConfigField::Window);
+    }
+    let homes = stage.home.iter().flatten().next().is_some();
+    if homes && (stage.back_off_um == 0 || !within(stage.back_off_um)) {
+        return Err(ConfigField::Homing);
+    }
+    let timed = stage.largest_error_um == 0 || stage.longest_error_ms > 0;
+    if !timed || !within(stage.largest_error_um) || !within(stage.unseen_um) {
+        return Err(ConfigField::Watch);
+    }
+    Ok(())
+}
+
+/// Lost motion in whole steps, to the nearest; and no home switch is out of reach.
+fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigField> {
+    let mut backlash = [0; 3];
+    let axes = config.axes.iter().zip(limits.axes());
+    let stage = config.stage.backlash_um.into_iter().zip(config.stage.home);
+    for (number, ((axis, limits), (um, home))) in axes.zip(stage).enumerate() {
+        let scale = u64::from(axis.steps_per_m);
+        let steps = (u64::from(um) * scale + 500_000) / 1_000_000;
+        let [low, high] = limits.range();
+        if steps > u64::from(high.abs_diff(low)) {
+            return Err(ConfigField::Backlash(number as u8));
+        }
+        let home_um = home.map_or(0, |home| home.position_um.unsigned_abs());
+        if u64::from(home_um) * scale / 1_000_000 > FARTHEST_HOME {
+            return Err(ConfigField::Homing);
+        }
+        if let Some(slot) = backlash.get_mut(number) {
+            *slot = steps as u32;
+        }
+    }
+    Ok(backlash)
 }
 
 /// The axis at `speed_um_s`, with the widest travel there is.

@@ -2,11 +2,12 @@
 
 use super::Machine;
 use super::active::Active;
+use crate::fixed::{narrow, times};
 use crate::frame::message::{Command, Config, Denial};
-use crate::motion::Planner;
+use crate::motion::{Limits, Planner};
 use crate::safety::{Fault, State, Trust};
 use crate::steps::Position;
-use crate::track::Fine;
+use crate::track::{Fine, add};
 
 impl Machine {
     pub(super) fn apply(&mut self, sequence: u16, command: Command) -> Result<(), Denial> {
@@ -26,6 +27,7 @@ impl Machine {
             Command::Jog { distance_um } => self.jog(distance_um),
             Command::Zero => self.zero(),
             Command::Reset => self.reset(),
+            Command::Home { axes } => self.home(axes),
             // Handled on arrival.
             Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
         }
@@ -38,10 +40,10 @@ impl Machine {
             let scale = |config: &Config| config.axes.map(|axis| (axis.steps_per_m, axis.invert));
             scale(&old.config) == scale(config)
         });
-        if self.trust == Trust::Homed && !same_scale {
-            self.trust = Trust::Degraded;
-        }
         self.active = Some(active);
+        if !same_scale {
+            self.lose_trust();
+        }
         self.use_limits();
         self.tracker.reset();
         if self.state == State::Unconfigured {
@@ -58,9 +60,24 @@ impl Machine {
         } else {
             active.slow
         };
-        let start = [Position::centre(0); 3];
-        let positions = self.planner.as_ref().map_or(start, Planner::positions);
-        self.planner = Some(Planner::new(limits, positions));
+        self.limit_to(limits);
+    }
+
+    /// Plans anew from where the stage stands, with these limits.
+    pub(super) fn limit_to(&mut self, limits: Limits) {
+        self.planner = Some(match &self.planner {
+            Some(planner) => planner.relimited(limits),
+            None => Planner::new(limits, [Position::centre(0); 3]),
+        });
+    }
+
+    /// What is known of the position holds no more.
+    pub(super) fn lose_trust(&mut self) {
+        if self.trust == Trust::Homed {
+            self.trust = Trust::Degraded;
+        }
+        self.referenced = [false; 3];
+        self.anchor = self.position();
     }
 
     fn setpoint(&mut self, position_um: [i32; 3]) -> Result<(), Denial> {
@@ -77,11 +94,12 @@ impl Machine {
         self.require_ready()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let distance = active.fine_from_um(distance_um);
+        let window = active.fine_from_um([narrow(active.config.stage.window_um.into()); 3]);
         let from = self.position();
-        let target = core::array::from_fn(|i| {
-            let (from, distance) = (from.get(i).copied(), distance.get(i).copied());
-            from.unwrap_or(0).saturating_add(distance.unwrap_or(0))
-        });
+        let target = add(from, distance);
+        if self.trust != Trust::Homed && !is_near(self.anchor, from, target, window) {
+            return Err(Denial::OutsideWindow);
+        }
         self.go(target, State::Moving)?;
         self.tracker.reset();
         Ok(())
@@ -99,20 +117,23 @@ impl Machine {
 
     fn zero(&mut self) -> Result<(), Denial> {
         self.require_rest()?;
-        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
-        // Whole steps only: the generator's phase stays as it is.
-        let by = planner
-            .positions()
-            .map(|p| -(i64::from(p.whole_steps()) << 32));
-        let zeroed = planner
-            .positions()
-            .map(|p| Position::from_fine(i64::from(p.phase())));
-        planner.resume_at(zeroed);
-        self.history.shift(by);
+        let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
+        let by = planner.loads().map(|p| -i64::from(p.whole_steps()));
+        self.move_origin(by);
+        self.referenced = [true; 3];
         self.trust = Trust::Homed;
         self.use_limits();
         self.tracker.reset();
         Ok(())
+    }
+
+    /// At rest: every position grows by these. Whole steps only: the generator's phase stays as it is.
+    pub(super) fn move_origin(&mut self, by_steps: [i64; 3]) {
+        if let Some(planner) = &mut self.planner {
+            *planner = planner.shifted(by_steps);
+        }
+        self.history
+            .shift(by_steps.map(|steps| times(steps, 1 << 32)));
     }
 
     fn reset(&mut self) -> Result<(), Denial> {
@@ -126,6 +147,8 @@ impl Machine {
             return Err(Denial::CauseRemains);
         }
         self.fault = None;
+        // Homing may have left others.
+        self.use_limits();
         self.tracker.reset();
         self.state = if self.active.is_some() {
             State::Idle
@@ -135,8 +158,8 @@ impl Machine {
         Ok(())
     }
 
-    fn require_rest(&self) -> Result<(), Denial> {
-        match self.stands() {
+    pub(super) fn require_rest(&self) -> Result<(), Denial> {
+        match self.stands() && self.state != State::Homing {
             true => Ok(()),
             false => Err(Denial::Moving),
         }
@@ -147,6 +170,7 @@ impl Machine {
             State::Unconfigured => Err(Denial::Unconfigured),
             State::Stopping | State::Stopped => Err(Denial::Stopped),
             State::Faulted => Err(Denial::Faulted),
+            State::Homing => Err(Denial::Moving),
             State::Idle | State::Moving | State::Following => Ok(()),
         }
     }
@@ -157,6 +181,16 @@ impl Machine {
             Trust::Unknown | Trust::Degraded => Err(Denial::PositionUnknown),
         }
     }
+}
+
+/// Whether no axis goes farther than `window` from `anchor`. The way back to it is always open.
+fn is_near(anchor: Fine, from: Fine, to: Fine, window: Fine) -> bool {
+    let ends = from.into_iter().zip(to);
+    let mut axes = ends.zip(anchor.into_iter().zip(window));
+    axes.all(|((from, to), (anchor, window))| {
+        let far = to.abs_diff(anchor);
+        far <= window.unsigned_abs() || far <= from.abs_diff(anchor)
+    })
 }
 
 /// The resting position nearest to a distance from zero.

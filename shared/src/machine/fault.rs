@@ -2,7 +2,7 @@
 
 use super::{MAX_LAG_US, Machine};
 use crate::motion::Planner;
-use crate::safety::{Fault, State, Trust};
+use crate::safety::{Fault, State};
 
 impl Machine {
     /// The stage stands, and no motion is planned.
@@ -18,7 +18,7 @@ impl Machine {
             self.fail(Fault::Driver);
         }
         if let Some(planner) = &self.planner {
-            let towards = planner.speeds().into_iter().zip(self.inputs.limits);
+            let towards = planner.speeds().into_iter().zip(self.switches_to_obey());
             let met = |(v, [negative, positive]): (i64, [bool; 2])| {
                 (negative && v < 0) || (positive && v > 0)
             };
@@ -35,8 +35,9 @@ impl Machine {
 
     pub(super) fn check_heartbeat(&mut self) {
         let Some(active) = &self.active else { return };
-        let moving = matches!(self.state, State::Moving | State::Following);
-        if moving && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks() {
+        if self.state.is_commanded()
+            && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks()
+        {
             self.fail(Fault::Heartbeat);
         }
     }
@@ -48,14 +49,16 @@ impl Machine {
         }
         if fault.is_abrupt() {
             if !self.stands() {
-                if self.trust == Trust::Homed {
-                    self.trust = Trust::Degraded;
-                }
+                self.lose_trust();
                 self.use_limits();
             }
             self.tracker.reset();
+            self.give_up_homing();
             self.state = State::Faulted;
         } else {
+            if fault.loses_steps() {
+                self.lose_trust();
+            }
             self.halt_on_ramp();
         }
     }
@@ -66,6 +69,7 @@ impl Machine {
             planner.stop();
         }
         self.tracker.reset();
+        self.give_up_homing();
         if self.state != State::Faulted {
             self.state = State::Stopping;
         }

@@ -90,7 +90,7 @@ impl Machine {
             return;
         };
         let slots = planner.limits().word_rate().slots_per_tick();
-        let (mut targets, mut speeds) = (planner.positions(), [0; 3]);
+        let (mut targets, mut speeds) = (planner.loads(), [0; 3]);
         let axes = targets.iter_mut().zip(&mut speeds).zip(aims);
         let bounds = planner.limits().axes().iter().zip(self.inputs.limits);
         for (((target, speed), aim), (limits, [negative, positive])) in axes.zip(bounds) {
@@ -108,11 +108,7 @@ impl Machine {
 
     /// Refuses a way that leads onto a tripped limit switch.
     pub(super) fn require_free_way(&self, targets: [Position; 3]) -> Result<(), Denial> {
-        let positions = self
-            .planner
-            .as_ref()
-            .ok_or(Denial::Unconfigured)?
-            .positions();
+        let positions = self.planner.as_ref().ok_or(Denial::Unconfigured)?.loads();
         let ways = targets.into_iter().zip(positions).zip(self.inputs.limits);
         let onto =
             |((target, position), [negative, positive]): ((Position, Position), [bool; 2])| {

@@ -18,11 +18,12 @@ mod active;
 mod command;
 mod fault;
 mod follow;
+mod homing;
 
 use crate::frame::encode::{Bytes, encode};
 use crate::frame::message::{
-    Command, Denial, Drops, EstimateReport, Hello, LastRun, Outcome, Packet, Report, ResetCause,
-    Status,
+    Command, Denial, Drops, End, EstimateReport, Hello, LastRun, Outcome, Packet, Report,
+    ResetCause, Status,
 };
 use crate::frame::receive::Receiver;
 use crate::frame::{PROTOCOL, SCHEMA_HASH};
@@ -33,6 +34,7 @@ use crate::time::Instant;
 use crate::track::history::History;
 use crate::track::{Fine, Tracker};
 use active::Active;
+use homing::Homing;
 
 /// A control tick, µs.
 pub const TICK_US: u64 = 1000;
@@ -118,6 +120,11 @@ pub struct Machine {
     /// While there is one, the state is `Stopping` or `Faulted`.
     fault: Option<Fault>,
     trust: Trust,
+    /// Axes whose zero is known; all of them when the trust is `Homed`.
+    referenced: [bool; 3],
+    /// Where the position began to be unknown.
+    anchor: Fine,
+    homing: Option<Homing>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -125,8 +132,12 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A station that was just switched on.
+    /// A station that was just switched on. One that started for no good reason has [`Fault::Restart`] latched.
     pub fn new(board: Board) -> Self {
+        let unexpected = matches!(
+            board.reset_cause,
+            ResetCause::Watchdog | ResetCause::BrownOut
+        ) || board.last_run.end != End::Outside;
         Self {
             board,
             receiver: Receiver::default(),
@@ -145,9 +156,15 @@ impl Machine {
             planner: None,
             history: History::default(),
             tracker: Tracker::default(),
-            state: State::default(),
-            fault: None,
+            state: match unexpected {
+                true => State::Faulted,
+                false => State::default(),
+            },
+            fault: unexpected.then_some(Fault::Restart),
             trust: Trust::default(),
+            referenced: [false; 3],
+            anchor: [0; 3],
+            homing: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
@@ -227,8 +244,15 @@ impl Machine {
         })
     }
 
-    /// Planned position, 2⁻³² steps from zero. Whole steps are where the motor stands.
+    /// Planned position of the stage, 2⁻³² steps from zero.
     pub fn position(&self) -> Fine {
+        self.planner
+            .as_ref()
+            .map_or([0; 3], |planner| planner.loads().map(from_centre))
+    }
+
+    /// Planned position of the motors, 2⁻³² steps from zero: that of the stage but for lost motion. Whole steps are where they stand.
+    pub fn motors(&self) -> Fine {
         self.planner
             .as_ref()
             .map_or([0; 3], |planner| planner.positions().map(from_centre))
@@ -368,6 +392,7 @@ impl Machine {
             self.answer(sequence, outcome);
         }
         self.check_sight();
+        self.go_on_homing();
         self.settle();
         let changed = before != (self.state, self.fault);
         if followed || changed || self.tick.saturating_sub(self.told) >= STATUS_TICKS {
@@ -387,7 +412,7 @@ impl Machine {
             state: self.state,
             fault: self.fault,
             trust: self.trust,
-            position_steps: of(Planner::positions),
+            position_steps: of(Planner::loads),
             target_steps: of(Planner::targets),
             frames_used: self.frames_used,
             frames_refused: self.frames_refused,

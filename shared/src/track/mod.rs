@@ -97,7 +97,8 @@ impl View {
     }
 }
 
-fn add(a: Fine, b: Fine) -> Fine {
+/// The sum on each axis, saturating.
+pub fn add(a: Fine, b: Fine) -> Fine {
     let [[ax, ay, az], [bx, by, bz]] = [a, b];
     [
         ax.saturating_add(bx),

@@ -2,7 +2,9 @@
 
 use arbitrary::Arbitrary;
 use shared::estimate::Gate;
-use shared::frame::message::{Command, Config, Frame, MATRIX_BITS, Mounting, Sums};
+use shared::frame::message::{
+    Command, Config, Frame, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig, Sums,
+};
 use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
 use shared::sums::centred::FixedCentredSums;
@@ -33,6 +35,8 @@ pub enum Order {
     Reset,
     /// Heartbeat.
     Ping(u64),
+    /// Home.
+    Home([bool; 3]),
 }
 
 /// A configuration. `None` stands for a usual value.
@@ -46,6 +50,12 @@ pub struct Settings {
     drv8825: bool,
     prediction: bool,
     coast_ms: Option<u16>,
+    backlash_um: Option<[u16; 3]>,
+    home: Option<[Option<(bool, i32)>; 3]>,
+    home_speed_um_s: Option<[u32; 2]>,
+    back_off_um: Option<u32>,
+    window_um: Option<u32>,
+    watched: Option<(u32, u16, u32)>,
 }
 
 #[derive(Arbitrary, Clone, Copy, Debug)]
@@ -105,6 +115,7 @@ impl Order {
             Self::Stop => Command::Stop,
             Self::Reset => Command::Reset,
             Self::Ping(host_us) => Command::Ping { host_us },
+            Self::Home(axes) => Command::Home { axes },
         }
     }
 }
@@ -154,6 +165,36 @@ impl Settings {
                 prediction: self.prediction,
                 coast_ms: self.coast_ms.unwrap_or(800),
             },
+            stage: self.stage(),
+        }
+    }
+}
+
+impl Settings {
+    fn stage(self) -> StageConfig {
+        let usual = StageConfig::DEFAULT;
+        let home = |(positive, position_um)| HomeSwitch {
+            side: if positive {
+                Side::Positive
+            } else {
+                Side::Negative
+            },
+            position_um,
+        };
+        let (largest_error_um, longest_error_ms, unseen_um) = self.watched.unwrap_or_default();
+        StageConfig {
+            // Mostly some: that is the harder half.
+            backlash_um: self.backlash_um.unwrap_or([25, 50, 0]),
+            home: match self.home {
+                Some(homes) => homes.map(|each| each.map(home)),
+                None => [false, true, false].map(|positive| Some(home((positive, 10_000)))),
+            },
+            home_speed_um_s: self.home_speed_um_s.unwrap_or(usual.home_speed_um_s),
+            back_off_um: self.back_off_um.unwrap_or(usual.back_off_um),
+            window_um: self.window_um.unwrap_or(usual.window_um),
+            largest_error_um,
+            longest_error_ms,
+            unseen_um,
         }
     }
 }

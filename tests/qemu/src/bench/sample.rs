@@ -5,7 +5,8 @@ use nalgebra::{Matrix3, Matrix4x3, Vector4};
 use shared::estimate::Gate;
 use shared::frame::encode::{Bytes, encode};
 use shared::frame::message::{
-    Command, Config, Drops, EstimateReport, Frame, Mounting, Outcome, Packet, Report, Status, Sums,
+    Command, Config, Drops, EstimateReport, Frame, Mounting, Outcome, Packet, Report, StageConfig,
+    Status, Sums,
 };
 use shared::frame::receive::Receiver;
 use shared::machine::{Machine, Output, TICK_US};
@@ -137,6 +138,7 @@ pub fn config() -> Config {
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
         tracking: Settings::DEFAULT,
+        stage: StageConfig::DEFAULT,
     }
 }
 

@@ -1,0 +1,212 @@
+//! What a rig file may say of its stage beyond the axes: lost motion, home switches, and what the station watches. All of it is optional.
+//!
+//! ```toml
+//! backlash_mm = [0.02, 0.02, 0.05]           # lost motion when an axis turns round; none without
+//! home_switch = ["negative", "negative", "none"] # the end whose limit switch says where the axis is; none without
+//! home_position_mm = [-61.0, -61.0, 0.0]     # where it trips; needed with a home switch
+//! home_speed_mm_s = [10.0, 1.0]              # towards it the first time, and the second
+//! back_off_mm = 2.0                          # in between, and afterwards
+//! slow_speed_mm_s = 5.0                      # fastest motion while the position is unknown
+//! unknown_window_mm = 10.0                   # farthest motion while the position is unknown
+//! largest_error_mm = 20.0                    # target to stage while following, on any axis ...
+//! longest_error_s = 1.0                      # ... for longer than this is fault 5
+//! largest_unseen_mm = 5.0                    # motion towards the target that brings it no nearer is fault 6
+//! ```
+
+use std::fmt::Write as _;
+
+use shared::frame::message::Side;
+
+use super::field::Field;
+use crate::error::InputError;
+
+/// A limit switch that says where its axis is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HomeSwitch {
+    /// Which end it is at.
+    pub side: Side,
+    /// Where it trips on the way onto it, mm.
+    pub position_mm: f64,
+}
+
+/// How the stage is treated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Care {
+    /// Lost motion per axis, mm, from 0.
+    pub backlash_mm: [f64; 3],
+    /// Home switches.
+    pub home: [Option<HomeSwitch>; 3],
+    /// Speed towards a home switch the first time and the second, mm/s, > 0.
+    pub home_speed_mm_s: [f64; 2],
+    /// How far an axis backs off from its home switch, mm, > 0.
+    pub back_off_mm: f64,
+    /// Fastest motion while the position is unknown, mm/s, > 0.
+    pub slow_speed_mm_s: f64,
+    /// How far an axis may go from where its position began to be unknown, mm, > 0.
+    pub unknown_window_mm: f64,
+    /// Longest distance of the target while following, on any axis, mm, > 0; `None` is any.
+    pub largest_error_mm: Option<f64>,
+    /// For how long it may be longer, s.
+    pub longest_error_s: f64,
+    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any.
+    pub largest_unseen_mm: Option<f64>,
+}
+
+impl Default for Care {
+    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; nothing watched.
+    fn default() -> Self {
+        Self {
+            backlash_mm: [0.0; 3],
+            home: [None; 3],
+            home_speed_mm_s: [10.0, 1.0],
+            back_off_mm: 2.0,
+            slow_speed_mm_s: 5.0,
+            unknown_window_mm: 10.0,
+            largest_error_mm: None,
+            longest_error_s: 1.0,
+            largest_unseen_mm: None,
+        }
+    }
+}
+
+/// Larger figures than these belong to no stage; a slip of the unit does.
+const LIMIT_MM: f64 = 1e3;
+/// The protocol's range.
+const LIMIT_BACKLASH_MM: f64 = 65.0;
+const LIMIT_SPEED_MM_S: f64 = 1e4;
+const LIMIT_TIME_S: f64 = 60.0;
+const LIMIT_PLACE_MM: f64 = 1e5;
+
+impl Care {
+    pub(super) fn read(section: &Field<'_>) -> Result<Self, InputError> {
+        let default = Self::default();
+        let length = |key: &str| -> Result<Option<f64>, InputError> {
+            let field = section.optional(key)?;
+            field.map(|field| field.positive(LIMIT_MM)).transpose()
+        };
+        let backlash_mm = match section.optional("backlash_mm")? {
+            Some(field) => field.each(backlash)?,
+            None => default.backlash_mm,
+        };
+        let home_speed_mm_s = match section.optional("home_speed_mm_s")? {
+            Some(field) => field.each(|speed| speed.positive(LIMIT_SPEED_MM_S))?,
+            None => default.home_speed_mm_s,
+        };
+        let slow_speed_mm_s = match section.optional("slow_speed_mm_s")? {
+            Some(field) => field.positive(LIMIT_SPEED_MM_S)?,
+            None => default.slow_speed_mm_s,
+        };
+        let longest_error_s = match section.optional("longest_error_s")? {
+            Some(field) => field.positive(LIMIT_TIME_S)?,
+            None => default.longest_error_s,
+        };
+        Ok(Self {
+            backlash_mm,
+            home: home(section)?,
+            home_speed_mm_s,
+            back_off_mm: length("back_off_mm")?.unwrap_or(default.back_off_mm),
+            slow_speed_mm_s,
+            unknown_window_mm: length("unknown_window_mm")?.unwrap_or(default.unknown_window_mm),
+            largest_error_mm: length("largest_error_mm")?,
+            longest_error_s,
+            largest_unseen_mm: length("largest_unseen_mm")?,
+        })
+    }
+
+    /// Only what differs from the defaults.
+    pub(super) fn write_toml(&self, text: &mut String) {
+        let default = Self::default();
+        if self.backlash_mm != default.backlash_mm {
+            let _ = writeln!(text, "backlash_mm = {:?}", self.backlash_mm);
+        }
+        if self.home != default.home {
+            let names = self.home.map(|home| side_name(home.map(|home| home.side)));
+            let places = self
+                .home
+                .map(|home| home.map_or(0.0, |home| home.position_mm));
+            let _ = writeln!(text, "home_switch = {names:?}");
+            let _ = writeln!(text, "home_position_mm = {places:?}");
+        }
+        if self.home_speed_mm_s != default.home_speed_mm_s {
+            let _ = writeln!(text, "home_speed_mm_s = {:?}", self.home_speed_mm_s);
+        }
+        let figures = [
+            ("back_off_mm", self.back_off_mm, default.back_off_mm),
+            (
+                "slow_speed_mm_s",
+                self.slow_speed_mm_s,
+                default.slow_speed_mm_s,
+            ),
+            (
+                "unknown_window_mm",
+                self.unknown_window_mm,
+                default.unknown_window_mm,
+            ),
+            (
+                "longest_error_s",
+                self.longest_error_s,
+                default.longest_error_s,
+            ),
+        ];
+        for (key, value, default) in figures {
+            if value != default {
+                let _ = writeln!(text, "{key} = {value:?}");
+            }
+        }
+        let watched = [
+            ("largest_error_mm", self.largest_error_mm),
+            ("largest_unseen_mm", self.largest_unseen_mm),
+        ];
+        for (key, value) in watched {
+            if let Some(value) = value {
+                let _ = writeln!(text, "{key} = {value:?}");
+            }
+        }
+    }
+}
+
+fn backlash(axis: &Field<'_>) -> Result<f64, InputError> {
+    let mm = axis.number(LIMIT_BACKLASH_MM)?;
+    match mm >= 0.0 {
+        true => Ok(mm),
+        false => Err(axis.fault(format!("{mm} must not be negative"))),
+    }
+}
+
+/// As in a rig file.
+const fn side_name(side: Option<Side>) -> &'static str {
+    match side {
+        None => "none",
+        Some(Side::Negative) => "negative",
+        Some(Side::Positive) => "positive",
+    }
+}
+
+fn side(axis: &Field<'_>) -> Result<Option<Side>, InputError> {
+    let name = axis.text()?;
+    [None, Some(Side::Negative), Some(Side::Positive)]
+        .into_iter()
+        .find(|side| side_name(*side) == name)
+        .ok_or_else(|| axis.fault(format!("unknown end `{name}`: negative, positive or none")))
+}
+
+fn home(section: &Field<'_>) -> Result<[Option<HomeSwitch>; 3], InputError> {
+    let Some(ends) = section.optional("home_switch")? else {
+        if let Some(places) = section.optional("home_position_mm")? {
+            return Err(places.fault("needs home_switch: the end of each axis"));
+        }
+        return Ok([None; 3]);
+    };
+    let ends: [Option<Side>; 3] = ends.each(side)?;
+    if ends == [None; 3] {
+        return Ok([None; 3]);
+    }
+    let places = section.required("home_position_mm")?;
+    let places: [f64; 3] = places.each(|axis| axis.number(LIMIT_PLACE_MM))?;
+    Ok(std::array::from_fn(|axis| {
+        ends[axis].map(|side| HomeSwitch {
+            side,
+            position_mm: places[axis],
+        })
+    }))
+}

@@ -1,0 +1,302 @@
+//! Homing: axes look for their home switches, which say where they are.
+//!
+//! One axis after the other, Z first, since that takes the cameras away from what they look at:
+//!
+//! 1. *Look*: is the switch tripped already? Then go on with 3.
+//! 2. *Search*: towards the switch at the first speed, at most five quarters of the axis's travel and the back-off; on a ramp to rest when it trips.
+//! 3. *Release*: back off from where it tripped. It must have released by then.
+//! 4. *Approach*: onto it again at the second speed, at most two back-offs. Where the stage was when it tripped is the home position.
+//! 5. *Leave*: back off again; it must have released. Then the axis's origin is set.
+//!
+//! Soft limits do not hold meanwhile, and the switch that is looked for is no fault; every other switch is. Nothing stops abruptly, so a
+//! search that is ended by a stop or a silent host leaves the position as good as it was.
+//!
+//! *Bounce:* a switch counts as tripped or released when it said so for [`STEADY`] ticks on end; the place is that of the first of these. One that
+//! cannot make up its mind within [`PATIENCE`] ticks at rest is stuck.
+
+use super::Machine;
+use super::command::to_centre;
+use crate::fixed::{shift_right_rounded, times};
+use crate::frame::message::{Denial, HomeSwitch, Side};
+use crate::motion::{Limits, Planner};
+use crate::safety::{Fault, State, Trust};
+
+/// Ticks that a contact must stay as it is.
+const STEADY: u16 = 5;
+
+/// Ticks that a stage at rest waits for a contact to be steady.
+const PATIENCE: u16 = 100;
+
+/// The order of the axes.
+const ORDER: [usize; 3] = [2, 0, 1];
+
+/// A search under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Homing {
+    /// Axes that are still to be homed, the present one included.
+    axes: [bool; 3],
+    axis: usize,
+    home: HomeSwitch,
+    phase: Phase,
+    contact: Contact,
+    /// Ticks at rest in this phase.
+    rested: u16,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Look,
+    Search,
+    /// Where it tripped, 2⁻³² steps; under way there?
+    Release(i64, bool),
+    Approach,
+    Leave(i64, bool),
+}
+
+/// A switch as it was sampled lately.
+#[derive(Clone, Copy, Debug, Default)]
+struct Contact {
+    tripped: bool,
+    /// For so many ticks.
+    ticks: u16,
+    /// Where the axis was at the first of them, 2⁻³² steps.
+    at: i64,
+}
+
+impl Contact {
+    fn see(&mut self, tripped: bool, at: i64) {
+        if self.tripped != tripped || self.ticks == 0 {
+            *self = Self {
+                tripped,
+                ticks: 0,
+                at,
+            };
+        }
+        self.ticks = self.ticks.saturating_add(1);
+    }
+
+    fn steady(&self) -> Option<bool> {
+        (self.ticks >= STEADY).then_some(self.tripped)
+    }
+}
+
+/// What the machine is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Deed {
+    Wait,
+    /// Stop on a ramp.
+    Halt,
+    /// Go to this place, 2⁻³² steps; the second speed?
+    Go(i64, bool),
+    /// The axis is home: its switch tripped at this place.
+    Done(i64),
+    Fail(Fault),
+}
+
+impl Homing {
+    fn new(axes: [bool; 3], homes: &[Option<HomeSwitch>; 3]) -> Option<Self> {
+        let wanted = |axis: &usize| axes.get(*axis) == Some(&true);
+        let axis = ORDER.into_iter().find(wanted)?;
+        Some(Self {
+            axes,
+            axis,
+            home: (*homes.get(axis)?)?,
+            phase: Phase::Look,
+            contact: Contact::default(),
+            rested: 0,
+        })
+    }
+
+    /// The switch looked for.
+    fn switch(&self) -> (usize, usize) {
+        (self.axis, self.home.side as usize)
+    }
+
+    /// `way` towards the switch.
+    fn towards(&self, way: i64) -> i64 {
+        match self.home.side {
+            Side::Negative => way.saturating_neg(),
+            Side::Positive => way,
+        }
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.rested = 0;
+    }
+
+    /// One tick: `at` is where the axis is, `stands` whether it goes nowhere; `search` and `back_off` are ways, all 2⁻³² steps.
+    fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Deed {
+        if stands {
+            self.rested = self.rested.saturating_add(1);
+        }
+        let undecided = match self.rested > PATIENCE {
+            true => Deed::Fail(Fault::SwitchStuck),
+            false => Deed::Wait,
+        };
+        let steady = self.contact.steady();
+        let place = self.contact.at;
+        match self.phase {
+            Phase::Look => match steady {
+                None => undecided,
+                Some(true) => {
+                    self.enter(Phase::Release(at, false));
+                    Deed::Wait
+                }
+                Some(false) => {
+                    self.enter(Phase::Search);
+                    Deed::Go(at.saturating_add(self.towards(search)), false)
+                }
+            },
+            Phase::Search | Phase::Approach if steady == Some(true) => {
+                self.enter(match self.phase {
+                    Phase::Search => Phase::Release(place, false),
+                    _ => Phase::Leave(place, false),
+                });
+                Deed::Halt
+            }
+            Phase::Search | Phase::Approach => match stands {
+                true => Deed::Fail(Fault::SwitchNotFound),
+                false => Deed::Wait,
+            },
+            _ if !stands => Deed::Wait,
+            Phase::Release(place, false) | Phase::Leave(place, false) => {
+                self.enter(match self.phase {
+                    Phase::Release(..) => Phase::Release(place, true),
+                    _ => Phase::Leave(place, true),
+                });
+                Deed::Go(place.saturating_sub(self.towards(back_off)), false)
+            }
+            // Steady at rest, that is.
+            _ if self.rested < STEADY => Deed::Wait,
+            Phase::Release(place, true) => match steady {
+                None => undecided,
+                Some(true) => Deed::Fail(Fault::SwitchStuck),
+                Some(false) => {
+                    self.enter(Phase::Approach);
+                    Deed::Go(place.saturating_add(self.towards(back_off)), true)
+                }
+            },
+            Phase::Leave(place, true) => match steady {
+                None => undecided,
+                Some(true) => Deed::Fail(Fault::SwitchStuck),
+                Some(false) => Deed::Done(place),
+            },
+        }
+    }
+}
+
+impl Machine {
+    /// Begins to look for the home switches of these axes.
+    pub(super) fn home(&mut self, axes: [bool; 3]) -> Result<(), Denial> {
+        self.require_ready()?;
+        self.require_rest()?;
+        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
+        let homes = &active.config.stage.home;
+        let lacks = |(wanted, home): (bool, &Option<_>)| wanted && home.is_none();
+        if axes.into_iter().zip(homes).any(lacks) {
+            return Err(Denial::NoHomeSwitch);
+        }
+        let homing = Homing::new(axes, homes).ok_or(Denial::NoHomeSwitch)?;
+        self.homing = Some(homing);
+        self.state = State::Homing;
+        self.tracker.reset();
+        Ok(())
+    }
+
+    /// The search ends here; the stage goes on as it was told to.
+    pub(super) fn give_up_homing(&mut self) {
+        if self.homing.take().is_some() {
+            self.anchor = self.position();
+        }
+    }
+
+    /// The limit switches, without the one that is looked for.
+    pub(super) fn switches_to_obey(&self) -> [[bool; 2]; 3] {
+        let mut limits = self.inputs.limits;
+        let sought = self.homing.as_ref().map(Homing::switch);
+        let sought = sought.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
+        if let Some(switch) = sought {
+            *switch = false;
+        }
+        limits
+    }
+
+    /// One tick of the search.
+    pub(super) fn go_on_homing(&mut self) {
+        let (Some(mut homing), Some(active)) = (self.homing, self.active.as_ref()) else {
+            return;
+        };
+        let (axis, side) = homing.switch();
+        let on_axis = |values: [i64; 3]| values.get(axis).copied().unwrap_or_default();
+        let stage = &active.config.stage;
+        let travel_um = active.config.axes.get(axis).map_or(0, |axis| {
+            let [low, high] = axis.travel_um;
+            i64::from(high) - i64::from(low)
+        });
+        let back_off_um = i64::from(stage.back_off_um);
+        let fine = |um: i64| on_axis(active.fine([times(um, 1_000); 3]));
+        let (search, back_off) = (fine(travel_um * 5 / 4 + back_off_um), fine(back_off_um));
+        let position_um = i64::from(homing.home.position_um);
+        let (home, limits) = (fine(position_um), active.home);
+        let homes = stage.home;
+        // What the switch said lately belongs to where the pins were; what is planned is a little ahead.
+        let now = self.now();
+        let at = on_axis(self.history.at(now).unwrap_or(self.position()));
+        let tripped = self.inputs.limits.get(axis).and_then(|ends| ends.get(side));
+        homing.contact.see(tripped == Some(&true), at);
+        let deed = homing.tick(on_axis(self.position()), self.stands(), search, back_off);
+        self.homing = Some(homing);
+        match deed {
+            Deed::Wait => {}
+            Deed::Halt => {
+                if let Some(planner) = &mut self.planner {
+                    planner.stop();
+                }
+            }
+            Deed::Go(place, second) => {
+                let [fast, slow] = limits;
+                self.send_axis(axis, place, if second { slow } else { fast });
+            }
+            Deed::Fail(fault) => self.fail(fault),
+            Deed::Done(place) => {
+                let mut by = [0; 3];
+                if let Some(by) = by.get_mut(axis) {
+                    *by = shift_right_rounded(home.saturating_sub(place), 32);
+                }
+                self.move_origin(by);
+                self.found(axis);
+                if let Some(done) = homing.axes.get_mut(axis) {
+                    *done = false;
+                }
+                self.homing = Homing::new(homing.axes, &homes);
+                if self.homing.is_none() {
+                    self.anchor = self.position();
+                    self.use_limits();
+                    self.state = State::Idle;
+                }
+            }
+        }
+    }
+
+    fn found(&mut self, axis: usize) {
+        if let Some(known) = self.referenced.get_mut(axis) {
+            *known = true;
+        }
+        if self.referenced == [true; 3] {
+            self.trust = Trust::Homed;
+        }
+    }
+
+    /// Sends one axis to `place`, 2⁻³² steps, with these limits; at rest.
+    fn send_axis(&mut self, axis: usize, place: i64, limits: Limits) {
+        self.limit_to(limits);
+        let mut target = self.position();
+        if let Some(target) = target.get_mut(axis) {
+            *target = place;
+        }
+        if let Some(planner) = &mut self.planner {
+            Planner::set_target(planner, target.map(to_centre));
+        }
+    }
+}
