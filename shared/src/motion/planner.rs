@@ -24,6 +24,8 @@ struct Axis {
     target: Position,
     /// How fast the target moves, speed quanta. Within the limits.
     drift: i64,
+    /// Farther than this from a soft limit nothing can run into it, distance quanta: a tick and braking, both from the highest speed and acceleration.
+    margin: i64,
 }
 
 impl Axis {
@@ -38,6 +40,7 @@ impl Axis {
             acceleration: 0,
             target: position,
             drift: 0,
+            margin: 2 * own.speed + own.stopping_way(own.speed, own.acceleration),
         }
     }
 
@@ -97,6 +100,10 @@ impl Axis {
             .limits
             .ends()
             .map(|end| end.fine().saturating_sub(self.position.fine()));
+        let margin = times(quantum, self.margin);
+        if low <= margin.saturating_neg() && high >= margin {
+            return wanted;
+        }
         let behind = quotient(low.saturating_neg(), quantum);
         let ahead = quotient(high, quantum);
         let (speed, fastest) = (self.speed, self.pace.speed);
@@ -339,10 +346,15 @@ impl Planner {
     /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like this
     /// until the next call; the axes stay within the soft limits whatever it does.
     pub fn follow(&mut self, targets: [Position; AXES], speeds: [i64; AXES]) {
-        let speed_quantum = self.speed_quantum();
+        // Halves, for these have 32 bits, in which a Cortex-M4 divides by itself.
+        let half_quantum = self.speed_quantum() / 2;
+        let quanta = |speed: i64| {
+            let size = quotient(speed.saturating_abs() >> 1, half_quantum);
+            if speed < 0 { -size } else { size }
+        };
         self.line = None;
         for ((axis, target), speed) in self.axes.iter_mut().zip(targets).zip(speeds) {
-            axis.aim(target, speed / speed_quantum);
+            axis.aim(target, quanta(speed));
         }
     }
 
