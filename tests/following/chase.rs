@@ -228,7 +228,10 @@ impl Chase {
                     break;
                 }
                 let at_s = (capture - start_us) as f64 * 1e-6;
-                let (goal, stage) = (target(at_s), at_pins(&path, capture));
+                let goal = target(at_s);
+                // The motors stand in whole steps.
+                let stage = at_pins(&path, capture)
+                    .map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM);
                 let mut seen: [f64; 3] = std::array::from_fn(|i| {
                     goal[i] - stage[i] + self.sigma_mm[i] * self.random.gaussian()
                 });

@@ -25,6 +25,8 @@ struct Axis {
     target: Position,
     /// How fast the target moves, speed quanta. Within the limits.
     drift: i64,
+    /// Farther than this from a soft limit nothing can run into it, distance quanta: a tick and braking, both from the highest speed and acceleration.
+    margin: i64,
 }
 
 impl Axis {
@@ -39,6 +41,7 @@ impl Axis {
             acceleration: 0,
             target: position,
             drift: 0,
+            margin: 2 * own.speed + own.stopping_way(own.speed, own.acceleration),
         }
     }
 
@@ -99,6 +102,10 @@ impl Axis {
             .limits
             .motor_ends()
             .map(|end| end.fine().saturating_sub(self.position.fine()));
+        let margin = times(quantum, self.margin);
+        if low <= margin.saturating_neg() && high >= margin {
+            return wanted;
+        }
         let behind = quotient(low.saturating_neg(), quantum);
         let ahead = quotient(high, quantum);
         let (speed, fastest) = (self.speed, self.pace.speed);
@@ -376,12 +383,17 @@ impl Planner {
     }
 
     fn aim(&mut self, targets: [Position; AXES], speeds: [i64; AXES], follows: bool) {
-        let speed_quantum = self.speed_quantum();
+        // Halves, for these have 32 bits, in which a Cortex-M4 divides by itself.
+        let half_quantum = self.speed_quantum() / 2;
+        let quanta = |speed: i64| {
+            let size = quotient(speed.saturating_abs() >> 1, half_quantum);
+            if speed < 0 { -size } else { size }
+        };
         self.line = None;
         let axes = self.axes.iter_mut().zip(&mut self.plays);
         for ((axis, play), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
             let target = axis.limits.clamp(target);
-            axis.aim(play.aim(target, follows), speed / speed_quantum);
+            axis.aim(play.aim(target, follows), quanta(speed));
         }
     }
 

@@ -29,13 +29,13 @@
 //! comparison, since a library's `max` may choose either zero. Every state number is kept within bounds, so it is finite.
 
 use crate::fixed::narrow;
-use nalgebra::{Matrix2, Vector2};
 
 /// Largest variance there may be, steps² (and per ms²): far beyond any stage, far below the end of `f32`.
 const MOST_VARIANCE: f32 = 1e12;
 
-/// Smallest variance of a measurement, steps²: an eighth of a step, which the remembered position of the stage and rounding may be off.
-const LEAST_VARIANCE: f32 = 1.0 / 64.0;
+/// What steps add to the variance of a measurement, steps²: the stage stands in whole ones while its position is remembered as planned, which is
+/// 1/12; and as much again for whatever moves the target.
+const GRAIN: f32 = 1.0 / 6.0;
 
 /// Highest speed there may be, steps per ms.
 const MOST_SPEED: f32 = 1e6;
@@ -59,6 +59,9 @@ const CATCH_UP: f32 = 2.5 * 2.5;
 /// The speed is trusted in so many sigmas, squared.
 const CAUTION: f32 = 4.0;
 
+/// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration does not explain it.
+const GATE: f32 = 25.0;
+
 /// An innovation of more than so many sigmas, squared, is a manoeuvre.
 const MANOEUVRE: f32 = 9.0;
 
@@ -71,6 +74,17 @@ pub struct Reach {
     pub acceleration: f32,
 }
 
+/// How well position and speed are known together, steps and ms: the covariance's three numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covariance {
+    /// Variance of the position.
+    pub position: f32,
+    /// What both have in common.
+    pub both: f32,
+    /// Variance of the speed.
+    pub speed: f32,
+}
+
 /// One axis of the target. See the [module](self).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
@@ -78,8 +92,7 @@ pub struct Filter {
     position: i64,
     /// Steps/ms.
     speed: f32,
-    /// Of position and speed, steps and ms. Symmetric.
-    covariance: Matrix2<f32>,
+    covariance: Covariance,
     /// The process noise `q`, steps²/ms³.
     noise: f32,
     /// Mean of the squared acceleration over the last frames, (steps/ms²)².
@@ -95,7 +108,11 @@ impl Filter {
         Self {
             position,
             speed: 0.0,
-            covariance: Matrix2::new(measured(variance), 0.0, 0.0, speed * speed),
+            covariance: Covariance {
+                position: believed(variance),
+                both: 0.0,
+                speed: speed * speed,
+            },
             noise: least_noise(reach),
             swing: 0.0,
             last: 0.0,
@@ -105,23 +122,18 @@ impl Filter {
     /// From two measurements `dt` ms apart that agree with each other, and with nothing before: the target made a jump.
     pub fn restart(before: i64, position: i64, dt: f32, variances: [f32; 2], reach: Reach) -> Self {
         let dt = within(dt, 1e-3, MOST_MS);
-        let [first, second] = variances.map(measured);
-        let noise = process(most_noise(reach), dt);
-        let speed = within(
-            steps(position.saturating_sub(before)) / dt,
-            -MOST_SPEED,
-            MOST_SPEED,
-        );
-        let covariance = Matrix2::new(
-            second,
-            second / dt,
-            second / dt,
-            (first + second + noise.m11) / (dt * dt),
-        );
+        let [first, second] = variances.map(believed);
+        let restless = process(most_noise(reach), dt);
+        let speed = steps(position.saturating_sub(before)) / dt;
+        let covariance = Covariance {
+            position: second,
+            both: second / dt,
+            speed: (first + second + restless.position) / (dt * dt),
+        };
         Self {
             position,
-            speed,
-            covariance: bounded(covariance),
+            speed: within(speed, -MOST_SPEED, MOST_SPEED),
+            covariance: covariance.bounded(),
             noise: least_noise(reach),
             swing: 0.0,
             last: 0.0,
@@ -138,72 +150,107 @@ impl Filter {
         self.speed
     }
 
-    /// Variance of position, covariance, variance of speed: steps and ms.
-    pub fn covariance(&self) -> [f32; 3] {
-        [
-            self.covariance.m11,
-            self.covariance.m12,
-            self.covariance.m22,
-        ]
+    /// How well both are known.
+    pub const fn covariance(&self) -> Covariance {
+        self.covariance
     }
 
     /// The square of what the speed may be off by, or change by before the stage has matched it, (steps/ms)².
     pub fn doubt(&self, reach: Reach) -> f32 {
-        let change =
-            reach.speed / within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
-        let change = within(change, 0.0, MOST_MS);
-        CAUTION * self.covariance.m22 + CATCH_UP * change * change * self.swing
+        let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
+        let change = within(reach.speed / acceleration, 0.0, MOST_MS);
+        CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
     }
 
-    /// Where the target will be in `dt` ms, and how well that will be known.
-    #[must_use]
-    pub fn after(&self, dt: f32) -> Self {
-        let dt = within(dt, 0.0, MOST_MS);
-        let transition = Matrix2::new(1.0, dt, 0.0, 1.0);
-        let grown = transition * self.covariance * transition.transpose();
-        let noise = process(self.noise, dt);
-        Self {
-            position: self.position.saturating_add(fine(self.speed * dt)),
-            covariance: bounded(grown + noise),
-            ..*self
-        }
-    }
-
-    /// From here to a measurement, steps.
-    pub fn innovation(&self, measured: i64) -> f32 {
-        steps(measured.saturating_sub(self.position))
-    }
-
-    /// Whether an innovation is one that a target within reach can cause: five sigmas, or what full acceleration over `dt` ms makes.
-    pub fn admits(&self, innovation: f32, variance: f32, dt: f32, reach: Reach) -> bool {
-        let sigmas = 25.0 * (self.covariance.m11 + measured(variance));
-        let way = 0.5 * reach.acceleration * dt * dt;
+    /// Whether a target within reach can have gone where it was measured, `dt` ms after the last measurement that was taken in: five sigmas, or
+    /// what full acceleration for `recent` ms makes.
+    pub fn admits(
+        &self,
+        measured: i64,
+        variance: f32,
+        [dt, recent]: [f32; 2],
+        reach: Reach,
+    ) -> bool {
+        let mut ahead = *self;
+        ahead.predict(dt);
+        let innovation = steps(measured.saturating_sub(ahead.position));
+        let sigmas = GATE * (ahead.covariance.position + believed(variance));
+        let way = 0.5 * reach.acceleration * recent * recent;
         innovation * innovation <= sigmas + way * way
     }
 
-    /// Takes in a measurement `dt` ms after the last, that is `innovation` steps from where this was predicted.
-    pub fn update(&mut self, innovation: f32, variance: f32, dt: f32, reach: Reach) {
-        let variance = measured(variance);
-        let square = innovation * innovation;
-        let expected = self.covariance.m11 + variance;
-        let unit = process(1.0, within(dt, 0.0, MOST_MS));
-        let (least, most) = (least_noise(reach), most_noise(reach));
-        if square > MANOEUVRE * expected && unit.m11 > 0.0 {
-            let needed = within((square / MANOEUVRE - expected) / unit.m11, 0.0, most);
-            self.covariance = bounded(self.covariance + unit * needed);
+    /// Goes on to where the target will be in `dt` ms.
+    pub fn predict(&mut self, dt: f32) {
+        let dt = within(dt, 0.0, MOST_MS);
+        self.position = self.position.saturating_add(fine(self.speed * dt));
+        let Covariance {
+            position,
+            both,
+            speed,
+        } = self.covariance;
+        let carried = both + speed * dt;
+        let added = process(self.noise, dt);
+        self.covariance = Covariance {
+            position: position + dt * (both + carried) + added.position,
+            both: carried + added.both,
+            speed: speed + added.speed,
+        }
+        .bounded();
+    }
+
+    /// Takes in a measurement `dt` ms after the last.
+    pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: Reach) {
+        self.predict(dt);
+        let variance = believed(variance);
+        let innovation = steps(measured.saturating_sub(self.position));
+        let most = most_noise(reach);
+        let expected = self.covariance.position + variance;
+        let excess = innovation * innovation / MANOEUVRE - expected;
+        if excess > 0.0 && dt > 0.0 {
+            let unit = process(1.0, within(dt, 0.0, MOST_MS));
+            let needed = within(excess / unit.position, 0.0, most);
+            self.covariance.position += unit.position * needed;
+            self.covariance.both += unit.both * needed;
+            self.covariance.speed += unit.speed * needed;
         }
         let alike = within(innovation * self.last / expected, -1.0, 1.0);
-        self.noise = within(self.noise * (1.0 + 0.5 * alike), least, most);
+        self.noise = within(self.noise * (1.0 + 0.5 * alike), most * STILL, most);
         self.last = innovation;
-        let expected = self.covariance.m11 + variance;
-        let row = Vector2::new(self.covariance.m11, self.covariance.m12);
-        let gain = row / expected;
-        self.position = self.position.saturating_add(fine(gain.x * innovation));
-        let acceleration = gain.y * innovation / within(dt, 1.0, MOST_MS);
-        let mean = FADE * self.swing + (1.0 - FADE) * acceleration * acceleration;
+        self.correct(innovation, variance, dt);
+    }
+
+    fn correct(&mut self, innovation: f32, variance: f32, dt: f32) {
+        let Covariance {
+            position,
+            both,
+            speed,
+        } = self.covariance;
+        let share = 1.0 / (position + variance);
+        let change = both * share * innovation;
+        self.position = self
+            .position
+            .saturating_add(fine(position * share * innovation));
+        self.speed = within(self.speed + change, -MOST_SPEED, MOST_SPEED);
+        self.covariance = Covariance {
+            position: position * (variance * share),
+            both: both * (variance * share),
+            speed: speed - both * share * both,
+        }
+        .bounded();
+        let acceleration = change / within(dt, 1.0, MOST_MS);
+        let mean = FADE * self.swing + (1.0 - FADE) * (acceleration * acceleration);
         self.swing = within(mean, 0.0, MOST_VARIANCE);
-        self.speed = within(self.speed + gain.y * innovation, -MOST_SPEED, MOST_SPEED);
-        self.covariance = bounded(self.covariance - gain * row.transpose());
+    }
+}
+
+impl Covariance {
+    /// Finite, with positive variances.
+    fn bounded(self) -> Self {
+        Self {
+            position: within(self.position, 1e-6, MOST_VARIANCE),
+            both: within(self.both, -MOST_VARIANCE, MOST_VARIANCE),
+            speed: within(self.speed, 1e-12, MOST_VARIANCE),
+        }
     }
 }
 
@@ -219,23 +266,19 @@ fn least_noise(reach: Reach) -> f32 {
 }
 
 /// What white noise of the acceleration adds to the covariance in `dt` ms.
-fn process(noise: f32, dt: f32) -> Matrix2<f32> {
+fn process(noise: f32, dt: f32) -> Covariance {
     let speed = noise * dt;
     let both = 0.5 * speed * dt;
-    Matrix2::new(speed * dt * dt / 3.0, both, both, speed)
+    Covariance {
+        position: both * dt * (2.0 / 3.0),
+        both,
+        speed,
+    }
 }
 
 /// The variance of a measurement, within what is believed.
-fn measured(variance: f32) -> f32 {
-    within(variance, LEAST_VARIANCE, MOST_VARIANCE)
-}
-
-/// Symmetric, positive and finite.
-fn bounded(covariance: Matrix2<f32>) -> Matrix2<f32> {
-    let position = within(covariance.m11, 1e-6, MOST_VARIANCE);
-    let speed = within(covariance.m22, 1e-12, MOST_VARIANCE);
-    let both = within(covariance.m12, -MOST_VARIANCE, MOST_VARIANCE);
-    Matrix2::new(position, both, both, speed)
+pub(super) fn believed(variance: f32) -> f32 {
+    within(variance + GRAIN, GRAIN, MOST_VARIANCE)
 }
 
 /// The value within bounds; the lower one if it is no number.

@@ -87,8 +87,9 @@ impl History {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);
         }
-        let age = self.newest.since(instant);
-        let (ticks, rest) = (age / TICK_US, age % TICK_US);
+        // 32 bits, in which a Cortex-M4 divides by itself.
+        let age = u32::try_from(self.newest.since(instant)).map_err(|_| Unknown::Past)?;
+        let (ticks, rest) = (age / TICK_US as u32, age % TICK_US as u32);
         let back = usize::try_from(ticks).map_err(|_| Unknown::Past)?;
         let later = self.entry(back).ok_or(Unknown::Past)?;
         let earlier = match rest {
@@ -96,10 +97,12 @@ impl History {
             _ => self.entry(back.saturating_add(1)).ok_or(Unknown::Past)?,
         };
         let [[lx, ly, lz], [ex, ey, ez]] = [later, earlier];
+        // The share of the tick, Q0.32, rounded down: below 2^32.
+        let share = i64::from(rest * (u32::MAX / TICK_US as u32));
         Ok([(lx, ex), (ly, ey), (lz, ez)].map(|(late, early)| {
-            let (late, early) = (i64::from(late), i64::from(early));
-            let moved = ((early - late) << (32 - BITS)) / 1000 * rest as i64;
-            (late << (32 - BITS)) + moved
+            // 31 bits by 32.
+            let moved = i64::from(early.saturating_sub(late)).wrapping_mul(share) >> BITS;
+            (i64::from(late) << (32 - BITS)) + moved
         }))
     }
 

@@ -14,8 +14,9 @@
 //! nothing of noise or of a target that is braking hard. The share changes by degrees.
 //!
 //! # A still target
-//! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests in a whole step. It goes to
-//! another one when the target is more than half a step and two sigmas of its position off. So noise does not make the motor chatter.
+//! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests in a whole step, and the measurements are
+//! averaged, up to a second's worth. It goes to another step when their mean is more than half a step and one sigma off, or the filter's position
+//! more than half a step and three. So noise does not make the motor chatter, and the rest is the right one.
 //!
 //! # No measurements
 //! The stage *coasts*: the target is taken to go on as it did. After [`Settings::coast_ms`] it is *lost* and the stage ramps
@@ -23,7 +24,7 @@
 //! within the limits of the axes like any motion.
 
 use super::Fine;
-use super::filter::{Filter, Reach, fine, steps, within};
+use super::filter::{Filter, Reach, believed, fine, steps, within};
 use crate::time::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -35,10 +36,14 @@ const EASE: f32 = 0.4;
 
 /// Speed to sigma, squared, at which a resting axis starts and a moving one comes to rest.
 const START: f32 = 9.0;
-const REST: f32 = 2.25;
+const STOP: f32 = 2.25;
 
-/// An axis rests while the target is within so many sigmas of its step, squared.
-const NEAR: f32 = 4.0;
+/// A resting axis starts anew when the filter has the target so many sigmas beyond its step, squared.
+const FAR: f32 = 9.0;
+
+/// The mean over a still target counts for so many measurements when it begins, and for so many at most: a second's worth.
+const FEW: f32 = 4.0;
+const MANY: f32 = 64.0;
 
 /// Full acceleration since the last frame explains a displacement, for so long, ms.
 const RECENT_MS: f32 = 34.0;
@@ -108,10 +113,53 @@ pub struct Aim {
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     filter: Filter,
-    /// Where the axis rests while the target does, whole steps in 2⁻³² steps.
-    rest: Option<i64>,
+    /// While the target is still.
+    rest: Option<Rest>,
     /// What is used of the speed, 0 to 1.
     share: f32,
+}
+
+/// An axis at a still target.
+#[derive(Clone, Copy, Debug)]
+struct Rest {
+    /// Where it stands: a whole step, in 2⁻³² steps.
+    step: i64,
+    /// The mean of the measurements, 2⁻³² steps.
+    mean: i64,
+    /// Over so many.
+    count: f32,
+    /// Variance of the mean, steps².
+    variance: f32,
+}
+
+impl Rest {
+    /// In the step nearest to where the filter has the target.
+    fn new(filter: &Filter) -> Self {
+        Self {
+            step: nearest_step(filter.position()),
+            mean: filter.position(),
+            count: FEW,
+            variance: filter.covariance().position,
+        }
+    }
+
+    /// Takes in another measurement; goes to another step if the mean says so.
+    fn average(&mut self, position: i64, variance: f32) {
+        self.count = within(self.count + 1.0, FEW, MANY);
+        let off = steps(position.saturating_sub(self.mean));
+        self.mean = self.mean.saturating_add(fine(off / self.count));
+        self.variance = believed(variance) / self.count;
+        if !self.holds(self.mean, self.variance, 1.0) {
+            self.step = nearest_step(self.mean);
+        }
+    }
+
+    /// Whether `position` is no farther beyond the step than so many sigmas, squared.
+    fn holds(&self, position: i64, variance: f32, sigmas: f32) -> bool {
+        let off = steps(position.saturating_sub(self.step));
+        let beyond = if off < 0.0 { -off } else { off } - 0.5;
+        beyond < 0.0 || beyond * beyond < sigmas * variance
+    }
 }
 
 impl Axis {
@@ -123,43 +171,47 @@ impl Axis {
         }
     }
 
+    /// Takes in a measurement `dt` ms after the last.
+    fn update(&mut self, position: i64, variance: f32, dt: f32, reach: Reach) {
+        self.filter.update(position, variance, dt, reach);
+        if let Some(rest) = &mut self.rest {
+            rest.average(position, variance);
+        }
+    }
+
     /// Where to go so as to be right `lead` ms after the capture.
     fn aim(&mut self, lead: f32, prediction: bool, reach: Reach) -> Aim {
-        let Self {
-            filter,
-            rest,
-            share,
-        } = self;
-        let [spread, _, variance] = filter.covariance();
-        let position = filter.position();
-        let square = filter.speed() * filter.speed();
-        let sigmas = if rest.is_some() { START } else { REST };
-        if !prediction || square < sigmas * variance {
-            // A whole step: the one it rests in, or the nearest.
-            let nearest = position.saturating_add(HALF) & !(2 * HALF - 1);
-            let resting = rest.filter(|rest| {
-                let off = steps(position.saturating_sub(*rest));
-                let beyond = if off < 0.0 { -off } else { off } - 0.5;
-                beyond < 0.0 || beyond * beyond < NEAR * spread
-            });
-            let position = resting.unwrap_or(nearest);
-            *rest = Some(position);
-            *share = 0.0;
+        let known = self.filter.covariance();
+        let (position, speed) = (self.filter.position(), self.filter.speed());
+        let square = speed * speed;
+        let sigmas = if self.rest.is_some() { START } else { STOP };
+        if !prediction || square < sigmas * known.speed {
+            let resting = self
+                .rest
+                .filter(|rest| rest.holds(position, known.position, FAR));
+            let rest = resting.unwrap_or_else(|| Rest::new(&self.filter));
+            self.rest = Some(rest);
+            self.share = 0.0;
             return Aim {
-                position,
+                position: rest.step,
                 speed: 0.0,
             };
         }
-        *rest = None;
-        let (doubt, fourth) = (filter.doubt(reach), square * square);
+        self.rest = None;
+        let (doubt, fourth) = (self.filter.doubt(reach), square * square);
         let wanted = fourth / (fourth + doubt * doubt);
-        *share += (wanted - *share) * EASE;
-        let speed = filter.speed() * *share;
+        self.share += (wanted - self.share) * EASE;
+        let speed = speed * self.share;
         Aim {
             position: position.saturating_add(fine(speed * lead)),
             speed,
         }
     }
+}
+
+/// The whole step nearest to a position, both in 2⁻³² steps.
+fn nearest_step(position: i64) -> i64 {
+    position.saturating_add(HALF) & !(2 * HALF - 1)
 }
 
 /// The target that is being followed.
@@ -193,26 +245,28 @@ impl Pursuit {
         reach: &[Reach; 3],
         settings: &Settings,
     ) -> Result<(), Outlier> {
-        let axes = match &self.target {
-            None => first(measurement, reach),
-            Some(target) => match target.take_in(measurement, reach, settings) {
-                Some(axes) => axes,
-                None => match self.jump(measurement, reach) {
-                    Some(axes) => axes,
-                    None => {
-                        self.suspect = Some(*measurement);
-                        return Err(Outlier);
-                    }
-                },
-            },
+        let believed = match &mut self.target {
+            None => {
+                self.target = Some(Target::new(measurement, reach, now));
+                true
+            }
+            Some(target) => target.take_in(measurement, reach, settings),
         };
+        if !believed {
+            let Some(axes) = self.jump(measurement, reach) else {
+                self.suspect = Some(*measurement);
+                return Err(Outlier);
+            };
+            if let Some(target) = &mut self.target {
+                target.axes = axes;
+            }
+        }
         self.suspect = None;
-        self.target = Some(Target {
-            axes,
-            capture: measurement.capture,
-            heard: now,
-            lost: false,
-        });
+        if let Some(target) = &mut self.target {
+            target.capture = measurement.capture;
+            target.heard = now;
+            target.lost = false;
+        }
         Ok(())
     }
 
@@ -292,39 +346,43 @@ impl Pursuit {
 }
 
 impl Target {
-    /// The axes with a measurement taken in; `None` if it is an outlier.
+    fn new(measurement: &Measurement, reach: &[Reach; 3], now: Instant) -> Self {
+        let [px, py, pz] = measurement.position;
+        let [vx, vy, vz] = measurement.variance;
+        let [rx, ry, rz] = *reach;
+        let first = |position, variance, reach| Axis::new(Filter::new(position, variance, reach));
+        Self {
+            axes: [first(px, vx, rx), first(py, vy, ry), first(pz, vz, rz)],
+            capture: measurement.capture,
+            heard: now,
+            lost: false,
+        }
+    }
+
+    /// Takes in a measurement; `false` and nothing else if it is an outlier.
     fn take_in(
-        &self,
+        &mut self,
         measurement: &Measurement,
         reach: &[Reach; 3],
         settings: &Settings,
-    ) -> Option<[Axis; 3]> {
+    ) -> bool {
         let dt = milliseconds(measurement.capture.since(self.capture));
         // A target that was lost is looked for where that happened.
         let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
         let recent = within(dt, 0.0, RECENT_MS);
-        let [x, y, z] = [0, 1, 2].map(|i| {
-            let axis = *self.axes.get(i)?;
-            let reach = *reach.get(i)?;
-            let variance = *measurement.variance.get(i)?;
-            let mut filter = axis.filter.after(ahead);
-            let innovation = filter.innovation(*measurement.position.get(i)?);
-            if !filter.admits(innovation, variance, recent, reach) {
-                return None;
-            }
-            filter.update(innovation, variance, ahead, reach);
-            Some(Axis { filter, ..axis })
-        });
-        Some([x?, y?, z?])
+        let seen = measurement.position.iter().zip(&measurement.variance);
+        let admitted = |((axis, (position, variance)), reach): ((&Axis, (&i64, &f32)), &Reach)| {
+            axis.filter
+                .admits(*position, *variance, [ahead, recent], *reach)
+        };
+        if !(self.axes.iter().zip(seen.clone()).zip(reach)).all(admitted) {
+            return false;
+        }
+        for ((axis, (position, variance)), reach) in self.axes.iter_mut().zip(seen).zip(reach) {
+            axis.update(*position, *variance, ahead, *reach);
+        }
+        true
     }
-}
-
-fn first(measurement: &Measurement, reach: &[Reach; 3]) -> [Axis; 3] {
-    let [px, py, pz] = measurement.position;
-    let [vx, vy, vz] = measurement.variance;
-    let [rx, ry, rz] = *reach;
-    [(px, vx, rx), (py, vy, ry), (pz, vz, rz)]
-        .map(|(position, variance, reach)| Axis::new(Filter::new(position, variance, reach)))
 }
 
 fn milliseconds(us: u64) -> f32 {
