@@ -34,7 +34,7 @@ use crate::error::InputError;
 use crate::report::write_atomically;
 use field::{Field, Source};
 
-mod field;
+pub(crate) mod field;
 mod stage;
 
 pub use stage::{Driver, Stage};
