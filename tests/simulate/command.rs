@@ -38,7 +38,7 @@ fn changed(name: &str, from: &str, to: &str) -> String {
 fn json_has_every_figure() {
     let outcome = simulate(&["step.toml", "switches.toml", "--points", "--json"]);
     let [step, switches] = outcome.good_json().try_into().expect("two lines");
-    let keys = "scenario rms_mm max_mm settle_ms latency_ms steps lost faults states rms_3d_mm lag_mm overshoot jitter_mm reversals_per_s \
+    let keys = "scenario rms_mm max_mm settle_ms latency_ms steps lost faults states sights rms_3d_mm lag_mm overshoot jitter_mm reversals_per_s \
                 speed_mm_s acceleration_mm_s2 frames silences refused_commands missed";
     let line = outcome.stdout.lines().next().expect("a line");
     let mut rest = line;

@@ -58,10 +58,14 @@ The exit code is 1 if anything that a scenario expects was missed.";
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     // All files are read before the first is run: a slip in the last need not cost a minute.
-    let read = options.scenarios.iter();
-    let scenarios: Vec<Scenario> = read
-        .map(|path| Scenario::read(path))
-        .collect::<Result<_, _>>()?;
+    let read = options.scenarios.iter().map(|path| {
+        let scenario = Scenario::read(path)?;
+        Ok(match options.points {
+            true => scenario.with_points(),
+            false => scenario,
+        })
+    });
+    let scenarios: Vec<Scenario> = read.collect::<Result<_, InputError>>()?;
     let mut work = Work::of(&scenarios, options);
     let mut outcomes = Vec::with_capacity(scenarios.len());
     for (path, scenario) in options.scenarios.iter().zip(scenarios) {

@@ -213,7 +213,8 @@ fn settle_ms(scenario: &Scenario, trace: &Trace, way: &Way) -> Option<f64> {
             return None;
         }
         let settled_s = last.map_or(jump.at_s, |last| last + SAMPLE_S);
-        let settle_ms = ((settled_s - arrival_s) * 1e3).max(0.0);
+        // To the microsecond, which all instants are.
+        let settle_ms = ((settled_s - arrival_s) * 1e6).round().max(0.0) / 1e3;
         slowest = Some(settle_ms.max(slowest.unwrap_or(0.0)));
     }
     slowest
@@ -240,7 +241,7 @@ fn latency(latencies_us: &[u32]) -> Latency {
     let percentile = |share: f64| {
         let rank = (share * sorted.len() as f64).ceil() as usize;
         let value = sorted.get(rank.max(1) - 1)?;
-        Some(f64::from(*value) * 1e-3)
+        Some(f64::from(*value) / 1e3)
     };
     Latency {
         p50: percentile(0.50),
