@@ -141,8 +141,8 @@ fn each_bound_is_judged() {
     }
     let mut lost = figures.clone();
     lost.lost = 1;
-    let text = scenario.missed(&run.trace, &lost, None).join("; ");
-    assert_eq!(text, "lost is 1, must be 0");
+    let missed = scenario.missed(&run.trace, &lost, None);
+    assert_eq!(missed[0], "lost is 1, must be 0");
 }
 
 #[test]

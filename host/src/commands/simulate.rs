@@ -207,7 +207,8 @@ fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 fn print(outcomes: &[Outcome], out: &mut impl Write) -> Result<(), Failure> {
-    writeln!(out, "{}", present::table(outcomes).to_text())?;
+    writeln!(out, "{}", present::following(outcomes).to_text())?;
+    writeln!(out, "{}", present::stage(outcomes).to_text())?;
     for outcome in outcomes {
         writeln!(out, "{}: {}", outcome.name, outcome.scenario.title)?;
         for (name, value) in present::facts(outcome) {

@@ -27,10 +27,10 @@ pub struct Outcome {
     pub missed: Vec<String>,
 }
 
-/// One row per run; those without prediction follow their scenario's.
-pub fn table(outcomes: &[Outcome]) -> Table {
+/// How well the target is followed, one row per run; those without prediction follow their scenario's.
+pub fn following(outcomes: &[Outcome]) -> Table {
     let table = Table::new(
-        "Scenarios: cameras minus target, and what the stage did",
+        "Cameras minus target",
         [
             "scenario",
             "rms X Y Z, mm",
@@ -38,15 +38,23 @@ pub fn table(outcomes: &[Outcome]) -> Table {
             "lag, mm",
             "settled, ms",
             "overshoot, %",
-            "stage rms X Y Z, mm",
-            "reversals/s",
-            "latency, ms",
-            "used/taken",
-            "lost",
-            "faults",
             "verdict",
         ],
     );
+    let row = |name: &str, figures: &Figures, verdict: Cell| {
+        let optional = |value: Option<f64>, scale: f64, decimals: usize| {
+            Cell::number(value.map_or(f64::NAN, |value| value * scale), decimals)
+        };
+        [
+            Cell::text(name),
+            Cell::vector(&figures.rms_mm, 4, 7),
+            Cell::vector(&figures.max_mm, 3, 6),
+            Cell::number(figures.lag_mm, 4),
+            optional(figures.settle_ms, 1.0, 0),
+            optional(figures.overshoot, 100.0, 1),
+            verdict,
+        ]
+    };
     outcomes.iter().fold(table, |table, outcome| {
         let verdict = match outcome.missed.len() {
             0 => Cell::text("as expected").good(),
@@ -64,28 +72,36 @@ pub fn table(outcomes: &[Outcome]) -> Table {
     })
 }
 
-fn row(name: &str, figures: &Figures, verdict: Cell) -> Vec<Cell> {
-    let optional = |value: Option<f64>, scale: f64, decimals: usize| {
-        Cell::number(value.map_or(f64::NAN, |value| value * scale), decimals)
-    };
-    vec![
-        Cell::text(name),
-        Cell::vector(&figures.rms_mm, 4, 7),
-        Cell::vector(&figures.max_mm, 3, 6),
-        Cell::number(figures.lag_mm, 4),
-        optional(figures.settle_ms, 1.0, 0),
-        optional(figures.overshoot, 100.0, 1),
-        Cell::vector(&figures.jitter_mm, 4, 7),
-        Cell::vector(&figures.reversals_per_s, 1, 4),
-        optional(figures.latency_ms.p50, 1.0, 1),
-        Cell::right(format!("{}/{}", figures.frames.used, figures.frames.taken)),
-        Cell::right(figures.lost.to_string()),
-        Cell::text(match figures.faults.as_slice() {
-            [] => "none".to_owned(),
-            faults => faults.join(", "),
-        }),
-        verdict,
-    ]
+/// What the stage did, one row per scenario.
+pub fn stage(outcomes: &[Outcome]) -> Table {
+    let table = Table::new(
+        "The stage",
+        [
+            "scenario",
+            "off its mean X Y Z, mm",
+            "reversals/s X Y Z",
+            "latency p50 p99, ms",
+            "frames used/taken",
+            "steps lost",
+            "faults",
+        ],
+    );
+    outcomes.iter().fold(table, |table, outcome| {
+        let figures = &outcome.figures;
+        let latency = [figures.latency_ms.p50, figures.latency_ms.p99];
+        table.row([
+            Cell::text(&outcome.name),
+            Cell::vector(&figures.jitter_mm, 4, 7),
+            Cell::vector(&figures.reversals_per_s, 1, 4),
+            Cell::vector(&latency.map(|ms| ms.unwrap_or(f64::NAN)), 1, 4),
+            Cell::right(format!("{}/{}", figures.frames.used, figures.frames.taken)),
+            Cell::right(figures.lost.to_string()),
+            Cell::text(match figures.faults.as_slice() {
+                [] => "none".to_owned(),
+                faults => faults.join(", "),
+            }),
+        ])
+    })
 }
 
 /// What else is to be said of a run, name and value.
@@ -133,7 +149,7 @@ pub fn facts(outcome: &Outcome) -> Vec<(String, String)> {
     facts
 }
 
-/// The page: the table, and every scenario over time.
+/// The page: the tables, and every scenario over time.
 pub fn page(outcomes: &[Outcome]) -> Page {
     let page = Page::new("Trinocular: scenarios", "on the built-in twin")
         .section(
@@ -141,7 +157,8 @@ pub fn page(outcomes: &[Outcome]) -> Page {
             "Positions are counted from the edges at the step pins, every millisecond; the error is cameras minus target, each from its place at \
              the keyframe.",
         )
-        .table(table(outcomes));
+        .table(following(outcomes))
+        .table(stage(outcomes));
     outcomes.iter().fold(page, |page, outcome| {
         let page = page
             .section(&outcome.name, &outcome.scenario.title)

@@ -3,16 +3,20 @@
 //! Frames are in a pipeline as in life: a capture is taken every period, and each frame arrives its own latency later, so that several may be
 //! under way. The truth is sampled every millisecond from the edges at the station's pins.
 
+mod events;
+mod look;
+
 use super::cameras::Eyes;
 use super::motion::Way;
-use super::scenario::{Event, Happening, Scenario};
+use super::scenario::{Happening, Scenario};
 use super::trace::{Sample, Trace};
 use crate::experiment::Error;
 use crate::station::StationError;
-use crate::station::stage::{HEARTBEAT_MS, configuration};
+use crate::station::stage::configuration;
 use crate::station::twin::Twin;
+use look::Look;
 use shared::frame::message::{Command, Frame, Mounting, Status};
-use shared::safety::{Fault, Inputs, State};
+use shared::safety::{Fault, State};
 use shared::time::Instant;
 use std::collections::BTreeMap;
 
@@ -109,28 +113,6 @@ struct World<'a> {
     trace: Trace,
 }
 
-/// What was last seen at the pins.
-#[derive(Clone, Copy, Debug, Default)]
-struct Look {
-    steps: [i64; 3],
-    /// The last direction, 0 before the first step.
-    direction: [i64; 3],
-    reversals: [u32; 3],
-}
-
-impl Look {
-    fn again(&mut self, steps: [i64; 3]) {
-        for (axis, now) in steps.into_iter().enumerate() {
-            let direction = (now - self.steps[axis]).signum();
-            if direction != 0 {
-                self.reversals[axis] += u32::from(direction == -self.direction[axis]);
-                self.direction[axis] = direction;
-            }
-        }
-        self.steps = steps;
-    }
-}
-
 /// Runs a scenario. `progress` is told the share done, 0 to 1, at every capture.
 ///
 /// # Errors
@@ -194,10 +176,7 @@ impl<'a> World<'a> {
             frames_left: vec![0; scenario.events.len()],
             asked: Vec::new(),
             zero_steps: twin.steps(),
-            looked: Look {
-                steps: twin.steps(),
-                ..Look::default()
-            },
+            looked: Look::at(twin.steps()),
             last_estimate: None,
             latched: None,
             trace: Trace::default(),
@@ -256,86 +235,6 @@ impl<'a> World<'a> {
                 self.plan(at_us + SAMPLE_US, Due::Sample(number + 1));
             }
         }
-    }
-
-    fn begin(&mut self, at_us: u64, index: usize) {
-        let Some(Event { what, .. }) = self.scenario.events.get(index).copied() else {
-            return;
-        };
-        match what {
-            Happening::Drop { frames }
-            | Happening::Late { frames, .. }
-            | Happening::Outlier { frames, .. } => self.frames_left[index] = frames,
-            Happening::Stop => self.send(Asked::Other("stop"), Command::Stop),
-            Happening::Reset => self.send(Asked::Other("reset"), Command::Reset),
-            Happening::Zero => self.send(Asked::Zero, Command::Zero),
-            Happening::Silence { seconds } => {
-                // A last sign of life at this very moment.
-                self.twin.set_pings(true);
-                self.twin.advance(self.twin.now());
-                self.twin.set_pings(false);
-                if seconds * 1e3 > f64::from(HEARTBEAT_MS) {
-                    let at_s = at_us as f64 * 1e-6;
-                    self.trace.silences_s.push([at_s, at_s + seconds]);
-                }
-                self.lasts[index] = true;
-            }
-            Happening::Occlusion { .. }
-            | Happening::Limit { .. }
-            | Happening::EmergencyStop { .. }
-            | Happening::DriverFault { .. } => {
-                self.lasts[index] = true;
-                self.twin.set_switches(self.switches());
-            }
-        }
-    }
-
-    fn end(&mut self, index: usize) {
-        self.lasts[index] = false;
-        let what = self.scenario.events.get(index).map(|event| event.what);
-        if matches!(what, Some(Happening::Silence { .. })) {
-            self.twin.set_pings(!self.is_silent());
-        } else {
-            self.twin.set_switches(self.switches());
-        }
-    }
-
-    /// What lasts at present.
-    fn lasting(&self) -> impl Iterator<Item = Happening> + '_ {
-        let events = self.scenario.events.iter().zip(&self.lasts);
-        events
-            .filter(|(_, lasts)| **lasts)
-            .map(|(event, _)| event.what)
-    }
-
-    fn is_silent(&self) -> bool {
-        self.lasting()
-            .any(|what| matches!(what, Happening::Silence { .. }))
-    }
-
-    fn switches(&self) -> Inputs {
-        let mut inputs = Inputs::default();
-        for what in self.lasting() {
-            match what {
-                Happening::Limit { axis, end, .. } => inputs.limits[axis][end] = true,
-                Happening::EmergencyStop { .. } => inputs.emergency_stop = true,
-                Happening::DriverFault { .. } => inputs.driver_fault = true,
-                _ => {}
-            }
-        }
-        inputs
-    }
-
-    /// The events that want this capture, which is one less for them.
-    fn take_frame_events(&mut self) -> Vec<Happening> {
-        let events = self.scenario.events.iter().zip(&mut self.frames_left);
-        events
-            .filter(|(_, left)| **left > 0)
-            .map(|(event, left)| {
-                *left -= 1;
-                event.what
-            })
-            .collect()
     }
 
     fn capture(&mut self, at_us: u64, number: u64) {
