@@ -4,3 +4,4 @@ pub mod binary;
 pub mod emulator;
 pub mod far_end;
 pub mod points;
+pub mod replaying;

@@ -35,7 +35,7 @@ use crate::report::write_atomically;
 use field::{Field, Source};
 
 mod care;
-mod field;
+pub(crate) mod field;
 mod stage;
 
 pub use care::{Care, HomeSwitch};

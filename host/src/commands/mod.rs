@@ -24,6 +24,7 @@ mod ports;
 mod progress;
 mod reset;
 mod scene;
+mod simulate;
 mod status;
 mod stop;
 mod tables;
@@ -74,6 +75,7 @@ enum Command {
     Jog(jog::Options),
     Ports(ports::Options),
     Reset(reset::Options),
+    Simulate(simulate::Options),
     Status(status::Options),
     Stop(stop::Options),
     Tables(tables::Options),
@@ -97,6 +99,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Jog(options)) => jog::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
+        Some(Command::Simulate(options)) => simulate::run(&options, out),
         Some(Command::Status(options)) => status::run(&options, out),
         Some(Command::Stop(options)) => stop::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),

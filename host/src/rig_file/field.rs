@@ -11,7 +11,7 @@ use crate::error::InputError;
 
 /// The file's name and text.
 #[derive(Clone, Copy)]
-pub(super) struct Source<'a> {
+pub(crate) struct Source<'a> {
     pub file: &'a Path,
     pub text: &'a str,
 }
@@ -43,7 +43,7 @@ impl Source<'_> {
 }
 
 /// One value: its path from the root of the file, its place, its content.
-pub(super) struct Field<'a> {
+pub(crate) struct Field<'a> {
     source: Source<'a>,
     path: String,
     span: Range<usize>,

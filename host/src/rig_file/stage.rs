@@ -87,7 +87,7 @@ const LIMIT_TRAVEL_MM: f64 = 1e5;
 const LIMIT_MATRIX: f64 = 1e3;
 
 impl Stage {
-    pub(super) fn read(section: &Field<'_>) -> Result<Self, InputError> {
+    pub(crate) fn read(section: &Field<'_>) -> Result<Self, InputError> {
         section.only(&KEYS)?;
         let per_axis = |key: &str, limit: f64| {
             section

@@ -1,0 +1,219 @@
+//! `trinocular simulate`: scenarios on the twin, and whether what must come of them did.
+
+use super::progress::Progress;
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::simulation::figures::Figures;
+use host::simulation::present::{self, Outcome};
+use host::simulation::run::{self, Options as RunOptions};
+use host::simulation::scenario::{Scenario, Sight};
+use host::simulation::trace::Trace;
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
+///
+/// A scenario file says how the target moves, what goes wrong and when, and what must come of it; the controller board's own code follows on
+/// virtual time, and every figure is taken from the edges at its step pins. tests/scenarios has examples of everything.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// Scenario files (TOML)
+    #[arg(value_name = "SCENARIO.toml", required = true)]
+    scenarios: Vec<PathBuf>,
+
+    /// Switch the station's prediction off, to compare; expectations are not judged
+    #[arg(long)]
+    no_prediction: bool,
+
+    /// Ideal points with 0.01 px of noise instead of rendered pictures: a hundred times faster
+    #[arg(long)]
+    points: bool,
+
+    /// Print one JSON object per scenario and line
+    #[arg(long)]
+    json: bool,
+
+    /// Also write an HTML page with the plots
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "\
+Figures, of the scenario's measured time:
+  rms_mm max_mm    error per axis: cameras minus target, every millisecond
+  settle_ms        of a step: from the arrival of the first frame that shows it until the error stays
+                   within 0.03, 0.03, 0.08 mm (or as the scenario says)
+  latency_ms       from a capture to the first step that its frame can change
+  steps, lost      at the pins from start to end; planned and not made
+
+Examples:
+  trinocular simulate tests/scenarios/step.toml
+  trinocular simulate tests/scenarios/*.toml --report scenarios.html
+  trinocular simulate tests/scenarios/lissajous.toml --no-prediction --json
+
+The exit code is 1 if anything that a scenario expects was missed.";
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    // All files are read before the first is run: a slip in the last need not cost a minute.
+    let read = options.scenarios.iter().map(|path| {
+        let scenario = Scenario::read(path)?;
+        Ok(match options.points {
+            true => scenario.with_points(),
+            false => scenario,
+        })
+    });
+    let scenarios: Vec<Scenario> = read.collect::<Result<_, InputError>>()?;
+    let mut work = Work::of(&scenarios, options);
+    let mut outcomes = Vec::with_capacity(scenarios.len());
+    for (path, scenario) in options.scenarios.iter().zip(scenarios) {
+        let outcome = simulate(path, scenario, !options.no_prediction, &mut work)?;
+        if options.json {
+            print_json(&outcome, out)?;
+        }
+        outcomes.push(outcome);
+    }
+    drop(work);
+    if !options.json {
+        print(&outcomes, out)?;
+    }
+    if let Some(path) = &options.report {
+        present::page(&outcomes)
+            .write(path)
+            .map_err(super::unwritable)?;
+    }
+    out.flush()?;
+    let failed = options.scenarios.iter().zip(&outcomes);
+    let mut failed = failed.filter(|(_, outcome)| !outcome.missed.is_empty());
+    match failed.next() {
+        None => Ok(()),
+        Some((path, outcome)) => {
+            let others = match failed.count() {
+                0 => String::new(),
+                n => format!(" (and {n} more files)"),
+            };
+            let reason = format!("missed: {}{others}", outcome.missed.join("; "));
+            Err(InputError::file(path, reason).into())
+        }
+    }
+}
+
+/// How much is done of all that is to be done.
+struct Work {
+    /// None if the work takes no time worth telling.
+    progress: Option<Progress>,
+    done_s: f64,
+    total_s: f64,
+}
+
+impl Work {
+    fn of(scenarios: &[Scenario], options: &Options) -> Self {
+        let rendered = |scenario: &Scenario| match scenario.cameras.sight {
+            Sight::Rendered { .. } => scenario.seconds() * runs(scenario, !options.no_prediction),
+            Sight::Points { .. } => 0.0,
+        };
+        let total_s: f64 = scenarios.iter().map(rendered).sum();
+        Self {
+            progress: (total_s > 0.0).then(|| Progress::new("simulating")),
+            done_s: 0.0,
+            total_s,
+        }
+    }
+
+    fn run(&mut self, scenario: &Scenario, prediction: bool) -> Result<Trace, Failure> {
+        let options = RunOptions {
+            prediction,
+            ..RunOptions::default()
+        };
+        let run_s = match scenario.cameras.sight {
+            Sight::Rendered { .. } => scenario.seconds(),
+            Sight::Points { .. } => 0.0,
+        };
+        let tell = |share: f64| {
+            if let Some(progress) = &mut self.progress {
+                progress.at((self.done_s + share * run_s) / self.total_s);
+            }
+        };
+        let run = run::run(scenario, options, tell).map_err(super::failed)?;
+        self.done_s += run_s;
+        Ok(run.trace)
+    }
+}
+
+/// How often a scenario is run.
+fn runs(scenario: &Scenario, prediction: bool) -> f64 {
+    match prediction && scenario.expect.prediction_gain.is_some() {
+        true => 2.0,
+        false => 1.0,
+    }
+}
+
+fn simulate(
+    path: &Path,
+    scenario: Scenario,
+    prediction: bool,
+    work: &mut Work,
+) -> Result<Outcome, Failure> {
+    let name = path.file_stem().unwrap_or(path.as_os_str());
+    let name = name.to_string_lossy().into_owned();
+    let trace = work.run(&scenario, prediction)?;
+    let figures = Figures::of(&scenario, &trace);
+    let mut unpredicted = None;
+    if prediction && scenario.expect.prediction_gain.is_some() {
+        let trace = work.run(&scenario, false)?;
+        let figures = Figures::of(&scenario, &trace);
+        unpredicted = Some((trace, figures));
+    }
+    let missed = match prediction {
+        true => {
+            let without = unpredicted.as_ref().map(|(_, figures)| figures);
+            scenario.missed(&trace, &figures, without)
+        }
+        false => Vec::new(),
+    };
+    Ok(Outcome {
+        name,
+        scenario,
+        trace,
+        figures,
+        unpredicted,
+        missed,
+    })
+}
+
+/// As it is printed: the figures and what belongs to them.
+#[derive(Serialize)]
+struct Line<'a> {
+    scenario: &'a str,
+    #[serde(flatten)]
+    figures: &'a Figures,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    without_prediction: Option<&'a Figures>,
+    missed: &'a [String],
+}
+
+fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
+    let line = Line {
+        scenario: &outcome.name,
+        figures: &outcome.figures,
+        without_prediction: outcome.unpredicted.as_ref().map(|(_, figures)| figures),
+        missed: &outcome.missed,
+    };
+    let text = serde_json::to_string(&line).map_err(std::io::Error::from)?;
+    writeln!(out, "{text}")?;
+    Ok(())
+}
+
+fn print(outcomes: &[Outcome], out: &mut impl Write) -> Result<(), Failure> {
+    writeln!(out, "{}", present::following(outcomes).to_text())?;
+    writeln!(out, "{}", present::stage(outcomes).to_text())?;
+    for outcome in outcomes {
+        writeln!(out, "{}: {}", outcome.name, outcome.scenario.title)?;
+        for (name, value) in present::facts(outcome) {
+            writeln!(out, "{name:>26}: {value}")?;
+        }
+    }
+    Ok(())
+}
