@@ -14,7 +14,6 @@ use crate::steps::{DriverTiming, PortMap, WordRate};
 use crate::time::Instant;
 use proptest::prelude::*;
 use std::collections::VecDeque;
-use std::vec::Vec;
 
 const MAP: PortMap = PortMap {
     step: [0, 1, 2],

@@ -1,0 +1,139 @@
+//! The host's link code talks to the flashed image over the UART; replies, and edges at the pins, equal the twin's.
+
+use host::rig_file::Driver;
+use host::station::stage::{configuration, default_stage, timing};
+use shared::frame::message::{Command, Config, Denial, Mounting};
+use shared::safety::State;
+use station_board::board::Make;
+use station_board::image::Image;
+use station_board::reference::agreement;
+use station_board::scene;
+use station_board::station::Station;
+use station_board::time::{Beats, MS, US};
+use station_board::wiring::{STEPPERS, steps};
+
+fn config(driver: Driver) -> Config {
+    let mut stage = default_stage();
+    stage.driver = driver;
+    configuration(&stage, Mounting::OnStage).expect("the default fits")
+}
+
+fn jog(um: [i32; 3]) -> Command {
+    Command::Jog { distance_um: um }
+}
+
+fn greeted(make: Make) -> Station {
+    let mut station = Station::power_on(&Image::firmware(), make);
+    station.run(20 * MS);
+    station.greet();
+    station
+}
+
+fn configured(driver: Driver, make: Make) -> Station {
+    let mut station = greeted(make);
+    assert_eq!(station.command(Command::Config(config(driver))), Ok(()));
+    assert_eq!(station.command(Command::Zero), Ok(()));
+    station
+}
+
+#[test]
+fn five_hundred_frames_then_a_jog_and_a_stop() {
+    let mut station = configured(Driver::Tmc2209, Make::default());
+    scene::follow(&mut station, 500);
+    let status = station.status();
+    assert!(status.frames_used >= 490, "{status:?}");
+    assert_eq!(status.state, State::Following);
+    assert_eq!(station.command(Command::Stop), Ok(()));
+    station.run(300 * MS);
+    assert_eq!(station.command(jog([100; 3])), Err(Denial::Stopped));
+    assert_eq!(station.command(Command::Reset), Ok(()));
+    assert_eq!(station.command(jog([5_000, -3_000, 1_234])), Ok(()));
+    station.run(120 * MS);
+    assert_eq!(station.command(Command::Stop), Ok(()));
+    station.run(300 * MS);
+    assert_eq!(station.status().state, State::Stopped);
+    let (reports, edges) = agreement(&mut station);
+    let (steps, rises) = steps(&station.edges());
+    println!("{reports} reports and {edges} edges agree; {rises} steps, in the end {steps:?}");
+    assert!(reports > 1_000 && rises > 4_000);
+    assert_eq!(station.status().position_steps.map(i64::from), steps);
+}
+
+/// Cache misses and bus conflicts slow a real processor down. With half as many cycles again for everything the edges are the same.
+#[test]
+fn a_slower_processor_makes_the_same_edges() {
+    let make = Make {
+        slowness: 6,
+        ..Make::default()
+    };
+    let mut station = configured(Driver::Tmc2209, make);
+    scene::follow(&mut station, 60);
+    station
+        .command(Command::Stop)
+        .expect("a stop is never refused");
+    station.run(300 * MS);
+    let (_, edges) = agreement(&mut station);
+    assert!(edges > 500, "{edges}");
+}
+
+/// Shortest times at the pins, ns: STEP high, STEP low, DIR before a rise, DIR after a rise.
+fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
+    let mut least = [u64::MAX; 4];
+    for (step, dir) in STEPPERS.step.into_iter().zip(STEPPERS.dir) {
+        let (step, dir) = (1 << step, 1 << dir);
+        let [mut rise, mut fall, mut turn] = [None, None, None];
+        let mut before = 0;
+        for (at, after) in edges {
+            let changed = before ^ after;
+            let since =
+                |then: Option<&Beats>| then.map_or(u64::MAX, |then| (at - then) * 1_000 / US);
+            if changed & step != 0 && after & step == 0 {
+                least[0] = least[0].min(since(rise.as_ref()));
+                fall = Some(*at);
+            }
+            if changed & dir != 0 {
+                least[3] = least[3].min(since(rise.as_ref()));
+                turn = Some(*at);
+            }
+            if changed & step != 0 && after & step != 0 {
+                least[1] = least[1].min(since(fall.as_ref()));
+                least[2] = least[2].min(since(turn.as_ref()));
+                rise = Some(*at);
+            }
+            before = *after;
+        }
+    }
+    least
+}
+
+/// To and fro on all axes, at the speed at which the default stage's step frequency is highest.
+#[test]
+fn pulses_are_as_long_as_each_driver_asks() {
+    for driver in [Driver::A4988, Driver::Tmc2209] {
+        let mut station = configured(driver, Make::default());
+        for way in [1, -1, 1] {
+            let moved = station.command(jog([way * 3_000, way * -2_000, way * 2_500]));
+            assert_eq!(moved, Ok(()));
+            station.run(250 * MS);
+        }
+        let [high, low, setup, hold] = shortest(&station.edges());
+        let needs = timing(driver);
+        println!(
+            "{}: high {high}, low {low}, set-up {setup}, hold {hold} ns",
+            driver.name()
+        );
+        assert!(high >= needs.step_high_ns.into() && low >= needs.step_low_ns.into());
+        assert!(setup >= needs.dir_setup_ns.into() && hold >= needs.dir_hold_ns.into());
+        assert_eq!(high, 1_000, "a word");
+        agreement(&mut station);
+    }
+}
+
+#[test]
+fn a_driver_that_is_too_slow_is_refused_by_name() {
+    let mut station = greeted(Make::default());
+    let refused = station.command(Command::Config(config(Driver::Drv8825)));
+    assert!(matches!(refused, Err(Denial::Config(_))), "{refused:?}");
+    station.run(20 * MS);
+    agreement(&mut station);
+}
