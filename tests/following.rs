@@ -5,6 +5,8 @@
 
 #[path = "following/chase.rs"]
 mod chase;
+#[path = "following/consistency.rs"]
+mod consistency;
 
 use chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 use shared::frame::message::Denial;
@@ -183,5 +185,24 @@ fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
             std::array::from_fn(|i| (at[i] - [5.0, -5.0, 5.0][i]).abs())
         ),
         "{at:?}"
+    );
+}
+
+#[test]
+fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
+    // 30 mm/s to 69 mm and back; the stage ends at 60.
+    let run = Chase::new(1).follow(
+        |t| {
+            let way = 30.0 * t;
+            [if way < 69.0 { way } else { 138.0 - way }, 0.0, 0.0]
+        },
+        4.0,
+    );
+    let farthest = run.samples.iter().map(|s| s.steps[0]).max();
+    assert_eq!(farthest, Some(60 * 80));
+    let last = run.samples.last().expect("samples");
+    assert!(
+        last.target_mm[0] < 20.0 && last.error_mm()[0].abs() < 0.1,
+        "{last:?}"
     );
 }

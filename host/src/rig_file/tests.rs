@@ -1,4 +1,5 @@
 use super::*;
+use shared::track::pursuit::Settings;
 
 const STAGE: &str = r#"
 [stage]
@@ -64,6 +65,28 @@ fn a_stage_reads_back() {
     assert_eq!(stage.invert, [false, true, false]);
     assert_eq!(stage.driver, Driver::Tmc2209);
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn how_a_target_is_followed_is_optional() {
+    let standard = parse(&paper_text()).unwrap().stage.unwrap().tracking;
+    assert_eq!(standard, Settings::DEFAULT);
+    let chosen = paper_text() + "prediction = false\ncoast_ms = 250\n";
+    let rig = parse(&chosen).unwrap();
+    let expected = Settings {
+        prediction: false,
+        coast_ms: 250,
+    };
+    assert_eq!(rig.stage.as_ref().unwrap().tracking, expected);
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    for (line, field) in [
+        ("coast_ms = 0", "coast_ms"),
+        ("coast_ms = 5001", "coast_ms"),
+        ("prediction = 1", "prediction"),
+    ] {
+        let error = parse(&(paper_text() + line)).expect_err("must be refused");
+        assert_eq!(error.field, Some(format!("stage.{field}")), "{error}");
+    }
 }
 
 #[test]

@@ -14,8 +14,8 @@
 //! `q` says how restless the target is, and nobody can know. Three things set it:
 //!
 //! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign say that it is too sluggish, of
-//!   opposite signs that it is too restless: `q *= 1 + c/2` with `c = n n_last / S` within ±1. A still target is averaged down to a fraction of
-//!   the measurement's noise, one on a curve is followed on it.
+//!   opposite signs that it is too restless. With `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`.
+//!   A still target is averaged down to a fraction of the measurement's noise, one on a curve is followed on it.
 //! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is added in that step as makes it three.
 //! * *Bounds.* No target is followed that is more restless than the stage itself can be.
 //!
@@ -58,6 +58,9 @@ const CATCH_UP: f32 = 2.5 * 2.5;
 
 /// The speed is trusted in so many sigmas, squared.
 const CAUTION: f32 = 4.0;
+
+/// How fast the process noise adapts: by this share with each frame at most.
+const RATE: f32 = 0.25;
 
 /// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration does not explain it.
 const GATE: f32 = 25.0;
@@ -214,11 +217,17 @@ impl Filter {
             self.covariance.speed += unit.speed * needed;
         }
         let alike = within(innovation * self.last / expected, -1.0, 1.0);
-        self.noise = within(self.noise * (1.0 + 0.5 * alike), most * STILL, most);
+        let wanted = if alike > 0.0 {
+            self.noise * (1.0 + RATE * alike)
+        } else {
+            self.noise / (1.0 - RATE * alike)
+        };
+        self.noise = within(wanted, most * STILL, most);
         self.last = innovation;
         self.correct(innovation, variance, dt);
     }
 
+    /// The textbook's correction by an innovation.
     fn correct(&mut self, innovation: f32, variance: f32, dt: f32) {
         let Covariance {
             position,
@@ -299,4 +308,64 @@ pub(super) fn steps(fine: i64) -> f32 {
 pub(super) fn fine(steps: f32) -> i64 {
     // The conversion saturates, and makes zero of what is no number.
     i64::from((steps * 65_536.0) as i32) << 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_reach() -> impl Strategy<Value = Reach> {
+        any::<[f32; 2]>().prop_map(|[speed, acceleration]| Reach {
+            speed,
+            acceleration,
+        })
+    }
+
+    fn is_sound(filter: &Filter) -> bool {
+        let known = filter.covariance();
+        let positive = known.position > 0.0 && known.speed > 0.0;
+        positive
+            && [known.position, known.both, known.speed, filter.speed()]
+                .iter()
+                .all(|value| value.is_finite())
+    }
+
+    proptest! {
+        /// Whatever comes, infinities and what is no number included.
+        #[test]
+        fn every_number_stays_finite(
+            start: (i64, f32), reach in any_reach(),
+            measurements in prop::collection::vec(any::<(i64, f32, f32)>(), 0..60),
+        ) {
+            let mut filter = Filter::new(start.0, start.1, reach);
+            prop_assert!(is_sound(&filter));
+            let mut before = start;
+            for (position, variance, dt) in measurements {
+                filter.admits(position, variance, [dt, dt], reach);
+                filter.update(position, variance, dt, reach);
+                prop_assert!(is_sound(&filter), "{filter:?}");
+                prop_assert!(filter.doubt(reach) > 0.0);
+                let anew = Filter::restart(before.0, position, dt, [before.1, variance], reach);
+                prop_assert!(is_sound(&anew), "{anew:?}");
+                before = (position, variance);
+            }
+        }
+
+        #[test]
+        fn steps_and_back(fine_steps in -(1i64 << 46)..1 << 46) {
+            // A float has 24 bits.
+            let off = (fine(steps(fine_steps)) - fine_steps).abs();
+            prop_assert!(off <= (1 << 16) + (fine_steps.abs() >> 23), "{off}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_becomes_the_lower_bound() {
+        assert_eq!(within(f32::NAN, -1.0, 2.0), -1.0);
+        assert_eq!(within(f32::INFINITY, -1.0, 2.0), 2.0);
+        assert_eq!(within(0.5, -1.0, 2.0), 0.5);
+        assert_eq!(fine(f32::NAN), 0);
+        assert_eq!(steps(i64::MAX), 32_768.0);
+    }
 }
