@@ -90,6 +90,7 @@ fn single_precision_is_enough() {
             speed += 0.02 * random.gaussian() * f64::from(run % 3);
             place += speed * f64::from(DT);
             let measured = place + sigma * random.gaussian();
+            filter.predict(DT);
             filter.update(fine(far + measured), variance as f32, DT, REACH);
             textbook.update(measured, f64::from(variance as f32), f64::from(DT));
             let position = (filter.position() - fine(far)) as f64 / STEP;
@@ -121,6 +122,7 @@ fn the_covariance_is_honest() {
                 place += speed * dt + 0.5 * a * dt * dt;
                 speed += a * dt;
                 let measured = place + (sigma * sigma + 1.0 / 6.0f64).sqrt() * random.gaussian();
+                filter.predict(DT);
                 filter.update(fine(measured), (sigma * sigma) as f32, DT, REACH);
                 if k >= 120 {
                     let known = filter.covariance();

@@ -98,8 +98,10 @@ impl Machine {
             if (negative && wanted < *target) || (positive && wanted > *target) {
                 continue; // a tripped switch: stays
             }
-            *target = limits.clamp(wanted);
-            if *target == wanted {
+            *target = wanted;
+            // Beyond a soft limit the planner goes as far as that, and there it rests.
+            let [low, high] = limits.range();
+            if (low..high).contains(&wanted.whole_steps()) {
                 *speed = per_slot(aim.speed, slots);
             }
         }

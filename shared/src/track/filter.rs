@@ -165,19 +165,11 @@ impl Filter {
         CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
     }
 
-    /// Whether a target within reach can have gone where it was measured, `dt` ms after the last measurement that was taken in: five sigmas, or
-    /// what full acceleration for `recent` ms makes.
-    pub fn admits(
-        &self,
-        measured: i64,
-        variance: f32,
-        [dt, recent]: [f32; 2],
-        reach: Reach,
-    ) -> bool {
-        let mut ahead = *self;
-        ahead.predict(dt);
-        let innovation = steps(measured.saturating_sub(ahead.position));
-        let sigmas = GATE * (ahead.covariance.position + believed(variance));
+    /// Whether a target within reach can have gone where it was measured, this being the prediction: five sigmas, or what full acceleration for
+    /// `recent` ms makes.
+    pub fn admits(&self, measured: i64, variance: f32, recent: f32, reach: Reach) -> bool {
+        let innovation = steps(measured.saturating_sub(self.position));
+        let sigmas = GATE * (self.covariance.position + believed(variance));
         let way = 0.5 * reach.acceleration * recent * recent;
         innovation * innovation <= sigmas + way * way
     }
@@ -201,9 +193,8 @@ impl Filter {
         .bounded();
     }
 
-    /// Takes in a measurement `dt` ms after the last.
+    /// Takes in a measurement, this being the prediction of `dt` ms.
     pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: Reach) {
-        self.predict(dt);
         let variance = believed(variance);
         let innovation = steps(measured.saturating_sub(self.position));
         let most = most_noise(reach);
@@ -342,7 +333,8 @@ mod tests {
             prop_assert!(is_sound(&filter));
             let mut before = start;
             for (position, variance, dt) in measurements {
-                filter.admits(position, variance, [dt, dt], reach);
+                filter.predict(dt);
+                filter.admits(position, variance, dt, reach);
                 filter.update(position, variance, dt, reach);
                 prop_assert!(is_sound(&filter), "{filter:?}");
                 prop_assert!(filter.doubt(reach) > 0.0);

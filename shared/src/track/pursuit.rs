@@ -171,9 +171,9 @@ impl Axis {
         }
     }
 
-    /// Takes in a measurement `dt` ms after the last.
-    fn update(&mut self, position: i64, variance: f32, dt: f32, reach: Reach) {
-        self.filter.update(position, variance, dt, reach);
+    /// Goes on from the filter with a measurement taken in.
+    fn go_on(&mut self, filter: Filter, position: i64, variance: f32) {
+        self.filter = filter;
         if let Some(rest) = &mut self.rest {
             rest.average(position, variance);
         }
@@ -370,16 +370,18 @@ impl Target {
         // A target that was lost is looked for where that happened.
         let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
         let recent = within(dt, 0.0, RECENT_MS);
+        let mut filters = self.axes.each_ref().map(|axis| axis.filter);
         let seen = measurement.position.iter().zip(&measurement.variance);
-        let admitted = |((axis, (position, variance)), reach): ((&Axis, (&i64, &f32)), &Reach)| {
-            axis.filter
-                .admits(*position, *variance, [ahead, recent], *reach)
-        };
-        if !(self.axes.iter().zip(seen.clone()).zip(reach)).all(admitted) {
-            return false;
+        for ((filter, (position, variance)), reach) in filters.iter_mut().zip(seen).zip(reach) {
+            filter.predict(ahead);
+            if !filter.admits(*position, *variance, recent, *reach) {
+                return false;
+            }
+            filter.update(*position, *variance, ahead, *reach);
         }
-        for ((axis, (position, variance)), reach) in self.axes.iter_mut().zip(seen).zip(reach) {
-            axis.update(*position, *variance, ahead, *reach);
+        let seen = measurement.position.into_iter().zip(measurement.variance);
+        for ((axis, filter), (position, variance)) in self.axes.iter_mut().zip(filters).zip(seen) {
+            axis.go_on(filter, position, variance);
         }
         true
     }
