@@ -174,7 +174,7 @@ impl Filter {
         innovation * innovation <= sigmas + way * way
     }
 
-    /// Goes on to where the target will be in `dt` ms.
+    /// Goes on to where the target will be in `dt` ms. What grows here is bounded when the measurement is taken in.
     pub fn predict(&mut self, dt: f32) {
         let dt = within(dt, 0.0, MOST_MS);
         self.position = self.position.saturating_add(fine(self.speed * dt));
@@ -189,8 +189,7 @@ impl Filter {
             position: position + dt * (both + carried) + added.position,
             both: carried + added.both,
             speed: speed + added.speed,
-        }
-        .bounded();
+        };
     }
 
     /// Takes in a measurement, this being the prediction of `dt` ms.
