@@ -183,13 +183,13 @@ impl Machine {
     }
 }
 
-/// Whether no axis goes farther than `window` from `anchor`. The way back to it is always open.
+/// Whether no axis goes more than half a step farther than `window` from `anchor`. The way back to it is always open.
 fn is_near(anchor: Fine, from: Fine, to: Fine, window: Fine) -> bool {
     let ends = from.into_iter().zip(to);
     let mut axes = ends.zip(anchor.into_iter().zip(window));
     axes.all(|((from, to), (anchor, window))| {
         let far = to.abs_diff(anchor);
-        far <= window.unsigned_abs() || far <= from.abs_diff(anchor)
+        far <= window.unsigned_abs().saturating_add(1 << 31) || far <= from.abs_diff(anchor)
     })
 }
 

@@ -300,3 +300,7 @@ impl Machine {
         }
     }
 }
+
+#[cfg(test)]
+#[cfg(not(miri))]
+mod tests;

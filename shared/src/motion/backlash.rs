@@ -14,8 +14,8 @@
 //! # Which flank
 //! Say where the load will stand when the axis has braked, in the frame of its target. As long as that is not beyond the goal, seen in the direction
 //! in which the load is pushed now, the present flank will do. Otherwise the load must come back, and the other flank is chosen. This is asked
-//! anew at every tick. Two things keep noise from driving the motor to and fro: the load may be half a step beyond the goal, and a goal that
-//! comes after the load by itself may be as far behind as it moves in [`PATIENCE`] ticks.
+//! anew at every tick. While a target is followed two things keep noise from driving the motor to and fro: the load may be half a step beyond
+//! the goal, and a goal that comes after the load by itself may be as far behind as it moves in [`PATIENCE`] ticks.
 
 use crate::fixed::{product, times};
 use crate::steps::Position;
@@ -23,7 +23,7 @@ use crate::steps::Position;
 /// Ticks in which a moving goal may catch up with a load that is beyond it.
 const PATIENCE: i64 = 32;
 
-/// How far beyond its goal a load may stay, fine units: half a step.
+/// How far beyond a goal that is followed a load may stay, fine units: half a step.
 const SLACK: i64 = 1 << 31;
 
 /// Motor and load of one axis.
@@ -37,6 +37,8 @@ pub(super) struct Play {
     backward: bool,
     /// The motor's target stands as it is, whatever that means for the load: a stop.
     held: bool,
+    /// The goal is followed, with all its noise; else it is to be reached exactly.
+    follows: bool,
 }
 
 impl Play {
@@ -47,6 +49,7 @@ impl Play {
             load: motor,
             backward: false,
             held: true,
+            follows: false,
         }
     }
 
@@ -79,8 +82,9 @@ impl Play {
     }
 
     /// Where the motor must go to bring the load to `goal`.
-    pub(super) fn aim(&mut self, goal: Position) -> Position {
+    pub(super) fn aim(&mut self, goal: Position, follows: bool) -> Position {
         self.held = false;
+        self.follows = follows;
         goal.saturating_add(self.offset())
     }
 
@@ -118,13 +122,14 @@ impl Play {
     }
 
     /// Chooses the flank, and gives what the motor's target changes by: 0 if the present one will do. `target` is the motor's, which moves by `drift`
-    /// speed quanta; relative to it the motor is braked at `stop`.
+    /// speed quanta; relative to it the motor is braked at `stop`. `near` is how near to a goal an axis comes to rest, fine units.
     pub(super) fn turn(
         &mut self,
         target: Position,
         stop: Position,
         drift: i64,
         quantum: i64,
+        near: i64,
     ) -> i64 {
         if self.held {
             return 0;
@@ -134,10 +139,11 @@ impl Play {
             .pushed(self.load, stop)
             .fine()
             .saturating_sub(goal.fine());
+        let slack = if self.follows { SLACK } else { 2 * near };
         let sign = if self.backward { -1 } else { 1 };
         // A tick takes the goal 2 drift distance quanta on.
         let approach = times(product(sign, drift).max(0), product(2 * PATIENCE, quantum));
-        if times(sign, beyond) < SLACK.saturating_add(approach) {
+        if times(sign, beyond) < slack.saturating_add(approach) {
             return 0;
         }
         let before = self.offset();

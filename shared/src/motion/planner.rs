@@ -365,19 +365,23 @@ impl Planner {
     ///
     /// `targets` may lie anywhere within a step; to stand exactly at step `n` give [`Position::centre`]`(n)`.
     pub fn set_target(&mut self, targets: [Position; AXES]) {
-        self.follow(targets, [0; AXES]);
+        self.aim(targets, [0; AXES], false);
     }
 
     /// Follows a moving target without lag: `targets` is where it is at the start of the next tick planned, `speeds`
     /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like this
     /// until the next call; the axes stay within the soft limits whatever it does.
     pub fn follow(&mut self, targets: [Position; AXES], speeds: [i64; AXES]) {
+        self.aim(targets, speeds, true);
+    }
+
+    fn aim(&mut self, targets: [Position; AXES], speeds: [i64; AXES], follows: bool) {
         let speed_quantum = self.speed_quantum();
         self.line = None;
         let axes = self.axes.iter_mut().zip(&mut self.plays);
         for ((axis, play), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
             let target = axis.limits.clamp(target);
-            axis.aim(play.aim(target), speed / speed_quantum);
+            axis.aim(play.aim(target, follows), speed / speed_quantum);
         }
     }
 
@@ -392,7 +396,7 @@ impl Planner {
                 .own
                 .stopping_way(axis.speed - axis.drift, axis.acceleration);
             let stop = axis.position.saturating_add(times(quantum, way));
-            let change = play.turn(axis.target, stop, axis.drift, quantum);
+            let change = play.turn(axis.target, stop, axis.drift, quantum, near(quantum));
             if change != 0 {
                 // Only a new goal turns an axis of a line, and that ends the line by itself.
                 axis.target = axis.target.saturating_add(change);

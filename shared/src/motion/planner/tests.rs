@@ -1,4 +1,6 @@
 // Tens of thousands of moves: too many for an interpreter.
+#[cfg(not(miri))]
+mod backlash;
 mod judge;
 #[cfg(not(miri))]
 mod optimal;
