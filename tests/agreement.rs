@@ -5,7 +5,7 @@ mod life;
 
 use host::station::tape::Tape;
 use host::station::twin::{PORT, RING_WORDS};
-use life::Life;
+use life::{Life, ROUNDS};
 use shared::frame::encode::encode;
 use shared::frame::message::{Command, Frame, LastRun, Packet, Report, ResetCause, Status, Sums};
 use shared::frame::receive::Receiver;
@@ -118,7 +118,7 @@ fn the_recorded_life_is_eventful() {
     let mut states = BTreeSet::new();
     let mut faults = BTreeSet::new();
     let mut last: Option<Status> = None;
-    let mut hellos = 0;
+    let (mut hellos, mut homed) = (0, 0);
     let mut outcomes = BTreeMap::<String, u32>::new();
     for record in &recording.records {
         let Record::Sent(_, bytes) = record else {
@@ -126,6 +126,8 @@ fn the_recorded_life_is_eventful() {
         };
         match report(bytes).expect("the station sends sound packets") {
             Report::Status(status) => {
+                let was = last.as_ref().map(|last: &Status| last.state);
+                homed += usize::from(was == Some(State::Homing) && status.state == State::Idle);
                 states.insert(format!("{:?}", status.state));
                 faults.extend(status.fault.map(|fault| format!("{fault:?}")));
                 last = Some(status);
@@ -145,8 +147,20 @@ fn the_recorded_life_is_eventful() {
     assert!(recording.frames >= 2_000);
     assert!(last.frames_used >= 1_000);
     assert!(last.frames_refused >= 300);
-    assert_eq!(states.len(), 7, "all states");
-    assert_eq!(faults.len(), 4, "all faults but the underrun: {faults:?}");
+    assert_eq!(states.len(), 8, "all states");
+    assert_eq!(
+        homed, ROUNDS,
+        "every search that was let end found its switches"
+    );
+    for fault in [
+        "Heartbeat",
+        "EmergencyStop",
+        "Limit",
+        "Driver",
+        "SwitchNotFound",
+    ] {
+        assert!(faults.contains(fault), "{fault} is not in {faults:?}");
+    }
     assert!(hellos >= 2);
     let drops = last.drops;
     for count in [
@@ -179,35 +193,53 @@ fn a_replay_does_what_the_twin_did() {
     );
 }
 
+/// The sequence number of a frame for the midpoint that the station used, half way through its life.
+fn frame_used(records: &[Record]) -> u16 {
+    let used: Vec<u16> = records
+        .iter()
+        .filter_map(|record| match record {
+            Record::Sent(_, bytes) => report(bytes),
+            Record::Digest(..) => None,
+        })
+        .filter_map(|report| match report {
+            Report::Status(status) => status.estimate,
+            _ => None,
+        })
+        .filter(|estimate| estimate.sigma_nm.is_some())
+        .map(|estimate| estimate.sequence)
+        .collect();
+    used[used.len() / 2]
+}
+
 #[test]
 fn a_nanometre_in_one_frame_is_noticed() {
     let recording = recording();
     let mut log = Log::new(&recording.log);
     let mut changed = Vec::new();
     let mut writer = Writer(|part: &[u8]| changed.extend_from_slice(part));
-    let mut midpoint_frames = 0;
+    let chosen = frame_used(&recording.records);
+    let mut found = false;
     while let Some((at, entry)) = log.entry().expect("a whole log") {
         let packet = match entry {
             Entry::Bytes(bytes) => Receiver::<Packet>::default().next(&mut &bytes[..]),
             _ => None,
         };
         if let Some(Ok(mut packet)) = packet
+            && packet.sequence == chosen
             && let Command::Frame(Frame {
                 sums: Sums::Midpoint(sums),
                 ..
             }) = &mut packet.command
         {
-            midpoint_frames += 1;
-            if midpoint_frames == 1_000 {
-                sums.mean_nm[0] += 1;
-                let bytes = encode(&packet).expect("it was a packet");
-                writer.entry(at, Entry::Bytes(&bytes));
-                continue;
-            }
+            found = true;
+            sums.mean_nm[0] += 1;
+            let bytes = encode(&packet).expect("it was a packet");
+            writer.entry(at, Entry::Bytes(&bytes));
+            continue;
         }
         writer.entry(at, entry);
     }
-    assert!(midpoint_frames > 1_000);
+    assert!(found, "frame {chosen} is in the log");
     let replayed = replay(&changed, |_, _, _| {});
     let (text, _) = difference(&recording.records, &replayed).expect("a difference");
     assert!(text.contains("EstimateReport"), "{text}");

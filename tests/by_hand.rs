@@ -1,9 +1,9 @@
 //! The commands that drive a station by hand, as their user meets them: a station on a pseudo-terminal, the built program, its words and exit codes.
 
-use host::rig_file::RigFile;
+use host::rig_file::{HomeSwitch, RigFile};
 use host::station::stage::default_stage;
 use serde_json::{Value, json};
-use shared::frame::message::{End, LastRun, ResetCause};
+use shared::frame::message::{End, LastRun, ResetCause, Side};
 use shared::safety::{Fault, State};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -52,6 +52,21 @@ impl Desk {
         std::fs::write(folder.path().join("cameras.toml"), rig.to_toml()).expect("it is ours");
         rig.stage = Some(default_stage());
         std::fs::write(folder.path().join("rig.toml"), rig.to_toml()).expect("it is ours");
+        let mut stage = default_stage();
+        stage.care.unknown_window_mm = 60.0;
+        rig.stage = Some(stage);
+        std::fs::write(folder.path().join("wide.toml"), rig.to_toml()).expect("it is ours");
+        let mut stage = default_stage();
+        stage.care.home = [Side::Negative, Side::Positive, Side::Negative].map(|side| {
+            let position_mm = match side {
+                Side::Negative => -61.0,
+                Side::Positive => 61.0,
+            };
+            Some(HomeSwitch { side, position_mm })
+        });
+        stage.care.home_speed_mm_s = [50.0, 2.0];
+        rig.stage = Some(stage);
+        std::fs::write(folder.path().join("home.toml"), rig.to_toml()).expect("it is ours");
         Self {
             folder,
             port: port.to_owned(),
@@ -163,7 +178,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
     // Slowly, at 5 mm/s: ten seconds, if nobody stopped it.
-    let jog = desk.start(&format!("jog x=50 {CONFIGURE}"));
+    let jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
     moving(&end);
     let status = Command::new("kill")
         .args(["-INT", &jog.id().to_string()])
@@ -192,7 +207,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
 fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
     let end = station();
     let desk = Desk::new(&end.path);
-    let mut jog = desk.start("jog x=50 --rig rig.toml --heartbeat 1000");
+    let mut jog = desk.start("jog x=50 --rig wide.toml --heartbeat 1000");
     moving(&end);
     jog.kill().expect("it runs");
     jog.wait().expect("it ends");
@@ -230,13 +245,17 @@ fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
         ("jog x=0.0001", "shorter than 0.001 mm"),
         ("jog x=1 X=2", "axis x is named twice"),
         ("jog x=1 --heartbeat 200", "--rig"),
+        ("home w", "possible values: x, y, z"),
+        ("diagnose --list", "cannot be used with"),
     ] {
         desk.run(words).ended(2, &[part]);
     }
     desk.run("jog x=1 --rig cameras.toml")
         .ended(1, &["cameras.toml", "[stage]"]);
     desk.run("zero --rig none.toml").ended(1, &["none.toml"]);
-    for words in ["status", "jog x=1", "zero", "stop", "reset", "diagnose"] {
+    for words in [
+        "status", "jog x=1", "home", "zero", "stop", "reset", "diagnose",
+    ] {
         desk.run(words).ended(1, &["/dev/no-such-port"]);
     }
     let nobody = mute();
@@ -268,8 +287,75 @@ fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
         desk.run("hello --json").json()["last_run"],
         json!({"starts": 3, "fault": 2, "end": "panic", "addresses": [0x0800_1234, 0x0800_5676]})
     );
-    desk.run("status")
-        .ended(0, &["panicked", "`trinocular hello`"]);
+    // Nothing moves until somebody has taken note, not even for a run that clears other faults.
+    let status = desk.run("status").ended(3, &["fault 9"]);
+    assert!(status.out.contains("panicked"), "{}", status.out);
+    assert!(status.out.contains("`trinocular hello`"), "{}", status.out);
+    for words in [
+        format!("jog x=1 {CONFIGURE}"),
+        format!("home {CONFIGURE} x"),
+    ] {
+        desk.run(&words).ended(3, &["a fault is latched"]);
+    }
+    desk.run("track --sim --seconds 1").ended(3, &["fault 9"]);
+    assert_eq!(desk.status()["fault"]["name"], "restart");
+    desk.run("reset").ended(0, &["cleared fault 9"]);
+    desk.run(&format!("jog x=1 {CONFIGURE}")).ended(0, &["80"]);
+    assert_eq!(end.steps(), [80, 0, 0]);
+}
+
+/// The rails have switches at 70 mm either way from where the stage starts.
+#[test]
+fn homing_finds_the_switches() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run(&format!("home {CONFIGURE}"))
+        .ended(3, &["no home switch", "home_switch in the rig file"]);
+    desk.run(&format!("jog x=11 {CONFIGURE}"))
+        .ended(3, &["`home` or `zero`", "unknown_window_mm"]);
+    let home = "--rig home.toml --heartbeat 5000";
+    let done = desk.run(&format!("home {home}"));
+    done.ended(0, &["-59.0", "59.0", "homed"]);
+    // 2 mm to back off from 70 mm. At 2 mm/s the station looks every 0.16 steps.
+    for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
+        assert!((steps - side * 5_440).abs() <= 1, "{steps}");
+    }
+    assert_eq!(desk.status()["trust"], "homed");
+    let jog = desk.run(&format!("jog x=59 y=-59 z=59 {home} --json"));
+    let at = jog.ended(0, &[]).json();
+    for steps in at["position_steps"].as_array().expect("three axes") {
+        assert!(steps.as_i64().expect("steps").abs() <= 1, "{at}");
+    }
+    // The middle is where the rails say, 9 mm from the start.
+    for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
+        assert!((steps - side * 720).abs() <= 1, "{steps}");
+    }
+    let done = desk.run("home Z --json").ended(0, &[]).json();
+    assert_eq!(done["trust"], "homed");
+    assert_eq!(done["state"], "idle");
+}
+
+#[test]
+fn an_interrupted_homing_stops_on_a_ramp() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    let home = desk.start("home x --rig home.toml --heartbeat 5000");
+    let patience = Instant::now() + PATIENCE;
+    while end.steps()[0] > -80 {
+        assert!(Instant::now() < patience, "{:?}", end.steps());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let status = Command::new("kill")
+        .args(["-INT", &home.id().to_string()])
+        .status();
+    assert!(status.expect("kill runs").success());
+    let done = home.wait_with_output().expect("it ends");
+    assert_eq!(done.status.code(), Some(3));
+    let stood = end.standing();
+    let status = desk.status();
+    assert_eq!(status["state"], "stopped");
+    assert_eq!(status["trust"], "unknown");
+    assert_eq!(status["position_steps"], json!(stood));
 }
 
 #[test]
@@ -277,6 +363,14 @@ fn diagnose_lists_every_state_and_fault_with_its_number() {
     let done = trinocular().arg("diagnose").output().expect("it runs");
     assert!(done.status.success());
     let text = String::from_utf8(done.stdout).expect("UTF-8");
+    let list = trinocular().args(["diagnose", "--list"]).output();
+    assert_eq!(list.expect("it runs").stdout, text.as_bytes());
+    let document = include_str!("../FAULTS.md");
+    let fenced = format!("```text\n{text}```\n");
+    assert!(
+        document.ends_with(&fenced),
+        "FAULTS.md is not what `trinocular diagnose --list` prints:\n{text}"
+    );
     for state in State::ALL {
         let name = format!("{state:?}").to_lowercase();
         assert!(

@@ -9,6 +9,7 @@ use serialport::{SerialPort as _, TTYPort};
 use shared::frame::message::{Config, LastRun, Mounting, ResetCause};
 use shared::machine::Board;
 use shared::replay::{Event, Station};
+use shared::safety::Inputs;
 use shared::steps::WordRate;
 use shared::time::Instant as StationInstant;
 use std::io::{Read as _, Write as _};
@@ -173,7 +174,10 @@ fn switched_on(session: u32, reset_cause: ResetCause, last_run: LastRun) -> Stat
     Station::new(board, PORT, RING_WORDS as u32).expect("possible pins")
 }
 
-/// The machine, on this computer's clock.
+/// The rails' limit switches open this far from where the stage starts, steps: 70 mm.
+const RAIL_STEPS: i64 = 5_600;
+
+/// The machine, on this computer's clock, with a stage on rails with limit switches at their ends.
 pub fn station() -> FarEnd {
     station_after(ResetCause::PowerOn, LastRun::UNKNOWN)
 }
@@ -192,6 +196,12 @@ pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
             station = switched_on(1 + restarts, ResetCause::PowerOn, LastRun::UNKNOWN);
         }
         station.receive(bytes);
+        station.set_switches(Inputs {
+            limits: plant
+                .steps()
+                .map(|steps| [steps <= -RAIL_STEPS, steps >= RAIL_STEPS]),
+            ..Inputs::default()
+        });
         // A computer that is busy elsewhere stops the station's clock, too: no real board misses a heartbeat for that.
         let passed = last.elapsed().min(Duration::from_millis(10));
         last = Instant::now();

@@ -1,11 +1,12 @@
 //! An eventful life of a station: a few thousand frames and everything that can go wrong with them.
 
 use host::random::Random;
+use host::rig_file::HomeSwitch;
 use host::station::stage::{configuration, default_stage};
 use host::station::twin::Twin;
-use shared::frame::message::{Command, Frame, Mounting, Sums};
+use shared::frame::message::{Command, Frame, Mounting, Side, Sums};
 use shared::rig::Rig;
-use shared::safety::Inputs;
+use shared::safety::{Inputs, State};
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
@@ -15,7 +16,7 @@ use shared::time::Instant;
 const FRAMES: usize = 60;
 
 /// How often each event comes.
-const ROUNDS: usize = 3;
+pub const ROUNDS: usize = 3;
 
 /// The life so far.
 pub struct Life {
@@ -154,6 +155,48 @@ impl Life {
         }
     }
 
+    /// A short stage with lost motion and home switches.
+    fn become_loose(&mut self) {
+        self.send(Command::Stop);
+        self.wait(400_000);
+        self.send(Command::Reset);
+        let mut stage = default_stage();
+        stage.travel_mm = [[-12.0, 12.0]; 3];
+        stage.care.backlash_mm = [0.05, 0.3, 0.0];
+        stage.care.home = [Side::Negative, Side::Positive, Side::Negative].map(|side| {
+            let position_mm = 0.5;
+            Some(HomeSwitch { side, position_mm })
+        });
+        stage.care.home_speed_mm_s = [40.0, 8.0];
+        stage.care.back_off_mm = 0.7;
+        let config = configuration(&stage, Mounting::OnStage).expect("it fits");
+        self.send(Command::Config(config));
+    }
+
+    /// Homes all axes on switches 3 mm from here that bounce, for so many looks.
+    fn find_home(&mut self, looks: usize) {
+        let start = self.twin.steps();
+        self.send(Command::Home { axes: [true; 3] });
+        for _ in 0..looks.min(4_000) {
+            let at = self.twin.steps();
+            let limits = std::array::from_fn(|axis| {
+                let bounce = self.random.below(3) as i64;
+                let way = at[axis] - start[axis];
+                [way <= bounce - 240, way >= 240 - bounce]
+            });
+            self.twin.set_switches(Inputs {
+                limits,
+                ..Inputs::default()
+            });
+            self.wait(1_000);
+            let state = self.twin.status().map(|status| status.state);
+            if looks == usize::MAX && state == Some(State::Idle) {
+                break;
+            }
+        }
+        self.twin.set_switches(Inputs::default());
+    }
+
     /// `count` frames, some of them bad, on a line that is not good either.
     fn follow(&mut self, count: usize) {
         let mut keyframe = self.picture();
@@ -246,7 +289,7 @@ fn jog(um: i32) -> Command {
 }
 
 /// What happens between the frames.
-const EVENTS: [fn(&mut Life); 13] = [
+const EVENTS: [fn(&mut Life); 16] = [
     |life| life.send(Command::Stop),
     |life| {
         // Frames go on after a stop, and are refused.
@@ -334,5 +377,31 @@ const EVENTS: [fn(&mut Life); 13] = [
         // The host starts anew, with any number.
         life.twin.send(Command::Hello);
         life.follow(5);
+    },
+    |life| {
+        // Lost motion, and home switches that are found.
+        life.become_loose();
+        life.find_home(usize::MAX);
+        life.follow(20);
+        for um in [700, -300, 10, -10] {
+            life.send(jog(um));
+            life.wait(50_000);
+        }
+        life.follow(40);
+    },
+    |life| {
+        // A stop in the middle of the search; its state must end with it.
+        life.become_loose();
+        life.find_home(700);
+        life.send(Command::Stop);
+        life.follow(5);
+    },
+    |life| {
+        // Nothing there.
+        life.become_loose();
+        life.send(Command::Home {
+            axes: [false, true, false],
+        });
+        life.wait(1_500_000);
     },
 ];

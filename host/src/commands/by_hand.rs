@@ -9,7 +9,10 @@ use host::station::stage::{HEARTBEAT_MS, configuration};
 use host::station::{StationError, ports};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
+use shared::safety::State;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// How long a stage may take to come to rest.
@@ -187,6 +190,22 @@ impl Hand {
         }
     }
 
+    /// How it is before a command that moves it: at rest, and with a configuration or about to get one.
+    pub fn ready_to_move(
+        &self,
+        command: &'static str,
+        brings_stage: bool,
+    ) -> Result<Status, Failure> {
+        let status = self.status()?;
+        let denial = match status.state {
+            // Whoever set it moving is gone or busy: our heartbeat must not keep it going.
+            state if state.is_moving() => Denial::Moving,
+            State::Unconfigured if !brings_stage => Denial::Unconfigured,
+            _ => return Ok(status),
+        };
+        Err(self.failed(StationError::Denied { command, denial }))
+    }
+
     /// The failure, with the port it happened on and what to do next.
     pub fn failed(&self, error: StationError) -> Failure {
         let next = match &error {
@@ -198,6 +217,36 @@ impl Hand {
             (failure, _) => failure,
         }
     }
+}
+
+/// Set by Ctrl-C, or a polite end; the second time the program ends at once, and the station stops without its heartbeat.
+pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
+    ctrlc::set_handler(move || {
+        if set.swap(true, Relaxed) {
+            std::process::exit(3);
+        }
+    })
+    .map_err(|cause| Failure::Scene(format!("cannot watch for Ctrl-C: {cause}")))?;
+    Ok(flag)
+}
+
+/// The failure behind a motion that did not end by itself.
+pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(), Failure> {
+    if let Some(fault) = end.fault {
+        return Err(hand.failed(StationError::Faulted(fault)));
+    }
+    if end.state == State::Stopped {
+        let who = if interrupted {
+            "interrupted"
+        } else {
+            "stopped by somebody else"
+        };
+        let next = diagnosis::state(end.state).action;
+        return Err(Failure::Station(format!("{who}; next: {next}")));
+    }
+    Ok(())
 }
 
 /// Whole steps, and mm where the stage is known.

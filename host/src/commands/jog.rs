@@ -1,26 +1,26 @@
 //! `trinocular jog`: moves the stage by a distance.
 
 use std::io::Write;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 
-use super::by_hand::{Hand, PortArgument, StageArgument, condition, in_mm, position};
+use super::by_hand::{
+    Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
+};
 use super::progress::Progress;
 use clap::Args;
 use host::error::Failure;
 use host::rig_file::Stage;
-use host::station::StationError;
 use host::station::diagnosis;
 use serde_json::json;
-use shared::frame::message::{Command, Denial, Status};
-use shared::safety::{State, Trust};
+use shared::frame::message::{Command, Status};
+use shared::safety::Trust;
 
 /// Longest jog, mm: more is a slip of the unit.
 const LONGEST_MM: f64 = 1000.0;
 
 /// Move the stage by a distance along its axes, in mm, and wait until it stands
 ///
-/// While the position is unknown it moves slowly and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the move. Ctrl-C stops
+/// While the position is unknown it moves slowly, only as far as unknown_window_mm of the rig file (10 mm), and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the move. Ctrl-C stops
 /// the stage on a ramp.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -91,14 +91,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let distance_um = along_axes(&options.distances)?;
     let stage = options.stage.read()?;
     let mut hand = Hand::connect(&options.port)?;
-    let before = hand.status()?;
-    if before.state.is_moving() {
-        // Whoever set it moving is gone or busy: our heartbeat must not keep it going.
-        return Err(denied(&hand, Denial::Moving));
-    }
-    if before.state == State::Unconfigured && stage.is_none() {
-        return Err(denied(&hand, Denial::Unconfigured));
-    }
+    let before = hand.ready_to_move("jog", stage.is_some())?;
     hand.configure(stage.as_ref(), &options.stage)?;
     hand.start_heartbeat()?;
     let interrupted = on_interrupt()?;
@@ -121,42 +114,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     })?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
-    if let Some(fault) = end.fault {
-        return Err(hand.failed(StationError::Faulted(fault)));
-    }
-    if end.state == State::Stopped {
-        let who = if stopping {
-            "interrupted"
-        } else {
-            "stopped by somebody else"
-        };
-        let next = diagnosis::state(end.state).action;
-        return Err(Failure::Station(format!("{who}; next: {next}")));
-    }
+    why_it_stands(&hand, &end, stopping)?;
     if let Some(stage) = &stage {
         warn_of_soft_limits(distance_um, &before, &end, stage);
     }
     Ok(())
-}
-
-fn denied(hand: &Hand, denial: Denial) -> Failure {
-    hand.failed(StationError::Denied {
-        command: "jog",
-        denial,
-    })
-}
-
-/// Set by Ctrl-C, or a polite end; the second time the program ends at once, and the station stops without its heartbeat.
-fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let set = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if set.swap(true, Relaxed) {
-            std::process::exit(3);
-        }
-    })
-    .map_err(|cause| Failure::Scene(format!("cannot watch for Ctrl-C: {cause}")))?;
-    Ok(flag)
 }
 
 fn share(before: &Status, now: &Status) -> f64 {

@@ -17,6 +17,7 @@ mod diagnose;
 mod estimate;
 mod experiment;
 mod hello;
+mod home;
 mod jog;
 mod port;
 mod ports;
@@ -69,6 +70,7 @@ enum Command {
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
+    Home(home::Options),
     Jog(jog::Options),
     Ports(ports::Options),
     Reset(reset::Options),
@@ -91,6 +93,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
+        Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),

@@ -148,6 +148,32 @@ pub const fn fault(fault: Fault) -> FaultText {
     }
 }
 
+/// Every state and fault with its number: what `trinocular diagnose --list` prints, and `FAULTS.md` holds.
+pub fn table() -> String {
+    let lines = |number: u8, name: &str, first: &str, others: &[(&str, &str)]| {
+        let mut lines = format!("  {number} {name:<16}  {first}\n");
+        for (label, value) in others {
+            lines.push_str(&format!("{:22}{label}: {value}\n", ""));
+        }
+        lines
+    };
+    let states = State::ALL.map(|each| {
+        let text = state(each);
+        lines(
+            each.number(),
+            text.name,
+            text.meaning,
+            &[("do", text.action)],
+        )
+    });
+    let faults = Fault::ALL.map(|each| {
+        let text = fault(each);
+        let others = [("do", text.action), ("position", text.position)];
+        lines(each.number(), text.name, text.cause, &others)
+    });
+    format!("States\n{}\nFaults\n{}", states.concat(), faults.concat())
+}
+
 /// A fault in one sentence.
 pub fn explain(latched: Fault) -> String {
     let FaultText { cause, action, .. } = fault(latched);

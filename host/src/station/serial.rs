@@ -133,7 +133,8 @@ impl Serial {
     /// its present position to be zero.
     ///
     /// # Errors
-    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware; if the stage does not fit the configuration or the station
+    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware; [`StationError::Faulted`] with [`Fault::Restart`], which wants to be
+    /// acknowledged by hand; if the stage does not fit the configuration or the station
     /// refuses it.
     pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
         Self::start_as(path, configuration(stage, mounting)?)
@@ -153,6 +154,10 @@ impl Serial {
         // Without the heartbeat: what a host that crashed set moving must not live on by ours.
         serial.command("stop", Command::Stop)?;
         serial.cleared = serial.fresh_status(true)?.fault;
+        if let Some(fault @ Fault::Restart) = serial.cleared {
+            // Somebody has to look at it first.
+            return Err(StationError::Faulted(fault));
+        }
         let end = Instant::now() + REST_PATIENCE;
         loop {
             match serial.command("reset", Command::Reset) {

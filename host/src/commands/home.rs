@@ -1,0 +1,110 @@
+//! `trinocular home`: axes find their home switches.
+
+use std::io::Write;
+use std::sync::atomic::Ordering::Relaxed;
+
+use super::by_hand::{
+    Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
+};
+use super::progress::Progress;
+use clap::{Args, ValueEnum};
+use host::error::Failure;
+use host::rig_file::Stage;
+use host::station::diagnosis;
+use serde_json::json;
+use shared::frame::message::{Command, Status};
+use shared::safety::{State, Trust};
+
+/// Find the home switches, and with them the position
+///
+/// One axis after the other, Z first: fast onto the switch, back off, slowly onto it again, back off. Soft limits do not hold meanwhile: see that the
+/// way is free. A switch that is not met within five quarters of the axis's travel, or does not release, ends it with a fault. Ctrl-C stops the stage on a
+/// ramp. The rig file says which axes have a home switch, at which end, and where it trips.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// Which axes; without any all that have a home switch in the rig file, or all three without --rig
+    #[arg(value_enum, ignore_case = true)]
+    axes: Vec<Axis>,
+
+    #[command(flatten)]
+    port: PortArgument,
+
+    #[command(flatten)]
+    stage: StageArgument,
+
+    /// Print one JSON object at the end
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular home --port auto --rig rig.toml        # the first after the station's start: configure it
+  trinocular home z --port /dev/ttyACM0             # one axis anew";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+fn chosen(axes: &[Axis], stage: Option<&Stage>) -> [bool; 3] {
+    match (axes, stage) {
+        ([], None) => [true; 3],
+        ([], Some(stage)) => stage.care.home.map(|home| home.is_some()),
+        (axes, _) => [Axis::X, Axis::Y, Axis::Z].map(|axis| axes.contains(&axis)),
+    }
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let stage = options.stage.read()?;
+    let axes = chosen(&options.axes, stage.as_ref());
+    let mut hand = Hand::connect(&options.port)?;
+    hand.ready_to_move("home", stage.is_some())?;
+    hand.configure(stage.as_ref(), &options.stage)?;
+    hand.start_heartbeat()?;
+    let interrupted = on_interrupt()?;
+    hand.command("home", Command::Home { axes })?;
+    let progress = Progress::new("homing");
+    let mut stopping = false;
+    let end = hand.wait_for_rest(|hand, _| {
+        if interrupted.load(Relaxed) && !stopping {
+            stopping = true;
+            hand.command("stop", Command::Stop)?;
+        }
+        Ok(())
+    })?;
+    drop(progress);
+    tell(options, &end, stage.as_ref(), out)?;
+    why_it_stands(&hand, &end, stopping)?;
+    if end.state == State::Idle && end.trust != Trust::Homed {
+        eprintln!(
+            "the axes without a home switch are not known yet: `zero` makes the present position zero, then `home` again"
+        );
+    }
+    Ok(())
+}
+
+fn tell(
+    options: &Options,
+    end: &Status,
+    stage: Option<&Stage>,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    if options.json {
+        let mut object = condition(end);
+        object["position_mm"] = json!(stage.map(|stage| in_mm(end.position_steps, stage)));
+        writeln!(out, "{object}")?;
+    } else {
+        let trust = diagnosis::trust(end.trust);
+        writeln!(
+            out,
+            "now at  {}, {trust}",
+            position(end.position_steps, stage)
+        )?;
+    }
+    Ok(())
+}
