@@ -46,6 +46,7 @@ fn config(stage: StageConfig) -> Config {
         heartbeat_ms: 100,
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
+        tracking: crate::track::pursuit::Settings::DEFAULT,
         stage,
     }
 }
