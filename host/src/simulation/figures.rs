@@ -226,7 +226,8 @@ fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
         for sample in trace.within(jump.at_s, jump.until_s) {
             for (error, by) in sample.error_mm().into_iter().zip(jump.by_mm) {
                 if by != 0.0 {
-                    worst = Some((error / by).max(worst.unwrap_or(0.0)));
+                    // Adding zero turns -0 into 0.
+                    worst = Some((error / by + 0.0).max(worst.unwrap_or(0.0)));
                 }
             }
         }
