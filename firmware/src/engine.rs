@@ -236,16 +236,17 @@ impl Engine {
             return;
         }
         let from = (block % BLOCKS) as usize * BLOCK;
-        let mut place = WORDS.iter().skip(from).take(BLOCK);
+        let mut places = WORDS.get(from..from + BLOCK).unwrap_or_default();
         let mut words = [0; 50];
         loop {
             let made = self.generator.fill(&mut words);
             if made == 0 {
                 break;
             }
+            let (filled, rest) = places.split_at(made.min(places.len()));
+            places = rest;
             if !silent {
-                // The words come first: `zip` would take one place more than there are words, and each further piece would lie a word late.
-                for (word, place) in words.iter().take(made).zip(place.by_ref()) {
+                for (place, word) in filled.iter().zip(&words) {
                     place.store(*word, Relaxed);
                 }
             }
