@@ -1,0 +1,376 @@
+//! Processor, chip and flash together, and time.
+
+use crate::chip::fabric::{Fabric, PinChange, RAM_BASE, RAM_LEN};
+use crate::chip::{Chip, Lines, Surroundings, rcc};
+use crate::image::{FLASH_BASE, Image};
+use crate::time::Beats;
+use host::random::Random;
+use rsemu::core::error::BusError;
+use rsemu::core::space::{
+    AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore, RomWrite,
+};
+use rsemu::cpu::arm::v7m::{ArmV7m, Config, xpsr};
+use std::fmt;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+/// A reset takes so long (data sheet, typical).
+const RESET_TIME: Beats = 1_500 * crate::time::US;
+
+/// What processor and chip share.
+struct Junction {
+    chip: Mutex<Chip>,
+    now: AtomicU64,
+    /// The processor accessed a register.
+    touched: AtomicBool,
+}
+
+impl Junction {
+    fn chip(&self) -> MutexGuard<'_, Chip> {
+        self.chip.lock().expect("no model panics")
+    }
+}
+
+/// Registers from an address on.
+struct Window {
+    base: u32,
+    junction: Arc<Junction>,
+}
+
+impl fmt::Debug for Window {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "registers from {:#x}", self.base)
+    }
+}
+
+impl Window {
+    /// The chip at the moment of the access.
+    fn chip(&self) -> MutexGuard<'_, Chip> {
+        self.junction.touched.store(true, Relaxed);
+        let mut chip = self.junction.chip();
+        chip.fabric.now = self.junction.now.load(Relaxed);
+        chip
+    }
+}
+
+impl MemOps for Window {
+    fn read(&self, offset: u64, into: &mut [u8], attrs: MemAttrs) -> MemResult {
+        if attrs.debug {
+            return Err(BusError::BadAccess);
+        }
+        let address = self.base + offset as u32;
+        let word = self.chip().read(address & !3).to_le_bytes();
+        let from = word.get(address as usize % 4..).unwrap_or_default();
+        let from = from.get(..into.len()).ok_or(BusError::BadAccess)?;
+        into.copy_from_slice(from);
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, from: &[u8], attrs: MemAttrs) -> MemResult {
+        let address = self.base + offset as u32;
+        // Narrower writes only to the low part of a register, which is how this firmware writes a UART's byte.
+        if attrs.debug || !address.is_multiple_of(4) || from.len() > 4 {
+            return Err(BusError::BadAccess);
+        }
+        let mut word = [0; 4];
+        word[..from.len()].copy_from_slice(from);
+        self.chip().write(address, u32::from_le_bytes(word));
+        Ok(())
+    }
+}
+
+/// What the board is made of, as far as tests choose it.
+#[derive(Clone, Copy, Debug)]
+pub struct Make {
+    /// Crystal, watchdog's oscillator, UART's other end.
+    pub around: Surroundings,
+    /// Processor cycles that a cycle of the interpreter stands for, in quarters: 4 is the core's own timing without wait states.
+    pub slowness: u64,
+}
+
+impl Default for Make {
+    /// The Olimex STM32-H405.
+    fn default() -> Self {
+        Self {
+            around: Surroundings {
+                crystal_hz: 8_000_000,
+                lsi_hz: 32_000,
+                uart_baud: 921_600,
+                seed: 1,
+            },
+            slowness: 4,
+        }
+    }
+}
+
+/// A board with power.
+pub struct Board {
+    cpu: ArmV7m,
+    space: Arc<AddressSpace>,
+    junction: Arc<Junction>,
+    now: Beats,
+    next: Beats,
+    lines: Lines,
+    /// The processor stands still, as under a debugger or with a dead clock.
+    held: bool,
+    /// Interrupts never reach the processor.
+    deaf: bool,
+    /// When the chip was last reset.
+    began: Beats,
+    /// Resets since power-on.
+    resets: u32,
+    cycle: Beats,
+    make: Make,
+    /// Cycles spent not asleep.
+    busy: u64,
+}
+
+impl Board {
+    /// Power comes to a chip with this program in its flash; memory holds anything. `wire` connects its pins before that.
+    pub fn power_on(image: &Image, make: Make, wire: impl FnOnce(&mut Fabric)) -> Self {
+        let ram = Arc::new(RamStore::new(u64::from(RAM_LEN)));
+        let mut random = Random::seeded(make.around.seed);
+        for at in (0..u64::from(RAM_LEN)).step_by(8) {
+            let word = random.next_u64().to_le_bytes();
+            ram.write_at(at, &word).expect("it lies in memory");
+        }
+        let mut fabric = Fabric::new(ram.clone());
+        wire(&mut fabric);
+        fabric.changes.clear();
+        let junction = Arc::new(Junction {
+            chip: Mutex::new(Chip::new(make.around, fabric)),
+            now: AtomicU64::new(0),
+            touched: AtomicBool::new(false),
+        });
+        let space = Arc::new(AddressSpace::new("chip", 32));
+        let rom = Arc::new(RomStore::from_slice(&image.flash));
+        let flash = |name| Region::rom(name, rom.clone(), RomWrite::Fault);
+        // The unique number of the chip, and the size of its flash in KiB.
+        let mut identity = [0; 0x20];
+        identity[..12].copy_from_slice(b"\x2a\x00\x31\x00\x0d\x51\x34\x35\x39\x39\x36\x31");
+        identity[0x12..0x14].copy_from_slice(&1024_u16.to_le_bytes());
+        let identity = Region::rom(
+            "identity",
+            Arc::new(RomStore::from_slice(&identity)),
+            RomWrite::Fault,
+        );
+        {
+            let mut map = space.topology();
+            let mut put = |region: Region, base: u32| {
+                map.map(region, u64::from(base))
+                    .expect("regions do not overlap");
+            };
+            // BOOT0 is low: flash is at zero, too.
+            put(flash("flash at zero"), 0);
+            put(flash("flash"), FLASH_BASE);
+            put(Region::ram("sram", ram), RAM_BASE);
+            put(identity, 0x1fff_7a10);
+            for (base, length) in [
+                (0x4000_0000, 0x8_0000),
+                (0x5000_0000, 0x6_1000),
+                (0xe004_2000, 0x10),
+            ] {
+                let window = Window {
+                    base,
+                    junction: junction.clone(),
+                };
+                put(Region::io("registers", length, Arc::new(window)), base);
+            }
+        }
+        let mut board = Self {
+            cpu: processor(&space),
+            space,
+            junction,
+            now: 0,
+            next: 0,
+            lines: [0; 3],
+            held: false,
+            deaf: false,
+            began: 0,
+            resets: 0,
+            cycle: 1,
+            make,
+            busy: 0,
+        };
+        board.look();
+        board
+    }
+
+    /// The present moment.
+    pub fn now(&self) -> Beats {
+        self.now
+    }
+
+    /// When the chip was last reset, and how often since power-on.
+    pub fn last_reset(&self) -> (Beats, u32) {
+        (self.began, self.resets)
+    }
+
+    /// Processor cycles spent not asleep.
+    pub fn busy_cycles(&self) -> u64 {
+        self.busy
+    }
+
+    /// The chip, to look at and to touch from outside.
+    pub fn chip<T>(&mut self, act: impl FnOnce(&mut Chip) -> T) -> T {
+        let result = {
+            let mut chip = self.junction.chip();
+            chip.fabric.now = self.now;
+            let result = act(&mut chip);
+            chip.refresh();
+            result
+        };
+        self.look();
+        result
+    }
+
+    /// What the pins of a port did since power-on.
+    pub fn changes(&mut self, port: usize) -> Vec<PinChange> {
+        self.chip(|chip| {
+            let of_port = chip
+                .fabric
+                .changes
+                .iter()
+                .filter(|change| change.port == port);
+            of_port.copied().collect()
+        })
+    }
+
+    /// Something outside drives a pin, or (`None`) no longer does.
+    pub fn drive(&mut self, port: usize, pin: u8, level: Option<bool>) {
+        self.chip(|chip| chip.fabric.drive(port, pin, level));
+    }
+
+    /// Takes the processor's clock away, or gives it back: timers, DMA and watchdog go on.
+    pub fn hold(&mut self, held: bool) {
+        self.held = held;
+    }
+
+    /// Interrupts no longer reach the processor.
+    pub fn deafen(&mut self) {
+        self.deaf = true;
+        self.look();
+    }
+
+    /// Makes the processor go on at an address of the program.
+    pub fn derail(&mut self, address: u32) {
+        self.cpu.set_pc(address & !1);
+    }
+
+    /// Where the processor is.
+    pub fn program_counter(&self) -> u32 {
+        self.cpu.pc()
+    }
+
+    /// The processor itself, for tests of its state.
+    pub fn cpu(&self) -> &ArmV7m {
+        &self.cpu
+    }
+
+    /// The reset pin is pulled low for a moment.
+    pub fn press_reset(&mut self) {
+        self.reset(rcc::flag::PIN);
+    }
+
+    fn reset(&mut self, flags: u32) {
+        self.junction.chip().fabric.now = self.now;
+        self.junction.chip().reset(flags);
+        self.cpu = processor(&self.space);
+        self.lines = [0; 3];
+        self.held = false;
+        self.deaf = false;
+        self.resets += 1;
+        self.began = self.now;
+        self.now += RESET_TIME;
+        self.junction.chip().fabric.now = self.now;
+        self.look();
+    }
+
+    /// Takes in what the chip's registers now say.
+    fn look(&mut self) {
+        let (lines, next, cycle) = {
+            let chip = self.junction.chip();
+            (chip.lines(), chip.next(), chip.cycle())
+        };
+        self.next = next.unwrap_or(Beats::MAX);
+        self.cycle = cycle;
+        let lines = if self.deaf { [0; 3] } else { lines };
+        for (word, (old, new)) in self.lines.iter().zip(lines).enumerate() {
+            let mut changed = old ^ new;
+            while changed != 0 {
+                let bit = changed.trailing_zeros();
+                changed &= changed - 1;
+                let number = 32 * word as u16 + bit as u16;
+                self.cpu.set_irq(number, new & 1 << bit != 0);
+            }
+        }
+        self.lines = lines;
+    }
+
+    /// Lets the chip live until `end` or until it has something for the processor.
+    fn pass(&mut self, end: Beats) {
+        let reset = {
+            let mut chip = self.junction.chip();
+            // An event may lie within the instruction that was just done.
+            self.now = chip.advance(end).max(self.now);
+            chip.reset
+        };
+        match reset {
+            Some(flags) => self.reset(flags),
+            None => self.look(),
+        }
+    }
+
+    /// One instruction, or the entry into an exception.
+    ///
+    /// rsemu 0.0.7 forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE, which ARMv7-M keeps), so that the
+    /// rest of the block runs unconditionally after the return. Therefore no exception is let in before a block's end: three instructions at most.
+    fn step(&mut self) -> u64 {
+        if self.cpu.xpsr() & xpsr::IT_MASK == 0 {
+            return self.cpu.step();
+        }
+        let masked = |masked| {
+            let mut registers = self.cpu.regs();
+            let before = std::mem::replace(&mut registers.primask, masked);
+            self.cpu.set_regs(registers);
+            before
+        };
+        let before = masked(true);
+        let used = self.cpu.step();
+        masked(before);
+        used
+    }
+
+    /// Lets time pass until `end`.
+    pub fn run_until(&mut self, end: Beats) {
+        while self.now < end {
+            if self.now >= self.next {
+                let now = self.now;
+                self.pass(now);
+                continue;
+            }
+            if self.held {
+                self.pass(end);
+                continue;
+            }
+            self.junction.now.store(self.now, Relaxed);
+            let used = self.step();
+            if used == 1 && self.cpu.is_asleep() {
+                self.pass(end);
+                continue;
+            }
+            self.busy += used;
+            self.now += used * self.cycle * self.make.slowness / 4;
+            if self.junction.touched.swap(false, Relaxed) {
+                self.look();
+            }
+        }
+    }
+}
+
+fn processor(space: &Arc<AddressSpace>) -> ArmV7m {
+    // Four priority bits (PM0214, the processor's programming manual for this chip).
+    let cpu = ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(4));
+    cpu.attach_space(space.clone());
+    cpu
+}

@@ -1,0 +1,68 @@
+//! External interrupts 0 to 15 (RM0090 chapter 12): edges of pins become pending bits.
+
+/// The registers, with SYSCFG's choice of ports.
+#[derive(Clone, Debug, Default)]
+pub struct Exti {
+    imr: u32,
+    emr: u32,
+    rtsr: u32,
+    ftsr: u32,
+    pr: u32,
+    /// SYSCFG_EXTICR1 to 4: the port of each line.
+    pub ports: [u32; 4],
+}
+
+impl Exti {
+    /// The port that feeds a line.
+    pub fn port(&self, line: u32) -> usize {
+        (self.ports[line as usize / 4] >> (4 * (line % 4)) & 0xf) as usize
+    }
+
+    /// A port's levels changed.
+    pub fn edges(&mut self, port: usize, before: u16, after: u16) {
+        for line in 0..16 {
+            if self.port(line) != port {
+                continue;
+            }
+            let bit = 1 << line;
+            let selected = match (u32::from(before) & bit != 0, u32::from(after) & bit != 0) {
+                (false, true) => self.rtsr,
+                (true, false) => self.ftsr,
+                _ => 0,
+            };
+            self.pr |= selected & bit;
+        }
+    }
+
+    /// Lines that interrupt.
+    pub fn pending(&self) -> u32 {
+        self.pr & self.imr & 0xffff
+    }
+
+    /// A register; `None` where there is none.
+    pub fn read(&self, offset: u32) -> Option<u32> {
+        Some(match offset {
+            0x00 => self.imr,
+            0x04 => self.emr,
+            0x08 => self.rtsr,
+            0x0c => self.ftsr,
+            0x10 => 0,
+            0x14 => self.pr,
+            _ => return None,
+        })
+    }
+
+    /// Writes a register; `None` where there is none.
+    pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
+        match offset {
+            0x00 => self.imr = value,
+            0x04 => self.emr = value,
+            0x08 => self.rtsr = value,
+            0x0c => self.ftsr = value,
+            0x10 => self.pr |= value & self.imr,
+            0x14 => self.pr &= !value,
+            _ => return None,
+        }
+        Some(())
+    }
+}

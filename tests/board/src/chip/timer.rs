@@ -1,0 +1,262 @@
+//! Timers as far as up-counting goes (RM0090 chapters 17 and 18): prescaler and repetition counter with their shadows, four compares, interrupt and
+//! DMA requests, one-pulse mode.
+//!
+//! Nothing ticks: the counter is worked out when somebody looks, and [`Timer::next`] says when something will happen that others notice.
+
+use crate::time::Beats;
+
+const CEN: u32 = 1;
+const UDIS: u32 = 1 << 1;
+const URS: u32 = 1 << 2;
+const OPM: u32 = 1 << 3;
+/// Flags of update and of compares 1 to 4: the same bits in SR, and as interrupt enables in DIER.
+const FLAGS: u32 = 0x1f;
+
+/// One timer.
+#[derive(Clone, Debug)]
+pub struct Timer {
+    /// Control.
+    pub cr1: u32,
+    /// Which events interrupt, and which ask for DMA.
+    pub dier: u32,
+    sr: u32,
+    psc: u32,
+    arr: u32,
+    rcr: u32,
+    ccr: [u32; 4],
+    /// Registers without effect here: kept.
+    other: [u32; 24],
+    /// The prescaler and the repetitions in use: loaded at an update.
+    psc_used: u32,
+    repetitions: u32,
+    count: u32,
+    /// When `count` was reached.
+    since: Beats,
+    /// A clock of the timer; 0 is off.
+    clock: Beats,
+    /// When it was last started.
+    pub started: Option<Beats>,
+}
+
+/// What a timer asks of the DMA: update, compares 1 to 4.
+pub type Requests = u32;
+
+impl Timer {
+    /// After a reset. `wide` counts to 32 bits.
+    pub fn new(wide: bool, clock: Beats) -> Self {
+        Self {
+            cr1: 0,
+            dier: 0,
+            sr: 0,
+            psc: 0,
+            arr: if wide { u32::MAX } else { 0xffff },
+            rcr: 0,
+            ccr: [0; 4],
+            other: [0; 24],
+            psc_used: 0,
+            repetitions: 0,
+            count: 0,
+            since: 0,
+            clock,
+            started: None,
+        }
+    }
+
+    /// Another clock from `now` on.
+    pub fn set_clock(&mut self, clock: Beats, now: Beats) {
+        self.advance(now);
+        self.clock = clock;
+        self.since = now;
+    }
+
+    /// Whether the timer's interrupt lines are up: update, compare.
+    pub fn interrupts(&self) -> [bool; 2] {
+        let active = self.sr & self.dier;
+        [active & 1 != 0, active & (FLAGS & !1) != 0]
+    }
+
+    fn tick(&self) -> Beats {
+        self.clock * (Beats::from(self.psc_used) + 1)
+    }
+
+    fn runs(&self) -> bool {
+        self.cr1 & CEN != 0 && self.clock != 0 && self.arr != 0
+    }
+
+    /// Ticks until the counter is at `value` again, at least one.
+    fn ticks_to(&self, value: u32) -> Option<u64> {
+        let length = u64::from(self.arr) + 1;
+        (value <= self.arr).then(|| {
+            let ahead = (u64::from(value) + length - u64::from(self.count) % length) % length;
+            if ahead == 0 { length } else { ahead }
+        })
+    }
+
+    /// The counter's next value that raises a flag, and how far off.
+    fn nearest(&self, enables: u32) -> Option<u64> {
+        let update = (enables & 1 != 0).then(|| self.ticks_to(0)).flatten();
+        let compares = (self.ccr.iter().zip(1..))
+            .filter(|(_, channel)| enables & 1 << channel != 0)
+            .filter_map(|(ccr, _)| self.ticks_to(*ccr));
+        update.into_iter().chain(compares).min()
+    }
+
+    /// When the next interrupt or DMA request comes.
+    pub fn next(&self) -> Option<Beats> {
+        let enables = self.dier & FLAGS | self.dier >> 8 & FLAGS | (self.cr1 & OPM) >> 3;
+        if !self.runs() || enables == 0 {
+            return None;
+        }
+        Some(self.since + self.nearest(enables)? * self.tick())
+    }
+
+    /// Counts up to `now`. Returns the DMA requests of the last event passed; call it at least at each [`Timer::next`].
+    pub fn advance(&mut self, now: Beats) -> Requests {
+        let mut requests = 0;
+        while self.runs() {
+            let Some(ticks) = self.nearest(FLAGS) else {
+                break;
+            };
+            let at = self.since + ticks * self.tick();
+            if at > now {
+                let passed = now.saturating_sub(self.since) / self.tick();
+                self.count += passed as u32;
+                self.since += passed * self.tick();
+                break;
+            }
+            let count = (u64::from(self.count) + ticks) % (u64::from(self.arr) + 1);
+            self.count = count as u32;
+            self.since = at;
+            requests = self.raise();
+        }
+        requests
+    }
+
+    /// The flags of the counter's present value, and the DMA requests that come with them.
+    fn raise(&mut self) -> Requests {
+        let mut flags = (self.ccr.iter().zip(1..))
+            .filter(|(ccr, _)| **ccr == self.count)
+            .fold(0, |flags, (_, channel)| flags | 1 << channel);
+        if self.count == 0 {
+            if self.repetitions > 0 {
+                self.repetitions -= 1;
+            } else if self.cr1 & UDIS == 0 {
+                flags |= 1;
+                self.load_shadows();
+            }
+            if flags & 1 != 0 && self.cr1 & OPM != 0 {
+                self.cr1 &= !CEN;
+            }
+        }
+        self.sr |= flags;
+        self.dier >> 8 & flags
+    }
+
+    fn load_shadows(&mut self) {
+        self.psc_used = self.psc;
+        self.repetitions = self.rcr & 0xff;
+    }
+
+    /// A register, counted up to `now` before; `None` where there is none.
+    pub fn read(&self, offset: u32) -> Option<u32> {
+        Some(match offset {
+            0x00 => self.cr1,
+            0x0c => self.dier,
+            0x10 => self.sr,
+            0x14 => 0,
+            0x24 => self.count,
+            0x28 => self.psc,
+            0x2c => self.arr,
+            0x30 => self.rcr,
+            0x34..=0x40 => self.ccr[(offset as usize - 0x34) / 4],
+            0x04 | 0x08 | 0x18..=0x20 | 0x44..=0x50 => self.other[offset as usize / 4],
+            _ => return None,
+        })
+    }
+
+    /// Writes a register, counted up to `now` before; `None` where there is none. May make DMA requests.
+    pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<Requests> {
+        match offset {
+            0x00 => {
+                if self.cr1 & CEN == 0 && value & CEN != 0 {
+                    self.since = now;
+                    self.started = Some(now);
+                }
+                self.cr1 = value;
+            }
+            0x0c => self.dier = value,
+            // Written zeros clear.
+            0x10 => self.sr &= value,
+            0x14 => {
+                if value & 1 != 0 && self.cr1 & UDIS == 0 {
+                    self.count = 0;
+                    self.since = now;
+                    self.load_shadows();
+                    if self.cr1 & URS == 0 {
+                        self.sr |= 1;
+                        return Some(self.dier >> 8 & 1);
+                    }
+                }
+            }
+            0x24 => (self.count, self.since) = (value, now),
+            0x28 => self.psc = value & 0xffff,
+            0x2c => self.arr = value,
+            0x30 => self.rcr = value,
+            0x34..=0x40 => self.ccr[(offset as usize - 0x34) / 4] = value,
+            0x04 | 0x08 | 0x18..=0x20 | 0x44..=0x50 => self.other[offset as usize / 4] = value,
+            _ => return None,
+        }
+        Some(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 1 MHz words as the step engine has them: update and compare 1 in turn, half a word apart.
+    #[test]
+    fn update_and_compare_alternate() {
+        let mut timer = Timer::new(false, 2);
+        for (offset, value) in [(0x2c, 167), (0x34, 84), (0x14, 1), (0x24, 126)] {
+            timer.write(offset, value, 0);
+        }
+        timer.write(0x10, 0, 0);
+        timer.write(0x0c, 0x300, 0);
+        timer.write(0x00, CEN, 1_000);
+        let mut events = Vec::new();
+        for _ in 0..4 {
+            let at = timer.next().expect("it runs");
+            events.push((at, timer.advance(at)));
+        }
+        assert_eq!(events, [(1_084, 1), (1_252, 2), (1_420, 1), (1_588, 2)]);
+        assert_eq!(timer.read(0x10), Some(0x1f), "compares 2 to 4 are at zero");
+    }
+
+    #[test]
+    fn repetitions_and_one_pulse_end_the_count() {
+        let mut timer = Timer::new(false, 1);
+        for (offset, value) in [(0x2c, 9), (0x30, 2), (0x14, 1), (0x10, 0), (0x0c, 1)] {
+            timer.write(offset, value, 0);
+        }
+        timer.write(0x00, CEN | OPM, 0);
+        timer.advance(29);
+        assert_eq!((timer.sr & 1, timer.cr1 & CEN), (0, CEN));
+        timer.advance(30);
+        assert_eq!((timer.sr & 1, timer.cr1 & CEN), (1, 0));
+        timer.advance(500);
+        assert_eq!(timer.read(0x24), Some(0));
+    }
+
+    #[test]
+    fn the_prescaler_changes_at_an_update() {
+        let mut timer = Timer::new(true, 4);
+        timer.write(0x28, 83, 0);
+        timer.write(0x00, CEN, 0);
+        timer.advance(40);
+        assert_eq!(timer.read(0x24), Some(10));
+        timer.write(0x14, 1, 40);
+        timer.advance(40 + 3 * 336);
+        assert_eq!(timer.read(0x24), Some(3));
+    }
+}

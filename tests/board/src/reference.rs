@@ -1,0 +1,122 @@
+//! What the station must do: the twin's code, on the host, with the inputs that the board reported to have had.
+//!
+//! The board names the control tick at which each command took effect, and when it heard each ping. So the same inputs can be given to a
+//! [`Replay`], tick for tick, and the two must agree in every report, every edge and every microsecond.
+
+use crate::station::{Sent, Station};
+use crate::time::{Beats, US};
+use crate::wiring::{STEPPER_MASK, STEPPERS};
+use shared::frame::message::{Command, Report};
+use shared::frame::receive::Receiver;
+use shared::machine::{Board, TICK_US};
+use shared::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
+use shared::steps::WordRate;
+use shared::time::Instant;
+
+/// What the twin did.
+#[derive(Debug, Default)]
+pub struct Expected {
+    /// Its reports.
+    pub reports: Vec<Report>,
+    /// Edges of its pins: when, in µs of the station's clock, and the levels afterwards.
+    pub edges: Vec<(u64, u16)>,
+    /// Steps, backward ones subtracted.
+    pub steps: [i64; 3],
+}
+
+/// When each packet took effect, as a moment of the station's clock after the tick before: what the answers and pongs say.
+fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
+    let zero = station.clock_zero();
+    let mut bytes = Vec::new();
+    let mut writer = Writer(|part: &[u8]| bytes.extend_from_slice(part));
+    let mut last = 0;
+    for sent in &station.sent {
+        let arrived = sent.at.saturating_sub(zero) / US;
+        let at = effect_us(&station.reports, sent)
+            .map_or(arrived, |(first, last)| arrived.clamp(first, last));
+        last = at.max(last);
+        writer.entry(Instant::from_micros(last), Entry::Bytes(&sent.bytes));
+    }
+    writer.entry(Instant::from_micros(end_us), Entry::Wait);
+    bytes
+}
+
+/// Between which moments the station says that it had a packet, µs.
+fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
+    reports
+        .iter()
+        .find_map(|(_, report)| match (report, sent.command) {
+            (Report::Answer { sequence, tick, .. }, _) if *sequence == sent.sequence => {
+                let tick_us = u64::from(*tick) * TICK_US;
+                Some((tick_us.saturating_sub(TICK_US) + 1, tick_us))
+            }
+            (
+                Report::Pong {
+                    host_us, received, ..
+                },
+                Command::Ping { host_us: asked },
+            ) if *host_us == asked => Some((received.micros(), received.micros())),
+            _ => None,
+        })
+}
+
+/// What the twin does with what the board had, up to `end_us` of the station's clock.
+///
+/// # Panics
+/// If the board never said hello.
+pub fn expected(station: &mut Station, end_us: u64) -> Expected {
+    let (hello, last_run) = (station.client.hello(), station.client.last_run());
+    let (hello, last_run) = hello.zip(last_run).expect("it said hello");
+    assert_eq!(hello.board, "olimex-h405");
+    let board = Board {
+        name: "olimex-h405",
+        version: hello.version,
+        word_rate: WordRate::MHZ_1,
+        delay_us: hello.delay_us,
+        session: hello.session,
+        reset_cause: hello.reset_cause,
+        last_run: *last_run,
+    };
+    let delay_us = hello.delay_us;
+    let log = log(station, end_us);
+    let machine = Machine::new(board, STEPPERS, delay_us).expect("possible pins");
+    let mut replay = Replay::new(machine, Log::new(&log)).expect("a whole log");
+    let mut trace = Trace::new(STEPPERS);
+    let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
+    let mut expected = Expected::default();
+    let mut receiver = Receiver::<Report>::default();
+    while let Some((at, event)) = replay.step(&mut words).expect("a whole log") {
+        match event {
+            Event::Sent(bytes) => {
+                let report = receiver.next(&mut &bytes[..]);
+                let report = report.expect("a whole packet").expect("a sound packet");
+                expected.reports.push(report);
+            }
+            Event::Segment(plan, filled) => {
+                let first = at.micros() + u64::from(delay_us);
+                let digest = trace.digest(&plan, &words[..filled], |edge| {
+                    let at = first + u64::from(edge.word);
+                    expected.edges.push((at, edge.pins & STEPPER_MASK));
+                });
+                expected.steps = digest.steps.map(i64::from);
+            }
+            Event::Refused(fault) => panic!("at {at:?}: {fault}"),
+            Event::Idle(_) => {}
+        }
+    }
+    expected
+}
+
+/// A report without what depends on when a processor gets to it: the moment at which a pong was made.
+pub fn comparable(report: &Report) -> Report {
+    match report {
+        Report::Pong {
+            host_us, received, ..
+        } => Report::Pong {
+            host_us: *host_us,
+            received: *received,
+            sent: *received,
+        },
+        other => other.clone(),
+    }
+}

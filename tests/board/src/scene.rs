@@ -1,0 +1,83 @@
+//! What the cameras see: a dozen points that move, in the paper's rig, and the frames that the host makes of them.
+
+use host::flow::Track;
+use host::random::Random;
+use host::sums::{Estimator, Sums};
+use shared::frame::message::{Command, Frame};
+use shared::rig::Rig;
+use shared::time::Instant;
+
+/// Steps per mm of the default stage.
+const STEPS_PER_MM: f64 = 80.0;
+
+/// Points before the cameras.
+#[derive(Debug)]
+pub struct Scene {
+    rig: Rig,
+    points_mm: Vec<[f64; 3]>,
+    random: Random,
+}
+
+/// A moment at which pictures were taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture {
+    /// When, by the station's clock.
+    pub at: Instant,
+    /// Target minus cameras, mm.
+    view_mm: [f64; 3],
+}
+
+impl Scene {
+    /// The points of a seed.
+    pub fn new(seed: u64) -> Self {
+        let mut random = Random::seeded(seed);
+        let mut point = || {
+            let [x, y, z] = [(-120.0, 120.0), (-90.0, 90.0), (780.0, 1_000.0)];
+            [x, y, z].map(|(low, high)| random.between(low, high))
+        };
+        Self {
+            rig: Rig::paper(),
+            points_mm: (0..12).map(|_| point()).collect(),
+            random,
+        }
+    }
+
+    /// Pictures of a swinging target, from a stage that has made these steps.
+    pub fn picture(&self, at: Instant, steps: [i64; 3]) -> Picture {
+        let s = at.micros() as f64 * 1e-6;
+        let target = [
+            6.0 * (3.1 * s).sin(),
+            4.0 * (4.7 * s).cos(),
+            5.0 * (2.3 * s).sin(),
+        ];
+        Picture {
+            at,
+            view_mm: std::array::from_fn(|i| target[i] - steps[i] as f64 / STEPS_PER_MM),
+        }
+    }
+
+    /// The frame of two pictures, with a fifth of a pixel of noise.
+    pub fn frame(&mut self, from: Picture, to: Picture, estimator: Estimator) -> Command {
+        let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
+        let (rig, random) = (&self.rig, &mut self.random);
+        let tracks: Vec<Track> = (self.points_mm.iter())
+            .map(|point| {
+                let moved = std::array::from_fn(|i| point[i] + shift[i]);
+                let pixels = rig.cameras.iter().map(|camera| {
+                    let end = camera.project(moved);
+                    let noisy = end.map(|px| px + random.between(-0.2, 0.2));
+                    [camera.project(*point), noisy]
+                });
+                Track {
+                    pixels: pixels.collect(),
+                }
+            })
+            .collect();
+        let sums = Sums::new(rig, &tracks).expect("the paper's rig");
+        Command::Frame(Frame {
+            capture: to.at,
+            reference: from.at,
+            sums: sums.frame(estimator).expect("in range"),
+        })
+    }
+}

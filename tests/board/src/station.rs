@@ -1,0 +1,198 @@
+//! The emulated board with a host at its other end: the host's own link code, on the board's time.
+
+use crate::board::{Board, Make};
+use crate::image::Image;
+use crate::time::{Beats, MS, US};
+use crate::wiring;
+use host::station::client::Client;
+use shared::frame::message::{Command, Denial, Report, Status};
+use shared::frame::receive::Receiver;
+
+/// The host's heartbeat.
+const PING: Beats = 20 * MS;
+
+/// How often the host looks at what has come.
+const LOOK: Beats = 250 * US;
+
+/// How long an answer may take.
+const PATIENCE: Beats = 200 * MS;
+
+/// A packet that the host wrote.
+#[derive(Clone, Debug)]
+pub struct Sent {
+    /// When its last byte was on the wire.
+    pub at: Beats,
+    /// Its number.
+    pub sequence: u16,
+    /// What it says.
+    pub command: Command,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// Board and host.
+pub struct Station {
+    /// The board.
+    pub board: Board,
+    /// The host's half of the protocol.
+    pub client: Client,
+    /// What the host wrote since the board's power-on.
+    pub sent: Vec<Sent>,
+    /// What the board said, with the moment when the last byte was there.
+    pub reports: Vec<(Beats, Report)>,
+    receiver: Receiver<Report>,
+    pings: bool,
+    next_ping: Beats,
+    taken: usize,
+}
+
+impl Station {
+    /// A well-wired board, and a host that is silent so far.
+    pub fn power_on(image: &Image, make: Make) -> Self {
+        Self::of(Board::power_on(image, make, wiring::well))
+    }
+
+    /// A host for this board.
+    pub fn of(board: Board) -> Self {
+        Self {
+            board,
+            client: Client::default(),
+            sent: Vec::new(),
+            reports: Vec::new(),
+            receiver: Receiver::default(),
+            pings: false,
+            next_ping: 0,
+            taken: 0,
+        }
+    }
+
+    /// The host's clock, µs.
+    pub fn host_us(&self) -> u64 {
+        self.board.now() / US
+    }
+
+    /// The moment at which the station's clock was zero; the firmware must have started it.
+    pub fn clock_zero(&mut self) -> Beats {
+        let started = self.board.chip(|chip| chip.tim5.started);
+        started.expect("the firmware's clock runs")
+    }
+
+    /// Lets time pass, with heartbeats if they are on.
+    pub fn run(&mut self, beats: Beats) {
+        let end = self.board.now() + beats;
+        while self.board.now() < end {
+            if self.pings && self.next_ping <= self.board.now() {
+                self.next_ping = self.board.now() + PING;
+                let host_us = self.host_us();
+                self.send(Command::Ping { host_us });
+            }
+            let until = (self.board.now() + LOOK).min(end);
+            self.board.run_until(until);
+            self.listen();
+        }
+    }
+
+    fn listen(&mut self) {
+        let taken = self.taken;
+        let new = self.board.chip(|chip| chip.usart3.sent[taken..].to_vec());
+        self.taken += new.len();
+        for (at, byte) in new {
+            self.client.feed(at / US, &[byte]);
+            let mut one = &[byte][..];
+            while let Some(outcome) = self.receiver.next(&mut one) {
+                self.reports.extend(outcome.ok().map(|report| (at, report)));
+            }
+        }
+    }
+
+    /// Puts bytes on the line.
+    pub fn write(&mut self, bytes: &[u8]) {
+        self.board.chip(|chip| chip.uart_arrives(bytes));
+    }
+
+    /// Starts or stops the heartbeat.
+    pub fn set_pings(&mut self, on: bool) {
+        self.pings = on;
+        self.next_ping = self.board.now();
+    }
+
+    /// Numbers and writes a command.
+    pub fn send(&mut self, command: Command) -> u16 {
+        let (sequence, bytes) = self.client.packet(command);
+        self.write(&bytes);
+        let at = self.board.chip(|chip| chip.usart3.quiet_at());
+        self.sent.push(Sent {
+            at: at.unwrap_or(self.board.now()),
+            sequence,
+            command,
+            bytes: bytes.to_vec(),
+        });
+        sequence
+    }
+
+    /// Waits for something the host is told.
+    ///
+    /// # Panics
+    /// If it does not come.
+    pub fn wait<T>(&mut self, what: &str, mut got: impl FnMut(&mut Client) -> Option<T>) -> T {
+        let end = self.board.now() + PATIENCE;
+        loop {
+            if let Some(value) = got(&mut self.client) {
+                return value;
+            }
+            let now = self.board.now();
+            assert!(
+                now < end,
+                "no {what}; rejects {:?}, last reset {:?}, at {:#x}, {:?}",
+                self.client.rejects(),
+                self.board.last_reset(),
+                self.board.program_counter(),
+                self.board.chip(|chip| chip.complaints.clone()),
+            );
+            self.run(LOOK);
+        }
+    }
+
+    /// Sends a command and waits for its answer.
+    pub fn command(&mut self, command: Command) -> Result<(), Denial> {
+        let sequence = self.send(command);
+        self.wait("answer", |client| client.answer(sequence))
+    }
+
+    /// Says hello to a station that has just started, with the closing zero of a host that comes to a line in any state, and begins the heartbeat.
+    pub fn greet(&mut self) {
+        self.client.begin_again();
+        self.write(&[0]);
+        self.send(Command::Hello);
+        self.wait("hello", |client| client.hello().map(|_| ()));
+        self.wait("account of the last run", |client| {
+            client.last_run().map(|_| ())
+        });
+        self.set_pings(true);
+    }
+
+    /// A fresh status.
+    pub fn status(&mut self) -> Status {
+        let before = self.reports.len();
+        let end = self.board.now() + PATIENCE;
+        loop {
+            let status = self.reports[before..]
+                .iter()
+                .find_map(|(_, report)| match report {
+                    Report::Status(status) => Some(*status),
+                    _ => None,
+                });
+            if let Some(status) = status {
+                return status;
+            }
+            assert!(self.board.now() < end, "no status");
+            self.run(MS);
+        }
+    }
+
+    /// STEP and DIR edges since power-on.
+    pub fn edges(&mut self) -> Vec<(Beats, u16)> {
+        let changes = self.board.changes(wiring::C);
+        wiring::stepper_edges(&changes)
+    }
+}
