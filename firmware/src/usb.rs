@@ -6,9 +6,9 @@ use crate::vectors::Irqs;
 use embassy_executor::Spawner;
 use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
 use embassy_stm32::usb::{Config, Driver};
-use embassy_stm32::{Peri, uid};
+use embassy_stm32::{Peri, pac, uid};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
-use embassy_usb::{Builder, UsbDevice};
+use embassy_usb::{Builder, Handler, UsbDevice};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// The numbers by which the host's program finds the station: pid.codes' test product. Replace it before making more than one's own.
@@ -16,6 +16,30 @@ const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 
 type Otg = Driver<'static, USB_OTG_FS>;
+
+/// Ends what a host that went away did not fetch.
+///
+/// A packet that waits in an endpoint outlives the reset with which the next host begins, since the manual (RM0090, 34.17) lets an endpoint's
+/// enable bit end with its transfer or by being disabled, and the driver does neither. Then nothing is ever written to that endpoint again.
+struct Reconnection;
+
+impl Handler for Reconnection {
+    fn reset(&mut self) {
+        // Endpoint 0's next SETUP packet takes care of it.
+        for endpoint in 1..ENDPOINTS {
+            let control = pac::USB_OTG_FS.diepctl(endpoint);
+            if control.read().epena() {
+                control.modify(|w| {
+                    w.set_snak(true);
+                    w.set_epdis(true);
+                });
+            }
+        }
+    }
+}
+
+/// Endpoints of the controller each way.
+const ENDPOINTS: usize = 4;
 
 /// Starts the device and its link. Once.
 pub fn start(
@@ -29,6 +53,7 @@ pub fn start(
     static BOS: ConstStaticCell<[u8; 32]> = ConstStaticCell::new([0; 32]);
     static CONTROL: ConstStaticCell<[u8; 64]> = ConstStaticCell::new([0; 64]);
     static STATE: StaticCell<State> = StaticCell::new();
+    static RECONNECTION: ConstStaticCell<Reconnection> = ConstStaticCell::new(Reconnection);
 
     let mut driver_config = Config::default();
     // PA9 need not be wired to the bus voltage.
@@ -46,6 +71,7 @@ pub fn start(
         &mut [],
         CONTROL.take(),
     );
+    builder.handler(RECONNECTION.take());
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
     let _ = device(builder.build()).map(|task| spawner.spawn(task));
     let _ = serve(class).map(|task| spawner.spawn(task));
