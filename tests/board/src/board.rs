@@ -9,6 +9,7 @@ use rsemu::core::error::BusError;
 use rsemu::core::space::{
     AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore, RomWrite,
 };
+use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config, xpsr};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -113,8 +114,6 @@ pub struct Board {
     lines: Lines,
     /// The processor stands still, as under a debugger or with a dead clock.
     held: bool,
-    /// Interrupts never reach the processor.
-    deaf: bool,
     /// When the chip was last reset.
     began: Beats,
     /// Resets since power-on.
@@ -185,7 +184,6 @@ impl Board {
             next: 0,
             lines: [0; 3],
             held: false,
-            deaf: false,
             began: 0,
             resets: 0,
             cycle: 1,
@@ -246,14 +244,24 @@ impl Board {
         self.held = held;
     }
 
-    /// Interrupts no longer reach the processor.
-    pub fn deafen(&mut self) {
-        self.deaf = true;
-        self.look();
+    /// Masks all interrupts, as a critical section that never ends.
+    pub fn mask_interrupts(&mut self) {
+        let mut registers = self.cpu.regs();
+        registers.primask = true;
+        self.cpu.set_regs(registers);
     }
 
-    /// Makes the processor go on at an address of the program.
+    /// Takes an interrupt's enable away.
+    pub fn disable_interrupt(&mut self, number: u16) {
+        let exception = Exception(16 + number);
+        self.cpu.with_sys(|sys| sys.set_enable(exception, false));
+    }
+
+    /// Makes the processor go on at an address of the program, as soon as it is awake.
     pub fn derail(&mut self, address: u32) {
+        while self.cpu.is_asleep() {
+            self.run_until(self.now + crate::time::US);
+        }
         self.cpu.set_pc(address & !1);
     }
 
@@ -278,7 +286,6 @@ impl Board {
         self.cpu = processor(&self.space);
         self.lines = [0; 3];
         self.held = false;
-        self.deaf = false;
         self.resets += 1;
         self.began = self.now;
         self.now += RESET_TIME;
@@ -294,7 +301,6 @@ impl Board {
         };
         self.next = next.unwrap_or(Beats::MAX);
         self.cycle = cycle;
-        let lines = if self.deaf { [0; 3] } else { lines };
         for (word, (old, new)) in self.lines.iter().zip(lines).enumerate() {
             let mut changed = old ^ new;
             while changed != 0 {

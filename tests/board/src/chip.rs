@@ -16,6 +16,7 @@ pub mod timer;
 pub mod usart;
 
 use crate::time::{Beats, period};
+use crate::usb_host::UsbHost;
 use dma::Dma;
 use fabric::Fabric;
 use iwdg::Iwdg;
@@ -91,6 +92,8 @@ pub struct Chip {
     rng: Rng,
     /// The USB controller.
     pub otg: Otg,
+    /// What is at the other end of its cable.
+    pub usb_host: UsbHost,
     /// FLASH_ACR.
     pub flash_acr: u32,
     pwr: [u32; 2],
@@ -122,6 +125,7 @@ impl Chip {
             iwdg: Iwdg::new(around.lsi_hz),
             rng: Rng::new(around.seed),
             otg: Otg::default(),
+            usb_host: UsbHost::default(),
             flash_acr: 0,
             pwr: [0x4000, 0],
             dbgmcu: [0; 3],
@@ -220,6 +224,9 @@ impl Chip {
     fn happen(&mut self, now: Beats) {
         self.tim5.advance(now);
         self.usart3.advance(now);
+        if self.usb_host.next(&self.otg).is_some_and(|at| at <= now) {
+            self.usb_host.act(now, &mut self.otg);
+        }
         if self.iwdg.next().is_some_and(|at| at <= now) {
             self.reset = Some(rcc::flag::WATCHDOG);
         }
@@ -234,6 +241,7 @@ impl Chip {
             self.usart3.next(),
             self.iwdg.next(),
             self.rng.next(now),
+            self.usb_host.next(&self.otg).map(|at| at.max(now)),
         ];
         self.slow = candidates.into_iter().flatten().min();
         let mut lines = [0; 3];

@@ -10,6 +10,7 @@
 //! | [`chip`] | the peripherals that this firmware uses |
 //! | [`wiring`] | what is soldered to the pins, and what an instrument there sees |
 //! | [`station`] | the board with the host's own link code at its other end |
+//! | [`usb_host`] | a USB host, for the other link |
 //! | [`scene`] | what the cameras see, for flow frames |
 //! | [`reference`](mod@reference) | what the twin does with the same inputs |
 //! | [`time`] | the unit of time |
@@ -31,4 +32,5 @@ pub mod reference;
 pub mod scene;
 pub mod station;
 pub mod time;
+pub mod usb_host;
 pub mod wiring;

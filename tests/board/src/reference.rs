@@ -4,7 +4,7 @@
 //! [`Replay`], tick for tick, and the two must agree in every report, every edge and every microsecond.
 
 use crate::station::{Sent, Station};
-use crate::time::{Beats, US};
+use crate::time::{Beats, MS, US};
 use crate::wiring::{STEPPER_MASK, STEPPERS};
 use shared::frame::message::{Command, Report};
 use shared::frame::receive::Receiver;
@@ -15,13 +15,11 @@ use shared::time::Instant;
 
 /// What the twin did.
 #[derive(Debug, Default)]
-pub struct Expected {
+struct Expected {
     /// Its reports.
-    pub reports: Vec<Report>,
+    reports: Vec<Report>,
     /// Edges of its pins: when, in µs of the station's clock, and the levels afterwards.
-    pub edges: Vec<(u64, u16)>,
-    /// Steps, backward ones subtracted.
-    pub steps: [i64; 3],
+    edges: Vec<(u64, u16)>,
 }
 
 /// When each packet took effect, as a moment of the station's clock after the tick before: what the answers and pongs say.
@@ -64,7 +62,7 @@ fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
 ///
 /// # Panics
 /// If the board never said hello.
-pub fn expected(station: &mut Station, end_us: u64) -> Expected {
+fn expected(station: &mut Station, end_us: u64) -> Expected {
     let (hello, last_run) = (station.client.hello(), station.client.last_run());
     let (hello, last_run) = hello.zip(last_run).expect("it said hello");
     assert_eq!(hello.board, "olimex-h405");
@@ -94,11 +92,10 @@ pub fn expected(station: &mut Station, end_us: u64) -> Expected {
             }
             Event::Segment(plan, filled) => {
                 let first = at.micros() + u64::from(delay_us);
-                let digest = trace.digest(&plan, &words[..filled], |edge| {
+                trace.digest(&plan, &words[..filled], |edge| {
                     let at = first + u64::from(edge.word);
                     expected.edges.push((at, edge.pins & STEPPER_MASK));
                 });
-                expected.steps = digest.steps.map(i64::from);
             }
             Event::Refused(fault) => panic!("at {at:?}: {fault}"),
             Event::Idle(_) => {}
@@ -108,7 +105,7 @@ pub fn expected(station: &mut Station, end_us: u64) -> Expected {
 }
 
 /// A report without what depends on when a processor gets to it: the moment at which a pong was made.
-pub fn comparable(report: &Report) -> Report {
+fn comparable(report: &Report) -> Report {
     match report {
         Report::Pong {
             host_us, received, ..
@@ -119,4 +116,64 @@ pub fn comparable(report: &Report) -> Report {
         },
         other => other.clone(),
     }
+}
+
+/// Everything the board said and did is what the twin says and does with the same inputs. Returns how many reports and edges that were.
+///
+/// # Panics
+/// If anything differs: it says what.
+pub fn agreement(station: &mut Station) -> (usize, usize) {
+    // Reports on their way and words in the ring still come.
+    station.set_pings(false);
+    station.run(3 * MS);
+    let zero = station.clock_zero();
+    let end_us = station.clock_us();
+    let expected = expected(station, end_us);
+
+    let said: Vec<Report> = station
+        .reports
+        .iter()
+        .map(|(_, report)| comparable(report))
+        .collect();
+    // What is said before anybody spoke goes nowhere.
+    let unheard = |report: &&Report| !matches!(report, Report::Hello(_));
+    let heard = expected.reports.iter().skip_while(unheard);
+    let should: Vec<Report> = heard.map(comparable).collect();
+    let differ = said.iter().zip(&should).position(|(a, b)| a != b);
+    if let Some(at) = differ {
+        panic!(
+            "report {at}: board\n  {:?}\ntwin\n  {:?}",
+            said[at], should[at]
+        );
+    }
+    assert_eq!(said.len(), should.len(), "reports");
+
+    let edges = station.edges();
+    let levels = |edges: &[(u64, u16)]| edges.iter().map(|(_, levels)| *levels).collect::<Vec<_>>();
+    // What the twin plays after the end is not on the pins yet.
+    let due = expected.edges.partition_point(|(at, _)| *at < end_us);
+    let should = &expected.edges[..due];
+    let differ = levels(&edges)
+        .iter()
+        .zip(levels(should))
+        .position(|(a, b)| *a != b);
+    assert_eq!(
+        differ,
+        None,
+        "edges in another order: {:?}",
+        differ.map(|at| (edges[at], should[at]))
+    );
+    assert_eq!(edges.len(), should.len(), "edges");
+    // From the word's moment to the pin it is always the same time: less than a word, without jitter.
+    let delays: Vec<Beats> = (edges.iter().zip(should))
+        .map(|((at, _), (us, _))| (at - zero).wrapping_sub(us * US))
+        .collect();
+    if let Some(first) = delays.first() {
+        assert!(*first < US, "{first} beats late");
+        assert!(
+            delays.iter().all(|delay| delay == first),
+            "jitter: {delays:?}"
+        );
+    }
+    (said.len(), edges.len())
 }

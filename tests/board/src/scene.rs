@@ -1,5 +1,8 @@
 //! What the cameras see: a dozen points that move, in the paper's rig, and the frames that the host makes of them.
 
+use crate::station::Station;
+use crate::time::MS;
+use crate::wiring::steps;
 use host::flow::Track;
 use host::random::Random;
 use host::sums::{Estimator, Sums};
@@ -79,5 +82,25 @@ impl Scene {
             reference: from.at,
             sums: sums.frame(estimator).expect("in range"),
         })
+    }
+}
+
+/// Frames at 200 Hz of a swinging target, seen from where the edges at the pins have brought the stage; every fourth for the closed form.
+pub fn follow(station: &mut Station, frames: usize) {
+    let mut scene = Scene::new(7);
+    let now = Instant::from_micros(station.clock_us());
+    let first = scene.picture(now, steps(&station.edges()).0);
+    for number in 0..frames {
+        station.run(4 * MS);
+        let now = Instant::from_micros(station.clock_us());
+        let picture = scene.picture(now, steps(&station.edges()).0);
+        // The image processing takes a millisecond.
+        station.run(MS);
+        let estimator = match number % 4 {
+            0 => Estimator::ClosedForm,
+            _ => Estimator::Midpoint,
+        };
+        let frame = scene.frame(first, picture, estimator);
+        station.send(frame);
     }
 }

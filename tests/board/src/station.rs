@@ -30,6 +30,16 @@ pub struct Sent {
     pub bytes: Vec<u8>,
 }
 
+/// Which of the station's links the host uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Link {
+    /// USART3.
+    #[default]
+    Uart,
+    /// USB CDC-ACM.
+    Usb,
+}
+
 /// Board and host.
 pub struct Station {
     /// The board.
@@ -43,7 +53,8 @@ pub struct Station {
     receiver: Receiver<Report>,
     pings: bool,
     next_ping: Beats,
-    taken: usize,
+    taken: [usize; 2],
+    link: Link,
 }
 
 impl Station {
@@ -62,7 +73,8 @@ impl Station {
             receiver: Receiver::default(),
             pings: false,
             next_ping: 0,
-            taken: 0,
+            taken: [0; 2],
+            link: Link::Uart,
         }
     }
 
@@ -75,6 +87,11 @@ impl Station {
     pub fn clock_zero(&mut self) -> Beats {
         let started = self.board.chip(|chip| chip.tim5.started);
         started.expect("the firmware's clock runs")
+    }
+
+    /// The station's clock, µs.
+    pub fn clock_us(&mut self) -> u64 {
+        (self.board.now() - self.clock_zero()) / US
     }
 
     /// Lets time pass, with heartbeats if they are on.
@@ -92,10 +109,37 @@ impl Station {
         }
     }
 
+    /// Uses the other link from now on.
+    pub fn use_link(&mut self, link: Link) {
+        self.link = link;
+    }
+
+    /// Plugs USB in, and waits until the program at the host's end has its port.
+    ///
+    /// # Panics
+    /// If the device is not enumerated within a second.
+    pub fn plug_usb(&mut self) {
+        self.use_link(Link::Usb);
+        self.board.chip(|chip| chip.usb_host.plug());
+        let end = self.board.now() + 1_000 * MS;
+        while !self.board.chip(|chip| chip.usb_host.is_open()) {
+            let failures = self.board.chip(|chip| chip.usb_host.failures.clone());
+            assert!(self.board.now() < end, "not enumerated: {failures:?}");
+            self.run(MS);
+        }
+    }
+
     fn listen(&mut self) {
-        let taken = self.taken;
-        let new = self.board.chip(|chip| chip.usart3.sent[taken..].to_vec());
-        self.taken += new.len();
+        let (link, [uart, usb]) = (self.link, self.taken);
+        let (new, taken) = self.board.chip(|chip| {
+            let (sent, received) = (&chip.usart3.sent, &chip.usb_host.received);
+            let new = match link {
+                Link::Uart => sent[uart..].to_vec(),
+                Link::Usb => received[usb..].to_vec(),
+            };
+            (new, [sent.len(), received.len()])
+        });
+        self.taken = taken;
         for (at, byte) in new {
             self.client.feed(at / US, &[byte]);
             let mut one = &[byte][..];
@@ -107,7 +151,11 @@ impl Station {
 
     /// Puts bytes on the line.
     pub fn write(&mut self, bytes: &[u8]) {
-        self.board.chip(|chip| chip.uart_arrives(bytes));
+        let link = self.link;
+        self.board.chip(|chip| match link {
+            Link::Uart => chip.uart_arrives(bytes),
+            Link::Usb => chip.usb_host.write(bytes),
+        });
     }
 
     /// Starts or stops the heartbeat.
@@ -120,7 +168,10 @@ impl Station {
     pub fn send(&mut self, command: Command) -> u16 {
         let (sequence, bytes) = self.client.packet(command);
         self.write(&bytes);
-        let at = self.board.chip(|chip| chip.usart3.quiet_at());
+        let at = match self.link {
+            Link::Uart => self.board.chip(|chip| chip.usart3.quiet_at()),
+            Link::Usb => None,
+        };
         self.sent.push(Sent {
             at: at.unwrap_or(self.board.now()),
             sequence,

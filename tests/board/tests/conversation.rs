@@ -2,14 +2,12 @@
 
 use host::rig_file::Driver;
 use host::station::stage::{configuration, default_stage, timing};
-use host::sums::Estimator;
-use shared::frame::message::{Command, Config, Denial, Mounting, Report};
+use shared::frame::message::{Command, Config, Denial, Mounting};
 use shared::safety::State;
-use shared::time::Instant;
 use station_board::board::Make;
 use station_board::image::Image;
-use station_board::reference::{comparable, expected};
-use station_board::scene::Scene;
+use station_board::reference::agreement;
+use station_board::scene;
 use station_board::station::Station;
 use station_board::time::{Beats, MS, US};
 use station_board::wiring::{STEPPERS, steps};
@@ -38,89 +36,10 @@ fn configured(driver: Driver, make: Make) -> Station {
     station
 }
 
-/// Where the station's clock is, µs.
-fn clock_us(station: &mut Station) -> u64 {
-    (station.board.now() - station.clock_zero()) / US
-}
-
-/// 500 frames at 200 Hz of a swinging target, seen from where the edges at the pins have brought the stage.
-fn follow(station: &mut Station, frames: usize) {
-    let mut scene = Scene::new(7);
-    let now = Instant::from_micros(clock_us(station));
-    let first = scene.picture(now, steps(&station.edges()).0);
-    for number in 0..frames {
-        station.run(4 * MS);
-        let now = Instant::from_micros(clock_us(station));
-        let picture = scene.picture(now, steps(&station.edges()).0);
-        // The image processing takes a millisecond.
-        station.run(MS);
-        let estimator = match number % 4 {
-            0 => Estimator::ClosedForm,
-            _ => Estimator::Midpoint,
-        };
-        let frame = scene.frame(first, picture, estimator);
-        station.send(frame);
-    }
-}
-
-/// Everything the board said and did is what the twin says and does with the same inputs. Returns how many reports and edges that were.
-fn agrees_with_the_twin(station: &mut Station) -> (usize, usize) {
-    // Reports on their way and words in the ring still come.
-    station.set_pings(false);
-    station.run(3 * MS);
-    let zero = station.clock_zero();
-    let end_us = clock_us(station);
-    let expected = expected(station, end_us);
-
-    let said: Vec<Report> = station
-        .reports
-        .iter()
-        .map(|(_, report)| comparable(report))
-        .collect();
-    let should: Vec<Report> = expected.reports.iter().map(comparable).collect();
-    let differ = said.iter().zip(&should).position(|(a, b)| a != b);
-    if let Some(at) = differ {
-        panic!(
-            "report {at}: board\n  {:?}\ntwin\n  {:?}",
-            said[at], should[at]
-        );
-    }
-    assert_eq!(said.len(), should.len(), "reports");
-
-    let edges = station.edges();
-    let levels = |edges: &[(u64, u16)]| edges.iter().map(|(_, levels)| *levels).collect::<Vec<_>>();
-    // What the twin plays after the end is not on the pins yet.
-    let due = expected.edges.partition_point(|(at, _)| *at < end_us);
-    let should = &expected.edges[..due];
-    let differ = levels(&edges)
-        .iter()
-        .zip(levels(should))
-        .position(|(a, b)| *a != b);
-    assert_eq!(
-        differ,
-        None,
-        "edges in another order: {:?}",
-        differ.map(|at| (edges[at], should[at]))
-    );
-    assert_eq!(edges.len(), should.len(), "edges");
-    // From the word's moment to the pin it is always the same time: less than a word, without jitter.
-    let delays: Vec<Beats> = (edges.iter().zip(should))
-        .map(|((at, _), (us, _))| (at - zero).wrapping_sub(us * US))
-        .collect();
-    if let Some(first) = delays.first() {
-        assert!(*first < US, "{first} beats late");
-        assert!(
-            delays.iter().all(|delay| delay == first),
-            "jitter: {delays:?}"
-        );
-    }
-    (said.len(), edges.len())
-}
-
 #[test]
 fn five_hundred_frames_then_a_jog_and_a_stop() {
     let mut station = configured(Driver::Tmc2209, Make::default());
-    follow(&mut station, 500);
+    scene::follow(&mut station, 500);
     let status = station.status();
     assert!(status.frames_used >= 490, "{status:?}");
     assert_eq!(status.state, State::Following);
@@ -133,7 +52,7 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
     assert_eq!(station.command(Command::Stop), Ok(()));
     station.run(300 * MS);
     assert_eq!(station.status().state, State::Stopped);
-    let (reports, edges) = agrees_with_the_twin(&mut station);
+    let (reports, edges) = agreement(&mut station);
     let (steps, rises) = steps(&station.edges());
     println!("{reports} reports and {edges} edges agree; {rises} steps, in the end {steps:?}");
     assert!(reports > 1_000 && rises > 4_000);
@@ -148,12 +67,12 @@ fn a_slower_processor_makes_the_same_edges() {
         ..Make::default()
     };
     let mut station = configured(Driver::Tmc2209, make);
-    follow(&mut station, 60);
+    scene::follow(&mut station, 60);
     station
         .command(Command::Stop)
         .expect("a stop is never refused");
     station.run(300 * MS);
-    let (_, edges) = agrees_with_the_twin(&mut station);
+    let (_, edges) = agreement(&mut station);
     assert!(edges > 500, "{edges}");
 }
 
@@ -206,7 +125,7 @@ fn pulses_are_as_long_as_each_driver_asks() {
         assert!(high >= needs.step_high_ns.into() && low >= needs.step_low_ns.into());
         assert!(setup >= needs.dir_setup_ns.into() && hold >= needs.dir_hold_ns.into());
         assert_eq!(high, 1_000, "a word");
-        agrees_with_the_twin(&mut station);
+        agreement(&mut station);
     }
 }
 
@@ -216,5 +135,5 @@ fn a_driver_that_is_too_slow_is_refused_by_name() {
     let refused = station.command(Command::Config(config(Driver::Drv8825)));
     assert!(matches!(refused, Err(Denial::Config(_))), "{refused:?}");
     station.run(20 * MS);
-    agrees_with_the_twin(&mut station);
+    agreement(&mut station);
 }

@@ -83,6 +83,8 @@ pub struct Otg {
     data: VecDeque<u32>,
     /// A SETUP packet came, and no token since.
     setup: bool,
+    /// The address in use. A new one, written before the status stage of its request as the manual wants it, counts from the end of that stage.
+    address: u32,
     frame: u32,
     /// What went wrong in the driver's use of the FIFOs.
     pub misuse: Option<&'static str>,
@@ -111,6 +113,7 @@ impl Default for Otg {
             received: VecDeque::new(),
             data: VecDeque::new(),
             setup: false,
+            address: 0,
             frame: 0,
             misuse: None,
         }
@@ -194,7 +197,11 @@ impl Otg {
     // The wire.
 
     fn is_addressed(&self, address: u8) -> bool {
-        self.pulls_up() && self.dcfg >> 4 & 0x7f == u32::from(address)
+        self.pulls_up() && self.address == u32::from(address)
+    }
+
+    fn written_address(&self) -> u32 {
+        self.dcfg >> 4 & 0x7f
     }
 
     /// The token after a SETUP packet ends the setup stage.
@@ -250,7 +257,11 @@ impl Otg {
             return Answer::Nothing;
         }
         self.token(endpoint);
-        self.ins[endpoint].give(endpoint)
+        let answer = self.ins[endpoint].give(endpoint);
+        if endpoint == 0 && matches!(answer, Answer::Data(..)) {
+            self.address = self.written_address();
+        }
+        answer
     }
 
     /// The bus is held in reset.
@@ -261,6 +272,7 @@ impl Otg {
             self.outs[n].deactivate();
         }
         self.setup = false;
+        self.address = 0;
     }
 
     /// The reset is over: a full-speed host.

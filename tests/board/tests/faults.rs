@@ -1,0 +1,478 @@
+//! Faults from outside the program, in the middle of a fast move of all axes: what the pins do, and what the station says afterwards.
+//!
+//! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A line that is missing is printed.
+
+use host::station::stage::{configuration, default_stage};
+use shared::frame::message::{Command, Denial, End, LastRun, Mounting, ResetCause, Status};
+use shared::safety::{Fault, State, Trust};
+use station_board::board::{Board, Make};
+use station_board::image::{FLASH_BASE, Image};
+use station_board::station::Station;
+use station_board::time::{Beats, MS, US};
+use station_board::wiring::{self, B, C, Pin};
+
+/// The ring of words, µs: nothing older can be played.
+const RING_US: u64 = 1_250;
+
+/// A control tick, at which the machine looks at its inputs, and the ring.
+const TICK_AND_RING_US: u64 = 1_000 + RING_US;
+
+fn jog(um: [i32; 3]) -> Command {
+    Command::Jog { distance_um: um }
+}
+
+fn configure(station: &mut Station) {
+    let config = configuration(&default_stage(), Mounting::OnStage).expect("the default fits");
+    assert_eq!(station.command(Command::Config(config)), Ok(()));
+}
+
+/// All axes at full speed, 24,000 steps a second together.
+fn moving() -> Station {
+    let mut station = Station::power_on(&Image::firmware(), Make::default());
+    station.run(20 * MS);
+    station.greet();
+    configure(&mut station);
+    assert_eq!(station.command(Command::Zero), Ok(()));
+    assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
+    station.run(150 * MS);
+    let recent = rises_after(&mut station, 140 * MS);
+    assert!(recent.len() > 100, "it moves");
+    station
+}
+
+/// When STEP pins rose at or after a moment.
+fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
+    let step = wiring::STEPPERS
+        .step
+        .iter()
+        .fold(0, |mask, pin| mask | 1 << pin);
+    let changes = station.board.changes(C);
+    (changes.iter())
+        .filter(|change| change.at >= from && !change.before & change.after & step != 0)
+        .map(|change| change.at)
+        .collect()
+}
+
+/// Asserts that no STEP pin rises later than so long after a moment, µs; prints when the last one did.
+fn last_step(station: &mut Station, from: Beats, bound_us: u64) {
+    let rises = rises_after(station, from);
+    let last = rises.last().map(|at| (at - from) as f64 / US as f64);
+    println!(
+        "{} steps, the last after {last:?} us (bound {bound_us})",
+        rises.len()
+    );
+    assert!(
+        last.is_none_or(|last| last <= bound_us as f64),
+        "{last:?} us"
+    );
+}
+
+fn drivers_are_on(station: &mut Station) -> bool {
+    station.board.chip(|chip| chip.fabric.ports[B].levels()) & 1 << wiring::NOT_ENABLE.1 == 0
+}
+
+/// Waits for the watchdog, and asks the station that starts.
+fn restarted(station: &mut Station, within: Beats) -> (ResetCause, LastRun) {
+    let resets = station.board.last_reset().1;
+    let end = station.board.now() + within;
+    while station.board.last_reset().1 == resets {
+        assert!(station.board.now() < end, "no reset");
+        station.run(MS);
+    }
+    assert!(!drivers_are_on(station));
+    station.set_pings(false);
+    station.run(20 * MS);
+    station.greet();
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.trust),
+        (State::Unconfigured, Trust::Unknown)
+    );
+    assert!(!drivers_are_on(station), "not before a configuration");
+    let cause = station.client.hello().expect("hello").reset_cause;
+    (cause, *station.client.last_run().expect("last run"))
+}
+
+/// A stopped station with a fault; drivers stay on.
+fn faulted(station: &mut Station, fault: Fault, trust: Trust) -> Status {
+    station.run(30 * MS);
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.fault, status.trust),
+        (State::Faulted, Some(fault), trust)
+    );
+    assert!(drivers_are_on(station));
+    assert_eq!(station.board.last_reset().1, 0);
+    status
+}
+
+/// After a reset command the station moves again, and its pins count what it says.
+fn recovers(station: &mut Station) {
+    assert_eq!(station.command(Command::Reset), Ok(()));
+    station.run(20 * MS);
+    assert_eq!(station.command(Command::Zero), Ok(()));
+    let before = wiring::steps(&station.edges()).0;
+    assert_eq!(station.command(jog([1_000, 1_000, -500])), Ok(()));
+    station.run(200 * MS);
+    let after = wiring::steps(&station.edges()).0;
+    let moved: [i64; 3] = std::array::from_fn(|i| after[i] - before[i]);
+    assert_eq!(moved, [80, 80, -40]);
+}
+
+/// The table has this line.
+fn observed(fault: &str, how: &str, pins: &str, then: &str) {
+    let line = format!("| {fault} | {how} | {pins} | {then} |");
+    let table = include_str!("../FAULTS.md");
+    assert!(
+        table.lines().any(|known| known == line),
+        "FAULTS.md lacks\n{line}"
+    );
+}
+
+#[test]
+fn refill_starved() {
+    let mut station = moving();
+    let at = station.board.now();
+    station.board.disable_interrupt(53);
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, RING_US);
+    // The machine gets no room and so has no ticks: it latches nothing.
+    assert_eq!(
+        (cause, last_run.fault, last_run.end),
+        (ResetCause::Watchdog, None, End::Outside)
+    );
+    observed(
+        "refill task starved",
+        "its executor's interrupt (UART5) disabled in the NVIC",
+        "last step within one ring",
+        "watchdog: hello says watchdog, no fault latched (without room the machine has no ticks); unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn interrupts_masked_for_ever() {
+    let mut station = moving();
+    while station.board.cpu().regs().in_handler() {
+        station.run(US);
+    }
+    let at = station.board.now();
+    station.board.mask_interrupts();
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, RING_US);
+    assert_eq!((cause, last_run.end), (ResetCause::Watchdog, End::Outside));
+    observed(
+        "interrupts masked for ever",
+        "PRIMASK set in thread mode",
+        "last step within one ring",
+        "watchdog: hello says watchdog; unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn processor_held() {
+    let mut station = moving();
+    let at = station.board.now();
+    station.board.hold(true);
+    let (cause, _) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, RING_US);
+    assert_eq!(cause, ResetCause::Watchdog);
+    observed(
+        "processor held",
+        "its clock stopped; timers, DMA and watchdog run on",
+        "last step within one ring: the eraser",
+        "watchdog: hello says watchdog; unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn processor_held_for_five_milliseconds() {
+    let mut station = moving();
+    let at = station.board.now();
+    station.board.hold(true);
+    station.run(5 * MS);
+    station.board.hold(false);
+    faulted(&mut station, Fault::Underrun, Trust::Degraded);
+    last_step(&mut station, at, RING_US);
+    recovers(&mut station);
+    observed(
+        "processor held for 5 ms",
+        "its clock stopped and started again",
+        "last step within one ring; none when it goes on",
+        "fault 4, position degraded; after reset and zero it moves exactly again",
+    );
+}
+
+fn stream_fails(stream: usize) -> Station {
+    let mut station = moving();
+    let at = station.board.now();
+    station
+        .board
+        .chip(|chip| chip.dma[1].streams[stream].fails = true);
+    faulted(&mut station, Fault::Underrun, Trust::Degraded);
+    last_step(&mut station, at, RING_US);
+    recovers(&mut station);
+    station
+}
+
+#[test]
+fn player_stream_fails() {
+    stream_fails(1);
+    observed(
+        "DMA error of the player",
+        "bus error on its next transfer: the stream is switched off",
+        "last step within one ring",
+        "fault 4, position degraded; after reset and zero it moves exactly again",
+    );
+}
+
+#[test]
+fn eraser_stream_fails() {
+    stream_fails(2);
+    observed(
+        "DMA error of the eraser",
+        "bus error on its next transfer: the stream is switched off",
+        "last step within one ring, no word twice",
+        "fault 4, position degraded; after reset and zero it moves exactly again",
+    );
+}
+
+#[test]
+fn panic() {
+    let mut station = moving();
+    let image = Image::firmware();
+    station.board.derail(image.symbol("9panicking5panic"));
+    let at = station.board.now();
+    station.run(MS);
+    assert!(!drivers_are_on(&mut station), "off at once");
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, 20);
+    assert_eq!((cause, last_run.end), (ResetCause::Watchdog, End::Panic));
+    assert_ne!(last_run.places[0], 0);
+    observed(
+        "panic",
+        "the processor sent to core's panic function",
+        "no step after 20 µs; drivers off",
+        "watchdog: hello says watchdog, panic and where; unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn hard_fault() {
+    let mut station = moving();
+    station.board.derail(0x3000_0000);
+    let at = station.board.now();
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, 20);
+    assert_eq!(
+        (cause, last_run.end),
+        (ResetCause::Watchdog, End::HardFault)
+    );
+    assert_eq!(last_run.places[0], 0x3000_0000);
+    observed(
+        "hard fault",
+        "the processor sent to an address without memory",
+        "no step after 20 µs; drivers off",
+        "watchdog: hello says watchdog, hard fault and where; unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn watchdog_expires() {
+    let mut station = moving();
+    while station.board.cpu().regs().in_handler() {
+        station.run(US);
+    }
+    // An endless loop in thread mode: links and watch task are dead, motion is not.
+    let flash = Image::firmware().flash;
+    let code = 0x188..0x1_0000;
+    let found = code
+        .step_by(2)
+        .find(|at| flash[*at..*at + 2] == [0xfe, 0xe7]);
+    let at = station.board.now();
+    station
+        .board
+        .derail(FLASH_BASE + found.expect("a branch to itself") as u32);
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    let reset = station.board.last_reset().0;
+    last_step(&mut station, reset, 0);
+    println!("reset {} ms after the hang", (reset - at) / MS);
+    assert_eq!(
+        (cause, last_run.fault, last_run.end),
+        (ResetCause::Watchdog, None, End::Outside)
+    );
+    observed(
+        "thread hangs",
+        "the processor sent to a branch to itself in thread mode: links and watch task dead, motion alive",
+        "planned steps until the reset, none after it",
+        "watchdog: hello says watchdog; unconfigured, position unknown",
+    );
+}
+
+#[test]
+fn reset_pin() {
+    let mut station = moving();
+    let at = station.board.now();
+    station.board.press_reset();
+    station.set_pings(false);
+    station.run(20 * MS);
+    station.greet();
+    last_step(&mut station, at, 0);
+    assert_eq!(
+        station.client.hello().expect("hello").reset_cause,
+        ResetCause::Pin
+    );
+    assert!(!drivers_are_on(&mut station));
+    observed(
+        "reset pressed",
+        "the chip's reset pin",
+        "no step; pins are inputs, drivers off",
+        "hello says pin; unconfigured, position unknown",
+    );
+}
+
+fn switch(station: &mut Station, pin: Pin, open: bool) {
+    station.board.chip(|chip| match open {
+        true => wiring::open(&mut chip.fabric, pin),
+        false => wiring::close(&mut chip.fabric, pin),
+    });
+}
+
+#[test]
+fn limit_switch_ahead() {
+    let mut station = moving();
+    let at = station.board.now();
+    // X moves forwards; the contact bounces shut after 100 µs.
+    switch(&mut station, wiring::LIMITS[0][1], true);
+    station.run(100 * US);
+    switch(&mut station, wiring::LIMITS[0][1], false);
+    faulted(&mut station, Fault::Limit, Trust::Degraded);
+    last_step(&mut station, at, TICK_AND_RING_US);
+    recovers(&mut station);
+    observed(
+        "limit switch ahead",
+        "opens for 100 µs",
+        "last step within a tick and a ring",
+        "fault 2, position degraded; after reset and zero it moves exactly again",
+    );
+}
+
+#[test]
+fn limit_switch_behind() {
+    let mut station = moving();
+    let at = station.board.now();
+    switch(&mut station, wiring::LIMITS[0][0], true);
+    station.run(20 * MS);
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.fault, status.trust),
+        (State::Moving, None, Trust::Homed)
+    );
+    assert!(rises_after(&mut station, at).len() > 300);
+    observed("limit switch behind", "opens", "it moves on", "no fault");
+}
+
+#[test]
+fn emergency_stop() {
+    let mut station = moving();
+    let at = station.board.now();
+    switch(&mut station, wiring::EMERGENCY_STOP, true);
+    station.run(100 * US);
+    switch(&mut station, wiring::EMERGENCY_STOP, false);
+    faulted(&mut station, Fault::EmergencyStop, Trust::Degraded);
+    last_step(&mut station, at, 100);
+    recovers(&mut station);
+    observed(
+        "emergency stop",
+        "opens for 100 µs",
+        "no step after 100 µs",
+        "fault 1, position degraded, drivers on; after reset and zero it moves exactly again",
+    );
+}
+
+#[test]
+fn spark_on_the_emergency_stop() {
+    let mut station = moving();
+    let at = station.board.now();
+    switch(&mut station, wiring::EMERGENCY_STOP, true);
+    station.run(10 * US);
+    switch(&mut station, wiring::EMERGENCY_STOP, false);
+    station.run(20 * MS);
+    assert_eq!(station.status().fault, None);
+    assert!(rises_after(&mut station, at).len() > 300);
+    observed(
+        "spark on the emergency stop",
+        "opens for 10 µs",
+        "it moves on",
+        "no fault",
+    );
+}
+
+#[test]
+fn driver_fault() {
+    let mut station = moving();
+    let at = station.board.now();
+    switch(&mut station, wiring::DRIVER_FAULT, false);
+    faulted(&mut station, Fault::Driver, Trust::Degraded);
+    last_step(&mut station, at, TICK_AND_RING_US);
+    assert_eq!(station.command(Command::Reset), Err(Denial::CauseRemains));
+    switch(&mut station, wiring::DRIVER_FAULT, true);
+    station.run(10 * MS);
+    recovers(&mut station);
+    observed(
+        "driver's fault line",
+        "goes low and stays",
+        "last step within a tick and a ring",
+        "fault 3, position degraded; reset refused while it is low",
+    );
+}
+
+#[test]
+fn host_falls_silent() {
+    let mut station = moving();
+    let at = station.board.now();
+    station.set_pings(false);
+    station.run(250 * MS);
+    let status = faulted(&mut station, Fault::Heartbeat, Trust::Homed);
+    // Silence is noticed after 100 ms; the ramp takes 50 ms from 100 mm/s at 2,000 mm/s², and 40 ms for the jerk.
+    last_step(&mut station, at, 220_000);
+    assert_eq!(
+        status.position_steps.map(i64::from),
+        wiring::steps(&station.edges()).0
+    );
+    observed(
+        "host falls silent",
+        "no bytes on the link",
+        "ramp after 100 ms; every step counted",
+        "fault 0, position kept",
+    );
+}
+
+#[test]
+fn power_on_with_the_emergency_stop_pressed() {
+    let board = Board::power_on(&Image::firmware(), Make::default(), |fabric| {
+        wiring::well(fabric);
+        wiring::open(fabric, wiring::EMERGENCY_STOP);
+    });
+    let mut station = Station::of(board);
+    station.run(20 * MS);
+    station.greet();
+    configure(&mut station);
+    assert_eq!(station.command(jog([1_000; 3])), Err(Denial::Faulted));
+    assert_eq!(station.command(Command::Reset), Err(Denial::CauseRemains));
+    station.run(100 * MS);
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.fault),
+        (State::Faulted, Some(Fault::EmergencyStop))
+    );
+    assert_eq!(wiring::stepper_edges(&station.board.changes(C)), []);
+    switch(&mut station, wiring::EMERGENCY_STOP, false);
+    station.run(10 * MS);
+    recovers(&mut station);
+    observed(
+        "power-on with the emergency stop pressed",
+        "open before power comes",
+        "no edge",
+        "fault 1, jog and reset refused; after its release and a reset it moves exactly",
+    );
+}
