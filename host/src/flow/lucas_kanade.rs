@@ -9,8 +9,11 @@
 //! step = (Σ g g^T - c c^T / Σ T' T')^-1 (Σ g I - a c) / a
 //! ```
 //!
-//! so that neither factor nor offset shows in the step, and no difference image is needed. Values between pixels come from cubic
-//! convolution: linear interpolation would pull every position towards the middle between two pixels.
+//! so that neither factor nor offset shows in the step, and no difference image is needed.
+//!
+//! Template and image are both read through cubic B-splines, which smooth a little more and so alike wherever between two pixels a window lies.
+//! Interpolation proper would leave the grey levels as they are at whole pixels and smooth them at half ones: windows read at different
+//! phases then differ, and each pulls its point its own way, by more than noise of 2 grey levels does.
 //!
 //! What was found is asked the same question in return: one step from it towards the template, with gradients of its own, must be short.
 

@@ -220,26 +220,26 @@ pub fn miss<const N: usize, const W: usize>(
     if miss >= 0.0 { miss } else { f32::INFINITY }
 }
 
-/// Cubic convolution (Keys 1981, a = -1/2): weights of the four neighbours at `t` in `[0, 1)` after the second.
+/// Cubic B-spline: weights of the four neighbours at `t` in `[0, 1)` after the second.
 #[inline(always)]
 fn weights(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
+    let (u, t2, t3) = (1.0 - t, t * t, t * t * t);
     [
-        -0.5 * t + t2 - 0.5 * t3,
-        1.0 - 2.5 * t2 + 1.5 * t3,
-        0.5 * t + 2.0 * t2 - 1.5 * t3,
-        -0.5 * t2 + 0.5 * t3,
+        u * u * u / 6.0,
+        2.0 / 3.0 - t2 + 0.5 * t3,
+        (1.0 + 3.0 * (t + t2 - t3)) / 6.0,
+        t3 / 6.0,
     ]
 }
 
 /// Derivatives of [`weights`] with respect to the position.
 #[inline(always)]
 fn slopes(t: f32) -> [f32; 4] {
-    let t2 = t * t;
+    let (u, t2) = (1.0 - t, t * t);
     [
-        -0.5 + 2.0 * t - 1.5 * t2,
-        -5.0 * t + 4.5 * t2,
-        0.5 + 4.0 * t - 4.5 * t2,
-        -t + 1.5 * t2,
+        -0.5 * u * u,
+        1.5 * t2 - 2.0 * t,
+        0.5 + t - 1.5 * t2,
+        0.5 * t2,
     ]
 }
