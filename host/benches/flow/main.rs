@@ -22,6 +22,8 @@ use peers::OpticalFlowLk;
 use scene::Scene;
 
 const CORNERS: usize = 200;
+/// What this project promises on these scenes.
+const MOST_RMS_PX: f64 = 0.017;
 /// Disparities of the paper's rig at 700 mm.
 const PAPER_PX: [f64; 2] = [53.33, -51.81];
 const REPETITIONS: usize = 15;
@@ -236,6 +238,9 @@ fn beside_others(scene: &Scene, rounds: usize) {
         }
     }
     let [(points, quality), _] = found;
+    let Quality { temporal, spatial } = quality;
+    assert_eq!((temporal.wrong, spatial.wrong), (0, 0), "wrong matches");
+    assert!(temporal.rms_px() < MOST_RMS_PX && spatial.rms_px() < MOST_RMS_PX);
     row("this project", &set, &described(points, &quality));
     println!(
         "| least possible error of this project's points | | | {points} | {0:.4} / {0:.4} | |",
