@@ -447,8 +447,8 @@ impl Flow {
 
 /// A place within half a pixel of a corner, another one for every corner.
 ///
-/// Interpolation errs by a few thousandths of a pixel, depending on where between two pixels a template was taken. Taken always in the middle of
-/// a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
+/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two pixels a template was taken. Taken always in the
+/// middle of a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
 /// along z. The places are those of the R2 sequence (Roberts 2018), evenly spread at any count.
 fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
     let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
