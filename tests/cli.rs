@@ -4,6 +4,8 @@
 mod align;
 #[path = "cli/bad_input.rs"]
 mod bad_input;
+#[path = "cli/bench.rs"]
+mod bench;
 #[path = "cli/folder.rs"]
 mod folder;
 #[path = "cli/points.rs"]
