@@ -6,6 +6,8 @@ mod align;
 mod bad_input;
 #[path = "cli/bench.rs"]
 mod bench;
+#[path = "cli/cameras.rs"]
+mod cameras;
 #[path = "cli/folder.rs"]
 mod folder;
 #[path = "cli/points.rs"]
@@ -14,6 +16,8 @@ mod points;
 mod usage;
 #[path = "cli/verify.rs"]
 mod verify;
+#[path = "cli/watch.rs"]
+mod watch;
 
 use std::fs;
 use std::path::{Path, PathBuf};
