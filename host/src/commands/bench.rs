@@ -35,6 +35,7 @@ enum What {
 /// middle picture before, match them in the other two, follow them into the new pictures of all cameras. With a
 /// keyframe, the points are those of the first capture: filter, and follow. Reading the files is not timed.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 struct FlowOptions {
     /// A folder of captures: left/ middle/ right/ (or the rig's cameras) with equal file names
     ///
@@ -61,6 +62,13 @@ struct FlowOptions {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Times are of this machine as busy as it is: the least is the one to compare.
+
+Examples:
+  trinocular bench flow captures/
+  trinocular bench flow captures/ --rig rig.toml --threads 3 --repeat 100 --json";
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {

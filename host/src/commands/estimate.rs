@@ -68,9 +68,9 @@ Examples:
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 enum Method {
-    /// The paper's eq. 9; needs exactly the cameras left, middle and right, in line
+    /// The paper's eq. 9; needs exactly the cameras left, middle and right, within a millimetre of one line
     ClosedForm,
-    /// The paper's eq. 7; needs exactly the cameras left, middle and right, in line
+    /// The paper's eq. 7; needs the same
     LeastSquares,
     /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a plane
     Midpoint,

@@ -1,6 +1,7 @@
-//! Where images come from: folders of files, and rendered scenes. Each source yields timestamped
+//! Where images come from: folders of files, live cameras, and rendered scenes. Each source yields timestamped
 //! captures, one view per camera in the rig's order.
 
+pub mod cameras;
 pub mod folder;
 pub mod render;
 mod spline;

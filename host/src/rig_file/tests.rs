@@ -331,13 +331,29 @@ fn the_papers_estimators_want_a_rig_in_line() {
     RigFile::paper().write(&path).unwrap();
     assert_eq!(RigFile::read_in_line(&path).unwrap(), RigFile::paper());
 
-    let mut raised = RigFile::paper();
-    raised.rig.cameras[1].offset_mm[1] = 0.5;
-    raised.write(&path).unwrap();
-    assert_eq!(RigFile::read(&path).unwrap(), raised);
-    let error = RigFile::read_in_line(&path).unwrap_err();
-    assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm[1]"));
-    assert_eq!(error.line, Some(13), "{error}");
+    // The limit, 0.3 % of Z, is 0.6435 mm between middle and right, and 0.6625 between left and middle.
+    let raised = |heights_mm: [f64; 3]| {
+        let mut raised = RigFile::paper();
+        for (camera, height) in raised.rig.cameras.iter_mut().zip(heights_mm) {
+            camera.offset_mm[1] = height;
+        }
+        raised.write(&path).unwrap();
+        assert_eq!(RigFile::read(&path).unwrap(), raised);
+        RigFile::read_in_line(&path)
+    };
+    for near in [[0.0, 0.643, 0.0], [-0.662, 0.0, 0.643], [9.0; 3]] {
+        raised(near).unwrap();
+    }
+    for (far, field, line) in [
+        ([0.0, 0.644, 0.0], "camera[2].offset_mm[1]", 19),
+        ([0.663, 0.0, 0.0], "camera[0].offset_mm[1]", 7),
+        ([0.0, 0.0, -2.0], "camera[2].offset_mm[1]", 19),
+    ] {
+        let error = raised(far).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert_eq!(error.line, Some(line), "{error}");
+        assert!(error.reason.contains("0.3 % at most"), "{error}");
+    }
 
     let mut renamed = RigFile::paper();
     renamed.names[0] = "port".to_owned();
