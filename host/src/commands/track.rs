@@ -15,6 +15,7 @@ use host::sums;
 use std::io::Write;
 use std::path::PathBuf;
 
+const SOURCE: &str = "Where the pictures come from (one of these)";
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "With --sim: the simulated target";
 
@@ -23,17 +24,17 @@ const SCENE: &str = "With --sim: the simulated target";
 #[group(id = "source", required = true, multiple = false)]
 pub struct Source {
     /// Rendered cameras on the stage, in closed loop
-    #[arg(long)]
+    #[arg(long, help_heading = SOURCE)]
     sim: bool,
 
     /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names for one instant
-    #[arg(long, value_name = "DIR", requires = "rig")]
+    #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
     /// The same, while another program writes it: waits for new captures, until Ctrl-C or for --idle seconds
     ///
     /// A file counts as written when it has not changed for 0.2 s. A capture that lacks a camera's file is passed over after 2 s if there is a later one.
-    #[arg(long, value_name = "DIR", requires = "rig")]
+    #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
     /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
@@ -43,7 +44,8 @@ pub struct Source {
         long,
         value_name = "DEVICE,...",
         requires = "rig",
-        value_delimiter = ','
+        value_delimiter = ',',
+        help_heading = SOURCE
     )]
     cameras: Option<Vec<PathBuf>>,
 }
@@ -58,10 +60,7 @@ pub struct Source {
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    #[command(
-        flatten,
-        next_help_heading = "Where the pictures come from (one of these)"
-    )]
+    #[command(flatten)]
     source: Source,
 
     /// The rig file (TOML): its cameras, and its stage

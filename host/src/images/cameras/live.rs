@@ -155,14 +155,21 @@ impl Live {
         let waited = self.patience.as_secs();
         let silent = (state.matching.counts().iter())
             .zip(arrived_before)
-            .zip(&self.paths)
-            .filter(|((counts, before), _)| counts.arrived == **before)
-            .min_by_key(|((counts, _), _)| counts.arrived);
+            .enumerate()
+            .filter(|(_, (counts, before))| counts.arrived == **before)
+            .min_by_key(|(_, (counts, _))| counts.arrived);
         let (path, reason) = match (silent, self.paths.first()) {
-            (Some((_, path)), _) => (
-                path.clone(),
-                format!("no picture for {waited} s: is the camera still there?"),
-            ),
+            (Some((camera, _)), _) => {
+                let (stale, damaged) = (state.stale[camera], state.damaged[camera]);
+                let reason = match stale + damaged {
+                    0 => format!("no picture for {waited} s: is the camera still there?"),
+                    _ => format!(
+                        "no picture that can be used for {waited} s; so far {damaged} were damaged, and {stale} came faster than they were fetched (lower \
+                         --fps, or do less on this computer)"
+                    ),
+                };
+                (self.paths[camera].clone(), reason)
+            }
             (None, first) => {
                 let apart_ms = state.matching.apart_us().unwrap_or(0) as f64 * 1e-3;
                 (

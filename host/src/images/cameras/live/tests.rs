@@ -128,6 +128,20 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
     let error = bench.live.next().unwrap().unwrap_err().to_string();
     assert!(error.starts_with("/dev/middle: no picture for"), "{error}");
 
+    // One that sends, but nothing that can be used.
+    let mut bench = self::bench();
+    bench.live.patience = Duration::from_millis(50);
+    bench.senders[1].send(Shot::Stale).unwrap();
+    bench.settle([0, 1, 0]);
+    bench.send(0, 100, 0);
+    bench.send(2, 100, 0);
+    bench.settle([1, 1, 1]);
+    let error = bench.live.next().unwrap().unwrap_err().to_string();
+    assert!(
+        error.starts_with("/dev/middle: no picture that can be used") && error.contains("1 came"),
+        "{error}"
+    );
+
     // One that meets nobody while it waits: the pictures are sent by another thread.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_secs(2);
