@@ -11,6 +11,7 @@ mod consistency;
 use chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 use shared::frame::message::Denial;
 use shared::track::pursuit::Sight;
+use std::f64::consts::TAU;
 
 /// Different noise each.
 const SEEDS: [u64; 4] = [1, 2, 3, 4];
@@ -205,4 +206,30 @@ fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
         last.target_mm[0] < 20.0 && last.error_mm()[0].abs() < 0.1,
         "{last:?}"
     );
+}
+
+/// As another stage carries a target that it is told about picture by picture: its speed goes up and down by a sixth with every one.
+#[test]
+fn an_uneven_motion_is_followed_without_lag_too() {
+    for seed in SEEDS {
+        let mut chase = Chase::new(seed);
+        chase.frames_per_s = 30.0;
+        let run = chase.follow(
+            |t| {
+                let (angle, uneven) = (TAU * t / 8.0, 0.016 * (TAU * 15.0 * t + 1.0).sin());
+                [
+                    10.0 * angle.sin() + uneven,
+                    10.0 * (1.0 - angle.cos()) + uneven,
+                    0.0,
+                ]
+            },
+            8.0,
+        );
+        println!(
+            "uneven circle: rms {:.4?} mm, at most {:.4?} mm",
+            run.rms(1.0),
+            run.worst(1.0)
+        );
+        assert!(each([0.1; 3], run.rms(1.0)), "{:?}", run.rms(1.0));
+    }
 }

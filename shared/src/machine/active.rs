@@ -34,6 +34,8 @@ pub(super) struct Active {
     fine_per_nm: [i64; 3],
     /// What each axis can do, and so the most that a target can be followed in.
     pub reach: [Reach; 3],
+    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
+    pub bounds: Bounds,
     /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera axes' errors have in common is left out.
     variances: Matrix3<f32>,
 }
@@ -73,7 +75,7 @@ impl Active {
             [None, None, None] => Ok(limits),
             _ => slow(speed).map_err(|_: ConfigFault| ConfigField::Homing),
         };
-        Ok(Self {
+        let mut active = Self {
             config: *config,
             limits,
             slow: slow(config.slow_speed_um_s).map_err(axis_field)?,
@@ -84,7 +86,10 @@ impl Active {
             }),
             reach: config.axes.map(reach),
             variances: variances(config),
-        })
+            bounds: Bounds::default(),
+        };
+        active.bounds = active.bounds();
+        Ok(active)
     }
 
     /// The gate for estimates.
@@ -97,8 +102,7 @@ impl Active {
         self.config.mounting == Mounting::OnStage
     }
 
-    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
-    pub fn bounds(&self) -> Bounds {
+    fn bounds(&self) -> Bounds {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
         let unseen = match self.config.tracking.prediction {

@@ -21,8 +21,8 @@
 //!
 //! # How far to trust the speed
 //! The covariance tells how well the speed is known now. The stage, though, needs a while to match it, and a target that is speeding
-//! up or braking will have another one by then. So the squared acceleration is averaged over the last frames, and [`Filter::doubt`] adds what it
-//! would make of the speed.
+//! up or braking will have another one by then. So the acceleration is averaged over the last frames, its highest square fades from frame to frame,
+//! and [`Filter::doubt`] adds what it would make of the speed. Unevenness, now faster and now slower, averages out.
 //!
 //! # The same bits everywhere
 //! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one. Extremes are chosen by
@@ -50,11 +50,11 @@ const MOST_MS: f32 = 10_000.0;
 /// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the stage's.
 const STILL: f32 = 1.0 / 4_194_304.0;
 
-/// What a frame leaves of the mean of the squared acceleration: it spans some three frames.
+/// What a frame leaves of the mean acceleration, and of its highest square: they span some three frames.
 const FADE: f32 = 0.7;
 
 /// How long the stage may take to match a speed: so many times what it takes to come to rest from its own highest, squared.
-const CATCH_UP: f32 = 2.5 * 2.5;
+const CATCH_UP: f32 = 4.0 * 4.0;
 
 /// The speed is trusted in so many sigmas, squared.
 const CAUTION: f32 = 4.0;
@@ -98,7 +98,9 @@ pub struct Filter {
     covariance: Covariance,
     /// The process noise `q`, steps²/ms³.
     noise: f32,
-    /// Mean of the squared acceleration over the last frames, (steps/ms²)².
+    /// Mean acceleration over the last frames, steps/ms².
+    acceleration: f32,
+    /// Its square, or what is left of the highest before, (steps/ms²)².
     swing: f32,
     /// The last innovation, steps.
     last: f32,
@@ -117,6 +119,7 @@ impl Filter {
                 speed: speed * speed,
             },
             noise: least_noise(reach),
+            acceleration: 0.0,
             swing: 0.0,
             last: 0.0,
         }
@@ -138,6 +141,7 @@ impl Filter {
             speed: within(speed, -MOST_SPEED, MOST_SPEED),
             covariance: covariance.bounded(),
             noise: least_noise(reach),
+            acceleration: 0.0,
             swing: 0.0,
             last: 0.0,
         }
@@ -237,8 +241,9 @@ impl Filter {
         }
         .bounded();
         let acceleration = change / within(dt, 1.0, MOST_MS);
-        let mean = FADE * self.swing + (1.0 - FADE) * (acceleration * acceleration);
-        self.swing = within(mean, 0.0, MOST_VARIANCE);
+        let mean = FADE * self.acceleration + (1.0 - FADE) * acceleration;
+        self.acceleration = within(mean, -MOST_ACCELERATION, MOST_ACCELERATION);
+        self.swing = within(FADE * self.swing, mean * mean, MOST_VARIANCE);
     }
 }
 

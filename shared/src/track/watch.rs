@@ -25,7 +25,7 @@ const SHARE: i64 = 4;
 const FLOOR: u64 = 8;
 
 /// What is too much. 2⁻³² steps; zero is never.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bounds {
     /// Largest way towards the target that the cameras need not see.
     pub unseen: Fine,

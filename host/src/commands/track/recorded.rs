@@ -67,7 +67,9 @@ fn station<'a>(
     rig: &RigFile,
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
-    let stage = rig.stage.clone().unwrap_or_else(default_stage);
+    let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
+    // It is to be where the last picture shows the target, not where that would have gone from there.
+    stage.tracking.prediction = false;
     Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
 
