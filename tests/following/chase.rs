@@ -1,6 +1,7 @@
 //! A station and a target that moves; between them nothing but what cameras would say, late and with their noise.
 
 use host::random::Random;
+use host::rig_file::{Care, Stage};
 use host::station::stage::{configuration, default_stage};
 use shared::frame::encode::encode;
 use shared::frame::message::{
@@ -133,6 +134,10 @@ pub struct Chase {
     pub hidden_s: Option<[f64; 2]>,
     /// Wrong frames: from which number on, how many, by how much, mm.
     pub wrong: Option<(u64, u64, [f64; 3])>,
+    /// From when on, s, which axes' motors no longer move their axis.
+    pub stalled: Option<(f64, [bool; 3])>,
+    /// What the station watches.
+    pub care: Care,
     random: Random,
 }
 
@@ -145,6 +150,8 @@ impl Chase {
             sigma_mm: SIGMA_MM,
             hidden_s: None,
             wrong: None,
+            stalled: None,
+            care: Care::default(),
             random: Random::new(seed, 0),
         }
     }
@@ -159,7 +166,11 @@ impl Chase {
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
         };
-        let mut config = configuration(&default_stage(), Mounting::OnStage).unwrap();
+        let stage = Stage {
+            care: self.care.clone(),
+            ..default_stage()
+        };
+        let mut config = configuration(&stage, Mounting::OnStage).unwrap();
         config.tracking = self.tracking;
         let mut machine = Machine::new(board);
         let mut receiver = Receiver::<Report>::default();
@@ -230,8 +241,18 @@ impl Chase {
                 let at_s = (capture - start_us) as f64 * 1e-6;
                 let goal = target(at_s);
                 // The motors stand in whole steps.
-                let stage = at_pins(&path, capture)
-                    .map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM);
+                let stands = |us| {
+                    at_pins(&path, us).map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM)
+                };
+                let mut stage = stands(capture);
+                if let Some((from_s, axes)) = self.stalled
+                    && at_s > from_s
+                {
+                    let stuck = stands(start_us + (from_s * 1e6) as u64);
+                    for axis in (0..3).filter(|axis| axes[*axis]) {
+                        stage[axis] = stuck[axis];
+                    }
+                }
                 let mut seen: [f64; 3] = std::array::from_fn(|i| {
                     goal[i] - stage[i] + self.sigma_mm[i] * self.random.gaussian()
                 });

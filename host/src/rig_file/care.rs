@@ -9,8 +9,8 @@
 //! slow_speed_mm_s = 5.0                      # fastest motion while the position is unknown
 //! unknown_window_mm = 10.0                   # farthest motion while the position is unknown
 //! largest_error_mm = 20.0                    # target to stage while following, on any axis ...
-//! longest_error_s = 1.0                      # ... for longer than this is fault 5
-//! largest_unseen_mm = 5.0                    # motion towards the target that brings it no nearer is fault 6
+//! longest_error_s = 1.0                      # ... for longer than this is fault 5; never without largest_error_mm
+//! largest_unseen_mm = 10.0                   # so much motion towards the target that brings it no nearer is fault 6; 0 is never
 //! ```
 
 use std::fmt::Write as _;
@@ -48,12 +48,12 @@ pub struct Care {
     pub largest_error_mm: Option<f64>,
     /// For how long it may be longer, s.
     pub longest_error_s: f64,
-    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any.
+    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any. Only while prediction is on.
     pub largest_unseen_mm: Option<f64>,
 }
 
 impl Default for Care {
-    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; nothing watched.
+    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; 10 mm of steps in vain.
     fn default() -> Self {
         Self {
             backlash_mm: [0.0; 3],
@@ -64,7 +64,7 @@ impl Default for Care {
             unknown_window_mm: 10.0,
             largest_error_mm: None,
             longest_error_s: 1.0,
-            largest_unseen_mm: None,
+            largest_unseen_mm: Some(10.0),
         }
     }
 }
@@ -85,7 +85,7 @@ impl Care {
             field.map(|field| field.positive(LIMIT_MM)).transpose()
         };
         let backlash_mm = match section.optional("backlash_mm")? {
-            Some(field) => field.each(backlash)?,
+            Some(field) => field.each(|axis| from_zero(axis, LIMIT_BACKLASH_MM))?,
             None => default.backlash_mm,
         };
         let home_speed_mm_s = match section.optional("home_speed_mm_s")? {
@@ -100,6 +100,10 @@ impl Care {
             Some(field) => field.positive(LIMIT_TIME_S)?,
             None => default.longest_error_s,
         };
+        let largest_unseen_mm = match section.optional("largest_unseen_mm")? {
+            Some(field) => Some(from_zero(&field, LIMIT_MM)?).filter(|mm| *mm > 0.0),
+            None => default.largest_unseen_mm,
+        };
         Ok(Self {
             backlash_mm,
             home: home(section)?,
@@ -109,7 +113,7 @@ impl Care {
             unknown_window_mm: length("unknown_window_mm")?.unwrap_or(default.unknown_window_mm),
             largest_error_mm: length("largest_error_mm")?,
             longest_error_s,
-            largest_unseen_mm: length("largest_unseen_mm")?,
+            largest_unseen_mm,
         })
     }
 
@@ -153,23 +157,21 @@ impl Care {
                 let _ = writeln!(text, "{key} = {value:?}");
             }
         }
-        let watched = [
-            ("largest_error_mm", self.largest_error_mm),
-            ("largest_unseen_mm", self.largest_unseen_mm),
-        ];
-        for (key, value) in watched {
-            if let Some(value) = value {
-                let _ = writeln!(text, "{key} = {value:?}");
-            }
+        if let Some(value) = self.largest_error_mm {
+            let _ = writeln!(text, "largest_error_mm = {value:?}");
+        }
+        if self.largest_unseen_mm != default.largest_unseen_mm {
+            let value = self.largest_unseen_mm.unwrap_or(0.0);
+            let _ = writeln!(text, "largest_unseen_mm = {value:?}");
         }
     }
 }
 
-fn backlash(axis: &Field<'_>) -> Result<f64, InputError> {
-    let mm = axis.number(LIMIT_BACKLASH_MM)?;
-    match mm >= 0.0 {
-        true => Ok(mm),
-        false => Err(axis.fault(format!("{mm} must not be negative"))),
+fn from_zero(field: &Field<'_>, limit: f64) -> Result<f64, InputError> {
+    let value = field.number(limit)?;
+    match value >= 0.0 {
+        true => Ok(value),
+        false => Err(field.fault(format!("{value} must not be negative"))),
     }
 }
 

@@ -119,7 +119,7 @@ pub struct StageConfig {
     pub largest_error_um: u32,
     /// For how long it may be longer, ms.
     pub longest_error_ms: u16,
-    /// How far the stage may move towards the target without the cameras seeing it come nearer, on any axis, µm; 0 is any.
+    /// How far the stage may move towards the target without the cameras seeing it come nearer, on any axis, µm; 0 is any. Only with prediction.
     pub unseen_um: u32,
 }
 

@@ -8,6 +8,7 @@ use crate::steps::WordRate;
 use crate::track::Fine;
 use crate::track::filter::Reach;
 use crate::track::pursuit::Settings;
+use crate::track::watch::Bounds;
 use nalgebra::{Matrix3, Vector3};
 
 /// Fraction bits of [`Active::fine_per_nm`].
@@ -94,6 +95,21 @@ impl Active {
     /// Whether the cameras ride on the stage.
     pub fn on_stage(&self) -> bool {
         self.config.mounting == Mounting::OnStage
+    }
+
+    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
+    pub fn bounds(&self) -> Bounds {
+        let stage = &self.config.stage;
+        let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
+        let unseen = match self.config.tracking.prediction {
+            true => fine(stage.unseen_um),
+            false => [0; 3],
+        };
+        Bounds {
+            unseen,
+            error: fine(stage.largest_error_um),
+            longest_us: u64::from(stage.longest_error_ms) * 1000,
+        }
     }
 
     /// Longest silence of the host, control ticks.

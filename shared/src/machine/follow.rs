@@ -50,6 +50,15 @@ impl Machine {
             .measure(now, &measurement, &active.reach, &active.config.tracking)
             .map_err(|_| Denial::Outlier)?;
         self.tracker.keep(reference, view);
+        if active.on_stage() {
+            let error = view.target([0; 3]);
+            let bounds = active.bounds();
+            let seen = self.tracker.watch.see(frame.capture, stage, error, &bounds);
+            if let Err(fault) = seen {
+                self.fail(fault);
+                return Err(Denial::Faulted);
+            }
+        }
         self.state = State::Following;
         self.aim();
         let latency_us = self.first_word().since(frame.capture);

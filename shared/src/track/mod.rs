@@ -15,6 +15,7 @@
 pub mod filter;
 pub mod history;
 pub mod pursuit;
+pub mod watch;
 
 use crate::frame::message::Denial;
 use crate::time::Instant;
@@ -40,6 +41,8 @@ pub struct Tracker {
     recent: heapless::Deque<View, RECENT>,
     /// What the stage is after.
     pub pursuit: pursuit::Pursuit,
+    /// Whether the cameras see what the stage does.
+    pub watch: watch::Watch,
 }
 
 impl Tracker {

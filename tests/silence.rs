@@ -1,0 +1,120 @@
+//! A host that falls silent: how far the stage goes then, at the pins, at any moment of any motion.
+
+use host::random::Random;
+use host::rig_file::Stage;
+use host::station::stage::{HEARTBEAT_MS, default_stage};
+use host::station::twin::Twin;
+use shared::frame::message::{Command, Mounting};
+use shared::safety::{Fault, State, Trust};
+
+/// From the last ping to the stop, s: the heartbeat time, the tick that notices, the tick already planned, and the one in which the ping came.
+const SILENCE_S: f64 = 1e-3 * HEARTBEAT_MS as f64 + 3e-3;
+
+/// What is on its way to the pins, s.
+const RING_S: f64 = 1e-3;
+
+/// Fine steps: a speed is read off the pins.
+fn stage(max_speed_mm_s: f64) -> Stage {
+    Stage {
+        steps_per_mm: [1_600.0; 3],
+        max_speed_mm_s: [max_speed_mm_s; 3],
+        travel_mm: [[-500.0, 500.0]; 3],
+        ..default_stage()
+    }
+}
+
+/// Farthest way from a moment with the speed `v`, mm/s, mm: it may have sped up at full acceleration `a` for all of the silence, up to `most`; then it
+/// eases off at the jerk `j` and brakes. On the planner's grid the jerk is up to a sixth lower.
+fn bound_mm(v: f64, most: f64) -> f64 {
+    let (a, j, t) = (2_000.0, 50_000.0 * 5.0 / 6.0, SILENCE_S + RING_S);
+    let first = (v + a * t).min(most);
+    let second = (first + a * a / (2.0 * j)).min(most);
+    let silent = (v * t + 0.5 * a * t * t).min(most * t);
+    let easing = first * a / j + a.powi(3) / (3.0 * j * j);
+    let braking = 0.5 * second * (second / a + a / j);
+    silent + easing + braking + (second + a * 1e-3) * 1e-3
+}
+
+/// Lets the host fall silent now; the ways of the axes until they stand, mm.
+fn silence(twin: &mut Twin) -> [f64; 3] {
+    // A ping now: the last one.
+    let host_us = twin.now().micros();
+    twin.send(Command::Ping { host_us });
+    twin.set_pings(false);
+    let before = twin.position_mm();
+    twin.advance(twin.now().plus_micros(800_000));
+    let stood = twin.position_mm();
+    twin.advance(twin.now().plus_micros(200_000));
+    assert_eq!(twin.position_mm(), stood, "it stands");
+    std::array::from_fn(|axis| (stood[axis] - before[axis]).abs())
+}
+
+#[test]
+fn at_50_mm_s_on_three_axes_it_stops_within_the_bound_and_keeps_its_position() {
+    let mut twin = Twin::start(&stage(50.0), "twin", Mounting::OnStage).expect("it starts");
+    let position_um = [400_000; 3];
+    twin.command("setpoint", Command::Setpoint { position_um })
+        .expect("it moves");
+    twin.advance(twin.now().plus_micros(1_000_000));
+    let ways = silence(&mut twin);
+    let bound = bound_mm(50.0, 50.0);
+    println!("50 mm/s on three axes: {ways:.3?} mm, bound {bound:.3} mm");
+    for way in ways {
+        assert!(way <= bound && way > 0.5 * bound, "{way} of {bound} mm");
+    }
+    twin.set_pings(true);
+    twin.advance(twin.now().plus_micros(500_000));
+    let status = *twin.status().expect("a status");
+    assert_eq!(
+        (status.state, status.fault, status.trust),
+        (State::Faulted, Some(Fault::Heartbeat), Trust::Homed)
+    );
+    assert_eq!(status.position_steps.map(i64::from), twin.steps_from_zero());
+}
+
+#[test]
+fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
+    let mut random = Random::seeded(11);
+    let most = 50.0;
+    let (mut worst, mut farthest, mut speeding) = (0.0f64, 0.0f64, 0);
+    for _ in 0..1_000 {
+        let mut twin = Twin::start(&stage(most), "twin", Mounting::OnStage).expect("it starts");
+        // A few targets one after the other, some in mid-move.
+        for _ in 0..1 + random.below(4) {
+            let position_um = [(); 3].map(|()| random.between(-60e3, 60e3) as i32);
+            twin.command("setpoint", Command::Setpoint { position_um })
+                .expect("it moves");
+            let ms = 1 + random.below(300) as u64;
+            twin.advance(twin.now().plus_micros(1_000 * ms));
+        }
+        let speed = |twin: &mut Twin| -> [f64; 3] {
+            let before = twin.position_mm();
+            twin.advance(twin.now().plus_micros(1_000));
+            let after = twin.position_mm();
+            // Read off whole steps, each of which may just have been missed.
+            std::array::from_fn(|i| ((after[i] - before[i]).abs() + 2.0 / 1_600.0) * 1e3)
+        };
+        let earlier = speed(&mut twin);
+        let now = speed(&mut twin);
+        let ways = silence(&mut twin);
+        for axis in 0..3 {
+            // What is on its way to the pins is a little faster yet.
+            let bound = bound_mm((now[axis] + 2_000.0 * RING_S).min(most), most);
+            assert!(
+                ways[axis] <= bound,
+                "{} of {bound} mm at {} mm/s",
+                ways[axis],
+                now[axis]
+            );
+            worst = worst.max(ways[axis] / bound);
+            farthest = farthest.max(ways[axis]);
+            speeding += usize::from(now[axis] > earlier[axis] + 1.0);
+        }
+    }
+    println!(
+        "1,000 moments, {speeding} axes accelerating: at most {farthest:.3} mm, {:.1} % of the bound",
+        100.0 * worst
+    );
+    assert!(speeding > 300, "{speeding}");
+    assert!(worst > 0.6, "{worst}");
+}
