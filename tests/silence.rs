@@ -81,10 +81,10 @@ fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
         let mut twin = Twin::start(&stage(most), "twin", Mounting::OnStage).expect("it starts");
         // A few targets one after the other, some in mid-move.
         for _ in 0..1 + random.below(4) {
-            let position_um = [(); 3].map(|()| random.between(-60e3, 60e3) as i32);
+            let position_um = [(); 3].map(|()| random.between(-200e3, 200e3) as i32);
             twin.command("setpoint", Command::Setpoint { position_um })
                 .expect("it moves");
-            let ms = 1 + random.below(300) as u64;
+            let ms = 1 + random.below(100) as u64;
             twin.advance(twin.now().plus_micros(1_000 * ms));
         }
         let speed = |twin: &mut Twin| -> [f64; 3] {

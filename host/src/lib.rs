@@ -6,6 +6,7 @@ pub mod error;
 pub mod experiment;
 pub mod flow;
 pub mod images;
+pub mod mounting;
 pub mod plant;
 pub mod points;
 pub mod random;

@@ -10,7 +10,7 @@ use host::station::{StationError, ports};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
 use shared::safety::State;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -47,12 +47,21 @@ impl StageArgument {
         let Some(path) = &self.rig else {
             return Ok(None);
         };
-        match RigFile::read(path)?.stage {
-            Some(stage) => Ok(Some(stage)),
-            None => {
-                Err(InputError::file(path, "has no [stage]: it says what the station moves").into())
-            }
-        }
+        self.stage_of(&RigFile::read(path)?).map(Some)
+    }
+
+    /// The rig file, for a command that cannot do without.
+    pub fn path(&self) -> Result<&Path, Failure> {
+        let path = self.rig.as_deref();
+        path.ok_or_else(|| Failure::Usage("it needs --rig RIG.toml".to_owned()))
+    }
+
+    /// The stage of the rig file that was read.
+    pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
+        let none = "has no [stage]: it says what the station moves";
+        let stage = rig.stage.clone();
+        Ok(stage
+            .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)
     }
 }
 

@@ -11,6 +11,7 @@ mod align;
 mod bench;
 mod by_hand;
 mod calibrate;
+mod calibrate_stage;
 mod convert;
 mod destination;
 mod diagnose;
@@ -67,6 +68,7 @@ enum Command {
     Align(align::Options),
     Bench(bench::Options),
     Calibrate(calibrate::Options),
+    CalibrateStage(calibrate_stage::Options),
     Convert(convert::Options),
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
@@ -90,6 +92,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         None => experiment::run(&arguments.experiment, out),
         Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
+        Some(Command::CalibrateStage(options)) => calibrate_stage::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),

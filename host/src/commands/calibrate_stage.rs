@@ -1,0 +1,262 @@
+//! `trinocular calibrate-stage`: how the cameras sit on the stage, from pictures taken along its axes.
+
+mod real;
+mod simulated;
+
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::by_hand::StageArgument;
+use super::scene::SceneOptions;
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::images::Capture;
+use host::mounting::fit::{Fit, Sample, fit};
+use host::mounting::plan::{FARTHEST, Stop, stops};
+use host::mounting::rewrite::with_matrix;
+use host::mounting::watch::Watch;
+use host::report::write_atomically;
+use host::report::{Cell, Table};
+use host::rig_file::{RigFile, Stage};
+use serde_json::json;
+
+/// Find how the cameras sit on the stage: the matrix of the rig file, from pictures of a target at rest
+///
+/// The stage goes along each of its axes, a few mm either way, and stops for a picture of a textured target that does not move. The matrix that explains what
+/// the cameras saw is fitted and printed with its standard deviation; a fit that noise cannot explain is refused. It takes in the cameras'
+/// rotation, an axis that runs the wrong way, and steps_per_mm that are off.
+///
+/// With --port the station must know its position (`home` or `zero`), and somebody puts a capture into --images at every stop: the program says when.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// The rig file (TOML) with its stage
+    #[command(flatten)]
+    stage: StageArgument,
+
+    /// A simulated stage with rendered cameras on it, mounted as --turned, --scaled and --mirrored say
+    #[arg(long, required_unless_present = "port")]
+    sim: bool,
+
+    /// The station on this serial port; `auto` is the only one on USB
+    #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "images")]
+    port: Option<String>,
+
+    /// Where captures appear: one subfolder per camera, equal file names for one instant. Those that are there already are not used
+    #[arg(long, value_name = "DIR", requires = "port")]
+    images: Option<PathBuf>,
+
+    /// How long to wait for a capture, s
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u16).range(1..=3_600))]
+    patience: u16,
+
+    /// How far the stage goes along each axis, either way, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    reach: f64,
+
+    /// Where the corrected rig file goes: the same text with another matrix
+    #[arg(long, value_name = "FILE.toml")]
+    out: Option<PathBuf>,
+
+    /// Replace the file given by --out if it exists
+    #[arg(long, requires = "out")]
+    force: bool,
+
+    /// Print one JSON object instead
+    #[arg(long)]
+    json: bool,
+
+    /// The simulated cameras are turned against the stage about x, y, z, degrees
+    #[arg(long, value_name = "DEG", num_args = 3, default_values_t = [2.0, -3.0, 3.5], allow_negative_numbers = true, conflicts_with = "port")]
+    turned: Vec<f64>,
+
+    /// A mm of the simulated stage is so many mm
+    #[arg(
+        long,
+        value_name = "FACTOR",
+        default_value_t = 1.0,
+        conflicts_with = "port"
+    )]
+    scaled: f64,
+
+    /// An axis of the simulated stage that runs the wrong way
+    #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
+    mirrored: Option<simulated::Axis>,
+
+    #[command(flatten)]
+    scene: SceneOptions,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular calibrate-stage --sim --rig rig.toml
+  trinocular calibrate-stage --port auto --rig rig.toml --images captures/ --out rig.toml --force";
+
+/// A stage that can be sent somewhere, and cameras on it.
+trait Bench {
+    /// Where it stands, mm from zero.
+    fn position_mm(&mut self) -> Result<[f64; 3], Failure>;
+
+    /// Goes there, mm from zero, and waits until it stands; returns where that is.
+    fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure>;
+
+    /// Takes a picture with each camera.
+    fn look(&mut self) -> Result<Capture, Failure>;
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    if !(options.reach >= 0.1 && options.reach <= 100.0) {
+        return Err(Failure::Usage(
+            "--reach must be from 0.1 to 100 mm".to_owned(),
+        ));
+    }
+    let path = options.stage.path()?;
+    let rig = RigFile::read(path)?;
+    let text = fs::read_to_string(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+    let stage = options.stage.stage_of(&rig)?;
+    if let Some(path) = &options.out {
+        // Before the work: it would be for nothing.
+        super::destination::refuse_existing(path, options.force)?;
+    }
+    let found = match &options.port {
+        None => measure(
+            options,
+            &rig,
+            &stage,
+            &mut simulated::bench(options, &rig, &stage)?,
+        )?,
+        Some(port) => measure(
+            options,
+            &rig,
+            &stage,
+            &mut real::bench(options, port, &rig, &stage)?,
+        )?,
+    };
+    let (samples, fit) = found;
+    if let Some(to) = &options.out {
+        let text = with_matrix(path, &text, &fit.matrix)?;
+        write_atomically(to, &text).map_err(super::unwritable)?;
+    }
+    if options.json {
+        writeln!(out, "{}", json!({"fit": fit, "samples": samples}))?;
+    } else {
+        print(options, &samples, &fit, &stage, out)?;
+    }
+    Ok(())
+}
+
+fn measure(
+    options: &Options,
+    rig: &RigFile,
+    stage: &Stage,
+    bench: &mut impl Bench,
+) -> Result<(Vec<Sample>, Fit), Failure> {
+    let centre_mm = bench.position_mm()?;
+    within_travel(options, stage, centre_mm)?;
+    let stops = stops(centre_mm, options.reach);
+    let looks = stops.iter().filter(|stop| stop.looks).count();
+    let mut watch = None;
+    let mut samples = Vec::new();
+    for Stop { position_mm, looks } in stops {
+        let stands_mm = bench.go(position_mm)?;
+        if !looks {
+            continue;
+        }
+        let capture = bench.look()?;
+        let Some(watch) = &watch else {
+            let started = Watch::start(&rig.rig, &capture).map_err(|refusal| {
+                Failure::Scene(format!("the first pictures cannot be used: {refusal}"))
+            })?;
+            watch = Some(started);
+            continue;
+        };
+        match watch.look(stands_mm, &capture) {
+            Ok(sample) => samples.push(sample),
+            Err(refusal) => eprintln!("at {stands_mm:.3?} mm: {refusal}"),
+        }
+    }
+    // The reference is no sample: it is what the others are measured against.
+    let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Scene(refusal.to_string()))?;
+    Ok((samples, fit))
+}
+
+fn within_travel(options: &Options, stage: &Stage, centre_mm: [f64; 3]) -> Result<(), Failure> {
+    let farthest = FARTHEST * options.reach;
+    for axis in 0..3 {
+        let [least, greatest] = stage.travel_mm[axis];
+        let centre = centre_mm[axis];
+        if centre - farthest < least || centre + farthest > greatest {
+            let name = ['x', 'y', 'z'][axis];
+            return Err(Failure::Usage(format!(
+                "{name} is at {centre:.3} mm and would go {farthest:.3} mm either way, but its soft limits are {least} to {greatest} mm: move it, or take a shorter --reach"
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn print(
+    options: &Options,
+    samples: &[Sample],
+    fit: &Fit,
+    stage: &Stage,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let mut stops = Table::new(
+        "What each stop showed, mm",
+        [
+            "stage",
+            "target displaced, along camera axes",
+            "off the fit",
+        ],
+    );
+    for (sample, residual) in samples.iter().zip(&fit.residuals_mm) {
+        stops = stops.row([
+            Cell::vector(&sample.position_mm, 3, 8),
+            Cell::vector(&sample.displacement_mm, 4, 8),
+            Cell::vector(residual, 4, 8),
+        ]);
+    }
+    writeln!(out, "{}", stops.to_text())?;
+    let mut matrix = Table::new(
+        "Camera axes to stage axes",
+        [
+            "stage axis",
+            "matrix",
+            "standard deviation",
+            "in the rig file",
+        ],
+    );
+    for axis in 0..3 {
+        matrix = matrix.row([
+            Cell::text(["x", "y", "z"][axis]),
+            Cell::vector(&fit.matrix[axis], 5, 9),
+            Cell::vector(&fit.sigma[axis], 5, 8),
+            Cell::vector(&stage.matrix[axis], 5, 9),
+        ]);
+    }
+    writeln!(out, "{}", matrix.to_text())?;
+    let [x, y, z] = fit.scatter_mm;
+    writeln!(
+        out,
+        "{:>16}: {x:.4} {y:.4} {z:.4} mm along the camera axes",
+        "scatter"
+    )?;
+    let [x, y, z] = fit.scale;
+    writeln!(
+        out,
+        "{:>16}: {x:.4} {y:.4} {z:.4} mm seen for a mm sent",
+        "scale"
+    )?;
+    let hand = match fit.mirrored {
+        true => "an odd number of axes runs the wrong way; the matrix makes up for it",
+        false => "every axis runs the right way, or two the wrong one",
+    };
+    writeln!(out, "{:>16}: {hand}", "handedness")?;
+    if let Some(path) = &options.out {
+        writeln!(out, "{:>16}: {}", "corrected rig", path.display())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,111 @@
+//! A station on a serial port, and a folder in which captures appear.
+
+use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
+use super::{Bench, Options};
+use host::error::{Failure, InputError};
+use host::images::Capture;
+use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::rig_file::{RigFile, Stage};
+use shared::frame::message::Command;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// How often the folder is looked into.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Station and folder.
+pub struct Real {
+    hand: Hand,
+    stage: Stage,
+    folder: PathBuf,
+    names: Vec<String>,
+    size_px: [u32; 2],
+    patience: Duration,
+}
+
+/// Connects, configures the station and starts the heartbeat.
+pub fn bench(options: &Options, port: &str, rig: &RigFile, stage: &Stage) -> Result<Real, Failure> {
+    let Some(folder) = &options.images else {
+        return Err(Failure::Usage("--port needs --images".to_owned()));
+    };
+    if !folder.is_dir() {
+        return Err(InputError::file(folder, "no such folder").into());
+    }
+    let port = PortArgument {
+        port: port.to_owned(),
+    };
+    let mut hand = Hand::connect(&port)?;
+    hand.ready_to_move("setpoint", true)?;
+    hand.configure(Some(stage), &options.stage)?;
+    hand.start_heartbeat()?;
+    Ok(Real {
+        hand,
+        stage: stage.clone(),
+        folder: folder.clone(),
+        names: rig.names.clone(),
+        size_px: rig.rig.image_size_px,
+        patience: Duration::from_secs(options.patience.into()),
+    })
+}
+
+impl Real {
+    /// The captures that are complete by now; none while one is being written.
+    fn listed(&self) -> Option<Folder> {
+        Folder::open(&self.folder, &self.names, self.size_px, DEFAULT_PERIOD_US).ok()
+    }
+
+    fn names(&self) -> BTreeSet<String> {
+        let listed = self.listed();
+        listed.map_or_else(BTreeSet::new, |folder| {
+            folder.names().iter().cloned().collect()
+        })
+    }
+}
+
+impl Bench for Real {
+    fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
+        Ok(in_mm(self.hand.status()?.position_steps, &self.stage))
+    }
+
+    fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
+        let position_um = position_mm.map(|mm| (mm * 1e3).round() as i32);
+        self.hand
+            .command("setpoint", Command::Setpoint { position_um })?;
+        let end = self.hand.wait_for_rest(|_, _| Ok(()))?;
+        why_it_stands(&self.hand, &end, false)?;
+        Ok(in_mm(end.position_steps, &self.stage))
+    }
+
+    /// Waits for a capture that was not there when the stage came to rest.
+    fn look(&mut self) -> Result<Capture, Failure> {
+        let before = self.names();
+        let [x, y, z] = self.position_mm()?;
+        eprintln!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
+        let end = Instant::now() + self.patience;
+        loop {
+            let folder = self.listed();
+            let newest = folder.as_ref().and_then(|folder| {
+                let names = folder.names().iter().enumerate();
+                let new = names.filter(|(_, name)| !before.contains(*name));
+                new.last().map(|(index, _)| index)
+            });
+            if let (Some(folder), Some(index)) = (&folder, newest)
+                && let Some(capture) = folder.captures().nth(index)
+            {
+                match capture {
+                    Ok(capture) => return Ok(capture),
+                    // It may be half written still.
+                    Err(error) if Instant::now() >= end => return Err(error.into()),
+                    Err(_) => {}
+                }
+            }
+            if Instant::now() >= end {
+                let waited = self.patience.as_secs();
+                let reason = format!("no capture came within {waited} s");
+                return Err(InputError::file(&self.folder, reason).into());
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+}

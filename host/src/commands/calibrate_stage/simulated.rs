@@ -1,0 +1,86 @@
+//! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
+
+use super::{Bench, Options};
+use clap::ValueEnum;
+use host::error::Failure;
+use host::images::{Capture, Scene, Texture};
+use host::rig_file::{RigFile, Stage};
+use host::station::twin::Twin;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use shared::frame::message::{Command, Mounting};
+use shared::safety::State;
+
+/// An axis of the stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+/// Twin and scene.
+pub struct Simulated {
+    twin: Twin,
+    scene: Scene,
+    /// How the cameras move for a mm that the stage is sent.
+    mounted: Matrix3<f64>,
+    seed: u64,
+}
+
+/// Switches it on, at zero.
+pub fn bench(options: &Options, rig: &RigFile, stage: &Stage) -> Result<Simulated, Failure> {
+    let [x, y, z] = *options.turned.as_slice() else {
+        return Err(Failure::Usage("--turned takes three angles".to_owned()));
+    };
+    if !(options.scaled >= 0.5 && options.scaled <= 2.0)
+        || [x, y, z].iter().any(|d| !(d.abs() <= 30.0))
+    {
+        return Err(Failure::Usage(
+            "--scaled must be from 0.5 to 2, --turned -30 to 30 degrees".to_owned(),
+        ));
+    }
+    let turn = Rotation3::new(Vector3::new(x, y, z).map(f64::to_radians));
+    let mut axes = Vector3::repeat(options.scaled);
+    if let Some(axis) = options.mirrored {
+        axes[axis as usize] = -axes[axis as usize];
+    }
+    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
+    let scene = Scene::new(&rig.rig, &texture, options.scene.settings())
+        .map_err(|error| Failure::Usage(error.to_string()))?;
+    Ok(Simulated {
+        twin: Twin::start(stage, "twin", Mounting::OnStage)
+            .map_err(super::super::station_failed)?,
+        scene,
+        mounted: turn.matrix() * Matrix3::from_diagonal(&axes),
+        seed: options.scene.seed,
+    })
+}
+
+impl Bench for Simulated {
+    fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
+        Ok(self.twin.position_mm())
+    }
+
+    fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
+        let position_um = position_mm.map(|mm| (mm * 1e3).round() as i32);
+        self.twin
+            .command("setpoint", Command::Setpoint { position_um })
+            .map_err(super::super::station_failed)?;
+        loop {
+            self.twin.advance(self.twin.now().plus_micros(110_000));
+            let status = self.twin.status().map(|status| status.state);
+            if status != Some(State::Moving) {
+                return self.position_mm();
+            }
+        }
+    }
+
+    fn look(&mut self) -> Result<Capture, Failure> {
+        self.seed = self.seed.wrapping_mul(1_000_003).wrapping_add(1);
+        let cameras_mm = self.mounted * Vector3::from(self.twin.position_mm());
+        let relative_mm = (-cameras_mm).into();
+        Ok(self
+            .scene
+            .render(relative_mm, self.twin.now().micros(), self.seed))
+    }
+}

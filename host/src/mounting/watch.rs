@@ -1,0 +1,48 @@
+//! What the pictures of a target at rest say of the cameras' own motion.
+
+use super::fit::Sample;
+use crate::flow::{Flow, Refusal, Settings};
+use crate::images::Capture;
+use crate::sums::Sums;
+use shared::estimate::midpoint;
+use shared::rig::Rig;
+
+/// A reference, and everything after it measured against it.
+#[derive(Debug)]
+pub struct Watch {
+    rig: Rig,
+    flow: Flow,
+}
+
+impl Watch {
+    /// Takes the reference.
+    ///
+    /// # Errors
+    /// If the rig or the pictures cannot be used.
+    pub fn start(rig: &Rig, capture: &Capture) -> Result<Self, Refusal> {
+        let mut flow = Flow::new(rig, Settings::default())?;
+        flow.set_reference(capture)?;
+        Ok(Self {
+            rig: rig.clone(),
+            flow,
+        })
+    }
+
+    /// What pictures taken at `position_mm` show.
+    ///
+    /// # Errors
+    /// Why they show nothing, in words.
+    pub fn look(&self, position_mm: [f64; 3], capture: &Capture) -> Result<Sample, String> {
+        let measured = self
+            .flow
+            .measure(capture)
+            .map_err(|refusal| refusal.to_string())?;
+        let sums = Sums::of(&self.rig, &measured).map_err(|refusal| refusal.to_string())?;
+        let estimate = midpoint::solve(&sums.centred).map_err(|refusal| refusal.to_string())?;
+        Ok(Sample {
+            position_mm,
+            displacement_mm: estimate.displacement_mm,
+            sigma_mm: estimate.sigma_mm(),
+        })
+    }
+}
