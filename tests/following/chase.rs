@@ -208,7 +208,7 @@ impl Chase {
                 2_000 => send(&mut machine, now, Command::Zero),
                 _ => {}
             }
-            if now % 20_000 == 0 {
+            if now.is_multiple_of(20_000) {
                 send(&mut machine, now, Command::Ping { host_us: now });
             }
             machine.sense(Inputs {
@@ -279,7 +279,7 @@ impl Chase {
                 let (due, frame) = waiting.pop_front().unwrap();
                 send(&mut machine, due, Command::Frame(frame));
             }
-            if next % 1_000 == 0 && next > start_us {
+            if next.is_multiple_of(1_000) && next > start_us {
                 let fine = at_pins(&path, next);
                 run.samples.push(Sample {
                     time_s: (next - start_us) as f64 * 1e-6,
