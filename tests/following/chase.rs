@@ -208,7 +208,7 @@ impl Chase {
                 2_000 => send(&mut machine, now, Command::Zero),
                 _ => {}
             }
-            if now % 20_000 == 0 {
+            if now.is_multiple_of(20_000) {
                 send(&mut machine, now, Command::Ping { host_us: now });
             }
             machine.sense(Inputs {
@@ -241,8 +241,8 @@ impl Chase {
                 let at_s = (capture - start_us) as f64 * 1e-6;
                 let goal = target(at_s);
                 // The motors stand in whole steps.
-                let stands = |at| {
-                    at_pins(&path, at).map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM)
+                let stands = |us| {
+                    at_pins(&path, us).map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM)
                 };
                 let mut stage = stands(capture);
                 if let Some((from_s, axes)) = self.stalled
@@ -279,7 +279,7 @@ impl Chase {
                 let (due, frame) = waiting.pop_front().unwrap();
                 send(&mut machine, due, Command::Frame(frame));
             }
-            if next % 1_000 == 0 && next > start_us {
+            if next.is_multiple_of(1_000) && next > start_us {
                 let fine = at_pins(&path, next);
                 run.samples.push(Sample {
                     time_s: (next - start_us) as f64 * 1e-6,

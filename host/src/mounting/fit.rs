@@ -120,14 +120,14 @@ pub fn fit(samples: &[Sample], stops: usize) -> Result<Fit, Refusal> {
     let inverse = normal.try_inverse().ok_or(Refusal::Flat)?;
     let mut a = Matrix3::zeros();
     let mut offsets = [0.0; 3];
-    for camera in 0..3 {
+    for (camera, offset) in offsets.iter_mut().enumerate() {
         let right = samples
             .iter()
             .map(|s| row(s) * s.displacement_mm[camera])
             .sum::<Vector4<f64>>();
         let found = inverse * right;
         a.set_row(camera, &found.fixed_rows::<3>(0).transpose());
-        offsets[camera] = found[3];
+        *offset = found[3];
     }
     let residuals_mm: Vec<[f64; 3]> = samples
         .iter()

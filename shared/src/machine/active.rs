@@ -102,6 +102,7 @@ impl Active {
         self.config.mounting == Mounting::OnStage
     }
 
+    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
     fn bounds(&self) -> Bounds {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);

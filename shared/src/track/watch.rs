@@ -7,12 +7,16 @@
 //!   way makes the target run away exactly as fast as the stage is sent after it: a target that nobody can reach.
 //!
 //! # Unseen motion
-//! Counted is the way `m` towards the target, against the largest `|e|` since the count began. The count begins anew whenever `|e|` has become
-//! smaller by `m/`[`SHARE`], when the target is on the other side, or nearer than the bound over [`FLOOR`]: a target in steady
-//! motion is followed without coming nearer, but from near by. A count beyond the bound is a fault. So a target at rest that the stage really moves
-//! to never counts, and one that runs away counts only until the stage is the faster one.
+//! Counted is the way `m` towards the target, together with the largest and the smallest `|e|` since the count began. The count begins anew
+//! whenever `|e|` has become smaller by `m/`[`SHARE`], when the target is on the other side, or when it is near: within the bound over [`FLOOR`].
+//! So a target at rest that the stage really moves to never counts.
 //!
-//! A stall is noticed when the stage was sent the bound's length in vain, if the target is farther than the floor by then.
+//! A target in motion is followed without coming nearer, too; but from near by, and if it speeds up or turns from a distance that changes. So a count
+//! beyond the bound is a fault only if `|e|` changed by less than `m/`[`STEADY`], as it does before a stage that stands still, or if it grew beyond
+//! the bound over [`GROWN`].
+//!
+//! A stall is noticed when the stage was sent the bound's length in vain, if the target is not near by then. With prediction switched off the
+//! stage follows from a distance that is steady; then nothing is counted.
 
 use super::Fine;
 use crate::safety::Fault;
@@ -23,6 +27,12 @@ const SHARE: i64 = 4;
 
 /// Nearer than this part of the bound, a target that does not come nearer is followed well.
 const FLOOR: u64 = 8;
+
+/// A distance that changes by less than this part of the way is steady.
+const STEADY: i64 = 10;
+
+/// Farther than this part of the bound is too far for a target that is followed.
+const GROWN: i64 = 2;
 
 /// What is too much. 2⁻³² steps; zero is never.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,8 +48,10 @@ pub struct Bounds {
 /// One axis since its count began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
-    /// The target's distance: the largest since, with its sign now.
+    /// The target's distance: the largest since, with its sign.
     farthest: i64,
+    /// The smallest, without.
+    nearest: i64,
     /// The way towards the target.
     way: i64,
 }
@@ -55,13 +67,19 @@ impl Axis {
         if near || side != self.farthest.signum() || nearer > moved / SHARE {
             *self = Self {
                 farthest: error,
+                nearest: distance,
                 way: 0,
             };
             return false;
         }
-        self.way = moved;
-        self.farthest = self.farthest.saturating_abs().max(distance) * side;
-        bound > 0 && moved > bound
+        let farthest = self.farthest.saturating_abs().max(distance);
+        *self = Self {
+            farthest: farthest * side,
+            nearest: self.nearest.min(distance),
+            way: moved,
+        };
+        let steady = farthest.saturating_sub(self.nearest) < moved / STEADY;
+        bound > 0 && moved > bound && (steady || farthest > bound / GROWN)
     }
 }
 
@@ -143,11 +161,14 @@ mod tests {
             faults(100, |k| (-40 * k, -300)),
             Some((21, Fault::LostSteps))
         );
-        // The wrong way round, it is sent away from where the target comes from.
+        // The wrong way round: it is sent away from where the target is.
         assert_eq!(
             faults(100, |k| (40 * k, 300 + 40 * k)),
             Some((21, Fault::LostSteps))
         );
+        // While the target itself moves a little.
+        let wavers = |k: i64| (40 * k, 300 + 8 * (k % 2));
+        assert_eq!(faults(100, wavers), Some((21, Fault::LostSteps)));
     }
 
     #[test]
@@ -166,6 +187,8 @@ mod tests {
             )
         };
         assert_eq!(faults(40, caught), None);
+        // After one that speeds up and slows down, which takes its distance with it.
+        assert_eq!(faults(60, |k| (20 * k, 150 + 4 * (k - 30).abs())), None);
         // To and fro, from near by.
         assert_eq!(faults(1_000, |k| (30 * k, 90)), None);
     }

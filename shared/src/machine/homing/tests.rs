@@ -233,11 +233,10 @@ impl Bench {
     fn hear(&mut self, mut bytes: &[u8]) {
         match self.reports.next(&mut bytes).unwrap().unwrap() {
             Report::Status(status) => self.status = Some(status),
-            Report::Answer { outcome, .. } => {
-                if let Outcome::Denied(denial) = outcome {
-                    self.denial = Some(denial);
-                }
-            }
+            Report::Answer {
+                outcome: Outcome::Denied(denial),
+                ..
+            } => self.denial = Some(denial),
             _ => {}
         }
     }

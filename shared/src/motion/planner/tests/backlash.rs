@@ -137,8 +137,8 @@ proptest! {
         for _ in 0..20 {
             moved.plan_tick();
         }
-        for axis in 0..AXES {
-            let way = i64::from(by[axis]) << 32;
+        for (axis, by) in by.into_iter().enumerate() {
+            let way = i64::from(by) << 32;
             prop_assert_eq!(moved.positions()[axis].fine() - way, stood.0[axis]);
             prop_assert_eq!(moved.loads()[axis].fine() - way, stood.1[axis]);
         }
