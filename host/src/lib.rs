@@ -14,6 +14,7 @@ pub mod points;
 pub mod random;
 pub mod report;
 pub mod rig_file;
+pub mod robustness;
 pub mod simulation;
 pub mod station;
 pub mod sums;

@@ -246,8 +246,12 @@ fn matched(
             .set_reference(capture)
             .and_then(|()| flow.measure(capture));
         match seen {
+            Ok(seen) if seen.cameras.len() < rig.cameras.len() => {
+                let left = seen.cameras.len();
+                refused.get_or_insert(flow::Refusal::FewCameras { left });
+            }
             Ok(seen) => {
-                overlap += seen.overlap;
+                overlap += seen.scatter.overlap;
                 matched += 1;
                 let starts = seen.tracks.iter().map(|track| Point {
                     pixels: track.pixels.iter().map(|[start, _]| *start).collect(),

@@ -27,6 +27,7 @@ pub struct Options {
 #[derive(Debug, Subcommand)]
 enum What {
     Flow(FlowOptions),
+    Robustness(super::robustness::Options),
 }
 
 /// Time the way from pictures to tracked points
@@ -74,6 +75,7 @@ Examples:
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     match &options.what {
         What::Flow(options) => run_flow(options, out),
+        What::Robustness(options) => super::robustness::run(options, out),
     }
 }
 

@@ -24,6 +24,7 @@ mod port;
 mod ports;
 mod progress;
 mod reset;
+mod robustness;
 mod scene;
 mod simulate;
 mod status;
