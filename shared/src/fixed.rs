@@ -130,10 +130,12 @@ pub fn square_root_32(value: u32) -> u32 {
     // Normalised to 31 or 32 bits; an even shift, so that the root shifts by half of it.
     let shift = value.leading_zeros() & !1;
     let normal = value << shift;
-    let bound = ROOTS.get((normal >> 27) as usize - 8).copied();
+    let bound = ROOTS
+        .get(((normal >> 27) as usize).wrapping_sub(8))
+        .copied();
     let step = |root: u32| root.wrapping_add(normal.checked_div(root).unwrap_or(0)) >> 1;
     let root = step(step(u32::from(bound.unwrap_or(256)) << 8));
-    let root = root - u32::from(normal.checked_div(root).unwrap_or(0) < root);
+    let root = root.wrapping_sub(u32::from(normal.checked_div(root).unwrap_or(0) < root));
     root >> (shift / 2)
 }
 

@@ -129,7 +129,7 @@ impl Active {
                 .iter()
                 .zip(camera_nm)
                 .map(|(m, nm)| multiply_shift(*m, nm, MATRIX_BITS));
-            products.sum() // three terms below 2^34 each
+            products.fold(0, i64::wrapping_add) // three terms below 2^34 each
         };
         self.fine(self.config.matrix.map(row))
     }
@@ -225,7 +225,7 @@ fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
     let widest_um = i32::try_from(widest_um).unwrap_or(i32::MAX);
     AxisConfig {
         max_speed_um_s: axis.max_speed_um_s.min(speed_um_s),
-        travel_um: [-widest_um, widest_um],
+        travel_um: [widest_um.saturating_neg(), widest_um],
         ..axis
     }
 }

@@ -222,7 +222,7 @@ impl Machine {
         let segment = self.next_segment();
         if self.given == SEGMENTS {
             self.remember();
-            self.tick += 1;
+            self.tick = self.tick.saturating_add(1);
         }
         Output::Segment(segment)
     }
@@ -270,12 +270,12 @@ impl Machine {
         } else {
             self.given
         };
-        Instant::from_micros(self.tick * TICK_US + u64::from(given) * SEGMENT_US)
+        self.now().plus_micros(u64::from(given) * SEGMENT_US)
     }
 
     /// The instant of the present tick.
     fn now(&self) -> Instant {
-        Instant::from_micros(self.tick * TICK_US)
+        Instant::from_micros(self.tick.saturating_mul(TICK_US))
     }
 
     /// The shell did not poll for a while: the pins stood still meanwhile, so time goes on without motion.

@@ -78,7 +78,11 @@ impl Play {
 
     /// Motor minus goal with the flank in use.
     const fn offset(&self) -> i64 {
-        if self.backward { -self.width } else { 0 }
+        if self.backward {
+            self.width.wrapping_neg()
+        } else {
+            0
+        }
     }
 
     /// Where the motor must go to bring the load to `goal`.
@@ -98,13 +102,14 @@ impl Play {
         if self.held {
             self.pushed(self.load, target)
         } else {
-            target.saturating_add(-self.offset())
+            target.saturating_add(self.offset().wrapping_neg())
         }
     }
 
     /// Where a load comes to be when the motor goes straight to `motor`.
     fn pushed(&self, load: Position, motor: Position) -> Position {
-        load.clamp(motor, motor.saturating_add(self.width))
+        // Not `clamp`, which would panic if the bounds were the wrong way round.
+        load.max(motor).min(motor.saturating_add(self.width))
     }
 
     /// The motor has gone straight to `motor`.
@@ -134,7 +139,7 @@ impl Play {
         if self.held {
             return 0;
         }
-        let goal = target.saturating_add(-self.offset());
+        let goal = target.saturating_add(self.offset().wrapping_neg());
         let beyond = self
             .pushed(self.load, stop)
             .fine()
@@ -148,6 +153,6 @@ impl Play {
         }
         let before = self.offset();
         self.backward = !self.backward;
-        self.offset() - before
+        self.offset().wrapping_sub(before)
     }
 }
