@@ -24,6 +24,8 @@ const FARTHEST_HOME: u64 = 1 << 28;
 #[derive(Clone, Debug)]
 pub(super) struct Active {
     pub config: Config,
+    /// What the cameras must see.
+    pub bounds: Bounds,
     /// For motion with a known position.
     pub limits: Limits,
     /// For motion while the position is unknown: slow, and without soft limits.
@@ -73,8 +75,9 @@ impl Active {
             [None, None, None] => Ok(limits),
             _ => slow(speed).map_err(|_: ConfigFault| ConfigField::Homing),
         };
-        Ok(Self {
+        let mut active = Self {
             config: *config,
+            bounds: Bounds::default(),
             limits,
             slow: slow(config.slow_speed_um_s).map_err(axis_field)?,
             home: [home(fast)?, home(second)?],
@@ -84,21 +87,13 @@ impl Active {
             }),
             reach: config.axes.map(reach),
             variances: variances(config),
-        })
-    }
-
-    /// The gate for estimates.
-    pub fn gate(&self) -> &Gate {
-        &self.config.gate
-    }
-
-    /// Whether the cameras ride on the stage.
-    pub fn on_stage(&self) -> bool {
-        self.config.mounting == Mounting::OnStage
+        };
+        active.bounds = active.watched();
+        Ok(active)
     }
 
     /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
-    pub fn bounds(&self) -> Bounds {
+    fn watched(&self) -> Bounds {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
         let unseen = match self.config.tracking.prediction {
@@ -110,6 +105,16 @@ impl Active {
             error: fine(stage.largest_error_um),
             longest_us: u64::from(stage.longest_error_ms) * 1000,
         }
+    }
+
+    /// The gate for estimates.
+    pub fn gate(&self) -> &Gate {
+        &self.config.gate
+    }
+
+    /// Whether the cameras ride on the stage.
+    pub fn on_stage(&self) -> bool {
+        self.config.mounting == Mounting::OnStage
     }
 
     /// Longest silence of the host, control ticks.

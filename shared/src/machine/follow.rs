@@ -52,8 +52,8 @@ impl Machine {
         self.tracker.keep(reference, view);
         if active.on_stage() {
             let error = view.target([0; 3]);
-            let bounds = active.bounds();
-            let seen = self.tracker.watch.see(frame.capture, stage, error, &bounds);
+            let watch = &mut self.tracker.watch;
+            let seen = watch.see(frame.capture, stage, error, &active.bounds);
             if let Err(fault) = seen {
                 self.fail(fault);
                 return Err(Denial::Faulted);
