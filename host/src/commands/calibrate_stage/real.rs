@@ -87,8 +87,8 @@ impl Bench for Real {
             let folder = self.listed();
             let newest = folder.as_ref().and_then(|folder| {
                 let names = folder.names().iter().enumerate();
-                let new = names.filter(|(_, name)| !before.contains(*name));
-                new.last().map(|(index, _)| index)
+                let mut new = names.filter(|(_, name)| !before.contains(*name));
+                new.next_back().map(|(index, _)| index)
             });
             if let (Some(folder), Some(index)) = (&folder, newest)
                 && let Some(capture) = folder.captures().nth(index)
