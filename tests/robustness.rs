@@ -16,9 +16,16 @@ fn every_condition_is_measured_rightly_or_refused_for_its_reason() {
         total.merge(&row.tally);
     }
     failures.extend(failures_of_all(&total, 1.5));
-    println!("{} measured, error²/sigma² {:.2?}", total.measured, total.normalised());
+    println!(
+        "{} measured, error²/sigma² {:.2?}",
+        total.measured,
+        total.normalised()
+    );
     assert!(failures.is_empty(), "{failures:#?}");
-    assert!(total.measured > 200 && total.refused.len() >= 4, "{total:?}");
+    assert!(
+        total.measured > 200 && total.refused.len() >= 4,
+        "{total:?}"
+    );
 }
 
 /// The claim about sub-pixel bias, with two posters.
@@ -29,6 +36,9 @@ fn no_phase_of_the_pixel_grid_pulls_all_points_along() {
     for phase in phases {
         println!("{phase:+.5?}");
         assert!(phase.is_small(), "{phase:?}");
-        assert!(phase.uncertainty_px.iter().all(|u| *u < 0.0006), "{phase:?}");
+        assert!(
+            phase.uncertainty_px.iter().all(|u| *u < 0.0006),
+            "{phase:?}"
+        );
     }
 }

@@ -235,8 +235,7 @@ impl Flow {
             .map(|(pyramid, _, print)| (pyramid, print))
             .unzip();
         let mut absences = team::absences(&capture.views, &contrasts);
-        let last = self.last.replace(&prints);
-        team::mark_frozen(&mut absences, &prints, &last);
+        self.last.judge(&mut absences, &prints);
         laps.lap(Stage::Filter);
         Ok(Filtered {
             pyramids,
@@ -274,7 +273,7 @@ impl Flow {
             prints,
         } = filtered;
         let settings = &self.settings;
-        let team = self.team(|k| absences[k].is_none())?;
+        let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
         let views = team.select(&pyramids);
         let reference = team.geometry.reference;
         let base = &views[reference].levels[0];
@@ -372,7 +371,7 @@ impl Flow {
         for (absence, before) in absences.iter_mut().zip(&keyframe.absences) {
             *absence = absence.or(*before);
         }
-        let team = self.team(|k| absences[k].is_none())?;
+        let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
         let (mut measurement, late) = if team.cameras == keyframe.team.cameras {
             self.measure_with(&keyframe.view(), now, laps)?
         } else {
@@ -386,9 +385,11 @@ impl Flow {
             self.measure_with(&reference, now, laps)?
         };
         if let Some((late, share)) = late {
-            let late = team.cameras[late];
-            absences[late] = Some(Absence::OutOfStep { share });
-            let team = self.team(|k| absences[k].is_none())?;
+            let absence = (team.cameras.get(late)).and_then(|k| absences.get_mut(*k));
+            if let Some(absence) = absence {
+                *absence = Some(Absence::OutOfStep { share });
+            }
+            let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
             let (matches, coarse) = self.without_some(keyframe, &team);
             let reference = Reference {
                 team: &team,

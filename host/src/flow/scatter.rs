@@ -16,7 +16,7 @@
 //!
 //! * The fit of three unknowns to `2N` sums has taken its part out of every product: `E[R_i·R_j]` is smaller by `b = 3/2 w/N` of
 //!   `E|R|²`, `w` being the widening of the sum over points, `1 + ρ Σ' s_ij/N`. That makes the equation for `ρ` linear in itself.
-//! * Few pairs say little, so `ρ` begins at [`PRIOR`] with the weight of [`PRIOR_PAIRS`] pairs.
+//! * Few pairs say little, so `ρ` begins at 1 with the weight of ten pairs of equal windows.
 
 use super::geometry::Geometry;
 use shared::sums::View;

@@ -18,7 +18,8 @@ const BEYOND_DOUBT: f64 = 25.0;
 pub(super) type Settled = (Measurement, Option<(usize, f64)>);
 
 impl Flow {
-    /// Keeps the points that agree, which must be most of those `expected` in view: else nobody knows what the target is. Also tells the camera that is out of step, if any is.
+    /// Keeps the points that agree, which must be most of those `expected` in view: else nobody knows what the target is. Also tells the
+    /// camera that is out of step, if any is.
     pub(super) fn settle(
         &self,
         team: &Team,

@@ -7,8 +7,8 @@
 //! share_k = K/(K-1) m_k·u / |u|²         of the motion between the two instants
 //! ```
 //!
-//! A wrong focal length or a camera that is not quite where the rig file says does the same, by a percent or two; photographs taken from a rail show it. So a camera is only
-//! left out for more than [`LEAST_SHARE`]; below, sigma grows by what it may have spoiled, `share |u|/K`.
+//! A wrong focal length or a camera that is not quite where the rig file says does the same, by a percent or two; photographs taken from a
+//! rail show it. So a camera is only left out for more than 2.5 %; below, sigma grows by what it may have spoiled, `share |u|/K`.
 
 use super::geometry::Geometry;
 use shared::sums::View;

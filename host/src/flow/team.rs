@@ -111,9 +111,9 @@ pub fn mark_frozen(absences: &mut [Option<Absence>], prints: &[u64], last: &[u64
     }
 }
 
-/// Fingerprints of the pictures seen last, to know a frozen camera by.
+/// Fingerprints of the pictures seen last, and which of them were frozen.
 #[derive(Debug, Default)]
-pub struct Last(Mutex<Vec<u64>>);
+pub struct Last(Mutex<(Vec<u64>, Vec<bool>)>);
 
 impl Clone for Last {
     fn clone(&self) -> Self {
@@ -122,13 +122,21 @@ impl Clone for Last {
 }
 
 impl Last {
-    /// Gives those before.
-    pub fn replace(&self, prints: &[u64]) -> Vec<u64> {
-        let last = self.0.lock();
-        last.map_or_else(
-            |_| Vec::new(),
-            |mut last| std::mem::replace(&mut last, prints.to_vec()),
-        )
+    /// Marks what is frozen against the pictures before. The same capture seen again is judged as it was.
+    pub fn judge(&self, absences: &mut [Option<Absence>], prints: &[u64]) {
+        let Ok(mut last) = self.0.lock() else { return };
+        let (before, frozen) = &*last;
+        if before == prints {
+            let frozen = absences
+                .iter_mut()
+                .zip(frozen)
+                .filter(|(_, frozen)| **frozen);
+            frozen.for_each(|(absence, _)| *absence = absence.or(Some(Absence::Frozen)));
+            return;
+        }
+        mark_frozen(absences, prints, before);
+        let is_frozen = |absence: &Option<Absence>| *absence == Some(Absence::Frozen);
+        *last = (prints.to_vec(), absences.iter().map(is_frozen).collect());
     }
 }
 
@@ -192,6 +200,21 @@ mod tests {
         let mut out = [None; 3];
         mark_frozen(&mut out, &[1, 2, 3], &[]);
         assert_eq!(out, [None; 3]);
+    }
+
+    #[test]
+    fn a_capture_seen_twice_is_judged_the_same_twice() {
+        let last = Last::default();
+        let judged = |prints: &[u64]| {
+            let mut out = [None; 3];
+            last.judge(&mut out, prints);
+            out
+        };
+        assert_eq!(judged(&[1, 2, 3]), [None; 3]);
+        let frozen = [None, Some(Absence::Frozen), None];
+        assert_eq!(judged(&[4, 2, 5]), frozen);
+        assert_eq!(judged(&[4, 2, 5]), frozen);
+        assert_eq!(judged(&[6, 7, 8]), [None; 3]);
     }
 
     #[test]
