@@ -27,6 +27,7 @@ fn the_recorded_life_is_eventful() {
     let (recording, frames) = recording();
     let mut states = BTreeSet::new();
     let mut faults = BTreeSet::new();
+    let mut sights = BTreeSet::new();
     let mut last: Option<Status> = None;
     let (mut hellos, mut homed) = (0, 0);
     let mut outcomes = BTreeMap::<String, u32>::new();
@@ -38,6 +39,7 @@ fn the_recorded_life_is_eventful() {
             Report::Status(status) => {
                 let was = last.as_ref().map(|last: &Status| last.state);
                 homed += usize::from(was == Some(State::Homing) && status.state == State::Idle);
+                sights.insert(format!("{:?}", status.sight));
                 states.insert(format!("{:?}", status.state));
                 faults.extend(status.fault.map(|fault| format!("{fault:?}")));
                 last = Some(status);
@@ -51,7 +53,7 @@ fn the_recorded_life_is_eventful() {
     }
     let last = last.expect("there was a status");
     println!(
-        "{} frames written, {} used, {} refused, {:?}\nstates {states:?}\nfaults {faults:?}\noutcomes {outcomes:#?}",
+        "{} frames written, {} used, {} refused, {:?}\nstates {states:?}\nfaults {faults:?}\nsights {sights:?}\noutcomes {outcomes:#?}",
         frames, last.frames_used, last.frames_refused, last.drops
     );
     assert!(*frames >= 2_000);
@@ -71,6 +73,8 @@ fn the_recorded_life_is_eventful() {
     ] {
         assert!(faults.contains(fault), "{fault} is not in {faults:?}");
     }
+    assert_eq!(sights.len(), 4, "all sights: {sights:?}");
+    assert!(outcomes.contains_key("Denied(Outlier)"), "{outcomes:?}");
     assert!(hellos >= 2);
     let drops = last.drops;
     for count in [

@@ -95,6 +95,9 @@ fn build() -> PathBuf {
         .arg("--message-format=json-render-diagnostics")
         .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
         .stderr(Stdio::inherit());
+    if cfg!(feature = "camera") {
+        cargo.args(["--features", "host/camera"]);
+    }
     // target / [triple /] profile / deps / this test
     let test = std::env::current_exe().expect("the running test is a file");
     let profile_folder = test.ancestors().nth(2).expect("in a profile's folder");

@@ -4,6 +4,10 @@
 mod align;
 #[path = "cli/bad_input.rs"]
 mod bad_input;
+#[path = "cli/bench.rs"]
+mod bench;
+#[path = "cli/cameras.rs"]
+mod cameras;
 #[path = "cli/folder.rs"]
 mod folder;
 #[path = "cli/points.rs"]
@@ -12,6 +16,8 @@ mod points;
 mod usage;
 #[path = "cli/verify.rs"]
 mod verify;
+#[path = "cli/watch.rs"]
+mod watch;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -2,6 +2,8 @@
 
 use host::experiment::follower::Place;
 use host::experiment::tracking::{self, BOUND_MM, MOVES, Run, Settings};
+use host::rig_file::{RigFile, Stage};
+use host::station::stage::default_stage;
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
@@ -117,6 +119,56 @@ fn track_follows_with_a_station_on_a_port() {
     assert!(
         steps.iter().all(|steps| (60..=660).contains(steps)),
         "{steps:?}"
+    );
+}
+
+/// The target goes 12 mm and farther; a stage of 2 mm of travel each way goes that far and no farther, by twin and by port.
+#[test]
+fn the_stage_of_the_rig_file_is_the_one_that_moves() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut rig = RigFile::paper();
+    rig.stage = Some(Stage {
+        travel_mm: [[-2.0, 2.0]; 3],
+        ..default_stage()
+    });
+    let path = folder.path().join("rig.toml");
+    rig.write(&path).expect("it is ours");
+    let track = |more: &[&str]| {
+        let rig = path.to_str().expect("UTF-8");
+        let words = [
+            "track",
+            "--sim",
+            "--rig",
+            rig,
+            "--path",
+            "steps",
+            "--seconds",
+            "3",
+            "--json",
+        ];
+        let (code, out, err) = run(&[&words[..], more].concat());
+        assert_eq!(code, Some(0), "{err}");
+        let last = out.lines().next_back().expect("a line");
+        let last: Value = serde_json::from_str(last).expect("JSON");
+        let x = |key: &str| last[key][0].as_f64().expect("a number");
+        [x("target_mm"), x("camera_mm")]
+    };
+    let [target, camera] = track(&[]);
+    assert!(
+        target > 7.9 && (1.9..=2.0).contains(&camera),
+        "{target} {camera}"
+    );
+    let end = station();
+    let [target, camera] = track(&["--port", &end.path, "--heartbeat", "5000"]);
+    assert!(
+        target > 3.9 && (1.9..=2.0).contains(&camera),
+        "{target} {camera}"
+    );
+    assert!(
+        end.steps().iter().all(|steps| *steps <= 160),
+        "{:?}",
+        end.steps()
     );
 }
 

@@ -5,10 +5,13 @@
 
 #[path = "following/chase.rs"]
 mod chase;
+#[path = "following/consistency.rs"]
+mod consistency;
 
 use chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 use shared::frame::message::Denial;
 use shared::track::pursuit::Sight;
+use std::f64::consts::TAU;
 
 /// Different noise each.
 const SEEDS: [u64; 4] = [1, 2, 3, 4];
@@ -184,4 +187,49 @@ fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
         ),
         "{at:?}"
     );
+}
+
+#[test]
+fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
+    // 30 mm/s to 69 mm and back; the stage ends at 60.
+    let run = Chase::new(1).follow(
+        |t| {
+            let way = 30.0 * t;
+            [if way < 69.0 { way } else { 138.0 - way }, 0.0, 0.0]
+        },
+        4.0,
+    );
+    let farthest = run.samples.iter().map(|s| s.steps[0]).max();
+    assert_eq!(farthest, Some(60 * 80));
+    let last = run.samples.last().expect("samples");
+    assert!(
+        last.target_mm[0] < 20.0 && last.error_mm()[0].abs() < 0.1,
+        "{last:?}"
+    );
+}
+
+/// As another stage carries a target that it is told about picture by picture: its speed goes up and down by a sixth with every one.
+#[test]
+fn an_uneven_motion_is_followed_without_lag_too() {
+    for seed in SEEDS {
+        let mut chase = Chase::new(seed);
+        chase.frames_per_s = 30.0;
+        let run = chase.follow(
+            |t| {
+                let (angle, uneven) = (TAU * t / 8.0, 0.016 * (TAU * 15.0 * t + 1.0).sin());
+                [
+                    10.0 * angle.sin() + uneven,
+                    10.0 * (1.0 - angle.cos()) + uneven,
+                    0.0,
+                ]
+            },
+            8.0,
+        );
+        println!(
+            "uneven circle: rms {:.4?} mm, at most {:.4?} mm",
+            run.rms(1.0),
+            run.worst(1.0)
+        );
+        assert!(each([0.1; 3], run.rms(1.0)), "{:?}", run.rms(1.0));
+    }
 }

@@ -160,6 +160,8 @@ fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
         (with(|c| c.gate.max_displacement_nm = 0), ConfigField::Gate),
         (with(|c| c.heartbeat_ms = 0), ConfigField::Heartbeat),
         (with(|c| c.slow_speed_um_s = 0), ConfigField::SlowSpeed),
+        (with(|c| c.tracking.coast_ms = 0), ConfigField::Tracking),
+        (with(|c| c.tracking.coast_ms = 5_001), ConfigField::Tracking),
     ];
     for (config, field) in cases {
         let mut twin = Twin::power_on(&stage, "twin").unwrap();

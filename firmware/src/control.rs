@@ -4,7 +4,6 @@ use crate::{board, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
 use shared::machine::{Board, Machine, Output};
-use shared::safety::State;
 use static_cell::StaticCell;
 
 /// How long to wait when a segment is due and the engine has no room, µs.
@@ -51,12 +50,11 @@ pub async fn run(session: u32) {
                 let state = machine.state();
                 watch::show(state);
                 crash::keep_fault(machine.fault());
-                if !driven && state != State::Unconfigured {
+                if !driven && machine.is_configured() {
                     driven = true;
                     pins::set_drivers(true);
                 }
-                let moves = matches!(state, State::Moving | State::Following | State::Stopping);
-                if !moves {
+                if !state.is_moving() {
                     engine::resume();
                 }
                 let wake = until

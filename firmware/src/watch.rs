@@ -50,13 +50,20 @@ pub fn unleash(watchdog: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IW
     watchdog
 }
 
+/// States in which it moves because a host wants it to.
+const COMMANDED: [u8; 3] = [
+    State::Moving as u8,
+    State::Following as u8,
+    State::Homing as u8,
+];
+
 /// Feeds the watchdog while everyone is alive; blinks.
 ///
 /// | LED | state |
 /// |---|---|
 /// | short flash every second | not configured |
 /// | on | at rest |
-/// | 2 Hz | moving or following |
+/// | 2 Hz | moving, following or homing |
 /// | 8 Hz | stopped or faulted |
 pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(LOOK_MS));
@@ -74,9 +81,7 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
         let on = match STATE.load(Relaxed) {
             state if state == State::Unconfigured as u8 => looks % 100 < 5,
             state if state == State::Idle as u8 => true,
-            state if state == State::Moving as u8 || state == State::Following as u8 => {
-                looks % 50 < 25
-            }
+            state if COMMANDED.contains(&state) => looks % 50 < 25,
             _ => looks % 12 < 6,
         };
         pins::set(LED, on);

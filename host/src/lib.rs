@@ -1,4 +1,6 @@
 //! Images to flow sums, the twin, and the command line of Trinocular.
+//!
+//! The feature `camera`, off by default, adds live V4L2 cameras on Linux ([`images::cameras`]).
 
 pub mod alignment;
 pub mod calibration;
@@ -12,6 +14,7 @@ pub mod points;
 pub mod random;
 pub mod report;
 pub mod rig_file;
+pub mod robustness;
 pub mod simulation;
 pub mod station;
 pub mod sums;

@@ -27,7 +27,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use shared::rig::{Camera, MAX_CAMERAS, Rig, Rotation};
+use shared::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotation};
 use toml::de::{DeTable, DeValue};
 
 use crate::error::InputError;
@@ -62,7 +62,7 @@ const LEAST_BASELINE_MM: f64 = 1e-3;
 enum Shape {
     /// The midpoint: 2 to 8 cameras anywhere in a plane.
     Plane,
-    /// The paper's estimators: left, middle, right, in line.
+    /// The paper's estimators: left, middle, right, nearly in line.
     Line,
 }
 
@@ -100,7 +100,7 @@ impl RigFile {
     }
 
     /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made for: they need exactly
-    /// the cameras left, middle and right, at equal heights.
+    /// the cameras left, middle and right, at heights as equal as [`Rig::is_in_line`] wants them.
     pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
         Self::read_as(path, Shape::Line)
     }
@@ -225,11 +225,15 @@ fn cameras(
             }
         }
         if read.len() == TRINOCULAR.len() {
+            let ordered = [left, middle, right].map(|k| read[k].1);
+            let rig = Rig {
+                image_size_px,
+                cameras: ordered.into_iter().collect(),
+            };
             if shape == Shape::Line {
-                in_line(&tables, &read)?;
+                in_line([&tables[left], &tables[right]], &rig)?;
             }
-            read.sort_by_key(|(name, _)| TRINOCULAR.iter().position(|known| known == name));
-            return Ok(read.into_iter().unzip());
+            return Ok((TRINOCULAR.map(String::from).to_vec(), ordered.to_vec()));
         }
     }
     if shape == Shape::Line {
@@ -242,22 +246,26 @@ fn cameras(
     Ok(read.into_iter().unzip())
 }
 
-/// Equal heights, exactly: the paper's pairs share their image rows.
-fn in_line(tables: &[Field<'_>], cameras: &[(String, Camera)]) -> Result<(), InputError> {
-    let Some((first, reference)) = cameras.first() else {
+/// Heights that are near enough: the paper's pairs share their image rows. `rig` has left, middle, right in this order, `outer` are the tables
+/// of the first and the last.
+fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
+    let error = rig.height_error().unwrap_or(f64::INFINITY);
+    if error <= HEIGHT_ERROR_LIMIT {
         return Ok(());
-    };
-    for (table, (name, camera)) in tables.iter().zip(cameras) {
-        let [height, other] = [camera, reference].map(|c| c.offset_mm[1]);
-        if height != other {
-            let offset = table.required("offset_mm")?;
-            let [_, y] = offset.fields()?;
-            return Err(y.fault(format!(
-                "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at y {height} and `{first}` at {other}"
-            )));
-        }
     }
-    Ok(())
+    let [left, middle, right] = [0, 1, 2].map(|k| rig.cameras[k].offset_mm);
+    let slope = |outer: [f64; 2]| ((outer[1] - middle[1]) / (outer[0] - middle[0])).abs();
+    let (name, table, at) = match slope(left) > slope(right) {
+        true => ("left", outer[0], left),
+        false => ("right", outer[1], right),
+    };
+    let [_, y] = table.required("offset_mm")?.fields()?;
+    let [error, limit] = [error, HEIGHT_ERROR_LIMIT].map(|share| 100.0 * share);
+    Err(y.fault(format!(
+        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, which costs Y up to {error:.2} % of a \
+         displacement along Z; {limit} % at most are let pass (the estimator midpoint takes any heights)",
+        at[1], middle[1]
+    )))
 }
 
 fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputError> {

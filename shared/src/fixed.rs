@@ -92,7 +92,7 @@ pub fn root(a: i64) -> i64 {
 /// The integer square root, rounded down: exact for every input. Faster for 32 bits.
 ///
 /// Longer numbers by Zimmermann's Karatsuba square root (INRIA report 3805, 1999): the root of the upper half, then half as many digits
-/// again by one division. Needs no tables, unlike the core library's, which flash has no room for.
+/// again by one division.
 #[inline(never)]
 pub fn square_root(value: u64) -> u32 {
     if let Ok(small) = u32::try_from(value) {
@@ -115,18 +115,26 @@ pub fn square_root(value: u64) -> u32 {
     (root >> (shift / 2)) as u32
 }
 
-/// Newton's method from above, which falls until it is exact: from the power of two that is next to the root, 4 or 5 divisions.
+/// Upper bounds of `sqrt(k 2^27) / 2^8` for `k` from 9 to 32.
+const ROOTS: [u16; 24] = [
+    136, 144, 151, 157, 164, 170, 176, 182, 187, 192, 198, 203, 208, 213, 218, 222, 227, 231, 236,
+    240, 244, 248, 252, 256,
+];
+
+/// Newton's method from above, from 6 % too large at most: two steps leave it exact, or one too large.
 #[inline(never)]
 pub fn square_root_32(value: u32) -> u32 {
-    let bits = 32 - value.leading_zeros();
-    let mut root = 1u32 << bits.div_ceil(2);
-    loop {
-        let next = root.wrapping_add(value.checked_div(root).unwrap_or(0)) >> 1;
-        if next >= root {
-            return root;
-        }
-        root = next;
+    if value == 0 {
+        return 0;
     }
+    // Normalised to 31 or 32 bits; an even shift, so that the root shifts by half of it.
+    let shift = value.leading_zeros() & !1;
+    let normal = value << shift;
+    let bound = ROOTS.get((normal >> 27) as usize - 8).copied();
+    let step = |root: u32| root.wrapping_add(normal.checked_div(root).unwrap_or(0)) >> 1;
+    let root = step(step(u32::from(bound.unwrap_or(256)) << 8));
+    let root = root - u32::from(normal.checked_div(root).unwrap_or(0) < root);
+    root >> (shift / 2)
 }
 
 /// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay below 2^63.

@@ -13,8 +13,10 @@
 //! alike, whatever their depth, so the view of a turned camera is that of a virtual parallel one at the same place.
 //! Everything behind [`Camera::normalise`] is therefore about parallel cameras.
 
+mod line;
 mod rotation;
 
+pub use line::HEIGHT_ERROR_LIMIT;
 pub use rotation::Rotation;
 
 /// The most cameras a rig can have.

@@ -57,7 +57,7 @@ fn blank([width, height]: [u32; 2]) -> Vec<u8> {
 }
 
 /// A desk with a folder `views`: one capture per displacement, `None` for lens caps left on.
-fn desk_with_views(displacements_mm: &[Option<[f64; 3]>]) -> Desk {
+pub fn desk_with_views(displacements_mm: &[Option<[f64; 3]>]) -> Desk {
     let desk = Desk::new();
     let rig = Rig::paper();
     for (name, camera) in ["left", "middle", "right"].iter().zip(&rig.cameras) {
@@ -79,7 +79,8 @@ fn estimate(desk: &Desk, more: &[&str]) -> Outcome {
     run(desk.folder.path(), &arguments)
 }
 
-const AT_REST: Option<[f64; 3]> = Some([0.0; 3]);
+/// Where the poster hangs at first.
+pub const AT_REST: Option<[f64; 3]> = Some([0.0; 3]);
 
 #[track_caller]
 fn assert_moved(line: &Value, expected_mm: [f64; 3]) {

@@ -34,7 +34,8 @@ fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     squares.map(|sum| sum / (posters * pairs) as f64)
 }
 
-/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), so 1 is told from 0.5 and 1.65.
+/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), so 1 is told from 0.5 and 1.65. Many more are in
+/// `trinocular bench robustness`.
 #[test]
 fn sigma_is_true_where_noise_governs() {
     for noise_grey in [2.0, 6.0] {
@@ -48,15 +49,15 @@ fn sigma_is_true_where_noise_governs() {
     }
 }
 
-/// With sharp texture and little noise the points scatter because each one's place between the pixels differs. That averages out better than noise
-/// does, so sigma is larger than the error; never smaller.
+/// With sharp texture and little noise the points scatter because each one's place between the pixels differs. That is not shared by windows that
+/// overlap, so it averages out better than noise does, and sigma says so.
 #[test]
-fn sigma_promises_not_too_much_where_interpolation_governs() {
+fn sigma_is_true_where_interpolation_governs() {
     for noise_grey in [0.5, 2.0] {
         let mean_squares = normalised_errors(TextureKind::Natural, noise_grey);
         for square in mean_squares {
             assert!(
-                (0.05..=1.2).contains(&square),
+                (0.3..=1.65).contains(&square),
                 "{noise_grey}: {mean_squares:?}"
             );
         }

@@ -41,11 +41,18 @@ def frame_set(before, raw, corners):
     return places, [f[0] for f in found], ok
 
 
-def accuracy(found, truth):
+def well_inside(points, image):
+    """The window around it is within the image."""
+    points, margin = points.reshape(-1, 2), (WINDOW + 1) // 2
+    return ((points > margin) & (points < np.array(image.shape[::-1]) - margin)).all(axis=1)
+
+
+def accuracy(found, truth, inside):
     distance = np.linalg.norm(found.reshape(-1, 2) - np.array(truth), axis=1)
-    right = distance < 1
+    wrong = ~(distance < 1)
+    right = ~wrong & inside
     rms = float(np.sqrt((distance[right] ** 2).mean())) if right.any() else None
-    return {"count": len(distance), "wrong": int((~right).sum()), "rms_px": rms}
+    return {"wrong": int(wrong.sum()), "right": int(right.sum()), "rms_px": rms}
 
 
 def main():
@@ -73,10 +80,11 @@ def main():
             spatial = np.vstack(
                 [trusted(places[0]) - middle - (numbers[0], 0), trusted(places[2]) - middle - (numbers[1], 0)]
             )
+            inside = np.logical_and.reduce([well_inside(trusted(p), raw[0]) for p in places + found])
             answer = {
-                "points": int(ok.sum()),
-                "temporal": accuracy(flows, numbers[2:]),
-                "spatial": accuracy(spatial, (0, 0)),
+                "points": int(inside.sum()),
+                "temporal": accuracy(flows, numbers[2:], np.tile(inside, 3)),
+                "spatial": accuracy(spatial, (0, 0), np.tile(inside, 2)),
             }
             print(json.dumps(answer), flush=True)
 

@@ -69,7 +69,7 @@ impl OpenCv {
             .collect()
     }
 
-    /// `{"points": .., "temporal": {"rms_px": .., "wrong": ..}, "spatial": {..}}`
+    /// `{"points": .., "temporal": {"wrong": .., "right": .., "rms_px": ..}, "spatial": {..}}`
     pub fn quality(&mut self) -> Option<Value> {
         writeln!(self.input).ok()?;
         self.answer()
@@ -95,7 +95,7 @@ pub fn add(answer: &Value, (points, quality): &mut (usize, Quality)) -> Option<(
     for (kind, accuracy) in kinds {
         let of = &answer[kind];
         let rms_px = of["rms_px"].as_f64().unwrap_or(0.0);
-        accuracy.extend(count(&of["count"])?, count(&of["wrong"])?, rms_px);
+        accuracy.extend(count(&of["wrong"])?, count(&of["right"])?, rms_px);
     }
     Some(())
 }

@@ -6,11 +6,11 @@ use image::GrayImage;
 use optical_flow_lk::{DetectorContext, TrackParams, TrackStatus, TrackerContext};
 
 use crate::accuracy::Quality;
-use crate::scene::Scene;
+use crate::scene::{Scene, WINDOW_PX};
 
 const LEVELS: usize = 4;
 const PARAMS: TrackParams = TrackParams {
-    window_size: 21,
+    window_size: WINDOW_PX,
     max_iterations: 30,
     min_eigen_threshold: optical_flow_lk::DEFAULT_MIN_EIGEN_THRESHOLD,
 };
@@ -104,16 +104,18 @@ impl OpticalFlowLk {
             if !all {
                 continue;
             }
-            *points += 1;
+            let inside = [before, after].iter().all(|instant| {
+                let holds = |((x, y), _): ((f32, f32), bool)| scene.holds([x, y].map(f64::from));
+                instant.iter().all(|places| holds(places[i]))
+            });
+            *points += usize::from(inside);
             for (k, shift) in [(0, scene.disparity_px[0]), (2, scene.disparity_px[1])] {
-                quality
-                    .spatial
-                    .add(between(before[1][i].0, before[k][i].0), [shift, 0.0]);
+                let found = between(before[1][i].0, before[k][i].0);
+                quality.spatial.add(found, [shift, 0.0], inside);
             }
             for k in 0..3 {
-                quality
-                    .temporal
-                    .add(between(before[k][i].0, after[k][i].0), scene.flow_px);
+                let found = between(before[k][i].0, after[k][i].0);
+                quality.temporal.add(found, scene.flow_px, inside);
             }
         }
     }

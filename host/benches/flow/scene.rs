@@ -1,5 +1,7 @@
 //! Images whose true flow is known exactly: periodic noise of three octaves, moved by multiplying its spectrum.
 
+use std::f64::consts::{PI, TAU};
+
 use host::images::{Capture, Image};
 use host::random::Random;
 use rustfft::FftPlanner;
@@ -19,6 +21,9 @@ pub struct Scene {
     pub noise_grey: f64,
     pub seed: u64,
 }
+
+/// Side of the windows that all look for, px.
+pub const WINDOW_PX: usize = 21;
 
 const FOCAL_PX: f64 = 533.32;
 const DEPTH_MM: f64 = 700.0;
@@ -55,14 +60,35 @@ impl Scene {
         })
     }
 
-    /// A part of the pattern, with noise, in 8 bits.
-    fn photograph(&self, pattern: &[f64], noise: &mut Random) -> Image {
+    /// Whether a position, and the window around it, is within the image.
+    pub fn holds(&self, at: [f64; 2]) -> bool {
+        let margin = WINDOW_PX.div_ceil(2) as f64;
+        (at.iter().zip(self.size_px)).all(|(at, size)| *at > margin && *at < size as f64 - margin)
+    }
+
+    /// Of the middle camera's image before, without noise, along x and y: grey levels per px.
+    pub fn gradients(&self) -> [Vec<f64>; 2] {
+        let spectrum = Spectrum::noise(side(self.size_px), self.seed);
+        [0, 1].map(|axis| {
+            let slope = spectrum.filtered(|turn| Complex::new(0.0, TAU * turn[axis]));
+            self.part(&slope).collect()
+        })
+    }
+
+    /// The part of the pattern that is in view.
+    fn part(&self, pattern: &[f64]) -> impl Iterator<Item = f64> {
         let [width, height] = self.size_px;
         let n = side(self.size_px);
         let margin = [(n - width) / 2, (n - height) / 2];
-        let place = |i: usize| (i / width + margin[1]) * n + i % width + margin[0];
-        let grey = (0..width * height)
-            .map(|i| (pattern[place(i)] + self.noise_grey * noise.gaussian()).round() as u8)
+        let place = move |i: usize| (i / width + margin[1]) * n + i % width + margin[0];
+        (0..width * height).map(move |i| pattern[place(i)])
+    }
+
+    /// A part of the pattern, with noise, in 8 bits.
+    fn photograph(&self, pattern: &[f64], noise: &mut Random) -> Image {
+        let [width, height] = self.size_px;
+        let grey = (self.part(pattern))
+            .map(|level| (level + self.noise_grey * noise.gaussian()).round() as u8)
             .collect();
         Image {
             width,
@@ -95,7 +121,7 @@ impl Spectrum {
             transform(&mut octave, n, false);
             for (i, value) in octave.iter_mut().enumerate() {
                 let [u, v] = [frequency(i % n, n), frequency(i / n, n)];
-                let exponent = std::f64::consts::PI * sigma;
+                let exponent = PI * sigma;
                 *value *= (-2.0 * exponent * exponent * (u * u + v * v)).exp();
             }
             let scale = weight / deviation(&octave, n);
@@ -113,12 +139,16 @@ impl Spectrum {
 
     /// The pattern, moved.
     fn moved(&self, [x, y]: [f64; 2]) -> Vec<f64> {
+        self.filtered(|[u, v]| Complex::cis(-TAU * (u * x + v * y)))
+    }
+
+    /// The pattern, with each pair of frequencies along x and y (cycles per px) multiplied by its `response`.
+    fn filtered(&self, response: impl Fn([f64; 2]) -> Complex<f64>) -> Vec<f64> {
         let n = self.n;
         let mut values = self.values.clone();
         for (i, value) in values.iter_mut().enumerate() {
             // Transposed by the transform: rows are x.
-            let turn = frequency(i / n, n) * x + frequency(i % n, n) * y;
-            *value *= Complex::cis(-std::f64::consts::TAU * turn);
+            *value *= response([frequency(i / n, n), frequency(i % n, n)]);
         }
         transform(&mut values, n, true);
         let scale = 1.0 / (n * n) as f64;

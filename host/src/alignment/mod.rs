@@ -13,14 +13,18 @@
 //!
 //! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets too.
 //!
+//! Cameras in line also show how they are rolled against each other, up to a degree or so: beyond, too few of their pictures match. What is significant
+//! goes into the corrected rig's rotations ([`roll`]).
+//!
 //! The steps: [`rough`] finds offsets of many pixels by a search across the epipolar lines; [`crate::flow`] matches points to hundredths of a
 //! pixel with the rig corrected so far; [`fit`] takes a robust mean of their residuals, with its sigma. [`penalty`] says what
-//! the offsets cost each estimator, [`rewrite`] puts the new principal points into the user's own rig file.
+//! the offsets cost each estimator, [`rewrite`] puts what was found into the user's own rig file.
 
 pub mod fit;
 pub mod penalty;
 pub mod present;
 pub mod rewrite;
+pub mod roll;
 pub mod rough;
 
 use serde::Serialize;
@@ -101,8 +105,11 @@ pub struct Datum {
     pub sigma_px: [f64; 2],
     /// The new principal point, px.
     pub principal_px: [f64; 2],
-    /// Roll against the reference camera, degrees, positive clockwise as seen in the image, and its standard deviation; only for rigs in line.
+    /// Roll against the reference camera beyond what the rig file says, degrees, positive clockwise as seen in the image, and its standard deviation;
+    /// only for rigs in line.
     pub roll_deg: Option<[f64; 2]>,
+    /// The new `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be nothing ([`roll::SIGNIFICANT`]): then the old one stays.
+    pub rotation_deg: Option<[f64; 3]>,
     /// Magnification across the line of cameras against the reference camera, per cent, and its standard deviation; only for rigs in line.
     pub scale_percent: Option<[f64; 2]>,
 }
@@ -139,9 +146,12 @@ const LEAST_POINTS: usize = 20;
 /// Tolerance of the first matching, px: as far off as the rough offsets may be.
 const FIRST_TOLERANCE_PX: f64 = 3.0;
 
-/// Of the second one, in scatters of the first, and the least, px. Wider than the noise, so that a camera that is rolled is not cut to its middle rows.
+/// Of the others, in scatters of the one before, and the least, px. Wider than the noise, so that a camera that is rolled is not cut to its middle rows.
 const SECOND_TOLERANCE: f64 = 6.0;
 const LEAST_TOLERANCE_PX: f64 = 0.5;
+
+/// How often a rig with rolled cameras is turned and matched anew: a roll of degrees shows in the middle of the image first.
+const TURNS: usize = 3;
 
 impl Alignment {
     /// From captures of a scene, one view per camera of `file` each.
@@ -152,16 +162,17 @@ impl Alignment {
         let original = &file.rig;
         let roughly = rough::align(original, captures, settings.reach_px)?;
         let first = refine(&roughly, captures, FIRST_TOLERANCE_PX, settings)?;
-        let tolerance = (SECOND_TOLERANCE * first.scatter_px).max(LEAST_TOLERANCE_PX);
-        let last = refine(
-            &first.rig,
-            captures,
-            tolerance.min(FIRST_TOLERANCE_PX),
-            settings,
-        )?;
+        let mut last = refine(&first.rig, captures, first.tolerance_px(), settings)?;
+        let mut turned_rad = vec![0.0; original.cameras.len()];
+        for _ in 0..TURNS {
+            let Some(rig) = roll::undone(&last.rig, &last.fit.turns, &mut turned_rad) else {
+                break;
+            };
+            last = refine(&rig, captures, last.tolerance_px(), settings)?;
+        }
         let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
         let cameras = (0..original.cameras.len())
-            .map(|k| last.datum(k, file))
+            .map(|k| last.datum(k, file, turned_rad[k]))
             .collect();
         Ok(Self {
             cameras,
@@ -235,8 +246,12 @@ fn matched(
             .set_reference(capture)
             .and_then(|()| flow.measure(capture));
         match seen {
+            Ok(seen) if seen.cameras.len() < rig.cameras.len() => {
+                let left = seen.cameras.len();
+                refused.get_or_insert(flow::Refusal::FewCameras { left });
+            }
             Ok(seen) => {
-                overlap += seen.overlap;
+                overlap += seen.scatter.overlap;
                 matched += 1;
                 let starts = seen.tracks.iter().map(|track| Point {
                     pixels: track.pixels.iter().map(|[start, _]| *start).collect(),
@@ -263,15 +278,23 @@ impl Refined {
             .collect()
     }
 
-    fn datum(&self, k: usize, file: &RigFile) -> Datum {
+    /// How far off the next matching may be, px.
+    fn tolerance_px(&self) -> f64 {
+        (SECOND_TOLERANCE * self.scatter_px).clamp(LEAST_TOLERANCE_PX, FIRST_TOLERANCE_PX)
+    }
+
+    /// `turned_rad` is the roll that has been undone: what the fit still shows comes on top of it.
+    fn datum(&self, k: usize, file: &RigFile, turned_rad: f64) -> Datum {
         let (before, now) = (&file.rig.cameras[k], &self.rig.cameras[k]);
         let turn = self.fit.turns.get(k).copied().flatten();
+        let roll_deg = |[roll, sigma]: [f64; 2]| [roll + turned_rad, sigma].map(f64::to_degrees);
         Datum {
             name: file.names[k].clone(),
             offset_px: [0, 1].map(|i| now.principal_px[i] - before.principal_px[i]),
             sigma_px: self.sigma_px()[k],
             principal_px: now.principal_px,
-            roll_deg: turn.map(|turn| turn.roll_rad.map(f64::to_degrees)),
+            roll_deg: turn.map(|turn| roll_deg(turn.roll_rad)),
+            rotation_deg: (turned_rad != 0.0).then_some(now.rotation.degrees()),
             scale_percent: turn.map(|turn| turn.scale.map(|s| 100.0 * s)),
         }
     }

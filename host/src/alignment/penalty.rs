@@ -1,7 +1,7 @@
-//! What wrong principal points cost: the error in Z of each estimator, without noise.
+//! What a wrong rig costs: the error in Z of each estimator, without noise.
 //!
 //! Points spread over what the cameras see at one depth make the paper's move of (4, 4, 1) mm. They are projected with the true principal points
-//! and estimated with the assumed ones. What is lateral in the move leaks into the closed form's Z.
+//! and rotations and estimated with the assumed ones. What is lateral in the move leaks into the closed form's Z.
 
 use serde::Serialize;
 use shared::estimate::{closed_form, midpoint};
@@ -28,7 +28,7 @@ pub struct Cost {
 /// The offsets that a scene shows cost the midpoint nothing: its depths and flows depend only on those that it does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Penalty {
-    /// With the principal points of the rig file.
+    /// With the rig file as it is.
     pub before_percent: Cost,
     /// With those that were found, one standard deviation from the right ones.
     pub after_percent: Cost,

@@ -7,7 +7,7 @@ use crate::report::{Cell, Table};
 /// Offsets with a standard deviation above this are not what an alignment should reach, px.
 pub const GOAL_PX: f64 = 0.02;
 
-/// A roll or magnification is told when it is this many standard deviations from nothing,
+/// A magnification is told when it is this many standard deviations from nothing,
 const SIGNIFICANT: f64 = 5.0;
 /// and moves a point at the image's border by this much, px.
 const VISIBLE_PX: f64 = 0.1;
@@ -42,7 +42,7 @@ pub fn table(found: &Alignment) -> Table {
 /// Names and values that are no table.
 pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
     let [matched, all] = found.captures;
-    vec![
+    let mut facts = vec![
         (
             "points",
             format!(
@@ -63,7 +63,21 @@ pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
             ),
         ),
         ("not seen", unseen(found)),
-    ]
+    ];
+    facts.extend(found.cameras.iter().filter_map(|camera| {
+        let [roll, sigma] = camera.roll_deg.filter(|_| camera.name != found.reference)?;
+        let name = &camera.name;
+        let verdict = match camera.rotation_deg {
+            Some([x, y, z]) => format!("undone by rotation_deg = [{x:.4}, {y:.4}, {z:.4}]"),
+            None => "may be nothing, left as it is".to_owned(),
+        };
+        let roll = format!(
+            "of {name} {roll:.4} ± {sigma:.4} degrees against {}: {verdict}",
+            found.reference
+        );
+        Some(("roll", roll))
+    }));
+    facts
 }
 
 fn cost(cost: Cost) -> String {
@@ -107,17 +121,6 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
         let visible = |[value, sigma]: [f64; 2]| {
             value.abs() > SIGNIFICANT * sigma && value.abs() * reach_px > VISIBLE_PX
         };
-        let rolled = camera.roll_deg.map(|roll| roll.map(f64::to_radians));
-        if let Some([roll, sigma]) = rolled.filter(|roll| visible(*roll)) {
-            warnings.push(format!(
-                "{} is rolled by {:.3} ± {:.3} degrees against {}: {:.2} px at the image's corners, which no principal point corrects",
-                camera.name,
-                roll.to_degrees(),
-                sigma.to_degrees(),
-                found.reference,
-                roll.abs() * reach_px
-            ));
-        }
         let scaled = camera.scale_percent.map(|scale| scale.map(|s| 0.01 * s));
         if let Some([scale, sigma]) = scaled.filter(|scale| visible(*scale)) {
             warnings.push(format!(

@@ -1,44 +1,58 @@
-//! New principal points in the user's own rig file: everything else stays as it stands there, comments included.
+//! What an alignment found in the user's own rig file: everything else stays as it stands there, comments included.
 
 use std::path::Path;
 
 use toml_edit::{Array, DocumentMut, Item, TableLike, Value};
 
+use super::Datum;
 use crate::error::InputError;
 use crate::rig_file::RigFile;
 
-/// Decimals of a principal point, px: far below what can be measured.
+/// Decimals of a principal point, px, and of an angle, degrees: far below what can be measured.
 const DECIMALS: f64 = 1e4;
 
-/// `text`, a rig file, with other principal points: name of the camera, px. `file` is what errors name.
+/// A camera's new values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Correction<'a> {
+    /// The camera.
+    pub name: &'a str,
+    /// Its principal point, px.
+    pub principal_px: [f64; 2],
+    /// Its rotation, degrees; `None` leaves it as it is.
+    pub rotation_deg: Option<[f64; 3]>,
+}
+
+impl<'a> From<&'a Datum> for Correction<'a> {
+    fn from(datum: &'a Datum) -> Self {
+        Self {
+            name: &datum.name,
+            principal_px: datum.principal_px,
+            rotation_deg: datum.rotation_deg,
+        }
+    }
+}
+
+/// `text`, a rig file, with other values for some cameras. `file` is what errors name.
 ///
 /// # Errors
 /// If the text is no rig file, or the result would be none.
-pub fn with_principal_points(
+pub fn corrected(
     file: &Path,
     text: &str,
-    points: &[(&str, [f64; 2])],
+    corrections: &[Correction<'_>],
 ) -> Result<String, InputError> {
     let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
         InputError::file(file, format!("not valid TOML: {}", error.message()))
     })?;
-    for (name, principal_px) in points {
-        let rounded = principal_px.map(|p| (p * DECIMALS).round() / DECIMALS);
-        let found = document
+    for correction in corrections {
+        let name = correction.name;
+        let camera = document
             .get_mut("camera")
-            .and_then(|cameras| principal_of(cameras, name));
-        let Some(array) = found else {
-            return Err(InputError::file(
-                file,
-                format!("camera `{name}` has no principal_px"),
-            ));
-        };
-        for (i, value) in rounded.into_iter().enumerate() {
-            if let Some(old) = array.get_mut(i) {
-                let around = old.decor().clone();
-                *old = Value::from(value);
-                *old.decor_mut() = around;
-            }
+            .and_then(|cameras| camera(cameras, name))
+            .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
+        write(camera, "principal_px", &correction.principal_px);
+        if let Some(rotation) = &correction.rotation_deg {
+            write(camera, "rotation_deg", rotation);
         }
     }
     let text = document.to_string();
@@ -47,22 +61,39 @@ pub fn with_principal_points(
     Ok(text)
 }
 
-/// The `principal_px` of a camera, whichever way the file writes its list of cameras.
-fn principal_of<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut Array> {
+/// A camera's table, whichever way the file writes its list of cameras.
+fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike> {
     let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
     match cameras {
-        Item::ArrayOfTables(tables) => tables
-            .iter_mut()
-            .find(|table| is_named(*table))?
-            .get_mut("principal_px")?
-            .as_array_mut(),
-        Item::Value(Value::Array(tables)) => tables
-            .iter_mut()
-            .filter_map(Value::as_inline_table_mut)
-            .find(|table| is_named(*table))?
-            .get_mut("principal_px")?
-            .as_array_mut(),
+        Item::ArrayOfTables(tables) => {
+            let table = tables.iter_mut().find(|table| is_named(*table))?;
+            Some(table)
+        }
+        Item::Value(Value::Array(tables)) => {
+            let mut inline = tables.iter_mut().filter_map(Value::as_inline_table_mut);
+            let table = inline.find(|table| is_named(*table))?;
+            Some(table)
+        }
         _ => None,
+    }
+}
+
+/// Numbers in the place of those that `key` has, or at the end of the table.
+fn write(table: &mut dyn TableLike, key: &str, numbers: &[f64]) {
+    // Adding zero to what is left after rounding turns -0 into 0.
+    let rounded = numbers
+        .iter()
+        .map(|number| (number * DECIMALS).round() / DECIMALS + 0.0);
+    let known = table.get_mut(key).and_then(Item::as_array_mut);
+    let Some(array) = known.filter(|array| array.len() == numbers.len()) else {
+        let array = rounded.collect::<Array>();
+        table.insert(key, Item::Value(Value::Array(array)));
+        return;
+    };
+    for (old, value) in array.iter_mut().zip(rounded) {
+        let around = old.decor().clone();
+        *old = Value::from(value);
+        *old.decor_mut() = around;
     }
 }
 
@@ -91,7 +122,23 @@ name = \"right\"
 ";
 
     fn rewrite(text: &str, points: &[(&str, [f64; 2])]) -> Result<String, InputError> {
-        with_principal_points(Path::new("rig.toml"), text, points)
+        let corrections: Vec<Correction<'_>> = (points.iter())
+            .map(|(name, principal_px)| Correction {
+                name,
+                principal_px: *principal_px,
+                rotation_deg: None,
+            })
+            .collect();
+        corrected(Path::new("rig.toml"), text, &corrections)
+    }
+
+    fn turn(text: &str, name: &str, rotation_deg: [f64; 3]) -> Result<String, InputError> {
+        let correction = Correction {
+            name,
+            principal_px: [160.0, 120.0],
+            rotation_deg: Some(rotation_deg),
+        };
+        corrected(Path::new("rig.toml"), text, &[correction])
     }
 
     #[test]
@@ -119,6 +166,31 @@ camera = [
 ";
         let new = rewrite(text, &[("b", [159.5, 120.25])]).unwrap();
         assert_eq!(new, text.replace("[161, 121]", "[159.5, 120.25]"));
+    }
+
+    #[test]
+    fn a_rotation_is_added_or_replaced() {
+        let added = turn(RIG, "left", [0.0, -0.000_01, 0.512_34]).unwrap();
+        let expected = RIG.replace("154.43, 123]", "160.0, 120.0]").replace(
+            "[-70.0, 0.0]\n",
+            "[-70.0, 0.0]\nrotation_deg = [0.0, 0.0, 0.5123]\n",
+        );
+        assert_eq!(added, expected);
+        let replaced = turn(&added, "left", [1.0, 2.0, -3.0]).unwrap();
+        assert_eq!(
+            replaced,
+            expected.replace("[0.0, 0.0, 0.5123]", "[1.0, 2.0, -3.0]")
+        );
+        // In a list in braces too; the file reads back.
+        let text = "image_size_px = [320, 240]\ncamera = [\n    { name = \"a\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },\n    { name = \"b\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [9, 0] },\n]\n";
+        let turned = turn(text, "b", [0.0, 0.0, 1.5]).unwrap();
+        assert!(
+            turned.contains("rotation_deg = [0.0, 0.0, 1.5] }"),
+            "{turned}"
+        );
+        let rig = RigFile::parse(Path::new("rig.toml"), &turned).unwrap().rig;
+        assert_eq!(rig.cameras[1].rotation.degrees(), [0.0, 0.0, 1.5]);
+        assert!(turn(RIG, "left", [0.0, 0.0, 21.0]).is_err());
     }
 
     #[test]

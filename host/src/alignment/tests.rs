@@ -194,54 +194,83 @@ fn a_known_depth_needs_a_flat_target() {
     );
 }
 
-#[test]
-fn a_rolled_camera_is_told() {
-    // Rolled by turning the picture: left sees through a lens that is turned by half a degree about the middle of the image.
-    let rig = Rig::paper();
-    let mut capture = captures(&rig, &Texture::blobs(8), tilted(850.0), &[2]).remove(0);
-    let roll = 0.5_f64.to_radians();
-    capture.views[0] = turned(&capture.views[0], roll);
-    let found = align(&[capture]);
-    let [value, sigma] = found.cameras[0].roll_deg.unwrap();
-    assert!(
-        (value - 0.5).abs() < 5.0 * sigma + 0.02 && sigma < 0.05,
-        "{value} ± {sigma}"
-    );
-    let [value, sigma] = found.cameras[2].roll_deg.unwrap();
-    assert!(value.abs() < 5.0 * sigma + 0.02, "{value} ± {sigma}");
-    let warnings = present::warnings(&found);
-    assert!(
-        warnings.iter().any(|w| w.starts_with("left is rolled")),
-        "{warnings:?}"
-    );
+/// The paper's rig with cameras that are rolled.
+fn rolled(by_deg: [f64; 3]) -> Rig {
+    let mut rig = Rig::paper();
+    for (camera, by) in rig.cameras.iter_mut().zip(by_deg) {
+        *camera = roll::rolled(camera, by.to_radians());
+    }
+    rig
 }
 
-/// The picture turned clockwise about its middle, by linear interpolation.
-fn turned(image: &crate::images::Image, roll_rad: f64) -> crate::images::Image {
-    let (sin, cos) = roll_rad.sin_cos();
-    let middle = [image.width, image.height].map(|side| 0.5 * (side as f64 - 1.0));
-    let at = |x: usize, y: usize| {
-        f64::from(image.grey[y.min(image.height - 1) * image.width + x.min(image.width - 1)])
-    };
-    let grey = (0..image.width * image.height).map(|i| {
-        let [x, y] = [
-            (i % image.width) as f64 - middle[0],
-            (i / image.width) as f64 - middle[1],
-        ];
-        let from = [
-            (cos * x + sin * y + middle[0]).max(0.0),
-            (cos * y - sin * x + middle[1]).max(0.0),
-        ];
-        let (u, v) = (from[0].floor(), from[1].floor());
-        let (a, b) = (from[0] - u, from[1] - v);
-        let (u, v) = (u as usize, v as usize);
-        let row = |v: usize| (1.0 - a) * at(u, v) + a * at(u + 1, v);
-        ((1.0 - b) * row(v) + b * row(v + 1)).round() as u8
-    });
-    crate::images::Image {
-        grey: grey.collect(),
-        ..*image
+#[test]
+fn a_rolled_camera_is_turned_back() {
+    for by_deg in [[0.5, 0.0, 0.0], [-0.2, 0.0, 1.0]] {
+        let found = align(&captures(
+            &rolled(by_deg),
+            &Texture::blobs(8),
+            tilted(850.0),
+            &[2],
+        ));
+        for (k, by_deg) in by_deg.into_iter().enumerate() {
+            let camera = &found.cameras[k];
+            if k == 1 {
+                assert_eq!((camera.roll_deg, camera.rotation_deg), (None, None));
+                continue;
+            }
+            let [value, sigma] = camera.roll_deg.unwrap();
+            assert!(
+                (value - by_deg).abs() < 4.0 * sigma && sigma < 0.02,
+                "{k}: {value} ± {sigma}, not {by_deg}"
+            );
+            let turned = found.rig.cameras[k].rotation.degrees();
+            match camera.rotation_deg {
+                Some(rotation_deg) => assert_eq!(rotation_deg, turned),
+                None => assert_eq!((by_deg, turned), (0.0, [0.0; 3])),
+            }
+            assert!(turned[0].abs() + turned[1].abs() < 1e-9);
+            assert!((turned[2] - by_deg).abs() < 4.0 * sigma, "{turned:?}");
+        }
+        // What is left is a rig that has nothing more to correct.
+        assert_found(&found, [[0.0; 2]; 3], 0.02);
+        let facts = present::facts(&found);
+        let told = facts.iter().any(|(name, text)| {
+            *name == "roll"
+                && text.starts_with("of left")
+                && text.contains("rotation_deg = [0.0000")
+        });
+        assert!(told, "{facts:?}");
     }
+}
+
+/// Mean square of the roll's error over its sigma, and how often a camera that is not rolled is turned.
+#[test]
+fn sigma_of_the_roll_is_true() {
+    let (mut sum, mut count, mut false_alarms) = (0.0, 0, 0);
+    for scene in 0..10 {
+        let mut random = Random::new(21, scene);
+        let by_deg = match scene % 2 {
+            0 => [0.0; 3],
+            _ => [random.between(-0.5, 0.5), 0.0, random.between(-0.5, 0.5)],
+        };
+        let texture = match scene % 3 {
+            0 => Texture::blobs(scene),
+            _ => Texture::natural(scene),
+        };
+        let settings = tilted(random.between(600.0, 1000.0));
+        let found = align(&captures(&rolled(by_deg), &texture, settings, &[scene]));
+        for k in [0, 2] {
+            let [value, sigma] = found.cameras[k].roll_deg.unwrap();
+            println!("{k}: {value:.4} ± {sigma:.4}, {:.4}", by_deg[k]);
+            sum += ((value - by_deg[k]) / sigma).powi(2);
+            count += 1;
+            false_alarms += u32::from(by_deg[k] == 0.0 && found.cameras[k].rotation_deg.is_some());
+        }
+    }
+    let mean = sum / f64::from(count);
+    println!("mean square {mean:.2}, {false_alarms} turned for nothing");
+    assert!((0.2..2.0).contains(&mean), "{mean}");
+    assert!(false_alarms <= 1, "{false_alarms}");
 }
 
 #[test]

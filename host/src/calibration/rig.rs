@@ -45,6 +45,9 @@ pub struct RigSolution {
     pub stands: Vec<Stand>,
     /// Their standard deviations.
     pub sigma: Vec<Stand>,
+    /// How far the rig's axes may be turned against all cameras together, about x, y and z: standard deviations, degrees. A displacement is turned by as
+    /// much. The one about y is the largest by far: it rests on how far one camera stands before another, which boards seen from the front hardly tell.
+    pub axes_sigma_deg: [f64; 3],
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
     /// Per instant: the root mean square residual in px, or why it was not used.
@@ -172,10 +175,14 @@ pub fn calibrate(
             _ => {
                 let covariance = solution.covariance + through_lenses(&solution.response, eyes);
                 let squares: f64 = rms.iter().map(|r| r * r).sum();
+                let spread = spread(&bundle.motions, reference, &covariance);
+                let deviation = |variance: &f64| variance.max(0.0).sqrt();
+                let sigma: Vec<f64> = spread.diagonal().iter().map(deviation).collect();
                 return Ok(RigSolution {
                     reference,
                     stands: stands(&numbers(&bundle.motions)),
-                    sigma: stands(&deviations(&bundle.motions, reference, &covariance)),
+                    sigma: stands(&sigma),
+                    axes_sigma_deg: [0, 1, 2].map(|axis| deviation(&of_mean(&spread, 3 + axis))),
                     rms_px: (squares / rms.len().max(1) as f64).sqrt(),
                     instants: verdicts,
                 });
@@ -281,8 +288,8 @@ fn through_lenses(response: &DMatrix<f64>, eyes: &[Eye]) -> DMatrix<f64> {
     sum
 }
 
-/// Standard deviations of [`numbers`], from the covariance of all motions but the reference's.
-fn deviations(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix<f64>) -> Vec<f64> {
+/// Covariance of [`numbers`], from that of all motions but the reference's.
+fn spread(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix<f64>) -> DMatrix<f64> {
     /// Far above rounding, far below any curvature: mm and rad.
     const STEP: f64 = 1e-6;
     let others: Vec<usize> = (0..motions.len()).filter(|k| *k != reference).collect();
@@ -304,10 +311,15 @@ fn deviations(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix
     let slopes = DMatrix::from_fn(6 * motions.len(), slopes.len(), |row, column| {
         slopes[column][row]
     });
-    let spread = &slopes * covariance * slopes.transpose();
-    spread
-        .diagonal()
-        .iter()
-        .map(|variance| variance.max(0.0).sqrt())
-        .collect()
+    &slopes * covariance * slopes.transpose()
+}
+
+/// Variance of the mean, over the cameras, of one of the six numbers of a camera.
+fn of_mean(spread: &DMatrix<f64>, number: usize) -> f64 {
+    let cameras = spread.nrows() / 6;
+    let pairs = (0..cameras).flat_map(|j| (0..cameras).map(move |k| [j, k]));
+    let sum: f64 = pairs
+        .map(|[j, k]| spread[(6 * j + number, 6 * k + number)])
+        .sum();
+    sum / (cameras * cameras).max(1) as f64
 }

@@ -271,6 +271,7 @@ fn a_rigs_sigma_is_true() {
     let runs = 40;
     let truth = stand::numbers(&motions());
     let mut squares = vec![0.0; truth.len()];
+    let mut axes = [0.0; 3];
     for run in 0..runs {
         let bench = bench(&BOARD, 12, NOISE_PX, &mut Random::new(11, run));
         let solution = rig::calibrate(&BOARD, &bench.eyes, 1, &bench.instants, KEEP).unwrap();
@@ -280,7 +281,17 @@ fn a_rigs_sigma_is_true() {
                 *square += ((values[i] - truth[i]) / sigma[i]).powi(2) / runs as f64;
             }
         }
+        for (i, square) in axes.iter_mut().enumerate() {
+            let of_cameras = (0..3).map(|k| values[6 * k + 3 + i] - truth[6 * k + 3 + i]);
+            let error = of_cameras.sum::<f64>() / 3.0;
+            *square += (error / solution.axes_sigma_deg[i]).powi(2) / runs as f64;
+        }
     }
+    println!("axes: {axes:?}");
+    assert!(
+        axes.iter().all(|square| (0.45..2.0).contains(square)),
+        "{axes:?}"
+    );
     // The origin has no error: 3 of 18.
     let mean = squares.iter().sum::<f64>() / 15.0;
     assert!((0.7..1.4).contains(&mean), "{mean} {squares:?}");

@@ -13,11 +13,12 @@ use host::report::write_atomically;
 use host::rig_file::RigFile;
 use serde_json::json;
 
-/// Find the cameras' datum offsets from pictures of any textured scene
+/// Correct a rig's principal points (its datum offsets) from pictures of any textured scene
 ///
 /// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which costs the closed form most of its Z. What parallel cameras
 /// see of any scene must have equal heights and disparities in the ratio of the baselines; the offsets that make it so are
-/// printed with their standard deviation and written into a corrected rig file.
+/// printed with their standard deviation and written into a corrected rig file. A camera that is rolled against the others by more than three
+/// standard deviations gets a new `rotation_deg`.
 ///
 /// Two things do not show in a scene of unknown depth and stay as they are: a common shift of all images (the camera in the middle keeps its principal
 /// point), and a common error of all disparities, as if infinity were elsewhere (no depth is changed). A flat target at a known --depth
@@ -35,7 +36,7 @@ pub struct Options {
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
-    /// Where the corrected rig file goes: the same text with other principal points
+    /// Where the corrected rig file goes: the same text with other principal points, and other rotations of rolled cameras
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
 
@@ -126,10 +127,8 @@ fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError
 }
 
 fn write(rig: &Path, text: &str, to: &Path, found: &Alignment) -> Result<(), Failure> {
-    let points: Vec<(&str, [f64; 2])> = (found.cameras.iter())
-        .map(|camera| (camera.name.as_str(), camera.principal_px))
-        .collect();
-    let text = rewrite::with_principal_points(rig, text, &points)?;
+    let corrections: Vec<_> = found.cameras.iter().map(Into::into).collect();
+    let text = rewrite::corrected(rig, text, &corrections)?;
     write_atomically(to, &text).map_err(super::unwritable)
 }
 

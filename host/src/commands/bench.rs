@@ -27,6 +27,7 @@ pub struct Options {
 #[derive(Debug, Subcommand)]
 enum What {
     Flow(FlowOptions),
+    Robustness(super::robustness::Options),
 }
 
 /// Time the way from pictures to tracked points
@@ -35,6 +36,7 @@ enum What {
 /// middle picture before, match them in the other two, follow them into the new pictures of all cameras. With a
 /// keyframe, the points are those of the first capture: filter, and follow. Reading the files is not timed.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 struct FlowOptions {
     /// A folder of captures: left/ middle/ right/ (or the rig's cameras) with equal file names
     ///
@@ -62,10 +64,18 @@ struct FlowOptions {
     json: bool,
 }
 
+const EXAMPLES: &str = "\
+Times are of this machine as busy as it is: the least is the one to compare.
+
+Examples:
+  trinocular bench flow captures/
+  trinocular bench flow captures/ --rig rig.toml --threads 3 --repeat 100 --json";
+
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     match &options.what {
         What::Flow(options) => run_flow(options, out),
+        What::Robustness(options) => super::robustness::run(options, out),
     }
 }
 

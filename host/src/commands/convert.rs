@@ -36,7 +36,7 @@ pub struct Options {
 
 const EXAMPLES: &str = "\
 Examples:
-  trinocular convert left.yml middle.yml right.yml --offset left=-70,0 --offset middle=0,0 --offset right=68,0 --out rig.toml
+  trinocular convert left.yml right.yml --offset left=0,0 --offset right=68,0 --out rig.toml
   trinocular convert ost/left.yaml ost/right.yaml --out rig.toml
   trinocular convert rig.toml --ros camera_info/ --opencv opencv/";
 

@@ -33,7 +33,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let now = hand.status()?;
     out.write_all(diagnosis::table().as_bytes())?;
     writeln!(out, "\n{} on {}", hello.board, hand.port())?;
-    for (name, value) in status::lines(&hello, last.as_ref(), &now) {
+    for (name, value) in status::lines(&hello, last.as_ref(), &now, None) {
         writeln!(out, "{name:<12}  {value}")?;
     }
     if diagnosis::next_step(&now).is_none() {

@@ -55,7 +55,8 @@ Print one JSON object per displacement and line:
 
 {\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\"method\":\"midpoint\"}
 
-`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. A frame without an estimate gives \
+`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. `warnings`, a list of sentences, is there only \
+if a camera was left out. A frame without an estimate gives \
 {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has been printed.";
 
 const EXAMPLES: &str = "\
@@ -68,9 +69,9 @@ Examples:
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 enum Method {
-    /// The paper's eq. 9; needs exactly the cameras left, middle and right, in line
+    /// The paper's eq. 9; needs exactly the cameras left, middle and right, within a millimetre of one line
     ClosedForm,
-    /// The paper's eq. 7; needs exactly the cameras left, middle and right, in line
+    /// The paper's eq. 7; needs the same
     LeastSquares,
     /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a plane
     Midpoint,
@@ -104,6 +105,8 @@ struct Displacement {
     points: usize,
     rejected: usize,
     method: Method,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// A frame without an estimate, as it is printed.
@@ -121,6 +124,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         out,
         frames: 0,
         refused: 0,
+        warnings: Vec::new(),
     };
     if options.input.is_dir() {
         run_folder(options, &rig, printer)
@@ -166,11 +170,14 @@ fn run_folder<W: Write>(
         let capture = capture?;
         // A bad reference spoils every frame that is measured against it, and its reason is theirs.
         match reference.clone().and_then(|()| flow.measure(&capture)) {
-            Ok(seen) => printer.sums(
-                Sums::of(&rig.rig, &seen),
-                seen.tracks.len(),
-                seen.rejected.total(),
-            )?,
+            Ok(seen) => {
+                printer.warnings = seen.remarks(&rig.names);
+                printer.sums(
+                    Sums::of(&rig.rig, &seen),
+                    seen.tracks.len(),
+                    seen.rejected.total(),
+                )?;
+            }
             Err(refusal) => printer.refusal(refusal.to_string())?,
         }
         if options.reference == Reference::Previous {
@@ -186,6 +193,8 @@ struct Printer<'a, W> {
     out: &'a mut W,
     frames: usize,
     refused: usize,
+    /// What is to be said of the next displacement.
+    warnings: Vec<String>,
 }
 
 impl<W: Write> Printer<'_, W> {
@@ -199,6 +208,7 @@ impl<W: Write> Printer<'_, W> {
         match sums.and_then(|sums| estimate(self.options.method, &sums)) {
             Ok(solution) => {
                 let rejected = rejected + count - solution.points;
+                let warnings = std::mem::take(&mut self.warnings);
                 self.displacement(&Displacement {
                     frame: self.frames + 1,
                     displacement_mm: solution.displacement_mm,
@@ -206,6 +216,7 @@ impl<W: Write> Printer<'_, W> {
                     points: solution.points,
                     rejected,
                     method: self.options.method,
+                    warnings,
                 })
             }
             Err(reason) => self.refusal(format!("{reason} ({count} points, {rejected} rejected)")),
@@ -214,6 +225,9 @@ impl<W: Write> Printer<'_, W> {
 
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
+        for warning in &line.warnings {
+            eprintln!("frame {}: {warning}", line.frame);
+        }
         if self.options.json {
             return self.json(line);
         }

@@ -42,7 +42,7 @@ pub struct Options {
 
 const EXAMPLES: &str = "\
 Examples:
-  trinocular jog x=1 --port auto --rig rig.toml     # the first after the station's start: configure it
+  trinocular jog x=1 --port auto --rig rig.toml   # the first after the station's start
   trinocular jog y=-0.5 z=10 --port /dev/ttyACM0";
 
 /// A distance along one axis.

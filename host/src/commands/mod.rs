@@ -24,6 +24,7 @@ mod port;
 mod ports;
 mod progress;
 mod reset;
+mod robustness;
 mod scene;
 mod simulate;
 mod status;
@@ -37,6 +38,9 @@ mod zero;
 ///
 /// All lengths are millimetres, all image positions pixels. Axes are those of ordinary images: x right, y down,
 /// z away from the cameras. A displacement is the target's, seen from the cameras.
+///
+/// The station is the board that drives the stage; the twin is the same code inside this program, with a simulated stage. A rig file (TOML) describes the
+/// cameras, and the stage if there is one: `calibrate` and `convert` write it, the README shows one.
 ///
 /// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin, prints its Table 6 beside the
 /// paper's, and writes an HTML report. No hardware is needed.
@@ -57,6 +61,12 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "\
+From a new rig to a target that is followed:
+  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
+  trinocular align captures/ --rig rig.toml --out aligned.toml
+  trinocular verify aligned.toml
+  trinocular track --images captures/ --rig aligned.toml
+
 Exit codes:
   0  done
   1  the input was bad (the message names file, line and field), or frames were refused

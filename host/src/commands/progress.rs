@@ -46,3 +46,42 @@ impl Drop for Progress {
         }
     }
 }
+
+/// A count of something whose end nobody knows: on a terminal, unless results go there too; elsewhere a line at every hundred.
+pub struct Count {
+    bar: Option<ProgressBar>,
+    is_told: bool,
+    what: &'static str,
+}
+
+impl Count {
+    /// None yet.
+    pub fn new(what: &'static str) -> Self {
+        let is_terminal = std::io::stderr().is_terminal();
+        let is_free = is_terminal && !std::io::stdout().is_terminal();
+        let bar = is_free.then(|| ProgressBar::new_spinner().with_message(what));
+        Self {
+            bar,
+            is_told: !is_terminal,
+            what,
+        }
+    }
+
+    /// So many.
+    pub fn at(&mut self, count: usize) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(format!("{count} {}", self.what));
+            bar.tick();
+        } else if self.is_told && count.is_multiple_of(100) {
+            eprintln!("{count} {}", self.what);
+        }
+    }
+}
+
+impl Drop for Count {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -9,6 +9,7 @@ use host::station::diagnosis::{self, next_step};
 use host::station::{StationError, reset_cause};
 use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
+use shared::track::pursuit::Sight;
 
 /// Ask the station on a serial port how it is
 ///
@@ -32,7 +33,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         writeln!(out, "{}", to_json(&hand, &hello, last.as_ref(), &status))?;
     } else {
         writeln!(out, "{} on {}", hello.board, hand.port())?;
-        for (name, value) in lines(&hello, last.as_ref(), &status) {
+        let clock = hand.serial().offset_us().map(|(_, bound_us)| bound_us);
+        for (name, value) in lines(&hello, last.as_ref(), &status, clock) {
             writeln!(out, "{name:<12}  {value}")?;
         }
     }
@@ -58,6 +60,7 @@ pub fn lines(
     hello: &Hello,
     last: Option<&LastRun>,
     status: &Status,
+    clock_bound_us: Option<u64>,
 ) -> Vec<(&'static str, String)> {
     let state = diagnosis::state(status.state);
     let steps = |[x, y, z]: [i32; 3]| format!("{x} {y} {z} steps");
@@ -78,6 +81,13 @@ pub fn lines(
     }
     if let Some(estimate) = &status.estimate {
         lines.push(("last frame", last_frame(estimate)));
+    }
+    if status.sight != Sight::None {
+        let (sight, ms) = (diagnosis::sight(status.sight), status.seen_ms);
+        lines.push(("sight", format!("{sight}, seen {ms} ms ago")));
+    }
+    if let Some(bound_us) = clock_bound_us {
+        lines.push(("clock", format!("known to {bound_us} us")));
     }
     let dropped: Vec<_> = drops(&status.drops)
         .into_iter()
@@ -152,6 +162,9 @@ fn to_json(
         .into_iter()
         .collect();
     object["estimate"] = json!(estimate);
+    object["sight"] = json!(diagnosis::sight(status.sight));
+    object["seen_ms"] = json!(status.seen_ms);
+    object["clock_bound_us"] = json!(hand.serial().offset_us().map(|(_, bound_us)| bound_us));
     object["last_run"] = json!(last.map(super::hello::last_run_json));
     object["next"] = json!(next_step(status));
     object

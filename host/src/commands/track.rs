@@ -1,64 +1,85 @@
-//! `trinocular track`: the servo on the twin, in closed loop with the simulator or driven by recorded images.
+//! `trinocular track`: the servo in closed loop, with the simulator, recorded images, a folder that grows, or live cameras.
 
+mod captures;
+mod live;
 mod recorded;
 mod simulated;
 
 use super::port::PortOption;
 use super::scene::SceneOptions;
 use clap::{Args, ValueEnum};
-use host::error::Failure;
+use host::error::{Failure, InputError};
 use host::experiment::path::Path;
+use host::rig_file::RigFile;
 use host::sums;
 use std::io::Write;
 use std::path::PathBuf;
+
+const SOURCE: &str = "Where the pictures come from (one of these)";
+const CAMERAS: &str = "With --cameras";
+const SCENE: &str = "With --sim: the simulated target";
 
 /// Where the pictures come from.
 #[derive(Debug, Args)]
 #[group(id = "source", required = true, multiple = false)]
 pub struct Source {
     /// Rendered cameras on the stage, in closed loop
-    #[arg(long)]
+    #[arg(long, help_heading = SOURCE)]
     sim: bool,
 
     /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names for one instant
-    #[arg(long, value_name = "DIR", requires = "rig")]
+    #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
+
+    /// The same, while another program writes it: waits for new captures, until Ctrl-C or for --idle seconds
+    ///
+    /// A file counts as written when it has not changed for 0.2 s. A capture that lacks a camera's file is passed over after 2 s if there is a later one.
+    #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
+    watch: Option<PathBuf>,
+
+    /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
+    ///
+    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with `--features host/camera`.
+    #[arg(
+        long,
+        value_name = "DEVICE,...",
+        requires = "rig",
+        value_delimiter = ',',
+        help_heading = SOURCE
+    )]
+    cameras: Option<Vec<PathBuf>>,
 }
 
-/// Follow a target: simulated cameras in closed loop, or recorded images
+/// Follow a target: simulated cameras in closed loop, recorded images, a folder that grows, or live cameras
 ///
-/// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim, one on a serial --port, in real time.
-/// With --sim the cameras ride on the stage and see a poster
-/// that moves along --path. With --images the pictures come from a folder; since they cannot react to the stage, the cameras count as
-/// fixed, and the stage copies the target's motion. One line per picture goes to standard output.
+/// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim and --cameras, one on a serial --port, in real
+/// time. One line per picture goes to standard output: where the target was seen, and where the stage is.
+///
+/// With --sim the cameras ride on the stage and see a poster that moves along --path. With --cameras and --port they ride on it too, unless they
+/// are --fixed. Otherwise nothing the stage does can be seen: the cameras count as fixed, and the stage copies the target's motion.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
     #[command(flatten)]
     source: Source,
 
-    /// The rig file (TOML); with a `stage` section that stage is used, else 80 steps/mm, 100 mm/s
-    #[arg(long, value_name = "RIG.toml", conflicts_with = "sim")]
+    /// The rig file (TOML): its cameras, and its stage
+    ///
+    /// Without a `stage` section the stage is one of 80 steps/mm and 100 mm/s, but never with --cameras and --port. Without a rig file, --sim has the
+    /// paper's cameras and that stage.
+    #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
     #[command(flatten)]
     station: PortOption,
 
-    /// How the simulated target moves: steps, line, circle, lissajous or still
-    #[arg(long, default_value_t = Path::Circle)]
-    path: Path,
-
-    /// How long to follow the simulated target, s
-    #[arg(long, value_name = "S", default_value_t = 8.0)]
-    seconds: f64,
+    /// How long to follow, s [default: 8 with --sim, until Ctrl-C with --cameras]
+    #[arg(long, value_name = "S", conflicts_with_all = ["images", "watch"])]
+    seconds: Option<f64>,
 
     /// Pictures per second
     #[arg(long, value_name = "HZ", default_value_t = 30.0)]
     fps: f64,
-
-    /// From picture to frame at the station, ms (simulated)
-    #[arg(long, value_name = "MS", default_value_t = 20)]
-    latency: u64,
 
     /// The station's estimator
     #[arg(long, value_enum, default_value_t = Estimator::Midpoint)]
@@ -68,8 +89,53 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
-    #[command(flatten)]
+    /// With the twin: from picture to frame at the station, ms of its virtual time
+    #[arg(long, value_name = "MS", default_value_t = 20)]
+    latency: u64,
+
+    /// With --watch: end when no image has come for so long, s; without it only Ctrl-C ends
+    #[arg(long, value_name = "S")]
+    idle: Option<f64>,
+
+    /// Pictures so far apart are still of one time, ms; at most half the time between two pictures of a camera [default: 5, or that half if it is less]
+    #[arg(long, value_name = "MS", help_heading = CAMERAS)]
+    window: Option<f64>,
+
+    /// From the middle of the exposure to the moment the computer has the picture, ms
+    ///
+    /// Half the exposure, read-out and transfer; 20 to 60 ms with a camera on USB. What it is wrong by, times the stage's speed, is an error of position
+    /// while the stage moves, and none at rest.
+    #[arg(long, value_name = "MS", default_value_t = 0.0, help_heading = CAMERAS)]
+    delay: f64,
+
+    /// With --port: the cameras stand beside the stage, which copies the target's motion
+    #[arg(long, help_heading = CAMERAS)]
+    fixed: bool,
+
+    /// How the target moves: steps, line, circle, lissajous or still
+    #[arg(long, default_value_t = Path::Circle, help_heading = SCENE)]
+    path: Path,
+
+    #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
+}
+
+impl Options {
+    /// The time between two pictures, µs.
+    fn period_us(&self) -> u64 {
+        (1e6 / self.fps).round() as u64
+    }
+
+    /// The widest window within which the order of arrival makes no difference, ms.
+    fn widest_window_ms(&self) -> f64 {
+        500.0 / self.fps
+    }
+
+    /// The window, ms.
+    fn window_ms(&self) -> f64 {
+        let default = self.widest_window_ms().min(5.0);
+        self.window.unwrap_or(default)
+    }
 }
 
 /// The station's estimators.
@@ -90,12 +156,24 @@ impl From<Estimator> for sums::Estimator {
     }
 }
 
+impl Estimator {
+    /// Reads the rig, refusing those the estimator is not made for.
+    fn read_rig(self, path: &std::path::Path) -> Result<RigFile, InputError> {
+        match self {
+            Self::ClosedForm => RigFile::read_in_line(path),
+            Self::Midpoint => RigFile::read(path),
+        }
+    }
+}
+
 const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
   trinocular track --sim --path lissajous --seconds 16 --json > run.jsonl
-  trinocular track --sim --port /dev/ttyACM0 --path still
-  trinocular track --images captures/ --rig rig.toml";
+  trinocular track --sim --rig rig.toml --port /dev/ttyACM0 --path still
+  trinocular track --images captures/ --rig rig.toml
+  trinocular track --watch captures/ --rig rig.toml --idle 60
+  trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
@@ -106,14 +184,64 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         ))),
     };
     range("fps", options.fps, 1.0, 200.0)?;
-    range("seconds", options.seconds, 0.1, 3600.0)?;
+    range("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
+    range("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
+    range(
+        "window",
+        options.window_ms(),
+        0.0,
+        options.widest_window_ms(),
+    )?;
+    // The station remembers where the stage was for half a second.
+    range("delay", options.delay, 0.0, 300.0)?;
     let longest_ms = (1000.0 / options.fps - 3.0).max(1.0).floor();
     range("latency", options.latency as f64, 0.0, longest_ms)?;
-    match (&options.source.images, &options.rig) {
-        (Some(_), Some(_)) if options.station.is_given() => Err(Failure::Usage(
-            "--port goes with --sim: recorded images are followed by the twin".to_owned(),
-        )),
-        (Some(folder), Some(rig)) => recorded::run(options, folder, rig, out),
+    let source = &options.source;
+    // What is required of an option that another one excludes is not required by the parser.
+    let goes_with = |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there
+    {
+        true => Err(Failure::Usage(format!("--{option} goes with {with}"))),
+        false => Ok(()),
+    };
+    let is_live = source.cameras.is_some();
+    goes_with(
+        "idle",
+        options.idle.is_some(),
+        "--watch",
+        source.watch.is_some(),
+    )?;
+    goes_with("window", options.window.is_some(), "--cameras", is_live)?;
+    goes_with("delay", options.delay != 0.0, "--cameras", is_live)?;
+    let is_real = is_live && options.station.is_given();
+    goes_with("fixed", options.fixed, "--cameras and --port", is_real)?;
+    let is_from_files = source.images.is_some() || source.watch.is_some();
+    if is_from_files && options.station.is_given() {
+        let reason =
+            "--port goes with --sim and --cameras: images from files are followed by the twin";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
+    match (source, &options.rig) {
+        (
+            Source {
+                images: Some(folder),
+                ..
+            },
+            Some(rig),
+        ) => recorded::run(options, folder, rig, out),
+        (
+            Source {
+                watch: Some(folder),
+                ..
+            },
+            Some(rig),
+        ) => recorded::watch(options, folder, rig, out),
+        (
+            Source {
+                cameras: Some(devices),
+                ..
+            },
+            Some(rig),
+        ) => live::run(options, devices, rig, out),
         _ => simulated::run(options, out),
     }
 }

@@ -70,15 +70,27 @@ impl Follower {
     /// # Errors
     /// If it cannot be reached or refuses.
     pub fn start(place: Place<'_>, stage: &Stage) -> Result<Self, StationError> {
+        Self::start_as(place, stage, Mounting::OnStage)
+    }
+
+    /// As [`Follower::start`], with the cameras where `mounting` says.
+    ///
+    /// # Errors
+    /// As [`Follower::start`].
+    pub fn start_as(
+        place: Place<'_>,
+        stage: &Stage,
+        mounting: Mounting,
+    ) -> Result<Self, StationError> {
         match place {
             Place::Twin => {
-                let twin = Twin::start(stage, "twin B", Mounting::OnStage)?;
+                let twin = Twin::start(stage, "twin B", mounting)?;
                 Ok(Self::Twin(Box::new(twin)))
             }
             Place::Port { path, heartbeat_ms } => {
                 let configuration = Config {
                     heartbeat_ms,
-                    ..configuration(stage, Mounting::OnStage)?
+                    ..configuration(stage, mounting)?
                 };
                 let serial = Serial::start_as(path, configuration)?;
                 let delay_us = serial.who().map_or(0, |hello| u64::from(hello.delay_us));
@@ -116,6 +128,22 @@ impl Follower {
             Self::Twin(twin) => twin.now(),
             Self::Live(live) => Instant::from_micros(live.serial.now_us()),
         }
+    }
+
+    /// An instant of that clock, as the station's.
+    ///
+    /// # Errors
+    /// If the line breaks, or no heartbeat comes back for three seconds: until the first the station's clock is not known.
+    pub fn station_time(&self, at: Instant) -> Result<Instant, StationError> {
+        let station_us = match self {
+            Self::Twin(twin) => twin.client().clock().station_us(at.micros()),
+            Self::Live(live) => live
+                .serial
+                .wait_until(HostInstant::now() + REPORT_PATIENCE, |client| {
+                    client.clock().station_us(at.micros())
+                })?,
+        };
+        station_us.map(Instant::from_micros).ok_or(SILENT)
     }
 
     /// Lets time pass until `end`.

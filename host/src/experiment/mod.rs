@@ -12,6 +12,7 @@ pub mod follower;
 pub mod moves;
 pub mod path;
 pub mod present;
+pub mod pursuit;
 pub mod servo;
 pub mod tracking;
 pub mod world;

@@ -4,6 +4,7 @@ use super::Error;
 use super::follower::{Follower, Moment, Place};
 use crate::images::{Capture, Scene, SceneSettings, Texture};
 use crate::rig_file::Stage;
+use crate::station::stage::default_stage;
 use crate::station::twin::Twin;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
@@ -36,7 +37,8 @@ pub struct Exposure {
 }
 
 impl World {
-    /// Switches both stations on, at zero, with the poster at an unknown distance before the cameras.
+    /// Switches both stations on, at zero, with the poster at an unknown distance before the cameras. `stage` is B's; the poster's is the default
+    /// one, so that the target moves alike whatever B can do.
     ///
     /// # Errors
     /// If the scene cannot be rendered, B cannot be reached or a station refuses the stage.
@@ -51,7 +53,7 @@ impl World {
         // The scene first: drawing it takes a while, and a station that is on has a heartbeat to keep.
         let scene = Scene::new(rig, texture, settings)?;
         let mut world = Self {
-            a: Twin::start(stage, "twin A", Mounting::OnStage)?,
+            a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,
             b: Follower::start(place, stage)?,
             scene,
             seed,

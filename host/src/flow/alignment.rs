@@ -42,6 +42,12 @@ pub fn align(capture: &Capture) -> Result<Rig, Refusal> {
     };
     let mut flow = Flow::new(&first, settings)?;
     flow.set_reference(capture)?;
+    if let Some(keyframe) = &flow.keyframe
+        && keyframe.team.cameras.len() < cameras
+    {
+        let left = keyframe.team.cameras.len();
+        return Err(Refusal::FewCameras { left });
+    }
     let matches = flow.keyframe.iter().flat_map(|k| &k.matches);
     let matches: Vec<&Match> = matches.collect();
     let shift = |k: usize, axis: usize| {

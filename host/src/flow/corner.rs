@@ -10,30 +10,30 @@ use super::pyramid::Plane;
 /// Half the window the gradient matrix is summed over, px.
 const REACH: usize = 3;
 const SIDE: usize = 2 * REACH + 1;
+/// Places that are worked on from the first row to the last before the next ones to the right: the last rows' products stay in the nearest
+/// cache, however wide the image is.
+const STRIP: usize = 320;
 /// The least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over the window) in the
 /// weakest direction, three times what noise of 2 grey levels leaves after the filter.
 const LEAST: f32 = (SIDE * SIDE) as f32;
 /// The side of a cell, px.
 const CELL: usize = 20;
 
+/// The smaller eigenvalue, and where it is.
+type Peak = (f32, [usize; 2]);
+
 /// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most `count`, the most
 /// useful first.
 pub fn corners(plane: &Plane, margin: usize, apart: f64, count: usize) -> Vec<[usize; 2]> {
-    let score = smaller_eigenvalue(plane);
-    let (width, height) = (plane.width, plane.height);
     let margin = margin.max(REACH + 2);
-    let columns = width.div_ceil(CELL);
-    let mut cells: Vec<Vec<(f32, [usize; 2])>> = vec![Vec::new(); columns * height.div_ceil(CELL)];
-    let peaks = Arch::new().dispatch(Peaks {
-        score: &score,
-        width,
-        margin,
-    });
-    for [x, y] in peaks {
-        cells[y / CELL * columns + x / CELL].push((score[y * width + x], [x, y]));
+    let columns = plane.width.div_ceil(CELL);
+    let mut cells = vec![Vec::new(); columns * plane.height.div_ceil(CELL)];
+    for peak in Arch::new().dispatch(Peaks { plane, margin }) {
+        let (_, [x, y]) = peak;
+        cells[y / CELL * columns + x / CELL].push(peak);
     }
     for cell in &mut cells {
-        cell.sort_by(|a, b| b.0.total_cmp(&a.0));
+        cell.sort_by(|a: &Peak, b| b.0.total_cmp(&a.0));
     }
     let mut taken: Vec<[usize; 2]> = Vec::with_capacity(count);
     let most = cells.iter().map(Vec::len).max().unwrap_or(0);
@@ -56,66 +56,101 @@ pub fn corners(plane: &Plane, margin: usize, apart: f64, count: usize) -> Vec<[u
     taken
 }
 
-/// The smaller eigenvalue at every pixel; 0 along the border.
-fn smaller_eigenvalue(plane: &Plane) -> Vec<f32> {
-    let mut score = vec![0.0_f32; plane.width * plane.height];
-    if plane.width >= SIDE + 2 && plane.height >= SIDE + 2 {
-        Arch::new().dispatch(Eigenvalues {
-            plane,
-            score: &mut score,
-        });
-    }
-    score
-}
-
-/// The smaller eigenvalue of every window.
-struct Eigenvalues<'a> {
+/// Where the smaller eigenvalue is above [`LEAST`] and no neighbour's is higher, at least `margin` px from the border; `margin` is at least
+/// [`REACH`]` + 2`. Of equal neighbours, the last counts.
+struct Peaks<'a> {
     plane: &'a Plane,
-    score: &'a mut [f32],
+    margin: usize,
 }
 
-impl NullaryFnOnce for Eigenvalues<'_> {
-    type Output = ();
+impl NullaryFnOnce for Peaks<'_> {
+    type Output = Vec<Peak>;
 
     #[inline(always)]
-    fn call(self) {
-        let (width, height) = (self.plane.width, self.plane.height);
-        let row = |y: usize| &self.plane.grey[y * self.plane.stride..][..width];
-        // Products gx gx, gx gy, gy gy of the last rows, in a ring; those of column x are at x - 1.
-        let inner = width - 2;
-        let mut ring = [0; SIDE].map(|_| [0, 1, 2].map(|_| vec![0.0_f32; inner]));
-        let mut sums = vec![0.0_f32; inner];
-        let places = inner - (SIDE - 1);
-        let mut windows = [0, 1, 2].map(|_| vec![0.0_f32; places]);
-        for y in 1..height - 1 {
-            let (above, level, below) = (row(y - 1), row(y), row(y + 1));
-            let [xx, xy, yy] = &mut ring[y % SIDE];
-            products([above, level, below], [xx, xy, yy]);
-            if y < SIDE {
-                continue;
-            }
-            for (part, window) in windows.iter_mut().enumerate() {
-                sums.fill(0.0);
-                for products in &ring {
-                    for (sum, product) in sums.iter_mut().zip(&products[part]) {
-                        *sum += product;
+    fn call(self) -> Vec<Peak> {
+        let (plane, margin) = (self.plane, self.margin);
+        let (width, height) = (plane.width, plane.height);
+        let mut found = Vec::new();
+        if width <= 2 * margin || height <= 2 * margin {
+            return found;
+        }
+        // The last rows, in rings: products gx gx, gx gy, gy gy, and eigenvalues.
+        let mut ring = [0; SIDE].map(|_| [0, 1, 2].map(|_| vec![0.0_f32; STRIP + 2 + SIDE - 1]));
+        let mut scores = [0; 3].map(|_| vec![0.0_f32; STRIP + 2]);
+        let mut sums = vec![0.0_f32; STRIP + 2 + SIDE - 1];
+        let mut windows = [0, 1, 2].map(|_| vec![0.0_f32; STRIP + 2]);
+        let mut is_peak = vec![0_u8; STRIP];
+        for left in (margin..width - margin).step_by(STRIP) {
+            let is_peak = &mut is_peak[..STRIP.min(width - margin - left)];
+            // With one neighbour on either side, and what its window and its differences reach.
+            let places = is_peak.len() + 2;
+            let inner = places + SIDE - 1;
+            let first = left - (REACH + 2);
+            let row = |y: usize| &plane.grey[y * plane.stride + first..][..inner + 2];
+            for lowest in margin - 1 - REACH..=height - margin + REACH {
+                let newest = ring[lowest % SIDE]
+                    .each_mut()
+                    .map(|part| &mut part[..inner]);
+                products([row(lowest - 1), row(lowest), row(lowest + 1)], newest);
+                if lowest < margin - 1 + REACH {
+                    continue;
+                }
+                for (part, window) in windows.iter_mut().enumerate() {
+                    let rows = ring.each_ref().map(|products| &products[part][..inner]);
+                    sums_of_rows(rows, &mut sums[..inner]);
+                    sums_of_seven(&sums[..inner], &mut window[..places]);
+                }
+                let below = lowest - REACH;
+                let windows = windows.each_ref().map(|window| &window[..places]);
+                smaller_eigenvalues(windows, &mut scores[below % 3][..places]);
+                if below < margin + 1 {
+                    continue;
+                }
+                let y = below - 1;
+                let rows = [below - 2, y, below].map(|y| &scores[y % 3][..places]);
+                mark_peaks(rows, is_peak);
+                for (block, flags) in is_peak.chunks(16).enumerate() {
+                    if flags.iter().fold(0, |any, flag| any | flag) == 0 {
+                        continue;
+                    }
+                    for (x, _) in flags.iter().enumerate().filter(|(_, flag)| **flag == 1) {
+                        let x = 16 * block + x;
+                        found.push((rows[1][x + 1], [left + x, y]));
                     }
                 }
-                sums_of_seven(&sums, window);
-            }
-            let [xx, xy, yy] = &windows;
-            let out = &mut self.score[(y - REACH) * width + 1 + REACH..][..places];
-            for (((out, xx), xy), yy) in out.iter_mut().zip(xx).zip(xy).zip(yy) {
-                let half = 0.5 * (xx - yy);
-                *out = 0.5 * (xx + yy) - (half * half + xy * xy).sqrt();
             }
         }
+        found
+    }
+}
+
+/// Of the matrices `[xx xy; xy yy]`.
+#[inline(always)]
+fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
+    for (((out, xx), xy), yy) in out.iter_mut().zip(xx).zip(xy).zip(yy) {
+        let half = 0.5 * (xx - yy);
+        *out = 0.5 * (xx + yy) - (half * half + xy * xy).sqrt();
+    }
+}
+
+/// Flags the places of the middle row, without its first and its last, with 1 where there is a peak.
+#[inline(always)]
+fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
+    let count = is_peak.len();
+    let [a, b, c] = [0, 1, 2].map(|dx| &above[dx..][..count]);
+    let [d, here, e] = [0, 1, 2].map(|dx| &level[dx..][..count]);
+    let [f, g, h] = [0, 1, 2].map(|dx| &below[dx..][..count]);
+    for x in 0..count {
+        let s = here[x];
+        let before = (s >= a[x]) & (s >= b[x]) & (s >= c[x]) & (s >= d[x]);
+        let after = (s > e[x]) & (s > f[x]) & (s > g[x]) & (s > h[x]);
+        is_peak[x] = u8::from(before & after & (s > LEAST));
     }
 }
 
 /// Products of the central differences, without the first and the last column.
 #[inline(always)]
-fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut Vec<f32>; 3]) {
+fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut [f32]; 3]) {
     let count = xx.len();
     let (left, right) = (&level[..count], &level[2..][..count]);
     let (above, below) = (&above[1..][..count], &below[1..][..count]);
@@ -132,58 +167,16 @@ fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut Vec<f32>; 3]
 /// Sums of [`SIDE`] values from each place on.
 #[inline(always)]
 fn sums_of_seven(values: &[f32], out: &mut [f32]) {
-    const { assert!(SIDE == 7) }
+    sums_of_rows([0, 1, 2, 3, 4, 5, 6].map(|i| &values[i..]), out);
+}
+
+/// Sums of what [`SIDE`] rows have at the same place.
+#[inline(always)]
+fn sums_of_rows(rows: [&[f32]; SIDE], out: &mut [f32]) {
     let count = out.len();
-    let [a, b, c, d, e, f, g] = [0, 1, 2, 3, 4, 5, 6].map(|i| &values[i..][..count]);
+    let [a, b, c, d, e, f, g] = rows.map(|row| &row[..count]);
     for x in 0..count {
         out[x] = (a[x] + b[x]) + (c[x] + d[x]) + (e[x] + f[x]) + g[x];
-    }
-}
-
-/// Where the score is above [`LEAST`] and no neighbour's is higher, at least `margin` px from the border. Of equal neighbours, the last counts.
-struct Peaks<'a> {
-    score: &'a [f32],
-    width: usize,
-    margin: usize,
-}
-
-impl NullaryFnOnce for Peaks<'_> {
-    type Output = Vec<[usize; 2]>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<[usize; 2]> {
-        let (width, margin) = (self.width, self.margin);
-        let height = self.score.len() / width.max(1);
-        let mut found = Vec::new();
-        if width <= 2 * margin || height <= 2 * margin {
-            return found;
-        }
-        let count = width - 2 * margin;
-        let mut is_peak = vec![0_u8; count];
-        for y in margin..height - margin {
-            let part = |dx: usize, dy: usize| {
-                &self.score[(y + dy - 1) * width + margin + dx - 1..][..count]
-            };
-            let here = part(1, 1);
-            let [a, b, c] = [0, 1, 2].map(|dx| part(dx, 0));
-            let (d, e) = (part(0, 1), part(2, 1));
-            let [f, g, h] = [0, 1, 2].map(|dx| part(dx, 2));
-            for x in 0..count {
-                let s = here[x];
-                let before = (s >= a[x]) & (s >= b[x]) & (s >= c[x]) & (s >= d[x]);
-                let after = (s > e[x]) & (s > f[x]) & (s > g[x]) & (s > h[x]);
-                is_peak[x] = u8::from(before & after & (s > LEAST));
-            }
-            for (block, flags) in is_peak.chunks(16).enumerate() {
-                if flags.iter().fold(0, |any, flag| any | flag) == 0 {
-                    continue;
-                }
-                for (x, _) in flags.iter().enumerate().filter(|(_, flag)| **flag == 1) {
-                    found.push([margin + 16 * block + x, y]);
-                }
-            }
-        }
-        found
     }
 }
 

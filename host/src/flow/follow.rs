@@ -20,9 +20,9 @@ pub struct Follow<'a> {
     /// Thresholds.
     pub settings: &'a Settings,
     /// Per camera, at the reference instant.
-    pub before: &'a [Pyramid],
+    pub before: &'a [&'a Pyramid],
     /// Per camera, now.
-    pub now: &'a [Pyramid],
+    pub now: &'a [&'a Pyramid],
 }
 
 /// A displacement, better known than its guess.

@@ -9,17 +9,20 @@
 //! step = (Σ g g^T - c c^T / Σ T' T')^-1 (Σ g I - a c) / a
 //! ```
 //!
-//! so that neither factor nor offset shows in the step, and no difference image is needed. Values between pixels come from cubic
-//! convolution: linear interpolation would pull every position towards the middle between two pixels.
+//! so that neither factor nor offset shows in the step, and no difference image is needed.
 //!
-//! What was found is asked the same question in return: one step from it towards the template, with gradients of its own, must be short.
+//! Template and image are both read through cubic B-splines, which smooth a little more and so alike wherever between two pixels a window lies.
+//! Interpolation proper would leave the grey levels as they are at whole pixels and smooth them at half ones: windows read at different
+//! phases then differ, and each pulls its point its own way, by more than noise of 2 grey levels does.
+//!
+//! What was found is asked the same question in return: with gradients of its own, it must lie as far from the template as the last step says.
 
 mod window;
 
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
-use window::{Grid, LeastSquares, Window, product};
+use window::{Grid, LeastSquares, Window, product, products};
 
 /// What a search for a template found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +31,12 @@ pub struct Found {
     pub at: [f32; 2],
     /// Zero-mean normalised cross-correlation there, -1 to 1.
     pub likeness: f32,
-    /// How far from the template's place one step back leads, px. Infinite if what was found has no texture of its own.
+    /// By how much the step to there differs from the step back, px. Infinite if what was found has no texture of its own.
     pub miss: f32,
 }
 
-/// Stops when a step is shorter than this, px. Steps shrink about tenfold, so the rest is two thousandths.
-const SHORT_STEP: f32 = 0.02;
+/// Stops when a step is shorter than this, px. Noise of 2 grey levels lets steps shrink a hundredfold and more, so the rest is a thousandth.
+const SHORT_STEP: f32 = 0.08;
 /// Longest single step, px: beyond it the linear model says nothing.
 const LONG_STEP: f32 = 2.0;
 /// The least mean square gradient of a template in its weakest direction, (grey level / px)².
@@ -70,9 +73,10 @@ impl Share {
         along: &Grid<N, W>,
         down: &Grid<N, W>,
     ) -> Self {
+        let [energy, x, y] = products(grey, [grey, along, down]);
         Self {
-            energy: product(grey, grey),
-            coupling: [product(along, grey), product(down, grey)],
+            energy,
+            coupling: [x, y],
         }
     }
 }
@@ -100,9 +104,19 @@ impl<const N: usize, const W: usize> Template<N, W> {
         if !Self::fits(plane, at) {
             return None;
         }
-        let template = Box::new(Arch::new().dispatch(Read {
+        let nothing = [[0.0; W]; N];
+        let mut template = Box::new(Self {
+            grey: nothing,
+            along: nothing,
+            down: nothing,
+            mean_gradient: [0.0; 2],
+            matrix: [0.0; 3],
+            share: Share::default(),
+        });
+        Arch::new().dispatch(Read {
             window: Window::<N, W>::around(plane, at),
-        }));
+            template: &mut template,
+        });
         let count = (N * N) as f32;
         let enough = template.share.energy >= count * LEAST_GRADIENT
             && template.least_squares(template.share).weakest() > count * LEAST_GRADIENT;
@@ -147,8 +161,8 @@ impl<const N: usize, const W: usize> Template<N, W> {
             [warp[0][0] - 1.0, warp[0][1]],
             [warp[1][0], warp[1][1] - 1.0],
         ];
-        // A thousandth of a pixel at the border of the window.
-        if off.iter().flatten().all(|o| o.abs() < 1e-4) {
+        // Three thousandths of a pixel at the border of the window, and nothing in its middle.
+        if off.iter().flatten().all(|o| o.abs() < 3e-4) {
             return None;
         }
         let half = (N / 2) as f32;
@@ -171,36 +185,34 @@ impl<const N: usize, const W: usize> Template<N, W> {
     }
 }
 
-/// The making of a template.
+/// The making of a template, where it is to stay.
 struct Read<'a, const N: usize, const W: usize> {
     window: Window<'a, N, W>,
+    template: &'a mut Template<N, W>,
 }
 
 impl<const N: usize, const W: usize> NullaryFnOnce for Read<'_, N, W> {
-    type Output = Template<N, W>;
+    type Output = ();
 
     #[inline(always)]
-    fn call(self) -> Template<N, W> {
-        let [mut grey, mut along, mut down] = [[[0.0_f32; W]; N]; 3];
-        self.window.read(&mut grey, &mut along, &mut down);
-        let parts = [&mut grey, &mut along, &mut down];
-        let [_, x, y] = parts.map(|part| {
+    fn call(self) {
+        let template = self.template;
+        let Template {
+            grey, along, down, ..
+        } = template;
+        self.window.read(grey, along, down);
+        let [_, x, y] = [&mut *grey, &mut *along, &mut *down].map(|part| {
             let mean = window::total(part) / (N * N) as f32;
             window::centre(part, mean);
             mean
         });
-        Template {
-            mean_gradient: [x, y],
-            matrix: [
-                product(&along, &along),
-                product(&along, &down),
-                product(&down, &down),
-            ],
-            share: Share::of(&grey, &along, &down),
-            grey,
-            along,
-            down,
-        }
+        template.mean_gradient = [x, y];
+        template.matrix = [
+            product(along, along),
+            product(along, down),
+            product(down, down),
+        ];
+        template.share = Share::of(grey, along, down);
     }
 }
 
@@ -233,14 +245,14 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
             }
             let window = Window::<N, W>::around(self.plane, at);
             window.sample(&mut seen);
-            let common = product(&seen, grey);
+            let [common, x, y] = products(&seen, [grey, &template.along, &template.down]);
             if !(common > 0.1 * share.energy) {
                 return None;
             }
             let factor = common / share.energy;
             let rest = [
-                product(&seen, &template.along) - factor * share.coupling[0],
-                product(&seen, &template.down) - factor * share.coupling[1],
+                x - factor * share.coupling[0],
+                y - factor * share.coupling[1],
             ];
             let mut step = least_squares.solve(rest).map(|s| s / factor);
             let length = window::length(step);
@@ -252,7 +264,9 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
                 let mean = window::total(&seen) / (N * N) as f32;
                 window::centre(&mut seen, mean);
                 let likeness = common / (share.energy * product(&seen, &seen)).sqrt();
-                let miss = window::miss(&seen, grey, factor);
+                let back = window::step_back(&seen, grey, factor);
+                let miss = window::length([back[0] - step[0], back[1] - step[1]]);
+                let miss = if miss >= 0.0 { miss } else { f32::INFINITY };
                 return likeness.is_finite().then_some(Found { at, likeness, miss });
             }
         }

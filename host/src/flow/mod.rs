@@ -9,7 +9,8 @@
 //! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests a match must pass;
 //! * [`search`] finds the rough displacement, without knowing it either, and what else would explain the images;
 //! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
-//! * [`consensus`] keeps the points that move as one.
+//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it, [`turn`] whether the target turns instead;
+//! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at another time.
 //!
 //! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
 
@@ -17,6 +18,8 @@ use crate::images::Capture;
 use shared::rig::Rig;
 
 pub mod alignment;
+#[cfg(test)]
+mod cloud;
 pub mod consensus;
 pub mod corner;
 pub mod follow;
@@ -25,12 +28,18 @@ pub mod geometry;
 pub mod laps;
 pub mod likeness;
 pub mod lucas_kanade;
+pub mod measurement;
 pub mod pyramid;
 pub mod refusal;
+pub mod scatter;
 pub mod search;
+mod settle;
 mod spare;
+pub mod step;
 pub mod stereo;
 mod strip;
+pub mod team;
+pub mod turn;
 mod workers;
 
 use follow::{Follow, Followed};
@@ -38,20 +47,14 @@ use geometry::Geometry;
 use laps::{Laps, Stage};
 use likeness::Field;
 use lucas_kanade::Large;
-use pyramid::Pyramid;
+pub use measurement::{Measurement, Track};
+use pyramid::{Plane, Pyramid};
 pub use refusal::{Reason, Refusal, Rejected};
 use search::Search;
-use shared::sums::View;
+use settle::Settled;
 use spare::Spare;
 use stereo::{Match, Stereo};
-
-/// One scene point, followed in every camera.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Track {
-    /// Per camera, in the rig's order: pixel at the reference instant, pixel now (as seen, principal
-    /// point and distortion not removed).
-    pub pixels: Vec<[[f64; 2]; 2]>,
-}
+use team::{Absence, Last, Team};
 
 /// What the matching is to be content with.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,6 +81,8 @@ pub struct Settings {
     pub scatter_px: f64,
     /// The least number of points of any use.
     pub least_points: usize,
+    /// By how much the target may turn, degrees. Below, sigma grows with what the turn may spoil.
+    pub most_turn_deg: f64,
     /// Threads that share the work, at least 1. Results do not depend on it.
     pub threads: usize,
 }
@@ -96,37 +101,53 @@ impl Default for Settings {
             agree_px: 0.1,
             scatter_px: 0.5,
             least_points: 8,
+            most_turn_deg: 0.15,
             threads: 1,
         }
     }
-}
-
-/// All tracked points of one frame.
-#[derive(Clone, Debug)]
-pub struct Measurement {
-    /// Points that passed every test and agree.
-    pub tracks: Vec<Track>,
-    /// The same points, normalised: per point, one view per camera.
-    pub views: Vec<Vec<View>>,
-    /// The points that did not, by reason; those of the reference instant included.
-    pub rejected: Rejected,
-    /// The displacement they agree on (midpoint model), mm.
-    pub displacement_mm: [f64; 3],
-    /// By how much the variance of the mean is larger than for independent points, at least 1: windows that overlap see the same
-    /// noise. The number of independent points is `tracks.len() / overlap`.
-    pub overlap: f64,
 }
 
 /// A capture's images at all scales, one per camera: what needs no other capture.
 #[derive(Clone, Debug)]
 pub struct Filtered {
     pyramids: Vec<Pyramid>,
+    /// Per camera: why its picture is of no use.
+    absences: Vec<Option<Absence>>,
+    prints: Vec<u64>,
+}
+
+/// What a measurement needs of the reference instant.
+#[derive(Clone, Copy, Debug)]
+struct Reference<'a> {
+    team: &'a Team,
+    /// Of all cameras.
+    pyramids: &'a [Pyramid],
+    coarse: &'a Field,
+    matches: &'a [Match],
+    rejected: Rejected,
+}
+
+impl Keyframe {
+    fn view(&self) -> Reference<'_> {
+        Reference {
+            team: &self.team,
+            pyramids: &self.pyramids,
+            coarse: &self.coarse,
+            matches: &self.matches,
+            rejected: self.rejected,
+        }
+    }
 }
 
 /// Matched points and images of the reference instant.
 #[derive(Clone, Debug)]
 struct Keyframe {
+    team: Team,
+    /// Of all cameras.
     pyramids: Vec<Pyramid>,
+    absences: Vec<Option<Absence>>,
+    prints: Vec<u64>,
+    /// What follows is the team's.
     coarse: Field,
     matches: Vec<Match>,
     rejected: Rejected,
@@ -138,6 +159,7 @@ pub struct Flow {
     geometry: Geometry,
     settings: Settings,
     keyframe: Option<Keyframe>,
+    last: Last,
     spare: Spare,
 }
 
@@ -156,6 +178,7 @@ impl Flow {
             geometry: Geometry::new(rig).ok_or(Refusal::WrongRig)?,
             settings,
             keyframe: None,
+            last: Last::default(),
             spare: Spare::default(),
         })
     }
@@ -185,6 +208,9 @@ impl Flow {
         let rig = self.geometry.rig.image_size_px.map(|side| side as usize);
         for (camera, view) in capture.views.iter().enumerate() {
             let found = [view.width, view.height];
+            if view.is_missing() {
+                continue;
+            }
             if found != rig || view.grey.len() != rig[0] * rig[1] || rig.contains(&0) {
                 return Err(Refusal::WrongSize { camera, found, rig });
             }
@@ -195,12 +221,28 @@ impl Flow {
             .into_iter()
             .chain(std::iter::repeat_with(Pyramid::default));
         let jobs = capture.views.iter().zip(memory).collect();
-        let pyramids = workers::map(self.settings.threads, jobs, |(view, mut pyramid)| {
+        let seen = workers::map(self.settings.threads, jobs, |(view, mut pyramid)| {
+            if view.is_missing() {
+                return (Pyramid::default(), 0.0, 0);
+            }
             pyramid.refill(view, levels);
-            pyramid
+            let contrast = pyramid.levels.last().map_or(0.0, Plane::contrast);
+            (pyramid, contrast, team::fingerprint(view))
         });
+        let contrasts: Vec<f64> = seen.iter().map(|(_, contrast, _)| *contrast).collect();
+        let (pyramids, prints): (Vec<Pyramid>, Vec<u64>) = seen
+            .into_iter()
+            .map(|(pyramid, _, print)| (pyramid, print))
+            .unzip();
+        let mut absences = team::absences(&capture.views, &contrasts);
+        let last = self.last.replace(&prints);
+        team::mark_frozen(&mut absences, &prints, &last);
         laps.lap(Stage::Filter);
-        Ok(Filtered { pyramids })
+        Ok(Filtered {
+            pyramids,
+            absences,
+            prints,
+        })
     }
 
     /// Makes `capture` the reference of all later measurements. After a refusal there is none.
@@ -226,10 +268,16 @@ impl Flow {
         // What the old keyframe occupies is given back only when the new one is complete: else the allocator would return it to the system,
         // to ask for it again at once.
         let old = self.keyframe.take();
-        let pyramids = filtered.pyramids;
+        let Filtered {
+            pyramids,
+            absences,
+            prints,
+        } = filtered;
         let settings = &self.settings;
-        let reference = self.geometry.reference;
-        let base = &pyramids[reference].levels[0];
+        let team = self.team(|k| absences[k].is_none())?;
+        let views = team.select(&pyramids);
+        let reference = team.geometry.reference;
+        let base = &views[reference].levels[0];
         let corners = corner::corners(base, Large::MARGIN + 1, settings.apart_px, settings.corners);
         laps.lap(Stage::Corners);
         let least = settings.least_points;
@@ -238,12 +286,12 @@ impl Flow {
             return Err(Refusal::FewCorners { found, least });
         }
         let level = self.spatial_level();
-        let planes = pyramids.iter().map(|p| &p.levels[level]).collect();
+        let planes = views.iter().map(|p| &p.levels[level]).collect();
         let fields = workers::map(settings.threads, planes, Field::new);
         let stereo = Stereo {
-            geometry: &self.geometry,
+            geometry: &team.geometry,
             settings,
-            pyramids: &pyramids,
+            pyramids: &views,
             fields: &fields,
             level,
         };
@@ -278,15 +326,22 @@ impl Flow {
                 least,
             });
         }
-        let coarse = Field::new(&pyramids[reference].levels[self.temporal_level()]);
+        let coarse = Field::new(&views[reference].levels[self.temporal_level()]);
         self.keyframe = Some(Keyframe {
+            team,
             pyramids,
+            absences,
+            prints,
             coarse,
             matches,
             rejected,
         });
-        if let Some(Keyframe { pyramids, .. }) = old {
-            self.spare.keep(Filtered { pyramids });
+        if let Some(old) = old {
+            self.spare.keep(Filtered {
+                pyramids: old.pyramids,
+                absences: old.absences,
+                prints: old.prints,
+            });
         }
         laps.lap(Stage::Spatial);
         Ok(())
@@ -312,18 +367,95 @@ impl Flow {
     /// [`Refusal`], with what was found. The reference stays.
     pub fn measure_in(&self, now: &Filtered, laps: &mut Laps) -> Result<Measurement, Refusal> {
         let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
-        let follow = Follow {
-            geometry: &self.geometry,
-            settings: &self.settings,
-            before: &keyframe.pyramids,
-            now: &now.pyramids,
+        let mut absences = now.absences.clone();
+        team::mark_frozen(&mut absences, &now.prints, &keyframe.prints);
+        for (absence, before) in absences.iter_mut().zip(&keyframe.absences) {
+            *absence = absence.or(*before);
+        }
+        let team = self.team(|k| absences[k].is_none())?;
+        let (mut measurement, late) = if team.cameras == keyframe.team.cameras {
+            self.measure_with(&keyframe.view(), now, laps)?
+        } else {
+            let (matches, coarse) = self.without_some(keyframe, &team);
+            let reference = Reference {
+                team: &team,
+                coarse: &coarse,
+                matches: &matches,
+                ..keyframe.view()
+            };
+            self.measure_with(&reference, now, laps)?
         };
-        let rough_mm = self.rough(keyframe, &now.pyramids, &follow)?;
+        if let Some((late, share)) = late {
+            let late = team.cameras[late];
+            absences[late] = Some(Absence::OutOfStep { share });
+            let team = self.team(|k| absences[k].is_none())?;
+            let (matches, coarse) = self.without_some(keyframe, &team);
+            let reference = Reference {
+                team: &team,
+                coarse: &coarse,
+                matches: &matches,
+                ..keyframe.view()
+            };
+            (measurement, _) = self.measure_with(&reference, now, laps)?;
+        }
+        let absent = absences.into_iter().enumerate();
+        measurement.absent = absent
+            .filter_map(|(k, absence)| Some((k, absence?)))
+            .collect();
+        Ok(measurement)
+    }
+
+    /// The cameras for which `takes_part`.
+    fn team(&self, takes_part: impl Fn(usize) -> bool) -> Result<Team, Refusal> {
+        let rig = &self.geometry.rig;
+        let left = (0..rig.cameras.len()).filter(|k| takes_part(*k)).count();
+        Team::of(rig, takes_part).ok_or(Refusal::FewCameras { left })
+    }
+
+    /// What of the keyframe `team`, a part of the keyframe's, has.
+    fn without_some(&self, keyframe: &Keyframe, team: &Team) -> (Vec<Match>, Field) {
+        let places: Vec<usize> = (keyframe.team.cameras.iter().enumerate())
+            .filter(|(_, camera)| team.cameras.contains(camera))
+            .map(|(place, _)| place)
+            .collect();
+        let pick = |matched: &Match| {
+            let views: Vec<[f64; 2]> = places.iter().map(|p| matched.views[*p]).collect();
+            Match {
+                pixels: places.iter().map(|p| matched.pixels[*p]).collect(),
+                ray: team.geometry.fit(&views),
+                views,
+                templates: places
+                    .iter()
+                    .map(|p| matched.templates[*p].clone())
+                    .collect(),
+            }
+        };
+        let reference = team.cameras[team.geometry.reference];
+        let plane = &keyframe.pyramids[reference].levels[self.temporal_level()];
+        let matches = keyframe.matches.iter().map(pick).collect();
+        (matches, Field::new(plane))
+    }
+
+    /// Also the camera of the team that is out of step, if any is.
+    fn measure_with(
+        &self,
+        reference: &Reference<'_>,
+        now: &Filtered,
+        laps: &mut Laps,
+    ) -> Result<Settled, Refusal> {
+        let [before, now] = [reference.pyramids, &now.pyramids].map(|p| reference.team.select(p));
+        let follow = Follow {
+            geometry: &reference.team.geometry,
+            settings: &self.settings,
+            before: &before,
+            now: &now,
+        };
+        let rough_mm = self.rough(reference, &follow)?;
         laps.lap(Stage::Search);
-        let mut rejected = keyframe.rejected;
-        let mut followed: Vec<Followed> = Vec::with_capacity(keyframe.matches.len());
+        let mut rejected = reference.rejected;
+        let mut followed: Vec<Followed> = Vec::with_capacity(reference.matches.len());
         let threads = self.settings.threads;
-        let matches = keyframe.matches.iter().collect();
+        let matches = reference.matches.iter().collect();
         for point in workers::map(threads, matches, |m| follow.point(m, rough_mm)) {
             match point {
                 Ok(point) => followed.push(point),
@@ -335,37 +467,35 @@ impl Flow {
         if followed.len() < least {
             return Err(Refusal::FewTracks {
                 followed: followed.len(),
-                matched: keyframe.matches.len(),
+                matched: reference.matches.len(),
                 least,
             });
         }
-        let measurement = self.settle(followed, rough_mm, rejected);
+        let left_view = rejected.of(Reason::OutOfView) - reference.rejected.of(Reason::OutOfView);
+        let expected = reference.matches.len() - left_view;
+        let measurement = self.settle(reference.team, followed, expected, rough_mm, rejected);
         laps.lap(Stage::Consensus);
         measurement
     }
 
     /// The displacement to a fraction of a pixel, or why there is none or more than one.
-    fn rough(
-        &self,
-        keyframe: &Keyframe,
-        pyramids: &[Pyramid],
-        follow: &Follow,
-    ) -> Result<[f64; 3], Refusal> {
+    fn rough(&self, keyframe: &Reference<'_>, follow: &Follow<'_>) -> Result<[f64; 3], Refusal> {
         let level = self.temporal_level();
-        let now = Field::new(&pyramids[self.geometry.reference].levels[level]);
+        let geometry = follow.geometry;
+        let now = Field::new(&follow.now[geometry.reference].levels[level]);
         let [width, _] = now.size();
         let search = Search {
-            geometry: &self.geometry,
-            before: &keyframe.coarse,
+            geometry,
+            before: keyframe.coarse,
             now: &now,
             scale: (1 << level) as f64,
             reach: (self.settings.reach * width as f64).ceil() as usize,
         };
-        let guesses = search.guesses(&keyframe.matches);
+        let guesses = search.guesses(keyframe.matches);
         let best_score = guesses.first().map_or(0.0, |g| g.score);
         let mut refined: Vec<follow::Refined> = guesses
             .iter()
-            .filter_map(|g| follow.refine(&keyframe.matches, g.displacement_mm, level))
+            .filter_map(|g| follow.refine(keyframe.matches, g.displacement_mm, level))
             .collect();
         refined.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
         let Some(first) = refined.first() else {
@@ -386,7 +516,7 @@ impl Flow {
             / keyframe.matches.len() as f64;
         for other in &refined[1..] {
             let [dx, dy] = [0, 1].map(|i| other.displacement_mm[i] - first.displacement_mm[i]);
-            let apart_px = dx.hypot(dy) * mean_depth * self.geometry.focal_px;
+            let apart_px = dx.hypot(dy) * mean_depth * geometry.focal_px;
             if apart_px > 2.0
                 && other.likeness > first.likeness - 2.0 * self.settings.rival_likeness
             {
@@ -398,77 +528,16 @@ impl Flow {
         }
         Ok(first.displacement_mm)
     }
-
-    /// Keeps the points that agree.
-    fn settle(
-        &self,
-        followed: Vec<Followed>,
-        rough_mm: [f64; 3],
-        mut rejected: Rejected,
-    ) -> Result<Measurement, Refusal> {
-        let settings = &self.settings;
-        let count = followed.len();
-        let (tracks, views): (Vec<Track>, Vec<Vec<View>>) = followed
-            .into_iter()
-            .map(|f| (Track { pixels: f.pixels }, f.views))
-            .unzip();
-        let consensus = consensus::agree(&self.geometry, &views, rough_mm, settings.agree_px);
-        let (agree, median_px) = consensus.as_ref().map_or((0, f64::NAN), |c| {
-            (c.agrees.iter().filter(|a| **a).count(), c.median_px)
-        });
-        let refused = Refusal::NoAgreement {
-            agree,
-            followed: count,
-            median_px,
-        };
-        let Some(consensus) = consensus else {
-            return Err(refused);
-        };
-        if agree < settings.least_points || 2 * agree < count || median_px > settings.scatter_px {
-            return Err(refused);
-        }
-        for _ in agree..count {
-            rejected.add(Reason::Disagrees);
-        }
-        let keep = |index: &usize| consensus.agrees[*index];
-        let kept: Vec<usize> = (0..count).filter(keep).collect();
-        let tracks: Vec<Track> = kept.iter().map(|i| tracks[*i].clone()).collect();
-        let views = kept.iter().map(|i| views[*i].clone()).collect();
-        let overlap = overlap(&tracks, self.geometry.reference);
-        Ok(Measurement {
-            tracks,
-            views,
-            rejected,
-            displacement_mm: consensus.displacement_mm,
-            overlap,
-        })
-    }
 }
 
 /// A place within half a pixel of a corner, another one for every corner.
 ///
-/// Interpolation errs by a few thousandths of a pixel, depending on where between two pixels a template was taken. Taken always in the middle of
-/// a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
+/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two pixels a template was taken. Taken always in the
+/// middle of a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
 /// along z. The places are those of the R2 sequence (Roberts 2018), evenly spread at any count.
 fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
     let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
     core::array::from_fn(|i| corner[i] as f64 + (index as f64 * turn[i]).fract() - 0.5)
-}
-
-/// Variance of the mean over all windows, relative to that of windows that do not overlap: the mean over all points
-/// of the sum of the shares each window has in common with the others, itself included.
-fn overlap(tracks: &[Track], reference: usize) -> f64 {
-    const SIDE_PX: f64 = 21.0;
-    let centres: Vec<[f64; 2]> = tracks.iter().map(|t| t.pixels[reference][0]).collect();
-    let shared = |a: &[f64; 2], b: &[f64; 2]| {
-        let side = |i: usize| (1.0 - (a[i] - b[i]).abs() / SIDE_PX).max(0.0);
-        side(0) * side(1)
-    };
-    let sum: f64 = centres
-        .iter()
-        .map(|a| centres.iter().map(|b| shared(a, b)).sum::<f64>())
-        .sum();
-    sum / centres.len().max(1) as f64
 }
 
 #[cfg(test)]

@@ -24,6 +24,18 @@ pub struct Plane {
     pub grey: Vec<f32>,
 }
 
+impl Plane {
+    /// Standard deviation of the grey levels.
+    pub fn contrast(&self) -> f64 {
+        let rows = || self.grey.chunks(self.stride.max(1)).take(self.height);
+        let values = || rows().flat_map(|row| &row[..self.width.min(row.len())]);
+        let count = (self.width * self.height).max(1) as f64;
+        let mean = values().map(|v| f64::from(*v)).sum::<f64>() / count;
+        let square = |v: &f32| (f64::from(*v) - mean).powi(2);
+        (values().map(square).sum::<f64>() / count).sqrt()
+    }
+}
+
 /// The filter, not yet divided by its sum. Of grey levels: the sum of 16 fits 16 bits, and so does that of 256; nothing wraps.
 #[inline(always)]
 fn narrow([a, b, c, d, e]: [u16; 5]) -> u16 {

@@ -142,16 +142,52 @@ pub enum Refusal {
         /// Points needed.
         least: usize,
     },
+    /// Too few cameras give pictures of use.
+    #[error("only {left} cameras give pictures of use: two in different places are the least")]
+    FewCameras {
+        /// That do.
+        left: usize,
+    },
+    /// The target turns, and sums know only displacements.
+    #[error(
+        "the target has turned by {:.2}, {:.2}, {:.2} degrees about x, y, z: only displacements are measured",
+        degrees[0], degrees[1], degrees[2]
+    )]
+    Turned {
+        /// About the cameras' x, y and z.
+        degrees: [f64; 3],
+    },
     /// The points do not move as one.
     #[error(
-        "no agreement: {agree} of {followed} points move alike (median residual {median_px:.2} px)"
+        "no agreement: {agree} of {expected} points in view move alike, half are the least (median residual {median_px:.2} px)"
     )]
     NoAgreement {
         /// Points that agree.
         agree: usize,
-        /// Points followed.
-        followed: usize,
+        /// Points that the displacement leaves in view.
+        expected: usize,
         /// Median residual, px.
         median_px: f64,
     },
+}
+
+impl Refusal {
+    /// In a word or two, without what was found: to count by.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::WrongRig => "wrong rig",
+            Self::WrongViews { .. } => "wrong views",
+            Self::WrongSize { .. } => "wrong size",
+            Self::NoReference => "no reference",
+            Self::FewCorners { .. } => "few corners",
+            Self::FewMatches { .. } => "few matches",
+            Self::AmbiguousDepth { .. } => "ambiguous depth",
+            Self::AmbiguousMotion { .. } => "ambiguous motion",
+            Self::Lost { .. } => "lost",
+            Self::FewTracks { .. } => "few tracks",
+            Self::FewCameras { .. } => "few cameras",
+            Self::Turned { .. } => "turned",
+            Self::NoAgreement { .. } => "no agreement",
+        }
+    }
 }

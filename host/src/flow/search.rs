@@ -38,7 +38,7 @@ pub struct Guess {
 struct Voter {
     at: [f64; 2],
     inverse_depth: f64,
-    /// [`vote`]s at offsets from `-reach` to `reach`, row by row.
+    /// [`vote`]s at offsets from `-reach` to `reach`, row by row, each followed by one [`NO_VOTE`].
     map: Vec<u32>,
     /// Part of a pixel between the point and the middle of the map.
     off: [f64; 2],
@@ -143,12 +143,13 @@ impl Search<'_> {
             let Some(probe) = self.before.probe(centre[0], centre[1]) else {
                 continue;
             };
-            let mut map = Vec::with_capacity(side * side);
+            let mut map = Vec::with_capacity(side * (side + 1));
             for row in 0..side {
                 let y = centre[1] + row as i64 - self.reach as i64;
                 let x = centre[0] - self.reach as i64;
                 self.now.compare(&probe, x, y, &mut likeness);
                 map.extend(likeness.iter().map(|l| vote(*l)));
+                map.push(NO_VOTE);
             }
             voters.push(Voter {
                 at: matched.views[reference],
@@ -182,12 +183,11 @@ impl Search<'_> {
                 })
             };
             let columns: Vec<usize> = places(0).map(|x| x.unwrap_or(side)).collect();
-            let mut padded = vec![NO_VOTE; side + 1];
             for (y, sums) in places(1).zip(sums.chunks_exact_mut(grid.side)) {
                 let Some(y) = y else { continue };
-                padded[..side].copy_from_slice(&voter.map[y * side..][..side]);
+                let row = &voter.map[y * (side + 1)..][..=side];
                 for (sum, column) in sums.iter_mut().zip(&columns) {
-                    *sum = sum.wrapping_add(padded[*column]);
+                    *sum = sum.wrapping_add(row[*column]);
                 }
             }
         }

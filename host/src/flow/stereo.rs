@@ -11,6 +11,7 @@ use super::lucas_kanade::{Large, Small};
 use super::pyramid::Pyramid;
 use super::strip::{Strip, line, peaks, vertex};
 use super::{Reason, Settings};
+use std::sync::Arc;
 
 /// Disparities below zero that are tried, px: principal points are not known better.
 const BEYOND_INFINITY_PX: f64 = 3.0;
@@ -40,7 +41,7 @@ pub struct Match {
     /// The point that fits them.
     pub ray: Ray,
     /// Per camera: what is followed from there.
-    pub templates: Vec<Box<Large>>,
+    pub templates: Vec<Arc<Large>>,
 }
 
 /// All cameras' images at one instant, and the rig.
@@ -51,7 +52,7 @@ pub struct Stereo<'a> {
     /// Thresholds.
     pub settings: &'a Settings,
     /// Per camera.
-    pub pyramids: &'a [Pyramid],
+    pub pyramids: &'a [&'a Pyramid],
     /// Per camera: the level that is searched.
     pub fields: &'a [Field],
     /// Which level that is.
@@ -160,7 +161,9 @@ impl Stereo<'_> {
             } else {
                 Large::new(&self.pyramids[k].levels[0], pixel.map(|p| p as f32))
             };
-            matched.templates.push(template.ok_or(Reason::Flat)?);
+            matched
+                .templates
+                .push(Arc::from(template.ok_or(Reason::Flat)?));
         }
         Ok(matched)
     }

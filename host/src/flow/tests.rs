@@ -6,6 +6,7 @@ use crate::random::Random;
 use crate::rig_file::RigFile;
 use shared::estimate::midpoint::{self, Estimate};
 use shared::rig::Camera;
+use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use std::path::Path;
 
@@ -22,7 +23,8 @@ const MOVES: [[f64; 3]; 8] = [
 ];
 
 fn estimate(rig: &Rig, measurement: &Measurement) -> Estimate {
-    let mut sums = CentredSums::new(rig).unwrap();
+    let rig = measurement.rig(rig);
+    let mut sums = CentredSums::new(&rig).unwrap();
     for track in &measurement.tracks {
         let views: Vec<View> = (rig.cameras.iter().zip(&track.pixels))
             .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
@@ -255,7 +257,7 @@ fn what_cannot_be_measured_is_refused_by_name() {
     let refusal = flow.set_reference(&grey).unwrap_err();
     assert!(matches!(refusal, Refusal::FewCorners { .. }), "{refusal}");
 
-    let mut mixed = still.clone();
+    let mut mixed = scene.render([0.0; 3], 0, 2);
     mixed.views[0] = poster(&rig, TextureKind::Natural, 850.0, 99)
         .render([0.0; 3], 0, 1)
         .views
@@ -378,4 +380,77 @@ fn results_are_the_same_on_any_number_of_threads() {
         flow.measure(&now).unwrap().tracks
     });
     assert_eq!(tracks[0], tracks[1]);
+}
+
+/// Of the five that a rig can have, in words that name them.
+#[test]
+fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 42);
+    let names = ["left", "middle", "right"].map(String::from);
+    let target = [7.0, -4.0, 2.0];
+    let before = scene.render([0.0; 3], 0, 1);
+    let mut flow = Flow::new(&rig, Settings::default()).unwrap();
+    flow.set_reference(&before).unwrap();
+    for (k, name) in names.iter().enumerate() {
+        // Each its own noise: a picture that comes again is a frozen one.
+        let mut seed = 10 * (k as u64 + 1);
+        let [mut missing, mut dark, mut frozen] = [(); 3].map(|()| {
+            seed += 1;
+            scene.render(target, 0, seed)
+        });
+        missing.views[k] = crate::images::Image::missing();
+        dark.views[k].grey.fill(3);
+        frozen.views[k] = before.views[k].clone();
+        for (capture, word) in [
+            (missing, "no picture"),
+            (dark, "shows nothing"),
+            (frozen, "frozen"),
+        ] {
+            let measurement = flow.measure(&capture).unwrap();
+            assert_eq!(measurement.cameras.len(), 2);
+            let remarks = measurement.remarks(&names);
+            assert!(
+                remarks.len() == 1
+                    && remarks[0].contains(name.as_str())
+                    && remarks[0].contains(word),
+                "{remarks:?}"
+            );
+            let error = error(&rig, &measurement, target);
+            assert!(within(error, 0.02, 0.08), "{name} {word}: {error:?}");
+        }
+    }
+    // A reference without the camera serves as well, also when it is back.
+    let mut reference = scene.render([0.0; 3], 0, 3);
+    reference.views[1].grey.fill(3);
+    flow.set_reference(&reference).unwrap();
+    let measurement = flow.measure(&scene.render(target, 0, 50)).unwrap();
+    assert_eq!(measurement.cameras, [0, 2]);
+    assert!(within(error(&rig, &measurement, target), 0.02, 0.08));
+    // One alone measures nothing.
+    let mut one = scene.render(target, 0, 51);
+    one.views[0] = crate::images::Image::missing();
+    assert_eq!(
+        flow.measure(&one).unwrap_err(),
+        Refusal::FewCameras { left: 1 }
+    );
+}
+
+/// It froze after the reference instant: known by the capture before.
+#[test]
+fn a_camera_that_freezes_on_the_way_is_known() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 43);
+    let flow = referenced(&rig, &scene, 43).unwrap();
+    let first = scene.render([2.0, 1.0, 0.0], 0, 1);
+    assert!(flow.measure(&first).unwrap().absent.is_empty());
+    let mut second = scene.render([4.0, 2.0, 0.0], 0, 2);
+    second.views[2] = first.views[2].clone();
+    let measurement = flow.measure(&second).unwrap();
+    assert_eq!(measurement.absent, [(2, team::Absence::Frozen)]);
+    assert!(within(
+        error(&rig, &measurement, [4.0, 2.0, 0.0]),
+        0.02,
+        0.08
+    ));
 }

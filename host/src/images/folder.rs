@@ -18,6 +18,8 @@ use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageRea
 use super::{Capture, Image};
 use crate::error::InputError;
 
+pub mod watch;
+
 /// The time between frames where nobody says otherwise, microseconds: 30 frames a second.
 pub const DEFAULT_PERIOD_US: u64 = 33_333;
 

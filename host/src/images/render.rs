@@ -15,7 +15,7 @@ mod blur;
 
 use std::thread;
 
-use shared::rig::{Camera, Rig};
+use shared::rig::{Camera, Rig, Rotation};
 
 use super::spline::{self, Surface};
 use super::{Capture, Image, Texture};
@@ -46,6 +46,31 @@ impl Default for SceneSettings {
         }
     }
 }
+
+/// Where the poster is, against where it hung at first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Displacement of its origin, mm: right, down, away as seen from the cameras.
+    pub relative_mm: [f64; 3],
+    /// How it is turned about its origin: axis times angle, degrees, right-handed about the cameras' axes.
+    pub turned_deg: [f64; 3],
+}
+
+/// What one camera does with one picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// Where the poster is when the shutter opens and when it closes. It goes evenly from one to the other.
+    pub poses: [Pose; 2],
+    /// What the light is multiplied with, before the sensor's noise.
+    pub gain: f64,
+    /// What is added to it, grey levels.
+    pub offset_grey: f64,
+    /// Standard deviation of the sensor's noise, grey levels.
+    pub noise_grey: f64,
+}
+
+/// Instants whose pictures make one of a moving poster: a smear of 10 px is then even to a pixel.
+const INSTANTS: u32 = 10;
 
 /// Why a scene cannot be rendered.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -80,7 +105,8 @@ pub struct Scene {
     eyes: Vec<Eye>,
     surface: Surface,
     texels_per_mm: f64,
-    /// Texel coordinates of the poster's origin: the middle of the texture.
+    /// Texel coordinates of the middle of the texture, and of the poster's origin.
+    middle_texel: [f64; 2],
     origin_texel: [f64; 2],
     /// Rows: the poster's u, v and normal in the cameras' axes.
     axes: [[f64; 3]; 3],
@@ -114,13 +140,15 @@ impl Scene {
         let sigma = (variance - spline::VARIANCE).max(0.0).sqrt();
         let blurred = blur::gaussian(texture.width, texture.height, &texture.grey, sigma);
         let size_px = rig.image_size_px.map(|s| s as usize);
+        let middle_texel = [texture.width, texture.height].map(|n| (n as f64 - 1.0) / 2.0);
         Ok(Self {
             settings,
             size_px,
             eyes: rig.cameras.iter().map(|c| Eye::new(c, size_px)).collect(),
             surface: Surface::new(texture.width, texture.height, &blurred),
             texels_per_mm,
-            origin_texel: [texture.width, texture.height].map(|n| (n as f64 - 1.0) / 2.0),
+            middle_texel,
+            origin_texel: middle_texel,
             axes: axes(settings.tilt_rad),
         })
     }
@@ -128,6 +156,12 @@ impl Scene {
     /// What it was made with.
     pub fn settings(&self) -> &SceneSettings {
         &self.settings
+    }
+
+    /// Moves the poster within its plane until this point of it, mm from the middle of the texture, is its origin.
+    pub fn look_at(&mut self, poster_mm: [f64; 2]) {
+        let middle = self.middle_texel;
+        self.origin_texel = [0, 1].map(|i| middle[i] + poster_mm[i] * self.texels_per_mm);
     }
 
     /// The poster's point `(u, v)` mm from its origin in the cameras' axes, mm, when displaced by `relative_mm`.
@@ -141,10 +175,20 @@ impl Scene {
     /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away) as seen from
     /// the cameras. Noise depends on `seed` and the camera alone. Pixels that do not see the poster are black.
     pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> Capture {
+        let pose = Pose {
+            relative_mm,
+            ..Pose::default()
+        };
+        let shot = Shot {
+            poses: [pose; 2],
+            gain: 1.0,
+            offset_grey: 0.0,
+            noise_grey: self.settings.noise_grey,
+        };
         let views = thread::scope(|scope| {
             let view = |(index, eye)| {
-                let mut random = Random::new(seed, index as u64);
-                scope.spawn(move || self.view(eye, relative_mm, &mut random))
+                let random = Random::new(seed, index as u64);
+                scope.spawn(move || self.expose(eye, &shot, random))
             };
             let working: Vec<_> = self.eyes.iter().enumerate().map(view).collect();
             let join = |worker: thread::ScopedJoinHandle<'_, Image>| match worker.join() {
@@ -156,29 +200,72 @@ impl Scene {
         Capture { time_us, views }
     }
 
-    fn view(&self, eye: &Eye, relative_mm: [f64; 3], random: &mut Random) -> Image {
-        let noise = self.settings.noise_grey;
+    /// The views of all cameras, each with its own shot; [`Scene::render`] with everything that can be varied.
+    pub fn shoot(&self, shots: &[Shot], time_us: u64, seed: u64) -> Capture {
+        let eyes = self.eyes.iter().zip(shots).enumerate();
+        let view = |(index, (eye, shot)): (usize, (&Eye, &Shot))| {
+            self.expose(eye, shot, Random::new(seed, index as u64))
+        };
+        Capture {
+            time_us,
+            views: eyes.map(view).collect(),
+        }
+    }
+
+    fn expose(&self, eye: &Eye, shot: &Shot, mut random: Random) -> Image {
         let seen = |level: Option<f64>| match level {
             // The cast clamps to 0..=255.
-            Some(grey) if noise > 0.0 => (grey + noise * random.gaussian()).round() as u8,
-            Some(grey) => grey.round() as u8,
+            Some(grey) if shot.noise_grey > 0.0 => {
+                let lit = shot.gain * grey + shot.offset_grey;
+                (lit + shot.noise_grey * random.gaussian()).round() as u8
+            }
+            Some(grey) => (shot.gain * grey + shot.offset_grey).round() as u8,
             None => 0,
+        };
+        let [open, close] = shot.poses;
+        let grey = if open == close {
+            self.levels(eye, open).map(seen).collect()
+        } else {
+            self.smeared(eye, open, close)
+                .into_iter()
+                .map(seen)
+                .collect()
         };
         Image {
             width: self.size_px[0],
             height: self.size_px[1],
-            grey: self.levels(eye, relative_mm).map(seen).collect(),
+            grey,
         }
     }
 
+    /// The mean of the levels at instants evenly spread over an exposure.
+    fn smeared(&self, eye: &Eye, open: Pose, close: Pose) -> Vec<Option<f64>> {
+        let mut sums = vec![Some(0.0); eye.rays.len()];
+        for instant in 0..INSTANTS {
+            let share = (f64::from(instant) + 0.5) / f64::from(INSTANTS);
+            let between =
+                |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + share * (b[i] - a[i]));
+            let pose = Pose {
+                relative_mm: between(open.relative_mm, close.relative_mm),
+                turned_deg: between(open.turned_deg, close.turned_deg),
+            };
+            for (sum, level) in sums.iter_mut().zip(self.levels(eye, pose)) {
+                *sum = sum.zip(level).map(|(a, b)| a + b / f64::from(INSTANTS));
+            }
+        }
+        sums
+    }
+
     /// The exact grey level of every pixel, or none where it does not see the poster.
-    fn levels(&self, eye: &Eye, relative_mm: [f64; 3]) -> impl Iterator<Item = Option<f64>> {
-        let [u, v, normal] = self.axes;
-        let origin = self.origin_mm(relative_mm);
+    fn levels(&self, eye: &Eye, pose: Pose) -> impl Iterator<Item = Option<f64>> {
+        let turn = Rotation::from_degrees(pose.turned_deg).rows();
+        let axes = (self.axes).map(|axis| turn.map(|row| dot(row, axis)));
+        let [u, v, normal] = axes;
+        let origin = self.origin_mm(pose.relative_mm);
         // From the camera to the poster's origin, along the poster's own axes.
         let [cx, cy] = eye.offset_mm;
         let way = [origin[0] - cx, origin[1] - cy, origin[2]];
-        let [way_u, way_v, distance] = self.axes.map(|axis| dot(axis, way));
+        let [way_u, way_v, distance] = axes.map(|axis| dot(axis, way));
         eye.rays.iter().map(move |&[x, y]| {
             let ray = [x, y, 1.0];
             let along = distance / dot(normal, ray);

@@ -1,4 +1,5 @@
 use super::*;
+use shared::track::pursuit::Settings;
 
 const STAGE: &str = r#"
 [stage]
@@ -64,6 +65,28 @@ fn a_stage_reads_back() {
     assert_eq!(stage.invert, [false, true, false]);
     assert_eq!(stage.driver, Driver::Tmc2209);
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn how_a_target_is_followed_is_optional() {
+    let standard = parse(&paper_text()).unwrap().stage.unwrap().tracking;
+    assert_eq!(standard, Settings::DEFAULT);
+    let chosen = paper_text() + "prediction = false\ncoast_ms = 250\n";
+    let rig = parse(&chosen).unwrap();
+    let expected = Settings {
+        prediction: false,
+        coast_ms: 250,
+    };
+    assert_eq!(rig.stage.as_ref().unwrap().tracking, expected);
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    for (line, field) in [
+        ("coast_ms = 0", "coast_ms"),
+        ("coast_ms = 5001", "coast_ms"),
+        ("prediction = 1", "prediction"),
+    ] {
+        let error = parse(&(paper_text() + line)).expect_err("must be refused");
+        assert_eq!(error.field, Some(format!("stage.{field}")), "{error}");
+    }
 }
 
 #[test]
@@ -308,13 +331,29 @@ fn the_papers_estimators_want_a_rig_in_line() {
     RigFile::paper().write(&path).unwrap();
     assert_eq!(RigFile::read_in_line(&path).unwrap(), RigFile::paper());
 
-    let mut raised = RigFile::paper();
-    raised.rig.cameras[1].offset_mm[1] = 0.5;
-    raised.write(&path).unwrap();
-    assert_eq!(RigFile::read(&path).unwrap(), raised);
-    let error = RigFile::read_in_line(&path).unwrap_err();
-    assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm[1]"));
-    assert_eq!(error.line, Some(13), "{error}");
+    // The limit, 0.3 % of Z, is 0.6435 mm between middle and right, and 0.6625 between left and middle.
+    let raised = |heights_mm: [f64; 3]| {
+        let mut raised = RigFile::paper();
+        for (camera, height) in raised.rig.cameras.iter_mut().zip(heights_mm) {
+            camera.offset_mm[1] = height;
+        }
+        raised.write(&path).unwrap();
+        assert_eq!(RigFile::read(&path).unwrap(), raised);
+        RigFile::read_in_line(&path)
+    };
+    for near in [[0.0, 0.643, 0.0], [-0.662, 0.0, 0.643], [9.0; 3]] {
+        raised(near).unwrap();
+    }
+    for (far, field, line) in [
+        ([0.0, 0.644, 0.0], "camera[2].offset_mm[1]", 19),
+        ([0.663, 0.0, 0.0], "camera[0].offset_mm[1]", 7),
+        ([0.0, 0.0, -2.0], "camera[2].offset_mm[1]", 19),
+    ] {
+        let error = raised(far).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert_eq!(error.line, Some(line), "{error}");
+        assert!(error.reason.contains("0.3 % at most"), "{error}");
+    }
 
     let mut renamed = RigFile::paper();
     renamed.names[0] = "port".to_owned();

@@ -1,7 +1,7 @@
 //! Figures of a run, from its trace alone.
 //!
 //! *Error* is where the cameras are minus where the target is, each from its place at the keyframe, at every millisecond: the truth of the step
-//! pins, not the station's estimate. Speed and acceleration of the stage are differences of its position over [`WINDOW_S`], which are means of
+//! pins, not the station's estimate. Speed and acceleration of the stage are differences of its position over 20 ms, which are means of
 //! the derivative; a position is known to one step, so a difference of order `k` is off by `2^(k-1)` steps over the window's `k`th power at most.
 
 use super::motion::Way;
@@ -226,7 +226,8 @@ fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
         for sample in trace.within(jump.at_s, jump.until_s) {
             for (error, by) in sample.error_mm().into_iter().zip(jump.by_mm) {
                 if by != 0.0 {
-                    worst = Some((error / by).max(worst.unwrap_or(0.0)));
+                    // Adding zero turns -0 into 0.
+                    worst = Some((error / by + 0.0).max(worst.unwrap_or(0.0)));
                 }
             }
         }

@@ -3,6 +3,7 @@
 
 use shared::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
+use shared::track::pursuit::Sight;
 
 /// A line of the table of states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -186,6 +187,16 @@ pub const fn trust(trust: Trust) -> &'static str {
         Trust::Unknown => "unknown",
         Trust::Homed => "homed",
         Trust::Degraded => "degraded",
+    }
+}
+
+/// A sight's name.
+pub const fn sight(sight: Sight) -> &'static str {
+    match sight {
+        Sight::None => "none",
+        Sight::Tracking => "tracking",
+        Sight::Coasting => "coasting",
+        Sight::Lost => "lost",
     }
 }
 

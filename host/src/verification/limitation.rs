@@ -96,7 +96,8 @@ fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) 
         .as_ref()
         .is_some_and(|h| h.closed_form_to_mm.is_none())
     {
-        let text = "not left, middle, right in line: the paper's two estimators cannot be used";
+        let text =
+            "not left, middle, right nearly in line: the paper's two estimators cannot be used";
         add(Severity::Note, "camera", text.to_owned());
     }
 }

@@ -37,7 +37,7 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.012 to 0.015 px and soft ones 0.03 to 0.054 px (`tests/verify.rs`
+    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.011 to 0.012 px and soft ones 0.03 to 0.054 px (`tests/verify.rs`
     /// prints it).
     fn default() -> Self {
         Self {

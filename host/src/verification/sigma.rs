@@ -12,7 +12,8 @@
 //! of polynomials of the second degree are those over its four Gauss points, exactly.
 //!
 //! `w` widens the variance for what is not independent: windows that overlap see the same noise, and sub-pixel tracking errs
-//! alike for all points ([`crate::sums`]). So beyond some number of points more of them do not help.
+//! alike for all points ([`crate::sums`]). So beyond some number of points more of them do not help. All noise is taken to be the sensor's; what of it is
+//! interpolation's own error windows do not share, so with sharp texture and little noise a measurement states less ([`crate::flow::scatter`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;

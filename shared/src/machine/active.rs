@@ -24,8 +24,6 @@ const FARTHEST_HOME: u64 = 1 << 28;
 #[derive(Clone, Debug)]
 pub(super) struct Active {
     pub config: Config,
-    /// What the cameras must see.
-    pub bounds: Bounds,
     /// For motion with a known position.
     pub limits: Limits,
     /// For motion while the position is unknown: slow, and without soft limits.
@@ -36,6 +34,8 @@ pub(super) struct Active {
     fine_per_nm: [i64; 3],
     /// What each axis can do, and so the most that a target can be followed in.
     pub reach: [Reach; 3],
+    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
+    pub bounds: Bounds,
     /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera axes' errors have in common is left out.
     variances: Matrix3<f32>,
 }
@@ -77,7 +77,6 @@ impl Active {
         };
         let mut active = Self {
             config: *config,
-            bounds: Bounds::default(),
             limits,
             slow: slow(config.slow_speed_um_s).map_err(axis_field)?,
             home: [home(fast)?, home(second)?],
@@ -87,13 +86,24 @@ impl Active {
             }),
             reach: config.axes.map(reach),
             variances: variances(config),
+            bounds: Bounds::default(),
         };
-        active.bounds = active.watched();
+        active.bounds = active.bounds();
         Ok(active)
     }
 
+    /// The gate for estimates.
+    pub fn gate(&self) -> &Gate {
+        &self.config.gate
+    }
+
+    /// Whether the cameras ride on the stage.
+    pub fn on_stage(&self) -> bool {
+        self.config.mounting == Mounting::OnStage
+    }
+
     /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
-    fn watched(&self) -> Bounds {
+    fn bounds(&self) -> Bounds {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
         let unseen = match self.config.tracking.prediction {
@@ -105,16 +115,6 @@ impl Active {
             error: fine(stage.largest_error_um),
             longest_us: u64::from(stage.longest_error_ms) * 1000,
         }
-    }
-
-    /// The gate for estimates.
-    pub fn gate(&self) -> &Gate {
-        &self.config.gate
-    }
-
-    /// Whether the cameras ride on the stage.
-    pub fn on_stage(&self) -> bool {
-        self.config.mounting == Mounting::OnStage
     }
 
     /// Longest silence of the host, control ticks.

@@ -9,6 +9,7 @@ use crate::steps::Position;
 use crate::time::Instant;
 use crate::track::history::Unknown;
 use crate::track::pursuit::{Aim, Measurement};
+use crate::track::watch::Bounds;
 
 /// The paper's estimators have no standard deviation. Taken is this share of the gate's largest.
 const UNSTATED: u32 = 10;
@@ -50,10 +51,10 @@ impl Machine {
             .measure(now, &measurement, &active.reach, &active.config.tracking)
             .map_err(|_| Denial::Outlier)?;
         self.tracker.keep(reference, view);
-        if active.on_stage() {
+        if active.on_stage() && active.bounds != Bounds::default() {
             let error = view.target([0; 3]);
-            let watch = &mut self.tracker.watch;
-            let seen = watch.see(frame.capture, stage, error, &active.bounds);
+            let bounds = &active.bounds;
+            let seen = self.tracker.watch.see(frame.capture, stage, error, bounds);
             if let Err(fault) = seen {
                 self.fail(fault);
                 return Err(Denial::Faulted);
@@ -107,8 +108,10 @@ impl Machine {
             if (negative && wanted < *target) || (positive && wanted > *target) {
                 continue; // a tripped switch: stays
             }
-            *target = limits.clamp(wanted);
-            if *target == wanted {
+            *target = wanted;
+            // Beyond a soft limit the planner goes as far as that, and there it rests.
+            let [low, high] = limits.range();
+            if (low..high).contains(&wanted.whole_steps()) {
                 *speed = per_slot(aim.speed, slots);
             }
         }

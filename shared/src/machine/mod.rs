@@ -232,6 +232,11 @@ impl Machine {
         self.state
     }
 
+    /// Whether it knows its stage: before that the drivers stay off, whatever the state.
+    pub fn is_configured(&self) -> bool {
+        self.active.is_some()
+    }
+
     /// The latched fault, for shells that keep it across a restart.
     pub fn fault(&self) -> Option<Fault> {
         self.fault

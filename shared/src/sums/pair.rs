@@ -40,7 +40,7 @@ pub struct PairSums {
 }
 
 impl PairSums {
-    /// Empty sums for a rig of exactly three cameras, left to right on one line.
+    /// Empty sums for a rig of exactly three cameras, left to right on one line, as near as [`Rig::is_in_line`] wants it.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for any other rig: the paper's two estimators are made for this one.
@@ -52,9 +52,7 @@ impl PairSums {
             middle.offset_mm[0] - left.offset_mm[0],
             right.offset_mm[0] - middle.offset_mm[0],
         ];
-        let in_line =
-            left.offset_mm[1] == middle.offset_mm[1] && middle.offset_mm[1] == right.offset_mm[1];
-        if !in_line || !baselines_mm.iter().all(|h| *h > 0.0) {
+        if !rig.is_in_line() {
             return Err(Refusal::WrongRig);
         }
         Ok(Self {

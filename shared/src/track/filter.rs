@@ -14,15 +14,15 @@
 //! `q` says how restless the target is, and nobody can know. Three things set it:
 //!
 //! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign say that it is too sluggish, of
-//!   opposite signs that it is too restless: `q *= 1 + c/2` with `c = n n_last / S` within ±1. A still target is averaged down to a fraction of
-//!   the measurement's noise, one on a curve is followed on it.
+//!   opposite signs that it is too restless. With `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`.
+//!   A still target is averaged down to a fraction of the measurement's noise, one on a curve is followed on it.
 //! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is added in that step as makes it three.
 //! * *Bounds.* No target is followed that is more restless than the stage itself can be.
 //!
 //! # How far to trust the speed
 //! The covariance tells how well the speed is known now. The stage, though, needs a while to match it, and a target that is speeding
-//! up or braking will have another one by then. So the squared acceleration is averaged over the last frames, and [`Filter::doubt`] adds what it
-//! would make of the speed.
+//! up or braking will have another one by then. So the acceleration is averaged over the last frames, its highest square fades from frame to frame,
+//! and [`Filter::doubt`] adds what it would make of the speed. Unevenness, now faster and now slower, averages out.
 //!
 //! # The same bits everywhere
 //! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one. Extremes are chosen by
@@ -50,14 +50,17 @@ const MOST_MS: f32 = 10_000.0;
 /// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the stage's.
 const STILL: f32 = 1.0 / 4_194_304.0;
 
-/// What a frame leaves of the mean of the squared acceleration: it spans some three frames.
+/// What a frame leaves of the mean acceleration, and of its highest square: they span some three frames.
 const FADE: f32 = 0.7;
 
 /// How long the stage may take to match a speed: so many times what it takes to come to rest from its own highest, squared.
-const CATCH_UP: f32 = 2.5 * 2.5;
+const CATCH_UP: f32 = 4.0 * 4.0;
 
 /// The speed is trusted in so many sigmas, squared.
 const CAUTION: f32 = 4.0;
+
+/// How fast the process noise adapts: by this share with each frame at most.
+const RATE: f32 = 0.25;
 
 /// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration does not explain it.
 const GATE: f32 = 25.0;
@@ -95,7 +98,9 @@ pub struct Filter {
     covariance: Covariance,
     /// The process noise `q`, steps²/ms³.
     noise: f32,
-    /// Mean of the squared acceleration over the last frames, (steps/ms²)².
+    /// Mean acceleration over the last frames, steps/ms².
+    acceleration: f32,
+    /// Its square, or what is left of the highest before, (steps/ms²)².
     swing: f32,
     /// The last innovation, steps.
     last: f32,
@@ -114,6 +119,7 @@ impl Filter {
                 speed: speed * speed,
             },
             noise: least_noise(reach),
+            acceleration: 0.0,
             swing: 0.0,
             last: 0.0,
         }
@@ -135,6 +141,7 @@ impl Filter {
             speed: within(speed, -MOST_SPEED, MOST_SPEED),
             covariance: covariance.bounded(),
             noise: least_noise(reach),
+            acceleration: 0.0,
             swing: 0.0,
             last: 0.0,
         }
@@ -162,24 +169,16 @@ impl Filter {
         CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
     }
 
-    /// Whether a target within reach can have gone where it was measured, `dt` ms after the last measurement that was taken in: five sigmas, or
-    /// what full acceleration for `recent` ms makes.
-    pub fn admits(
-        &self,
-        measured: i64,
-        variance: f32,
-        [dt, recent]: [f32; 2],
-        reach: Reach,
-    ) -> bool {
-        let mut ahead = *self;
-        ahead.predict(dt);
-        let innovation = steps(measured.saturating_sub(ahead.position));
-        let sigmas = GATE * (ahead.covariance.position + believed(variance));
+    /// Whether a target within reach can have gone where it was measured, this being the prediction: five sigmas, or what full acceleration for
+    /// `recent` ms makes.
+    pub fn admits(&self, measured: i64, variance: f32, recent: f32, reach: Reach) -> bool {
+        let innovation = steps(measured.saturating_sub(self.position));
+        let sigmas = GATE * (self.covariance.position + believed(variance));
         let way = 0.5 * reach.acceleration * recent * recent;
         innovation * innovation <= sigmas + way * way
     }
 
-    /// Goes on to where the target will be in `dt` ms.
+    /// Goes on to where the target will be in `dt` ms. What grows here is bounded when the measurement is taken in.
     pub fn predict(&mut self, dt: f32) {
         let dt = within(dt, 0.0, MOST_MS);
         self.position = self.position.saturating_add(fine(self.speed * dt));
@@ -194,13 +193,11 @@ impl Filter {
             position: position + dt * (both + carried) + added.position,
             both: carried + added.both,
             speed: speed + added.speed,
-        }
-        .bounded();
+        };
     }
 
-    /// Takes in a measurement `dt` ms after the last.
+    /// Takes in a measurement, this being the prediction of `dt` ms.
     pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: Reach) {
-        self.predict(dt);
         let variance = believed(variance);
         let innovation = steps(measured.saturating_sub(self.position));
         let most = most_noise(reach);
@@ -214,11 +211,17 @@ impl Filter {
             self.covariance.speed += unit.speed * needed;
         }
         let alike = within(innovation * self.last / expected, -1.0, 1.0);
-        self.noise = within(self.noise * (1.0 + 0.5 * alike), most * STILL, most);
+        let wanted = if alike > 0.0 {
+            self.noise * (1.0 + RATE * alike)
+        } else {
+            self.noise / (1.0 - RATE * alike)
+        };
+        self.noise = within(wanted, most * STILL, most);
         self.last = innovation;
         self.correct(innovation, variance, dt);
     }
 
+    /// The textbook's correction by an innovation.
     fn correct(&mut self, innovation: f32, variance: f32, dt: f32) {
         let Covariance {
             position,
@@ -238,8 +241,9 @@ impl Filter {
         }
         .bounded();
         let acceleration = change / within(dt, 1.0, MOST_MS);
-        let mean = FADE * self.swing + (1.0 - FADE) * (acceleration * acceleration);
-        self.swing = within(mean, 0.0, MOST_VARIANCE);
+        let mean = FADE * self.acceleration + (1.0 - FADE) * acceleration;
+        self.acceleration = within(mean, -MOST_ACCELERATION, MOST_ACCELERATION);
+        self.swing = within(FADE * self.swing, mean * mean, MOST_VARIANCE);
     }
 }
 
@@ -299,4 +303,65 @@ pub(super) fn steps(fine: i64) -> f32 {
 pub(super) fn fine(steps: f32) -> i64 {
     // The conversion saturates, and makes zero of what is no number.
     i64::from((steps * 65_536.0) as i32) << 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_reach() -> impl Strategy<Value = Reach> {
+        any::<[f32; 2]>().prop_map(|[speed, acceleration]| Reach {
+            speed,
+            acceleration,
+        })
+    }
+
+    fn is_sound(filter: &Filter) -> bool {
+        let known = filter.covariance();
+        let positive = known.position > 0.0 && known.speed > 0.0;
+        positive
+            && [known.position, known.both, known.speed, filter.speed()]
+                .iter()
+                .all(|value| value.is_finite())
+    }
+
+    proptest! {
+        /// Whatever comes, infinities and what is no number included.
+        #[test]
+        fn every_number_stays_finite(
+            start: (i64, f32), reach in any_reach(),
+            measurements in prop::collection::vec(any::<(i64, f32, f32)>(), 0..60),
+        ) {
+            let mut filter = Filter::new(start.0, start.1, reach);
+            prop_assert!(is_sound(&filter));
+            let mut before = start;
+            for (position, variance, dt) in measurements {
+                filter.predict(dt);
+                filter.admits(position, variance, dt, reach);
+                filter.update(position, variance, dt, reach);
+                prop_assert!(is_sound(&filter), "{filter:?}");
+                prop_assert!(filter.doubt(reach) > 0.0);
+                let anew = Filter::restart(before.0, position, dt, [before.1, variance], reach);
+                prop_assert!(is_sound(&anew), "{anew:?}");
+                before = (position, variance);
+            }
+        }
+
+        #[test]
+        fn steps_and_back(fine_steps in -(1i64 << 46)..1 << 46) {
+            // A float has 24 bits.
+            let off = (fine(steps(fine_steps)) - fine_steps).abs();
+            prop_assert!(off <= (1 << 16) + (fine_steps.abs() >> 23), "{off}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_becomes_the_lower_bound() {
+        assert_eq!(within(f32::NAN, -1.0, 2.0), -1.0);
+        assert_eq!(within(f32::INFINITY, -1.0, 2.0), 2.0);
+        assert_eq!(within(0.5, -1.0, 2.0), 0.5);
+        assert_eq!(fine(f32::NAN), 0);
+        assert_eq!(steps(i64::MAX), 32_768.0);
+    }
 }

@@ -11,6 +11,9 @@
 //! reference a station hears of defines the view to be kept: `e = 0` there. After that, a frame may refer to the same reference again
 //! (a keyframe: no drift) or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference, or a new
 //! keyframe: the accumulated target is preserved). Anything else is refused: a lost frame can never shift the target unnoticed.
+//!
+//! What comes out is where the target *was*, with noise. [`pursuit`] makes of it where the stage should go now; each of its axes is a
+//! Kalman [`filter`].
 
 pub mod filter;
 pub mod history;

@@ -171,9 +171,9 @@ impl Axis {
         }
     }
 
-    /// Takes in a measurement `dt` ms after the last.
-    fn update(&mut self, position: i64, variance: f32, dt: f32, reach: Reach) {
-        self.filter.update(position, variance, dt, reach);
+    /// Goes on from the filter with a measurement taken in.
+    fn go_on(&mut self, filter: Filter, position: i64, variance: f32) {
+        self.filter = filter;
         if let Some(rest) = &mut self.rest {
             rest.average(position, variance);
         }
@@ -370,16 +370,18 @@ impl Target {
         // A target that was lost is looked for where that happened.
         let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
         let recent = within(dt, 0.0, RECENT_MS);
+        let mut filters = self.axes.each_ref().map(|axis| axis.filter);
         let seen = measurement.position.iter().zip(&measurement.variance);
-        let admitted = |((axis, (position, variance)), reach): ((&Axis, (&i64, &f32)), &Reach)| {
-            axis.filter
-                .admits(*position, *variance, [ahead, recent], *reach)
-        };
-        if !(self.axes.iter().zip(seen.clone()).zip(reach)).all(admitted) {
-            return false;
+        for ((filter, (position, variance)), reach) in filters.iter_mut().zip(seen).zip(reach) {
+            filter.predict(ahead);
+            if !filter.admits(*position, *variance, recent, *reach) {
+                return false;
+            }
+            filter.update(*position, *variance, ahead, *reach);
         }
-        for ((axis, (position, variance)), reach) in self.axes.iter_mut().zip(seen).zip(reach) {
-            axis.update(*position, *variance, ahead, *reach);
+        let seen = measurement.position.into_iter().zip(measurement.variance);
+        for ((axis, filter), (position, variance)) in self.axes.iter_mut().zip(filters).zip(seen) {
+            axis.go_on(filter, position, variance);
         }
         true
     }
@@ -387,4 +389,109 @@ impl Target {
 
 fn milliseconds(us: u64) -> f32 {
     u32::try_from(us).unwrap_or(u32::MAX) as f32 * 0.001
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_measurement() -> impl Strategy<Value = Measurement> {
+        any::<(u64, Fine, [f32; 3])>().prop_map(|(capture, position, variance)| Measurement {
+            capture: Instant::from_micros(capture),
+            position,
+            variance,
+        })
+    }
+
+    const REACH: [Reach; 3] = [Reach {
+        speed: 8.0,
+        acceleration: 0.16,
+    }; 3];
+
+    /// A measurement on all axes after so many ms.
+    fn seen(ms: u64, steps: i64) -> Measurement {
+        Measurement {
+            capture: Instant::from_micros(ms * 1_000),
+            position: [steps << 32; 3],
+            variance: [0.1; 3],
+        }
+    }
+
+    fn measure(pursuit: &mut Pursuit, measurement: &Measurement) -> Result<(), Outlier> {
+        pursuit.measure(measurement.capture, measurement, &REACH, &Settings::DEFAULT)
+    }
+
+    /// At a still target for a second.
+    fn settled() -> Pursuit {
+        let mut pursuit = Pursuit::default();
+        for k in 1..=60 {
+            assert_eq!(measure(&mut pursuit, &seen(16 * k, 0)), Ok(()));
+        }
+        pursuit
+    }
+
+    proptest! {
+        /// Whatever comes, in any order and at any time.
+        #[test]
+        fn every_aim_is_finite(
+            reach in any::<[[f32; 2]; 3]>(), prediction: bool, coast_ms: u16,
+            measurements in prop::collection::vec((any_measurement(), any::<[u64; 2]>()), 0..40),
+        ) {
+            let settings = Settings { prediction, coast_ms };
+            let reach = reach.map(|[speed, acceleration]| Reach { speed, acceleration });
+            let mut pursuit = Pursuit::default();
+            for (measurement, [now, at]) in measurements {
+                let _ = pursuit.measure(Instant::from_micros(now), &measurement, &reach, &settings);
+                let aims = pursuit.aim(Instant::from_micros(at), &reach, &settings);
+                for aim in aims.into_iter().flatten() {
+                    prop_assert!(aim.speed.is_finite());
+                }
+                pursuit.lose(Instant::from_micros(at), &settings);
+            }
+        }
+    }
+
+    #[test]
+    fn an_outlier_changes_nothing_and_the_second_of_two_that_agree_everything() {
+        let mut pursuit = settled();
+        let before = pursuit.filters();
+        // 5 mm.
+        assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
+        assert_eq!(pursuit.filters(), before);
+        // Not where the last one was, nor where it was expected.
+        assert_eq!(measure(&mut pursuit, &seen(992, -400)), Err(Outlier));
+        assert_eq!(pursuit.filters(), before);
+        assert_eq!(measure(&mut pursuit, &seen(1_008, -400)), Ok(()));
+        let positions = pursuit
+            .filters()
+            .map(|axes| axes.map(|axis| axis.position()));
+        assert_eq!(positions, Some([-400 << 32; 3]));
+    }
+
+    #[test]
+    fn a_frame_in_its_place_clears_the_suspicion() {
+        let mut pursuit = settled();
+        assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
+        assert_eq!(measure(&mut pursuit, &seen(992, 0)), Ok(()));
+        assert_eq!(measure(&mut pursuit, &seen(1_008, 400)), Err(Outlier));
+    }
+
+    #[test]
+    fn without_measurements_it_coasts_and_is_then_lost_once() {
+        let mut pursuit = settled();
+        let last = Instant::from_micros(960_000);
+        let after = |ms: u64| last.plus_micros(ms * 1_000);
+        assert_eq!(Pursuit::default().sight(last), Sight::None);
+        assert_eq!(pursuit.sight(after(100)), Sight::Tracking);
+        assert_eq!(pursuit.sight(after(101)), Sight::Coasting);
+        assert!(!pursuit.lose(after(800), &Settings::DEFAULT));
+        assert!(pursuit.lose(after(801), &Settings::DEFAULT));
+        assert!(!pursuit.lose(after(802), &Settings::DEFAULT));
+        assert_eq!(pursuit.sight(after(900)), Sight::Lost);
+        assert_eq!(pursuit.age_us(after(900)), 900_000);
+        assert_eq!(pursuit.aim(after(900), &REACH, &Settings::DEFAULT), None);
+        assert_eq!(measure(&mut pursuit, &seen(9_000, 3)), Ok(()));
+        assert_eq!(pursuit.sight(after(8_100)), Sight::Tracking);
+    }
 }

@@ -35,7 +35,7 @@ const STEADY: i64 = 10;
 const GROWN: i64 = 2;
 
 /// What is too much. 2⁻³² steps; zero is never.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bounds {
     /// Largest way towards the target that the cameras need not see.
     pub unseen: Fine,

@@ -10,13 +10,16 @@ use rsemu::core::space::{
     AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore, RomWrite,
 };
 use rsemu::cpu::arm::v7m::sys::Exception;
-use rsemu::cpu::arm::v7m::{ArmV7m, Config, xpsr};
+use rsemu::cpu::arm::v7m::{ArmV7m, Config, Regs, xpsr};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 /// A reset takes so long (data sheet, typical).
 const RESET_TIME: Beats = 1_500 * crate::time::US;
+
+/// Cycles that the interpreter charges at least when an exception is entered.
+const ENTRY: u64 = 6;
 
 /// What processor and chip share.
 struct Junction {
@@ -327,23 +330,38 @@ impl Board {
         }
     }
 
-    /// One instruction, or the entry into an exception.
+    /// One instruction, or the entry into an exception, around two faults of rsemu 0.0.7.
     ///
-    /// rsemu 0.0.7 forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE, which ARMv7-M keeps), so that the
-    /// rest of the block runs unconditionally after the return. Therefore no exception is let in before a block's end: three instructions at most.
+    /// It forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE, which ARMv7-M keeps), so that the rest of the
+    /// block runs unconditionally after the return. Therefore no exception is let in before a block's end: three instructions at most.
+    ///
+    /// And it clears FPSCR on entry, where ARMv7-M lets the first floating-point instruction of the handler set five mode bits. Flags of a
+    /// comparison that was interrupted would be lost: so they are put back.
     fn step(&mut self) -> u64 {
-        if self.cpu.xpsr() & xpsr::IT_MASK == 0 {
-            return self.cpu.step();
+        let before = self.cpu.regs();
+        let fpscr = self.cpu.fpscr();
+        let within_it = before.xpsr & xpsr::IT_MASK != 0;
+        if within_it {
+            self.cpu.set_regs(Regs {
+                primask: true,
+                ..before
+            });
         }
-        let masked = |masked| {
-            let mut registers = self.cpu.regs();
-            let before = std::mem::replace(&mut registers.primask, masked);
-            self.cpu.set_regs(registers);
-            before
-        };
-        let before = masked(true);
         let used = self.cpu.step();
-        masked(before);
+        if within_it {
+            let after = self.cpu.regs();
+            self.cpu.set_regs(Regs {
+                primask: before.primask,
+                ..after
+            });
+        } else if used >= ENTRY {
+            let after = self.cpu.regs();
+            // A return moves the stack pointer up; an entry moves it down, and one exception right after another leaves it.
+            let entered = after.exception() != before.exception() && after.msp <= before.msp;
+            if entered {
+                self.cpu.set_fpscr(fpscr);
+            }
+        }
         used
     }
 

@@ -41,21 +41,29 @@ fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
 
 /// Between which moments the station says that it had a packet, µs.
 fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
-    reports
-        .iter()
-        .find_map(|(_, report)| match (report, sent.command) {
+    // A ping is stamped on arrival, and may reach the machine after a tick that comes right then: its pong follows what that tick said.
+    let mut said_us = 0;
+    for (_, report) in reports {
+        match (report, sent.command) {
             (Report::Answer { sequence, tick, .. }, _) if *sequence == sent.sequence => {
                 let tick_us = u64::from(*tick) * TICK_US;
-                Some((tick_us.saturating_sub(TICK_US) + 1, tick_us))
+                return Some((tick_us.saturating_sub(TICK_US) + 1, tick_us));
             }
             (
                 Report::Pong {
                     host_us, received, ..
                 },
                 Command::Ping { host_us: asked },
-            ) if *host_us == asked => Some((received.micros(), received.micros())),
-            _ => None,
-        })
+            ) if *host_us == asked => {
+                let at = received.micros().max(said_us);
+                return Some((at, at));
+            }
+            (Report::Answer { tick, .. }, _) => said_us = u64::from(*tick) * TICK_US + 1,
+            (Report::Status(status), _) => said_us = status.time.micros() + 1,
+            _ => {}
+        }
+    }
+    None
 }
 
 /// What the twin does with what the board had, up to `end_us` of the station's clock.
@@ -104,17 +112,40 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
     expected
 }
 
-/// A report without what depends on when a processor gets to it: the moment at which a pong was made.
+/// A report without what depends on when a processor gets to it: a pong's stamps, which [`pongs_are_prompt`] looks at.
 fn comparable(report: &Report) -> Report {
     match report {
-        Report::Pong {
-            host_us, received, ..
-        } => Report::Pong {
+        Report::Pong { host_us, .. } => Report::Pong {
             host_us: *host_us,
-            received: *received,
-            sent: *received,
+            received: Instant::default(),
+            sent: Instant::default(),
         },
         other => other.clone(),
+    }
+}
+
+/// A ping is stamped within two milliseconds of its last byte, and its pong within two of that.
+fn pongs_are_prompt(station: &mut Station) {
+    let zero = station.clock_zero();
+    for (_, report) in &station.reports {
+        let Report::Pong {
+            host_us,
+            received,
+            sent,
+        } = report
+        else {
+            continue;
+        };
+        let asked =
+            |sent: &&Sent| matches!(sent.command, Command::Ping { host_us: us } if us == *host_us);
+        let ping = station.sent.iter().find(asked).expect("somebody asked");
+        let arrived = (ping.at - zero) / US;
+        let (received, sent) = (received.micros(), sent.micros());
+        assert!(
+            (arrived..arrived + 2_000).contains(&received),
+            "{arrived} {report:?}"
+        );
+        assert!((received..received + 2_000).contains(&sent), "{report:?}");
     }
 }
 
@@ -129,6 +160,7 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
     let zero = station.clock_zero();
     let end_us = station.clock_us();
     let expected = expected(station, end_us);
+    pongs_are_prompt(station);
 
     let said: Vec<Report> = station
         .reports

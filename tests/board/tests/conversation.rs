@@ -41,7 +41,9 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
     let mut station = configured(Driver::Tmc2209, Make::default());
     scene::follow(&mut station, 500);
     let status = station.status();
-    assert!(status.frames_used >= 490, "{status:?}");
+    // Noise makes outliers of a few, which the twin refuses, too.
+    assert_eq!(status.frames_used + status.frames_refused, 500);
+    assert!(status.frames_used >= 450, "{status:?}");
     assert_eq!(status.state, State::Following);
     assert_eq!(station.command(Command::Stop), Ok(()));
     station.run(300 * MS);

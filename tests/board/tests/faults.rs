@@ -85,11 +85,14 @@ fn restarted(station: &mut Station, within: Beats) -> (ResetCause, LastRun) {
     station.greet();
     let status = station.status();
     assert_eq!(
-        (status.state, status.trust),
-        (State::Unconfigured, Trust::Unknown)
+        (status.state, status.fault, status.trust),
+        (State::Faulted, Some(Fault::Restart), Trust::Unknown)
     );
     assert!(!drivers_are_on(station), "not before a configuration");
     let cause = station.client.hello().expect("hello").reset_cause;
+    configure(station);
+    assert!(drivers_are_on(station));
+    assert_eq!(station.command(jog([1_000; 3])), Err(Denial::Faulted));
     (cause, *station.client.last_run().expect("last run"))
 }
 
@@ -145,7 +148,7 @@ fn refill_starved() {
         "refill task starved",
         "its executor's interrupt (UART5) disabled in the NVIC",
         "last step within one ring",
-        "watchdog: hello says watchdog, no fault latched (without room the machine has no ticks); unconfigured, position unknown",
+        "watchdog: hello says watchdog, no fault latched (without room the machine has no ticks); fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -164,7 +167,7 @@ fn interrupts_masked_for_ever() {
         "interrupts masked for ever",
         "PRIMASK set in thread mode",
         "last step within one ring",
-        "watchdog: hello says watchdog; unconfigured, position unknown",
+        "watchdog: hello says watchdog; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -180,7 +183,7 @@ fn processor_held() {
         "processor held",
         "its clock stopped; timers, DMA and watchdog run on",
         "last step within one ring: the eraser",
-        "watchdog: hello says watchdog; unconfigured, position unknown",
+        "watchdog: hello says watchdog; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -252,7 +255,7 @@ fn panic() {
         "panic",
         "the processor sent to core's panic function",
         "no step after 20 µs; drivers off",
-        "watchdog: hello says watchdog, panic and where; unconfigured, position unknown",
+        "watchdog: hello says watchdog, panic and where; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -272,7 +275,7 @@ fn hard_fault() {
         "hard fault",
         "the processor sent to an address without memory",
         "no step after 20 µs; drivers off",
-        "watchdog: hello says watchdog, hard fault and where; unconfigured, position unknown",
+        "watchdog: hello says watchdog, hard fault and where; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -304,7 +307,7 @@ fn watchdog_expires() {
         "thread hangs",
         "the processor sent to a branch to itself in thread mode: links and watch task dead, motion alive",
         "planned steps until the reset, none after it",
-        "watchdog: hello says watchdog; unconfigured, position unknown",
+        "watchdog: hello says watchdog; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
@@ -456,6 +459,7 @@ fn power_on_with_the_emergency_stop_pressed() {
     let mut station = Station::of(board);
     station.run(20 * MS);
     station.greet();
+    assert!(!drivers_are_on(&mut station), "it knows no stage");
     configure(&mut station);
     assert_eq!(station.command(jog([1_000; 3])), Err(Denial::Faulted));
     assert_eq!(station.command(Command::Reset), Err(Denial::CauseRemains));
@@ -472,7 +476,7 @@ fn power_on_with_the_emergency_stop_pressed() {
     observed(
         "power-on with the emergency stop pressed",
         "open before power comes",
-        "no edge",
+        "no edge; drivers off before the configuration",
         "fault 1, jog and reset refused; after its release and a reset it moves exactly",
     );
 }

@@ -18,6 +18,9 @@ use shared::frame::receive::Receiver;
 use shared::machine::{Machine, Output, TICK_US};
 use shared::motion::{Limits, Planner};
 use shared::steps::{AxisMotion, Generator, Position, Segment};
+use shared::time::Instant;
+use shared::track::filter::Reach;
+use shared::track::pursuit::{Measurement, Pursuit, Settings};
 
 /// Control ticks that each kind of tick is measured over.
 const TICKS: u64 = 100;
@@ -55,6 +58,7 @@ pub fn run() -> Result<(), Failure> {
     println!("|---|---:|---:|");
     estimators(&mut counter, &mut table);
     wire(&mut counter, &mut table);
+    tracking(&mut counter, &mut table);
     let word = generator(&mut counter, &mut table)?;
     planner(&mut counter, &mut table)?;
     let (tick, segment, frame, reports) = control(&mut counter, &mut table)?;
@@ -139,6 +143,40 @@ fn wire(counter: &mut Counter, table: &mut Table) {
     let status = sample::status();
     let encoding = counter.calls(|| encode(black_box(&status)));
     table.row("encode a status", encoding.per(1), None);
+}
+
+/// A target at 50 mm/s, seen 60 times a second.
+fn tracking(counter: &mut Counter, table: &mut Table) {
+    let reach = Reach {
+        speed: 8.0,
+        acceleration: 0.16,
+    };
+    let (settings, mut pursuit) = (Settings::DEFAULT, Pursuit::default());
+    let mut seen = Measurement {
+        capture: Instant::from_micros(0),
+        position: [0; 3],
+        variance: [0.2, 0.2, 5.0],
+    };
+    let (mut measured, mut aimed) = (Sum::default(), Sum::default());
+    for frame in 0..2 * TICKS {
+        seen.capture = seen.capture.plus_micros(16_667);
+        // 4 steps/ms, give or take a step.
+        let steps = 67 * frame + frame * 7 % 3;
+        seen.position = [(steps as i64) << 32; 3];
+        let at = seen.capture.plus_micros(20_000);
+        if frame < TICKS {
+            // Until it is in its stride.
+            let _ = pursuit.measure(at, &seen, &[reach; 3], &settings);
+            pursuit.aim(at, &[reach; 3], &settings);
+            continue;
+        }
+        let _ = counter.add(&mut measured, || {
+            pursuit.measure(at, black_box(&seen), &[reach; 3], &settings)
+        });
+        counter.add(&mut aimed, || pursuit.aim(at, &[reach; 3], &settings));
+    }
+    table.row("filter: a measurement of three axes", measured.per(1), None);
+    table.row("filter: where to go by now, three axes", aimed.per(1), None);
 }
 
 /// Also returns the tenths of instructions per word with three axes stepping.

@@ -7,24 +7,32 @@ use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
+use host::rig_file::RigFile;
 use host::station::diagnosis::explain;
 use host::station::serial::Serial;
 use host::station::stage::default_stage;
 use serde_json::json;
 use shared::frame::message::Command;
-use shared::rig::Rig;
 use std::io::Write;
+
+/// How long the target is followed, s.
+const DEFAULT_SECONDS: f64 = 8.0;
 
 /// Runs until the time is over; then a summary on standard error.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let rig = Rig::paper();
+    let file = match &options.rig {
+        Some(path) => options.method.read_rig(path)?,
+        None => RigFile::paper(),
+    };
+    let rig = file.rig;
+    let stage = file.stage.unwrap_or_else(default_stage);
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
     let failed = |error| failed_at(port.as_deref(), error);
     let world = World::new(
         &rig,
-        &default_stage(),
+        &stage,
         options.station.place(port.as_deref()),
         &texture,
         settings,
@@ -56,7 +64,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
-    while servo.time_s(&world) + 1.0 / options.fps <= options.seconds {
+    let seconds = options.seconds.unwrap_or(DEFAULT_SECONDS);
+    while servo.time_s(&world) + 1.0 / options.fps <= seconds {
         // A gets its setpoint at every picture, one picture ahead.
         let position_um = options
             .path
@@ -64,7 +73,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             .map(|mm| (mm * 1e3).round() as i32);
         world.a.send(Command::Setpoint { position_um });
         let step = servo.step(&mut world).map_err(failed)?;
-        progress.at(step.time_s / options.seconds);
+        progress.at(step.time_s / seconds);
         let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
         // The first second is for catching up.
         if step.time_s > 1.0 {

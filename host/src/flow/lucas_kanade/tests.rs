@@ -67,8 +67,8 @@ fn mean_and_rms(errors: &[[f64; 2]]) -> ([f64; 2], f64) {
 
 /// The sweep of sub-pixel phases, noise 2 grey levels. Prints the table with `--nocapture`.
 #[test]
-fn shifts_are_found_to_a_fiftieth_of_a_pixel_at_every_phase() {
-    for (kind, bound) in [(TextureKind::Natural, 0.02), (TextureKind::Blobs, 0.06)] {
+fn shifts_are_found_alike_at_every_phase() {
+    for (kind, bound) in [(TextureKind::Natural, 0.013), (TextureKind::Blobs, 0.06)] {
         let scene = scene(kind, 11, 2.0);
         let mut biases = Vec::new();
         for step in 0..10 {
@@ -91,9 +91,9 @@ fn shifts_are_found_to_a_fiftieth_of_a_pixel_at_every_phase() {
     }
 }
 
-/// Without noise what remains is the interpolation's own error.
+/// Without noise what remains is the error of reading between pixels, and of steps not taken.
 #[test]
-fn interpolation_is_unbiased() {
+fn reading_between_pixels_is_unbiased() {
     let scene = scene(TextureKind::Natural, 12, 0.3);
     for phase in [0.1, 0.25, 0.4, 0.5, 0.75] {
         let (mean, rms) = mean_and_rms(&errors(&scene, [phase, 3.0 - phase], 3));
@@ -102,7 +102,7 @@ fn interpolation_is_unbiased() {
             mean[0], mean[1]
         );
         assert!(
-            mean.iter().all(|m| m.abs() < 0.003) && rms < 0.015,
+            mean.iter().all(|m| m.abs() < 0.001) && rms < 0.004,
             "{phase}: {mean:?} {rms}"
         );
     }

@@ -7,8 +7,8 @@ use std::hint::black_box;
 
 use super::super::pyramid::Plane;
 
-/// Partial sums: two vectors, so that neither waits for itself.
-const LANES: usize = 16;
+/// Partial sums: one vector.
+const LANES: usize = 8;
 
 /// A window's values.
 pub type Grid<const N: usize, const W: usize> = [[f32; W]; N];
@@ -95,19 +95,31 @@ fn mix<const W: usize>(row: &[f32], w: &[f32; 4], out: &mut [f32; W]) {
     }
 }
 
+/// `Σ a b` for three `b` at once. `W` is a multiple of 8, so nothing is left over.
+#[inline(always)]
+pub fn products<const N: usize, const W: usize>(a: &Grid<N, W>, b: [&Grid<N, W>; 3]) -> [f32; 3] {
+    let [(a, _), (p, _), (q, _), (r, _)] =
+        [a, b[0], b[1], b[2]].map(|grid| grid.as_flattened().as_chunks::<LANES>());
+    let [mut x, mut y, mut z] = [[0.0_f32; LANES]; 3];
+    for (((a, p), q), r) in a.iter().zip(p).zip(q).zip(r) {
+        for l in 0..LANES {
+            x[l] += a[l] * p[l];
+            y[l] += a[l] * q[l];
+            z[l] += a[l] * r[l];
+        }
+    }
+    [x, y, z].map(lanes)
+}
+
 /// `Σ a b`.
 #[inline(always)]
 pub fn product<const N: usize, const W: usize>(a: &Grid<N, W>, b: &Grid<N, W>) -> f32 {
-    let (blocks_a, rest_a) = a.as_flattened().as_chunks::<LANES>();
-    let (blocks_b, rest_b) = b.as_flattened().as_chunks::<LANES>();
+    let [(a, _), (b, _)] = [a, b].map(|grid| grid.as_flattened().as_chunks::<LANES>());
     let mut sum = [0.0_f32; LANES];
-    for (a, b) in blocks_a.iter().zip(blocks_b) {
+    for (a, b) in a.iter().zip(b) {
         for l in 0..LANES {
             sum[l] += a[l] * b[l];
         }
-    }
-    for (sum, (a, b)) in sum.iter_mut().zip(rest_a.iter().zip(rest_b)) {
-        *sum += a * b;
     }
     lanes(sum)
 }
@@ -146,14 +158,13 @@ pub fn centre<const N: usize, const W: usize>(a: &mut Grid<N, W>, mean: f32) {
 #[inline(always)]
 fn lanes(sum: [f32; LANES]) -> f32 {
     // Hides from the compiler what becomes of the sums: where it knew, it made vectors of two.
-    let sum = black_box(sum);
-    let mut half: [f32; 8] = core::array::from_fn(|l| sum[l] + sum[l + 8]);
+    let mut sum = black_box(sum);
     for width in [4, 2, 1] {
         for l in 0..width {
-            half[l] += half[l + width];
+            sum[l] += sum[l + width];
         }
     }
-    half[0]
+    sum[0]
 }
 
 /// Of a vector.
@@ -188,58 +199,60 @@ impl LeastSquares {
     }
 }
 
-/// How far one step of Lucas and Kanade leads with the roles exchanged, px: from the found window `seen` (zero-mean), which is `factor` times
-/// the zero-mean `template`, with its own gradients. These are central differences; the window's border has none. Infinite if the
+/// One step of Lucas and Kanade with the roles exchanged, px: from the found window `seen` (zero-mean), which is `factor` times
+/// the zero-mean `template`, with its own gradients. These are central differences; the window's border has none. Not finite if the
 /// gradients determine no step.
 #[inline(always)]
-pub fn miss<const N: usize, const W: usize>(
+pub fn step_back<const N: usize, const W: usize>(
     seen: &Grid<N, W>,
     template: &Grid<N, W>,
     factor: f32,
-) -> f32 {
-    let inside: [f32; W] =
-        core::array::from_fn(|c| if (1..N - 1).contains(&c) { 1.0 } else { 0.0 });
-    let [mut along, mut down, mut rest] = [[[0.0_f32; W]; N]; 3];
+) -> [f32; 2] {
+    let half: [f32; W] = core::array::from_fn(|c| if (1..N - 1).contains(&c) { 0.5 } else { 0.0 });
+    let mut sums = [[0.0_f32; LANES]; 5];
+    let [xx, xy, yy, x, y] = &mut sums;
     for r in 1..N - 1 {
-        let row = seen.as_flattened();
         // The row with its neighbours in memory, which are not its neighbours in the window at either end.
-        let near = &row[r * W - 1..][..W + 2];
+        let near = &seen.as_flattened()[r * W - 1..][..W + 2];
         let (above, below) = (&seen[r - 1], &seen[r + 1]);
-        for c in 0..W {
-            along[r][c] = 0.5 * inside[c] * (near[c + 2] - near[c]);
-            down[r][c] = 0.5 * inside[c] * (below[c] - above[c]);
-            rest[r][c] = near[c + 1] - factor * template[r][c];
+        for block in 0..W / LANES {
+            for l in 0..LANES {
+                let c = block * LANES + l;
+                let along = half[c] * (near[c + 2] - near[c]);
+                let down = half[c] * (below[c] - above[c]);
+                let rest = near[c + 1] - factor * template[r][c];
+                xx[l] += along * along;
+                xy[l] += along * down;
+                yy[l] += down * down;
+                x[l] += along * rest;
+                y[l] += down * rest;
+            }
         }
     }
-    let matrix = LeastSquares {
-        xx: product(&along, &along),
-        xy: product(&along, &down),
-        yy: product(&down, &down),
-    };
-    let miss = length(matrix.solve([product(&along, &rest), product(&down, &rest)]));
-    if miss >= 0.0 { miss } else { f32::INFINITY }
+    let [xx, xy, yy, x, y] = sums.map(lanes);
+    LeastSquares { xx, xy, yy }.solve([x, y])
 }
 
-/// Cubic convolution (Keys 1981, a = -1/2): weights of the four neighbours at `t` in `[0, 1)` after the second.
+/// Cubic B-spline: weights of the four neighbours at `t` in `[0, 1)` after the second.
 #[inline(always)]
 fn weights(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
+    let (u, t2, t3) = (1.0 - t, t * t, t * t * t);
     [
-        -0.5 * t + t2 - 0.5 * t3,
-        1.0 - 2.5 * t2 + 1.5 * t3,
-        0.5 * t + 2.0 * t2 - 1.5 * t3,
-        -0.5 * t2 + 0.5 * t3,
+        u * u * u / 6.0,
+        2.0 / 3.0 - t2 + 0.5 * t3,
+        (1.0 + 3.0 * (t + t2 - t3)) / 6.0,
+        t3 / 6.0,
     ]
 }
 
 /// Derivatives of [`weights`] with respect to the position.
 #[inline(always)]
 fn slopes(t: f32) -> [f32; 4] {
-    let t2 = t * t;
+    let (u, t2) = (1.0 - t, t * t);
     [
-        -0.5 + 2.0 * t - 1.5 * t2,
-        -5.0 * t + 4.5 * t2,
-        0.5 + 4.0 * t - 4.5 * t2,
-        -t + 1.5 * t2,
+        -0.5 * u * u,
+        1.5 * t2 - 2.0 * t,
+        0.5 + t - 1.5 * t2,
+        0.5 * t2,
     ]
 }

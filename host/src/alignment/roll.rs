@@ -1,0 +1,101 @@
+//! Cameras that are rolled about their own axes: what the slopes of the residuals show, and how a rig is turned to undo it.
+//!
+//! A camera that is rolled by `φ` sees at `R_z(φ) x` what it would see at `x`, so the residual across the line of cameras grows along the line, by `φ`
+//! per unit. The rig file's `rotation_deg` undoes it exactly: with the camera's rotation `R` so far, the new one is `R R_z(φ)`.
+//!
+//! Only the roll against the reference camera shows. One that is common to all cameras turns the rig's axes and no view against another.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use shared::rig::{Camera, Rig, Rotation};
+
+use super::fit::Turn;
+
+/// A roll is undone when it is this many standard deviations from nothing: one camera in 370 is turned by chance, by as little as it can be told.
+pub const SIGNIFICANT: f64 = 3.0;
+
+/// Of a camera that has been turned once, what is left is undone down to this many standard deviations: the first matching may have missed the ends
+/// of its rows.
+const SETTLED: f64 = 0.5;
+
+/// By how much a camera is to be turned, rad; `None` if its roll may be nothing.
+fn to_undo(turn: Option<Turn>, turned_rad: f64) -> Option<f64> {
+    let [roll_rad, sigma] = turn?.roll_rad;
+    let limit = if turned_rad == 0.0 {
+        SIGNIFICANT
+    } else {
+        SETTLED
+    };
+    (roll_rad.abs() > limit * sigma).then_some(roll_rad)
+}
+
+/// The camera, if it turned out to be rolled clockwise by `roll_rad`.
+pub fn rolled(camera: &Camera, roll_rad: f64) -> Camera {
+    let rows = camera.rotation.rows();
+    let before = Matrix3::from_fn(|i, j| rows[i][j]);
+    let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), roll_rad);
+    let turned = Rotation3::from_matrix_unchecked(before * roll.matrix());
+    let [x, y, z] = turned.scaled_axis().map(f64::to_degrees).into();
+    Camera {
+        rotation: Rotation::from_degrees([x, y, z]),
+        ..*camera
+    }
+}
+
+/// The rig with every roll undone that is no matter of chance; `None` if there is none. `turned_rad` is by how much each camera has been turned so far, and
+/// is brought up to date.
+pub fn undone(rig: &Rig, turns: &[Option<Turn>], turned_rad: &mut [f64]) -> Option<Rig> {
+    let mut turned: Option<Rig> = None;
+    for (k, (turn, sum)) in turns.iter().zip(turned_rad).enumerate() {
+        let Some(roll) = to_undo(*turn, *sum) else {
+            continue;
+        };
+        if let Some(camera) = turned.get_or_insert_with(|| rig.clone()).cameras.get_mut(k) {
+            *camera = rolled(camera, roll);
+            *sum += roll;
+        }
+    }
+    turned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rolled_camera_sees_everything_turned() {
+        let [roll, at] = [[0.02_f64, 0.0], [0.3, -0.1]];
+        let mut camera = Rig::paper().cameras[0];
+        camera.rotation = Rotation::from_degrees([1.0, -2.0, 0.5]);
+        let seen = rolled(&camera, roll[0]).denormalise(at);
+        let (sin, cos) = roll[0].sin_cos();
+        let expected = camera.denormalise([cos * at[0] - sin * at[1], sin * at[0] + cos * at[1]]);
+        assert!((seen[0] - expected[0]).hypot(seen[1] - expected[1]) < 1e-9);
+    }
+
+    #[test]
+    fn what_may_be_nothing_is_left_alone() {
+        let turn = |roll_rad: f64| {
+            Some(Turn {
+                roll_rad: [roll_rad, 0.001],
+                scale: [0.0; 2],
+            })
+        };
+        let rig = Rig::paper();
+        let mut rolls = [0.0; 3];
+        let small = [turn(0.002_9), None, turn(-0.002_9)];
+        assert_eq!(undone(&rig, &small, &mut rolls), None);
+        let turned = undone(&rig, &[turn(0.002), None, turn(-0.003_1)], &mut rolls).unwrap();
+        assert_eq!(rolls, [0.0, 0.0, -0.003_1]);
+        // Once turned, it is turned to the end.
+        let rest = undone(&turned, &small, &mut rolls).unwrap();
+        assert!(rolls[0] == 0.0 && (rolls[2] + 0.006).abs() < 1e-12);
+        assert_eq!(rest.cameras[0], rig.cameras[0]);
+        assert_eq!(
+            undone(&rest, &[None, None, turn(0.000_4)], &mut rolls),
+            None
+        );
+        assert_eq!(turned.cameras[..2], rig.cameras[..2]);
+        let [x, y, z] = turned.cameras[2].rotation.degrees();
+        assert!(x.abs() + y.abs() < 1e-12 && (z.to_radians() + 0.003_1).abs() < 1e-12);
+    }
+}

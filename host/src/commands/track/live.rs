@@ -1,0 +1,130 @@
+//! Driven by live cameras.
+
+use super::Options;
+use host::error::{Failure, InputError};
+use host::rig_file::{RigFile, Stage};
+use host::station::stage::default_stage;
+use shared::frame::message::Mounting;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The stage, and where the cameras are. A real stage is never guessed.
+fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
+    let is_real = options.station.is_given();
+    let mounting = match is_real && !options.fixed {
+        true => Mounting::OnStage,
+        // The twin's stage carries nothing.
+        false => Mounting::Fixed,
+    };
+    match (&rig.stage, is_real) {
+        (Some(stage), _) => Ok((stage.clone(), mounting)),
+        (None, false) => Ok((default_stage(), mounting)),
+        (None, true) => {
+            let reason = "has no [stage] section, which says what the station on --port drives";
+            Err(InputError::file(rig_path, reason).into())
+        }
+    }
+}
+
+/// Follows what the cameras see until Ctrl-C, or for --seconds.
+pub fn run(
+    options: &Options,
+    devices: &[PathBuf],
+    rig_path: &Path,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let rig = options.method.read_rig(rig_path)?;
+    if devices.len() != rig.names.len() {
+        return Err(Failure::Usage(format!(
+            "--cameras names {} devices, but {} has {} cameras: {}, in this order",
+            devices.len(),
+            rig_path.display(),
+            rig.names.len(),
+            rig.names.join(", ")
+        )));
+    }
+    let stage = stage(options, &rig, rig_path)?;
+    follow(options, devices, &rig, stage, out)
+}
+
+#[cfg(all(feature = "camera", target_os = "linux"))]
+fn follow(
+    options: &Options,
+    devices: &[PathBuf],
+    rig: &RigFile,
+    (stage, mounting): (Stage, Mounting),
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    use super::captures::Captures;
+    use crate::commands::by_hand::on_interrupt;
+    use host::images::Capture;
+    use host::images::cameras::device::V4l2;
+    use host::images::cameras::live::Live;
+    use std::time::Duration;
+
+    let port = options.station.resolve()?;
+    // All cameras before the station: nothing moves for a camera that is not there.
+    let size_px = rig.rig.image_size_px;
+    let cameras = devices
+        .iter()
+        .map(|device| V4l2::open(device, size_px, options.fps))
+        .collect::<Result<Vec<_>, _>>()?;
+    for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
+        eprintln!("{name} is {}, {:?}", device.display(), camera.format());
+    }
+    let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
+    let stop = on_interrupt()?;
+    let mut live = Live::start(cameras, ms(options.window_ms()), ms(options.delay), stop)?;
+    let now_us = || live.now_us();
+    let first = devices.first().cloned().unwrap_or_default();
+    let captures = Captures::new(
+        options,
+        rig,
+        (&stage, mounting),
+        port.as_deref(),
+        &first,
+        Some(&now_us),
+    )?;
+    let end_us = options
+        .seconds
+        .map(|seconds| live.now_us() + (seconds * 1e6) as u64);
+    let is_in_time = |capture: &Result<Capture, InputError>| {
+        let time_us = capture.as_ref().map_or(0, |capture| capture.time_us);
+        end_us.is_none_or(|end_us| time_us < end_us)
+    };
+    let outcome = captures.follow(live.by_ref().take_while(is_in_time), out);
+    for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
+        let matching = tally.matching;
+        eprintln!(
+            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners within {} ms, {} stale, {} damaged, {} out of order",
+            device.display(),
+            matching.arrived + tally.stale + tally.damaged,
+            matching.used,
+            matching.overtaken,
+            matching.unmatched,
+            options.window_ms(),
+            tally.stale,
+            tally.damaged,
+            matching.disordered
+        );
+    }
+    let summary = outcome?;
+    eprintln!(
+        "{} of {} captures not used",
+        summary.refused, summary.frames
+    );
+    Ok(())
+}
+
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+fn follow(
+    _: &Options,
+    devices: &[PathBuf],
+    _: &RigFile,
+    _: (Stage, Mounting),
+    _: &mut impl Write,
+) -> Result<(), Failure> {
+    let first = devices.first().cloned().unwrap_or_default();
+    let reason = "this program was built without live cameras: build it on Linux with `cargo build --release --features host/camera`";
+    Err(InputError::file(&first, reason).into())
+}

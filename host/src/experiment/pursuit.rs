@@ -1,0 +1,187 @@
+//! Captures from outside, one after another, and what the station makes of them: the [servo](super::servo) without a simulated world.
+
+use super::Error;
+use super::follower::Follower;
+use crate::flow::{Flow, Settings as FlowSettings};
+use crate::images::Capture;
+use crate::station::StationError;
+use crate::sums::{Estimator, Sums};
+use shared::frame::message::{Command, Frame, Sums as FrameSums};
+use shared::rig::Rig;
+use shared::time::Instant;
+
+/// Any ramp, and the last frame's motion, is over after so long, µs.
+const REST_US: u64 = 2_000_000;
+
+/// How the captures' times become the station's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// The station is a twin, its time virtual: the first capture is taken now, the others follow as they did.
+    Virtual {
+        /// From a picture to its frame at the station, µs.
+        latency_us: u64,
+        /// The time between two pictures, µs: the stage is looked at just before the next one.
+        period_us: u64,
+    },
+    /// Captures and station are real: the [follower's clock](Follower::now) minus the captures', µs.
+    Real {
+        /// Difference of the clocks, which run alike: both are the host's.
+        offset_us: i64,
+    },
+}
+
+/// What became of a capture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Followed {
+    /// When it was taken, s since the first.
+    pub time_s: f64,
+    /// The station's own estimate of the target's displacement since the first capture, mm; or why the capture was not used.
+    pub displacement_mm: Result<[f64; 3], String>,
+    /// Where the stage is, mm from where the station was started.
+    pub stage_mm: [f64; 3],
+}
+
+/// A target that is followed.
+#[derive(Debug)]
+pub struct Pursuit {
+    rig: Rig,
+    flow: Flow,
+    estimator: Estimator,
+    clock: Clock,
+    station: Follower,
+    start: Option<Start>,
+}
+
+/// The first capture's time, by its clock and by the station's. The latter is kept: the station knows a reference by its exact instant, and the
+/// estimate of its clock wanders.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    first_us: u64,
+    reference: Instant,
+}
+
+impl Pursuit {
+    /// With a station that has been started.
+    ///
+    /// # Errors
+    /// [`Error::Reference`] if the rig has not two cameras in different places.
+    pub fn new(
+        rig: &Rig,
+        estimator: Estimator,
+        clock: Clock,
+        station: Follower,
+    ) -> Result<Self, Error> {
+        Ok(Self {
+            rig: rig.clone(),
+            flow: Flow::new(rig, FlowSettings::default()).map_err(Error::Reference)?,
+            estimator,
+            clock,
+            station,
+            start: None,
+        })
+    }
+
+    /// The station.
+    pub fn station(&self) -> &Follower {
+        &self.station
+    }
+
+    /// The next capture. The first gives nothing: it is the view to be kept.
+    ///
+    /// # Errors
+    /// [`Error::Reference`] if the first cannot be used; [`Error::Station`] if the station cannot be reached or has a fault. A later capture that cannot
+    /// be used is no error.
+    pub fn follow(&mut self, capture: &Capture) -> Result<Option<Followed>, Error> {
+        let Some(start) = self.start else {
+            self.flow.set_reference(capture).map_err(Error::Reference)?;
+            let reference = match self.clock {
+                Clock::Virtual { .. } => self.station.now(),
+                Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
+            };
+            let first_us = capture.time_us;
+            self.start = Some(Start {
+                first_us,
+                reference,
+            });
+            return Ok(None);
+        };
+        let since_us = capture.time_us.saturating_sub(start.first_us);
+        let taken = match self.clock {
+            Clock::Virtual { .. } => start.reference.plus_micros(since_us),
+            Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
+        };
+        let used = match self.sums(capture) {
+            Ok(sums) => self.send(taken, start.reference, sums)?,
+            Err(reason) => Err(reason),
+        };
+        let status = self.station.status();
+        if let Some(fault) = status.and_then(|status| status.fault) {
+            return Err(StationError::Faulted(fault).into());
+        }
+        let displacement_mm = used.and_then(|()| {
+            let estimate = status.and_then(|status| status.estimate);
+            let estimate = estimate.ok_or("the station did not say what it saw")?;
+            Ok(estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6))
+        });
+        if let Clock::Virtual { period_us, .. } = self.clock {
+            self.station.advance(taken.plus_micros(period_us));
+        }
+        Ok(Some(Followed {
+            time_s: since_us as f64 * 1e-6,
+            displacement_mm,
+            stage_mm: self.station.position_mm(),
+        }))
+    }
+
+    /// Lets the last frame's motion end, or stops a station that is real; where the stage stands then, mm.
+    ///
+    /// # Errors
+    /// If the station cannot be reached.
+    pub fn rest(&mut self) -> Result<[f64; 3], StationError> {
+        if self.station.serial().is_some() {
+            self.station.command("stop", Command::Stop)?;
+        }
+        let end = self.station.now().plus_micros(REST_US);
+        self.station.advance(end);
+        Ok(self.station.position_mm())
+    }
+
+    /// A real capture's time, in the station's.
+    fn real(&self, time_us: u64, offset_us: i64) -> Result<Instant, StationError> {
+        let here = Instant::from_micros(time_us.saturating_add_signed(offset_us));
+        self.station.station_time(here)
+    }
+
+    fn sums(&mut self, capture: &Capture) -> Result<FrameSums, String> {
+        let measured = self.flow.measure(capture);
+        let measured = measured.map_err(|refusal| refusal.to_string())?;
+        let frame = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(self.estimator));
+        frame.map_err(|refusal| refusal.to_string())
+    }
+
+    /// Sends a frame; the inner error is why the station did not use it.
+    fn send(
+        &mut self,
+        capture: Instant,
+        reference: Instant,
+        sums: FrameSums,
+    ) -> Result<Result<(), String>, StationError> {
+        if let Clock::Virtual { latency_us, .. } = self.clock {
+            self.station.advance(capture.plus_micros(latency_us));
+        }
+        let sequence = self.station.send(Command::Frame(Frame {
+            capture,
+            reference,
+            sums,
+        }));
+        match self.station.outcome(sequence) {
+            Ok(Some(answer)) => Ok(answer.map_err(|denial| denial.to_string())),
+            Ok(None) => Ok(Err("no answer from the station".to_owned())),
+            // A short break of the line that the station did not even notice; after any other it has stopped.
+            Err(StationError::Interrupted { .. }) if self.station.resume().is_ok() => {
+                Ok(Err("the line was interrupted".to_owned()))
+            }
+            Err(lost) => Err(lost),
+        }
+    }
+}

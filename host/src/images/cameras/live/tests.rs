@@ -1,0 +1,174 @@
+//! Cameras whose pictures come when the test sends them. Times are the pictures' own, so that a slow machine changes nothing.
+
+use super::*;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+/// Gives what it is sent; ends with an error when nobody sends any more.
+struct Sent {
+    name: &'static str,
+    shots: Receiver<Shot>,
+}
+
+impl Camera for Sent {
+    fn path(&self) -> PathBuf {
+        self.name.into()
+    }
+
+    fn shoot(&mut self) -> Result<Shot, InputError> {
+        let gone = |_| InputError::file(&self.path(), "unplugged");
+        self.shots.recv().map_err(gone)
+    }
+}
+
+struct Bench {
+    live: Live,
+    stop: Arc<AtomicBool>,
+    senders: Vec<Sender<Shot>>,
+}
+
+const NAMES: [&str; 3] = ["/dev/left", "/dev/middle", "/dev/right"];
+
+fn bench() -> Bench {
+    let (senders, cameras) = NAMES
+        .map(|name| {
+            let (sender, shots) = channel();
+            (sender, Sent { name, shots })
+        })
+        .into_iter()
+        .unzip();
+    let stop = Arc::new(AtomicBool::new(false));
+    let window = Duration::from_millis(5);
+    let delay = Duration::from_millis(30);
+    let live = Live::start(cameras, window, delay, Arc::clone(&stop)).unwrap();
+    Bench {
+        live,
+        stop,
+        senders,
+    }
+}
+
+fn image(grey: u8) -> Image {
+    Image {
+        width: 1,
+        height: 1,
+        grey: vec![grey],
+    }
+}
+
+impl Bench {
+    /// A picture of `camera`, handed over `ms` after the start.
+    fn send(&self, camera: usize, ms: u64, grey: u8) {
+        let at = self.live.started + Duration::from_millis(ms);
+        let shot = Shot::Picture(at, image(grey));
+        self.senders[camera].send(shot).unwrap();
+    }
+
+    /// Waits until so many shots of each camera have been looked at.
+    fn settle(&self, shots: [u64; 3]) {
+        let seen = |tally: &Tally| tally.matching.arrived + tally.stale + tally.damaged;
+        while self.live.tallies().iter().map(seen).ne(shots) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+#[test]
+fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay() {
+    let mut bench = bench();
+    for (camera, ms) in [(0, 100), (1, 103), (2, 101)] {
+        bench.send(camera, ms, camera as u8);
+    }
+    let capture = bench.live.next().unwrap().unwrap();
+    assert_eq!(capture.time_us, (304_000 / 3) - 30_000);
+    assert_eq!(capture.views, [image(0), image(1), image(2)]);
+}
+
+#[test]
+fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
+    let mut bench = bench();
+    for (n, ms) in [100, 133, 167].into_iter().enumerate() {
+        for camera in 0..3 {
+            bench.send(camera, ms + camera as u64, n as u8);
+        }
+    }
+    bench.send(1, 200, 9);
+    bench.senders[2].send(Shot::Damaged).unwrap();
+    bench.senders[2].send(Shot::Stale).unwrap();
+    // Handed over 20 ms after the start, so taken before it.
+    bench.send(0, 20, 9);
+    bench.settle([4, 4, 5]);
+    let capture = bench.live.next().unwrap().unwrap();
+    assert_eq!(capture.views, [image(2), image(2), image(2)]);
+    let tallies = bench.live.tallies();
+    for (tally, arrived) in tallies.iter().zip([3, 4, 3]) {
+        assert_eq!(tally.matching.arrived, arrived);
+        assert_eq!(tally.matching.used, 1);
+        assert_eq!(tally.matching.overtaken, 2);
+    }
+    let rest: Vec<_> = tallies.iter().map(|t| (t.stale, t.damaged)).collect();
+    assert_eq!(rest, [(1, 0), (0, 0), (1, 1)]);
+}
+
+#[test]
+fn a_camera_that_fails_ends_the_captures_with_its_name() {
+    let mut bench = bench();
+    drop(bench.senders.remove(1));
+    let error = bench.live.next().unwrap().unwrap_err();
+    assert_eq!(error.to_string(), "/dev/middle: unplugged");
+    assert!(bench.live.next().is_none());
+}
+
+#[test]
+fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
+    let mut bench = bench();
+    bench.live.patience = Duration::from_millis(50);
+    bench.send(0, 100, 0);
+    bench.send(2, 100, 0);
+    bench.settle([1, 0, 1]);
+    let error = bench.live.next().unwrap().unwrap_err().to_string();
+    assert!(error.starts_with("/dev/middle: no picture for"), "{error}");
+
+    // One that sends, but nothing that can be used.
+    let mut bench = self::bench();
+    bench.live.patience = Duration::from_millis(50);
+    bench.senders[1].send(Shot::Stale).unwrap();
+    bench.settle([0, 1, 0]);
+    bench.send(0, 100, 0);
+    bench.send(2, 100, 0);
+    bench.settle([1, 1, 1]);
+    let error = bench.live.next().unwrap().unwrap_err().to_string();
+    assert!(
+        error.starts_with("/dev/middle: no picture that can be used") && error.contains("1 came"),
+        "{error}"
+    );
+
+    // One that meets nobody while it waits: the pictures are sent by another thread.
+    let mut bench = self::bench();
+    bench.live.patience = Duration::from_secs(2);
+    let senders = bench.senders.clone();
+    let at = bench.live.started + Duration::from_secs(1);
+    let sending = std::thread::spawn(move || {
+        for n in 0..40 {
+            std::thread::sleep(Duration::from_millis(100));
+            for (camera, sender) in senders.iter().enumerate() {
+                let late = Duration::from_millis(33 * n + 10 * camera as u64);
+                // The bench is gone at the end.
+                let _ = sender.send(Shot::Picture(at + late, image(0)));
+            }
+        }
+    });
+    let error = bench.live.next().unwrap().unwrap_err().to_string();
+    assert!(
+        error.contains("--window") && error.contains("ms apart"),
+        "{error}"
+    );
+    drop(bench);
+    sending.join().unwrap();
+}
+
+#[test]
+fn a_stop_ends_the_captures() {
+    let mut bench = bench();
+    bench.stop.store(true, Relaxed);
+    assert!(bench.live.next().is_none());
+}

@@ -1,0 +1,229 @@
+//! The laws of matching, under cameras that jitter, drop pictures, stop, start late and run at other rates.
+
+use super::*;
+use proptest::prelude::*;
+
+/// Per camera: the times of its pictures, µs.
+type Streams = Vec<Vec<u64>>;
+
+/// A picture: its camera and number.
+type Picture = (usize, usize);
+type Run = (Vec<Set<Picture>>, Matching<Picture>);
+
+/// Pushes all pictures in the order of their times (cameras in order where equal), taking sets as they come.
+fn run(streams: &Streams, window_us: u64) -> Run {
+    let mut arrivals: Vec<(u64, usize, usize)> = Vec::new();
+    for (camera, times) in streams.iter().enumerate() {
+        arrivals.extend(times.iter().enumerate().map(|(n, t)| (*t, camera, n)));
+    }
+    arrivals.sort_unstable();
+    deliver(streams.len(), &arrivals, window_us)
+}
+
+fn deliver(cameras: usize, arrivals: &[(u64, usize, usize)], window_us: u64) -> Run {
+    let mut matching = Matching::new(cameras, window_us);
+    let mut sets = Vec::new();
+    for (time_us, camera, number) in arrivals {
+        matching.push(*camera, *time_us, (*camera, *number));
+        while let Some(set) = matching.take() {
+            sets.push(set);
+        }
+    }
+    (sets, matching)
+}
+
+/// The laws that hold whatever arrives.
+fn assert_laws(
+    streams: &Streams,
+    window_us: u64,
+    sets: &[Set<Picture>],
+    matching: &Matching<Picture>,
+) -> Result<(), TestCaseError> {
+    for set in sets {
+        prop_assert!(set.spread_us() <= window_us);
+        prop_assert_eq!(set.pictures.len(), streams.len());
+        for (camera, (of, number)) in set.pictures.iter().enumerate() {
+            prop_assert_eq!(camera, *of);
+            prop_assert_eq!(streams[camera][*number], set.times_us[camera]);
+        }
+        let [first, last] = [set.times_us.iter().min(), set.times_us.iter().max()];
+        prop_assert!(first <= Some(&set.time_us()) && Some(&set.time_us()) <= last);
+    }
+    for pair in sets.windows(2) {
+        for (before, after) in pair[0].pictures.iter().zip(&pair[1].pictures) {
+            prop_assert!(before.1 < after.1, "{pair:?}");
+        }
+        prop_assert!(pair[0].time_us() < pair[1].time_us());
+    }
+    for (camera, counts) in matching.counts().iter().enumerate() {
+        let waiting = matching.waiting[camera].len();
+        prop_assert!(waiting <= DEPTH);
+        prop_assert_eq!(counts.arrived, streams[camera].len() as u64);
+        prop_assert_eq!(counts.used, sets.len() as u64);
+        prop_assert_eq!(counts.overtaken, 0);
+        let known = counts.used + counts.unmatched + counts.disordered + waiting as u64;
+        prop_assert_eq!(counts.arrived, known);
+    }
+    Ok(())
+}
+
+/// A picture of a camera: how late it is, µs, and whether it is lost.
+fn picture(jitter_us: u64) -> impl Strategy<Value = (u64, bool)> {
+    (0..=jitter_us, prop::bool::weighted(0.15))
+}
+
+/// Cameras that are triggered together every 1,000 µs, each late by a jitter, each losing some pictures.
+fn triggered(jitter_us: u64) -> impl Strategy<Value = Vec<Vec<(u64, bool)>>> {
+    (2usize..=5, 1usize..40).prop_flat_map(move |(cameras, pictures)| {
+        let stream = prop::collection::vec(picture(jitter_us), pictures);
+        prop::collection::vec(stream, cameras)
+    })
+}
+
+const PERIOD_US: u64 = 1_000;
+
+fn times(stream: &[(u64, bool)]) -> Vec<u64> {
+    let times = stream.iter().enumerate();
+    times
+        .filter(|(_, (_, lost))| !lost)
+        .map(|(n, (late, _))| n as u64 * PERIOD_US + late)
+        .collect()
+}
+
+proptest! {
+    #[test]
+    fn laws_hold_for_any_times(
+        gaps in prop::collection::vec(prop::collection::vec(1u64..3_000, 0..30), 2..6),
+        starts in prop::collection::vec(0u64..5_000, 6),
+        window_us in 0u64..2_000,
+    ) {
+        let streams: Streams = gaps.iter().zip(starts).map(|(gaps, start)| {
+            gaps.iter().scan(start, |time, gap| { *time += gap; Some(*time) }).collect()
+        }).collect();
+        let (sets, matching) = run(&streams, window_us);
+        assert_laws(&streams, window_us, &sets, &matching)?;
+    }
+
+    /// Nothing is missed: every trigger at which no camera lost its picture is a set.
+    #[test]
+    fn every_whole_trigger_is_a_set(cameras in triggered(400)) {
+        let streams: Streams = cameras.iter().map(|stream| times(stream)).collect();
+        let (sets, matching) = run(&streams, 400);
+        assert_laws(&streams, 400, &sets, &matching)?;
+        let whole: Vec<u64> = (0..cameras[0].len())
+            .filter(|n| cameras.iter().all(|stream| !stream[*n].1))
+            .map(|n| n as u64)
+            .collect();
+        let found: Vec<u64> = sets.iter().map(|set| set.time_us() / PERIOD_US).collect();
+        prop_assert_eq!(found, whole);
+    }
+
+    /// Which camera's line is slower makes no difference, as long as no more than the depth waits.
+    #[test]
+    fn the_order_of_arrival_makes_no_difference(
+        cameras in triggered(500),
+        delays in prop::collection::vec(0u64..6_000, 5),
+    ) {
+        let streams: Streams = cameras.iter().map(|stream| times(stream)).collect();
+        let (sets, _) = run(&streams, 250);
+        let mut late: Vec<(u64, usize, u64, usize)> = Vec::new();
+        for (camera, times) in streams.iter().enumerate() {
+            late.extend(times.iter().enumerate().map(|(n, t)| (t + delays[camera], camera, *t, n)));
+        }
+        late.sort_unstable();
+        let arrivals: Vec<_> = late.into_iter().map(|(_, camera, t, n)| (t, camera, n)).collect();
+        let (others, _) = deliver(streams.len(), &arrivals, 250);
+        prop_assert_eq!(sets, others);
+    }
+
+    /// The newest set is the last of those that would have come one by one.
+    #[test]
+    fn the_newest_overtakes_the_others(cameras in triggered(100)) {
+        let streams: Streams = cameras.iter().map(|stream| times(&stream[..stream.len().min(DEPTH)])).collect();
+        let (sets, _) = run(&streams, 100);
+        let mut matching = Matching::new(streams.len(), 100);
+        for (camera, times) in streams.iter().enumerate() {
+            for (number, time) in times.iter().enumerate() {
+                matching.push(camera, *time, (camera, number));
+            }
+        }
+        let newest = matching.take_newest();
+        prop_assert_eq!(newest.as_ref(), sets.last());
+        let expected = sets.len().saturating_sub(1) as u64;
+        for counts in matching.counts() {
+            prop_assert_eq!(counts.overtaken, expected);
+            prop_assert_eq!(counts.used, u64::from(!sets.is_empty()));
+        }
+        prop_assert_eq!(matching.take_newest(), None);
+    }
+}
+
+fn every(period_us: u64, from_us: u64, count: u64) -> Vec<u64> {
+    (0..count).map(|n| from_us + n * period_us).collect()
+}
+
+#[test]
+fn a_camera_that_stops_ends_the_sets_and_the_others_pile_up_no_further() {
+    let streams = vec![every(100, 0, 50), every(100, 3, 50), every(100, 5, 20)];
+    let (sets, matching) = run(&streams, 10);
+    assert_eq!(sets.len(), 20);
+    assert_eq!(matching.counts()[0].unmatched, (30 - DEPTH) as u64);
+    assert_eq!(matching.apart_us(), Some(4_903 - 1_905));
+    // It comes back, and so do the sets.
+    let mut back = streams;
+    back[2].extend(every(100, 4_005, 10));
+    assert_eq!(run(&back, 10).0.len(), 30);
+}
+
+#[test]
+fn a_camera_that_starts_late_finds_its_partners_at_once() {
+    let streams = vec![every(100, 0, 30), every(100, 1_402, 16)];
+    let (sets, matching) = run(&streams, 5);
+    assert_eq!(sets.len(), 16);
+    assert_eq!(sets[0].times_us, [1_400, 1_402]);
+    assert_eq!(matching.counts()[0].unmatched, 14);
+    assert_eq!(matching.counts()[1].unmatched, 0);
+}
+
+#[test]
+fn of_a_faster_camera_the_nearest_picture_is_taken() {
+    // Three times as fast, and 12 off: of 988, 1021, 1054 the first is nearest to 1000.
+    let streams = vec![every(100, 1_000, 10), every(33, 988, 29)];
+    let (sets, matching) = run(&streams, 16);
+    assert_eq!(sets.len(), 10, "{sets:?}");
+    for set in &sets {
+        let nearest = streams[1].iter().map(|t| t.abs_diff(set.times_us[0])).min();
+        assert_eq!(Some(set.spread_us()), nearest, "{set:?}");
+    }
+    assert_eq!(matching.counts()[0].unmatched, 0);
+    assert_eq!(matching.counts()[1].unmatched, 19);
+}
+
+#[test]
+fn cameras_that_are_never_near_make_no_set() {
+    let streams = vec![every(100, 0, 40), every(100, 50, 40)];
+    let (sets, matching) = run(&streams, 49);
+    assert!(sets.is_empty());
+    assert_eq!(matching.apart_us(), Some(50));
+    assert_eq!(run(&streams, 50).0.len(), 40);
+}
+
+#[test]
+fn pictures_out_of_order_are_counted_and_not_used() {
+    let mut matching = Matching::new(2, 10);
+    for time_us in [100, 100, 90, 200] {
+        matching.push(0, time_us, time_us);
+    }
+    matching.push(1, 95, 95);
+    assert_eq!(matching.take().map(|set| set.pictures), Some(vec![100, 95]));
+    matching.push(1, 205, 205);
+    assert_eq!(
+        matching.take().map(|set| set.pictures),
+        Some(vec![200, 205])
+    );
+    assert_eq!(matching.counts()[0].disordered, 2);
+    // Of a camera that there is not.
+    matching.push(7, 300, 300);
+    assert_eq!(matching.counts().len(), 2);
+    assert_eq!(Matching::<()>::new(3, 10).apart_us(), None);
+}

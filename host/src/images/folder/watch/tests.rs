@@ -1,0 +1,245 @@
+//! Files that come whole, in halves, late or never. Time is an argument: nothing here waits.
+
+use super::*;
+use crate::images::Image;
+use crate::images::folder::write;
+use std::cell::RefCell;
+use std::rc::Rc;
+use tempfile::TempDir;
+
+struct Bench {
+    folder: TempDir,
+    told: Rc<RefCell<Vec<String>>>,
+    start: Instant,
+}
+
+const NAMES: [&str; 2] = ["left", "right"];
+const SIZE_PX: [u32; 2] = [8, 8];
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            told: Rc::default(),
+            start: Instant::now(),
+        }
+    }
+
+    fn watch(&self, idle_s: Option<u64>) -> Watch<impl FnMut(&InputError)> {
+        let settings = Settings {
+            period_us: 1_000,
+            idle: idle_s.map(Duration::from_secs),
+            stop: Arc::default(),
+        };
+        let told = Rc::clone(&self.told);
+        let tell = move |error: &InputError| told.borrow_mut().push(error.to_string());
+        let names = NAMES.map(String::from);
+        Watch::open(self.folder.path(), &names, SIZE_PX, settings, tell).unwrap()
+    }
+
+    fn at(&self, ms: u64) -> Instant {
+        // Behind the moment at which the watch was opened, whenever that was.
+        self.start + Duration::from_secs(1_000) + Duration::from_millis(ms)
+    }
+
+    fn path(&self, camera: &str, name: &str) -> PathBuf {
+        let folder = self.folder.path().join(camera);
+        fs::create_dir_all(&folder).unwrap();
+        folder.join(name)
+    }
+
+    fn whole(&self, camera: &str, name: &str, grey: u8) {
+        let image = Image {
+            width: 8,
+            height: 8,
+            grey: vec![grey; 64],
+        };
+        write(&self.path(camera, name), &image).unwrap();
+    }
+
+    fn told(&self) -> Vec<String> {
+        self.told.take()
+    }
+}
+
+#[track_caller]
+fn grey(look: Result<Look, InputError>) -> u8 {
+    match look {
+        Ok(Look::Capture(capture)) => capture.views[0].grey[0],
+        other => panic!("{other:?}"),
+    }
+}
+
+#[track_caller]
+fn nothing(look: Result<Look, InputError>) {
+    assert!(matches!(look, Ok(Look::Nothing)), "{look:?}");
+}
+
+#[test]
+fn a_capture_is_given_when_all_its_files_have_settled() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    nothing(watch.look(bench.at(0)));
+    bench.whole("left", "1.png", 7);
+    nothing(watch.look(bench.at(100)));
+    nothing(watch.look(bench.at(900)));
+    bench.whole("right", "1.png", 8);
+    nothing(watch.look(bench.at(1_000)));
+    nothing(watch.look(bench.at(1_199)));
+    assert_eq!(grey(watch.look(bench.at(1_200))), 7);
+    // Once.
+    nothing(watch.look(bench.at(9_000)));
+    assert!(bench.told().is_empty());
+}
+
+#[test]
+fn a_file_that_still_grows_is_not_read() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    for camera in NAMES {
+        bench.whole(camera, "1.png", 7);
+    }
+    let whole = fs::read(bench.path("right", "1.png")).unwrap();
+    // Written byte by byte with pauses shorter and longer than the settling time: what is cut off is never given, and is no error yet.
+    // The last 12 bytes of a PNG only say that it ends.
+    for (step, length) in (1..whole.len() - 16).step_by(9).enumerate() {
+        fs::write(bench.path("right", "1.png"), &whole[..length]).unwrap();
+        let ms = 1_000 * step as u64;
+        for after in [0, 150, 250, 990] {
+            nothing(watch.look(bench.at(ms + after)));
+        }
+    }
+    fs::write(bench.path("right", "1.png"), &whole).unwrap();
+    nothing(watch.look(bench.at(100_000)));
+    assert_eq!(grey(watch.look(bench.at(100_200))), 7);
+}
+
+#[test]
+fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    bench.whole("left", "1.png", 7);
+    fs::write(bench.path("right", "1.png"), b"\x89PNG").unwrap();
+    nothing(watch.look(bench.at(0)));
+    nothing(watch.look(bench.at(1_999)));
+    let error = watch.look(bench.at(2_000)).unwrap_err();
+    assert_eq!(error.file, bench.path("right", "1.png"));
+    // Of another size, likewise.
+    let bench = Bench::new();
+    let mut watch = bench.watch(Some(1));
+    watch.size_px = [9, 8];
+    for camera in NAMES {
+        bench.whole(camera, "1.png", 7);
+    }
+    nothing(watch.look(bench.at(0)));
+    nothing(watch.look(bench.at(999)));
+    let error = watch.look(bench.at(1_000)).unwrap_err();
+    assert!(error.reason.contains("8 x 8 px"), "{error}");
+}
+
+#[test]
+fn captures_come_in_the_order_of_their_names() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    for name in ["view10.png", "view9.png", "view11.png"] {
+        for camera in NAMES {
+            bench.whole(camera, name, name[4..name.len() - 4].parse().unwrap());
+        }
+    }
+    nothing(watch.look(bench.at(0)));
+    let mut times = Vec::new();
+    for expected in [9, 10, 11] {
+        match watch.look(bench.at(300)) {
+            Ok(Look::Capture(capture)) => {
+                assert_eq!(capture.views[1].grey[0], expected);
+                times.push(capture.time_us);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(times, [0, 1_000, 2_000]);
+}
+
+#[test]
+fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    bench.whole("left", "1.png", 1);
+    nothing(watch.look(bench.at(0)));
+    // Without another capture behind it there is no hurry.
+    nothing(watch.look(bench.at(60_000)));
+    for camera in NAMES {
+        bench.whole(camera, "2.png", 2);
+    }
+    assert!(bench.told().is_empty());
+    nothing(watch.look(bench.at(60_100)));
+    assert_eq!(grey(watch.look(bench.at(60_300))), 2);
+    let told = bench.told();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("right/1.png: never came"), "{told:?}");
+
+    // Two behind each other: the first waits its two seconds, then the second comes at once.
+    bench.whole("right", "3.png", 3);
+    for camera in NAMES {
+        bench.whole(camera, "4.png", 4);
+    }
+    nothing(watch.look(bench.at(70_000)));
+    nothing(watch.look(bench.at(71_900)));
+    assert_eq!(grey(watch.look(bench.at(72_000))), 4);
+    assert!(bench.told()[0].contains("left/3.png: never came"));
+    // What comes now is too late: it is told once, the one passed over not again.
+    bench.whole("left", "3.png", 3);
+    bench.whole("left", "0.png", 0);
+    bench.whole("right", "0.png", 0);
+    nothing(watch.look(bench.at(73_000)));
+    nothing(watch.look(bench.at(80_000)));
+    let told = bench.told();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("left/0.png: came after"), "{told:?}");
+}
+
+#[test]
+fn the_end_comes_when_nothing_has_come_for_long_enough() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(Some(10));
+    for camera in NAMES {
+        bench.whole(camera, "1.png", 1);
+    }
+    nothing(watch.look(bench.at(0)));
+    assert_eq!(grey(watch.look(bench.at(300))), 1);
+    nothing(watch.look(bench.at(9_000)));
+    bench.whole("left", "2.png", 2);
+    nothing(watch.look(bench.at(9_500)));
+    nothing(watch.look(bench.at(19_499)));
+    assert!(matches!(watch.look(bench.at(19_500)), Ok(Look::Over)));
+    assert!(bench.told()[0].contains("right/2.png: never came"));
+}
+
+#[test]
+fn hidden_files_and_folders_that_are_made_later_are_no_trouble() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    nothing(watch.look(bench.at(0)));
+    for camera in NAMES {
+        fs::write(bench.path(camera, ".1.png"), b"half").unwrap();
+        fs::write(bench.path(camera, "notes.txt"), b"notes").unwrap();
+    }
+    nothing(watch.look(bench.at(10_000)));
+    for camera in NAMES {
+        bench.whole(camera, ".1.png", 5);
+        fs::rename(bench.path(camera, ".1.png"), bench.path(camera, "1.png")).unwrap();
+    }
+    nothing(watch.look(bench.at(20_000)));
+    assert_eq!(grey(watch.look(bench.at(20_200))), 5);
+}
+
+#[test]
+fn a_stop_ends_it() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    watch.settings.stop.store(true, Relaxed);
+    assert!(watch.next().is_none());
+    let nowhere = bench.folder.path().join("nowhere");
+    let settings = watch.settings.clone();
+    assert!(Watch::open(&nowhere, &[], SIZE_PX, settings, |_| {}).is_err());
+}

@@ -1,0 +1,122 @@
+//! What all points err by together, at every sub-pixel phase of the motion.
+//!
+//! Interpolation errs by where a template lies between the pixels, and by how far it has moved between them. The flow takes its templates at phases
+//! evenly spread, so that most of it averages out; what remains is common to all points, and no residual shows it. Here it is measured: the
+//! displacement that the whole path gives, less the truth, in pixels of the cameras, with hardly any noise.
+
+use super::trial::Posters;
+use crate::flow::{Flow, Settings};
+use crate::images::{Pose, Scene, SceneError, SceneSettings, Shot, TextureKind};
+use crate::random::Random;
+use crate::sums::Sums;
+use shared::estimate::midpoint;
+use shared::rig::Rig;
+
+/// Phases that are tried.
+pub const PHASES: usize = 10;
+/// The largest mean error at any phase that is claimed, px, beyond three times its own uncertainty.
+pub const MOST_PX: f64 = 0.0005;
+/// Sensor noise, grey levels: next to none, but pixels are rounded.
+const NOISE_GREY: f64 = 0.3;
+/// References per poster.
+const PLACES: usize = 3;
+const DEPTH_MM: f64 = 850.0;
+
+/// What came out at one phase.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Phase {
+    /// Shift to the right, px; downwards it is the same less a half.
+    pub shift_px: f64,
+    /// Mean error along x and y, px.
+    pub bias_px: [f64; 2],
+    /// Standard error of that mean, px.
+    pub uncertainty_px: [f64; 2],
+    /// Mean scatter of single flow components, px.
+    pub scatter_px: f64,
+}
+
+impl Phase {
+    /// Whether the bias is within what is claimed.
+    pub fn is_small(&self) -> bool {
+        let within = |i: usize| self.bias_px[i].abs() <= MOST_PX + 3.0 * self.uncertainty_px[i];
+        within(0) && within(1)
+    }
+}
+
+/// Mean over the posters of the seeds `1..=seeds`.
+///
+/// # Errors
+/// If the scene cannot be rendered.
+pub fn run(seeds: u64, told: impl Fn(f64)) -> Result<Vec<Phase>, SceneError> {
+    let rig = Rig::paper();
+    let mm_per_px = DEPTH_MM / rig.mean_focal_px();
+    let mut errors: Vec<Vec<[f64; 2]>> = vec![Vec::new(); PHASES];
+    let mut scatter = [0.0; PHASES];
+    for seed in 1..=seeds {
+        let settings = SceneSettings {
+            depth_mm: DEPTH_MM,
+            ..SceneSettings::default()
+        };
+        let texture = Posters::new(seed).of(TextureKind::Natural, 1.0);
+        let mut scene = Scene::new(&rig, &texture, settings)?;
+        let mut random = Random::new(seed, 12);
+        for _ in 0..PLACES {
+            scene.look_at([(); 2].map(|()| random.between(-300.0, 300.0)));
+            let mut picture = |shift: [f64; 2]| {
+                let pose = Pose {
+                    relative_mm: [shift[0] * mm_per_px, shift[1] * mm_per_px, 0.0],
+                    ..Pose::default()
+                };
+                let shot = Shot {
+                    poses: [pose; 2],
+                    gain: 1.0,
+                    offset_grey: 0.0,
+                    noise_grey: NOISE_GREY,
+                };
+                scene.shoot(&vec![shot; rig.cameras.len()], 0, random.next_u64())
+            };
+            let Ok(mut flow) = Flow::new(&rig, Settings::default()) else {
+                continue;
+            };
+            if flow.set_reference(&picture([0.0; 2])).is_err() {
+                continue;
+            }
+            for phase in 0..PHASES {
+                let shift = shift(phase);
+                let Ok(seen) = flow.measure(&picture(shift)) else {
+                    continue;
+                };
+                let solved = Sums::of(&rig, &seen).and_then(|s| midpoint::solve(&s.centred));
+                if let Ok(solved) = solved {
+                    let error = |i: usize| solved.displacement_mm[i] / mm_per_px - shift[i];
+                    errors[phase].push([error(0), error(1)]);
+                    scatter[phase] += solved.sigma_px;
+                }
+            }
+        }
+        told(seed as f64 / seeds as f64);
+    }
+    Ok((0..PHASES)
+        .map(|p| phase(p, &errors[p], scatter[p]))
+        .collect())
+}
+
+fn shift(phase: usize) -> [f64; 2] {
+    let x = phase as f64 / PHASES as f64;
+    [x, x - 0.5]
+}
+
+fn phase(phase: usize, errors: &[[f64; 2]], scatter: f64) -> Phase {
+    let count = errors.len() as f64;
+    let bias_px = [0, 1].map(|i| errors.iter().map(|e| e[i]).sum::<f64>() / count);
+    let uncertainty_px = [0, 1].map(|i| {
+        let squares: f64 = errors.iter().map(|e| (e[i] - bias_px[i]).powi(2)).sum();
+        (squares / (count * (count - 1.0))).sqrt()
+    });
+    Phase {
+        shift_px: shift(phase)[0],
+        bias_px,
+        uncertainty_px,
+        scatter_px: scatter / count,
+    }
+}

@@ -1,0 +1,91 @@
+//! All conditions over all seeds, on a few threads.
+
+use super::condition::Condition;
+use super::tally::Tally;
+use super::trial::{Bench, Outcome, Posters};
+use crate::images::SceneError;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+
+/// What came out of one condition.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Which.
+    pub condition: &'static Condition,
+    /// In all.
+    pub tally: Tally,
+    /// By noise, grey levels.
+    pub by_noise: Vec<(f64, Tally)>,
+}
+
+/// One seed of one condition: noise and outcome of each trial.
+type Outcomes = Vec<(f64, Outcome)>;
+/// One seed of all conditions.
+type OfSeed = Result<Vec<Outcomes>, SceneError>;
+
+/// Runs `conditions` with the seeds `1..=seeds` on so many threads. `told` hears of progress, 0 to 1.
+///
+/// # Errors
+/// If a condition's scene cannot be rendered.
+pub fn run(
+    conditions: &[&'static Condition],
+    seeds: u64,
+    threads: usize,
+    told: impl Fn(f64) + Sync,
+) -> Result<Vec<Row>, SceneError> {
+    let next = AtomicU64::new(0);
+    let done = AtomicU64::new(0);
+    let all = (seeds * conditions.len() as u64).max(1) as f64;
+    let found: Mutex<Vec<(u64, OfSeed)>> = Mutex::default();
+    let work = || {
+        loop {
+            let seed = 1 + next.fetch_add(1, Ordering::Relaxed);
+            if seed > seeds {
+                return;
+            }
+            let mut posters = Posters::new(seed);
+            let outcomes: OfSeed = (conditions.iter())
+                .map(|condition| {
+                    let outcomes = Bench::new(condition, &mut posters).map(|mut b| b.run());
+                    told((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all);
+                    outcomes
+                })
+                .collect();
+            if let Ok(mut found) = found.lock() {
+                found.push((seed, outcomes));
+            }
+        }
+    };
+    thread::scope(|scope| {
+        for _ in 1..threads.max(1) {
+            scope.spawn(work);
+        }
+        work();
+    });
+    let mut found = found.into_inner().unwrap_or_default();
+    // Sums in the order of the seeds: the same bits however many threads there were.
+    found.sort_by_key(|(seed, _)| *seed);
+    let mut rows: Vec<Row> = (conditions.iter())
+        .map(|condition| Row {
+            condition,
+            tally: Tally::default(),
+            by_noise: (condition.noise_grey.iter())
+                .map(|noise| (*noise, Tally::default()))
+                .collect(),
+        })
+        .collect();
+    for (_, outcomes) in found {
+        for (row, outcomes) in rows.iter_mut().zip(outcomes?) {
+            for (noise, outcome) in outcomes {
+                row.tally.add(&outcome);
+                for (of, tally) in &mut row.by_noise {
+                    if *of == noise {
+                        tally.add(&outcome);
+                    }
+                }
+            }
+        }
+    }
+    Ok(rows)
+}

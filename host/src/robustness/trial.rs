@@ -1,0 +1,315 @@
+//! One reference, one motion, one measurement.
+
+use super::condition::{Change, Condition, Failure, Said};
+use crate::flow::team::Absence;
+use crate::flow::{Flow, Measurement, Refusal, Settings};
+use crate::images::{
+    Capture, Image, Pose, Scene, SceneError, SceneSettings, Shot, Texture, TextureKind,
+};
+use crate::random::Random;
+use crate::sums::Sums;
+use shared::estimate::midpoint;
+use shared::rig::Rig;
+
+/// Motions that are tried with every poster and noise.
+pub const MOVES: usize = 4;
+
+/// What a trial gave.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// A displacement.
+    Measured {
+        /// Less the truth, mm.
+        error_mm: [f64; 3],
+        /// As stated, mm.
+        sigma_mm: [f64; 3],
+        /// Points behind it.
+        points: usize,
+        /// Whether the measurement said of itself what it had to.
+        said: bool,
+    },
+    /// None, for this reason.
+    Refused(&'static str),
+}
+
+/// Posters by kind, of one seed: drawn once, hung many times.
+#[derive(Debug)]
+pub struct Posters {
+    seed: u64,
+    drawn: Vec<(TextureKind, Texture)>,
+}
+
+impl Posters {
+    /// None is drawn yet.
+    pub fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            drawn: Vec::new(),
+        }
+    }
+
+    /// With so much of its contrast.
+    pub fn of(&mut self, kind: TextureKind, contrast: f64) -> Texture {
+        if !self.drawn.iter().any(|(drawn, _)| *drawn == kind) {
+            let texture = Texture::of_kind(kind, self.seed);
+            self.drawn.push((kind, texture));
+        }
+        let found = self.drawn.iter().find(|(drawn, _)| *drawn == kind);
+        let mut texture = found.map_or_else(|| Texture::of_kind(kind, self.seed), |f| f.1.clone());
+        for grey in &mut texture.grey {
+            // Less contrast around a grey that leaves room for more light.
+            *grey = (100.0 + contrast * (f64::from(*grey) - 128.0) + 28.0 * contrast) as f32;
+        }
+        texture
+    }
+}
+
+/// A condition with one seed's poster hung.
+pub struct Bench<'a> {
+    condition: &'a Condition,
+    rig: Rig,
+    scene: Scene,
+    /// In front of the target, or in its place.
+    other: Option<Scene>,
+    depth_mm: f64,
+    random: Random,
+}
+
+/// Nearness of what covers the target, as a share of its depth.
+const COVER: f64 = 0.82;
+
+impl<'a> Bench<'a> {
+    /// Hangs the poster.
+    ///
+    /// # Errors
+    /// If the condition's scene cannot be rendered.
+    pub fn new(condition: &'a Condition, posters: &mut Posters) -> Result<Self, SceneError> {
+        let rig = (condition.rig)();
+        let stream = condition.name.bytes().fold(7_u64, |hash, byte| {
+            hash.wrapping_mul(1_099_511_628_211) ^ u64::from(byte)
+        });
+        let mut random = Random::new(posters.seed, stream);
+        let [low, high] = condition.depth_mm;
+        let depth_mm = random.between(low, high);
+        let about = random.between(0.0, core::f64::consts::TAU);
+        let tilt = random.unit().sqrt() * condition.tilt_deg.to_radians();
+        let settings = SceneSettings {
+            depth_mm,
+            tilt_rad: [tilt * about.cos(), tilt * about.sin()],
+            ..SceneSettings::default()
+        };
+        let texture = posters.of(condition.texture, condition.contrast);
+        let scene = Scene::new(&rig, &texture, settings)?;
+        let other_depth = match condition.change {
+            Change::Cover => Some(COVER * depth_mm),
+            Change::Replaced => Some(depth_mm),
+            _ => None,
+        };
+        let hang = |depth_mm| {
+            let settings = SceneSettings {
+                depth_mm,
+                ..settings
+            };
+            let other = Texture::of_kind(condition.texture, posters.seed ^ 0x5eed);
+            Scene::new(&rig, &other, settings)
+        };
+        let other = other_depth.map(hang).transpose()?;
+        Ok(Self {
+            condition,
+            rig,
+            scene,
+            other,
+            depth_mm,
+            random,
+        })
+    }
+
+    /// All noises and motions.
+    pub fn run(&mut self) -> Vec<(f64, Outcome)> {
+        let mut outcomes = Vec::new();
+        for noise_grey in self.condition.noise_grey {
+            for _ in 0..MOVES {
+                let outcome = self.trial(*noise_grey);
+                let outcome = outcome.unwrap_or_else(|refusal| Outcome::Refused(refusal.name()));
+                outcomes.push((*noise_grey, outcome));
+            }
+        }
+        outcomes
+    }
+
+    /// A motion along a random direction, mm.
+    fn motion(&mut self) -> [f64; 3] {
+        let mm_per_px = self.depth_mm / self.rig.mean_focal_px();
+        let [low, high] = self.condition.move_px.map(|px| px * mm_per_px);
+        let away = self.condition.away * self.depth_mm;
+        let length = self.random.between(low, high);
+        let angle = self.random.between(0.0, core::f64::consts::TAU);
+        let z = self.random.between(-away, away);
+        [length * angle.cos(), length * angle.sin(), z]
+    }
+
+    fn trial(&mut self, noise_grey: f64) -> Result<Outcome, Refusal> {
+        let moved = self.motion();
+        // Another part of the poster every time, at every phase.
+        let place = [(); 2].map(|()| self.random.between(-300.0, 300.0));
+        self.scene.look_at(place);
+        if let Some(other) = &mut self.other {
+            other.look_at(place);
+        }
+        let seed = self.random.next_u64();
+        let cameras = self.rig.cameras.len();
+        let which = self.random.below(cameras);
+
+        let still = Shot {
+            poses: [Pose::default(); 2],
+            gain: 1.0,
+            offset_grey: 0.0,
+            noise_grey,
+        };
+        let at = |relative_mm: [f64; 3]| Pose {
+            relative_mm,
+            ..Pose::default()
+        };
+        let mut shots = vec![
+            Shot {
+                poses: [at(moved); 2],
+                ..still
+            };
+            cameras
+        ];
+        let random = &mut self.random;
+        match self.condition.change {
+            Change::Light { per_camera } => {
+                let mut light = || (random.between(0.7, 1.4), random.between(-20.0, 20.0));
+                let common = light();
+                for shot in &mut shots {
+                    (shot.gain, shot.offset_grey) = if per_camera { light() } else { common };
+                }
+            }
+            Change::Smear { px } => {
+                let half = 0.5 * random.unit() * px * self.depth_mm / self.rig.mean_focal_px();
+                let angle = random.between(0.0, core::f64::consts::TAU);
+                let along = [half * angle.cos(), half * angle.sin(), 0.0];
+                let ends =
+                    [-1.0, 1.0].map(|s| at(std::array::from_fn(|i| moved[i] + s * along[i])));
+                for shot in &mut shots {
+                    shot.poses = ends;
+                }
+            }
+            Change::Turn {
+                axis,
+                degrees: [low, high],
+            } => {
+                let angle = random.between(low, high);
+                let way = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+                let mut pose = at(moved);
+                pose.turned_deg[axis] = way * angle;
+                for shot in &mut shots {
+                    shot.poses = [pose; 2];
+                }
+            }
+            Change::Late { share: [low, high] } => {
+                let share = 1.0 + random.between(low, high);
+                shots[which].poses = [at(moved.map(|m| share * m)); 2];
+            }
+            Change::Nothing | Change::Cover | Change::Replaced | Change::Fail(_) => {}
+        }
+        let mut before = self.scene.shoot(&vec![still; cameras], 0, seed);
+        let mut now = self.scene.shoot(&shots, 33_333, seed ^ 1);
+        match (self.condition.change, &self.other) {
+            (Change::Cover, Some(cover)) => {
+                let own = self.motion_of_cover(moved);
+                let shift = |shot: &Shot, mm: [f64; 3]| Shot {
+                    poses: [at(mm); 2],
+                    ..*shot
+                };
+                let front = cover.shoot(&vec![shift(&still, [0.0; 3]); cameras], 0, seed ^ 2);
+                self.cover(&mut before, front, [0.0; 3]);
+                let front = cover.shoot(&vec![shift(&still, own); cameras], 0, seed ^ 3);
+                self.cover(&mut now, front, own);
+            }
+            (Change::Replaced, Some(other)) => now = other.shoot(&shots, 33_333, seed ^ 1),
+            (Change::Fail(failure), _) => {
+                let view = &mut now.views[which];
+                match failure {
+                    Failure::Missing => *view = Image::missing(),
+                    Failure::Frozen => view.clone_from(&before.views[which]),
+                    Failure::Dark => {
+                        let noise = Random::new(seed, 99);
+                        *view = dark(view, noise_grey, noise);
+                    }
+                }
+            }
+            _ => {}
+        }
+        let mut flow = Flow::new(&self.rig, Settings::default())?;
+        flow.set_reference(&before)?;
+        let seen = flow.measure(&now)?;
+        let sums = Sums::of(&self.rig, &seen).map_err(|_| Refusal::WrongRig)?;
+        let estimate = midpoint::solve(&sums.centred).map_err(|_| Refusal::WrongRig)?;
+        Ok(Outcome::Measured {
+            error_mm: std::array::from_fn(|i| estimate.displacement_mm[i] - moved[i]),
+            sigma_mm: estimate.sigma_mm(),
+            points: seen.tracks.len(),
+            said: says(&seen, self.condition, which),
+        })
+    }
+
+    /// Differs from the target's by at least two pixels.
+    fn motion_of_cover(&self, moved: [f64; 3]) -> [f64; 3] {
+        let mut random = self.random.clone();
+        let px = self.depth_mm / self.rig.mean_focal_px();
+        let angle = random.between(0.0, core::f64::consts::TAU);
+        let length = random.between(2.0, 15.0) * px;
+        [
+            moved[0] + length * angle.cos(),
+            moved[1] + length * angle.sin(),
+            moved[2] + random.between(-5.0, 5.0),
+        ]
+    }
+
+    /// Puts `front` before the right two fifths of the middle view; its left edge is a vertical line in space.
+    fn cover(&self, capture: &mut Capture, front: Capture, moved: [f64; 3]) {
+        let z = COVER * self.depth_mm;
+        let middle = &self.rig.cameras[self.rig.cameras.len() / 2];
+        let [x, _] = middle.normalise([0.6 * f64::from(self.rig.image_size_px[0]), 0.0]);
+        let edge_mm = [x * z + moved[0], 0.0, z + moved[2]];
+        let views = capture.views.iter_mut().zip(front.views);
+        for ((view, front), camera) in views.zip(&self.rig.cameras) {
+            let [edge, _] = camera.project(edge_mm);
+            for (i, grey) in view.grey.iter_mut().enumerate() {
+                if (i % view.width) as f64 > edge {
+                    *grey = front.grey[i];
+                }
+            }
+        }
+    }
+}
+
+/// The inside of a lens cap.
+fn dark(like: &Image, noise_grey: f64, mut random: Random) -> Image {
+    let grey = || (5.0 + noise_grey * random.gaussian()).round() as u8;
+    Image {
+        grey: std::iter::repeat_with(grey).take(like.grey.len()).collect(),
+        ..*like
+    }
+}
+
+/// Whether the measurement says of its cameras what it has to, and nothing else. `which` is at fault.
+fn says(seen: &Measurement, condition: &Condition, which: usize) -> bool {
+    let expected = |absence: &Absence| match (condition.change, absence) {
+        (Change::Fail(failure), absence) => matches!(
+            (failure, absence),
+            (Failure::Missing, Absence::Missing)
+                | (Failure::Dark, Absence::Blank)
+                | (Failure::Frozen, Absence::Frozen)
+        ),
+        (Change::Late { .. }, Absence::OutOfStep { share }) => *share > 0.0,
+        _ => false,
+    };
+    match seen.absent.as_slice() {
+        [] => condition.expected.said == Said::Nothing,
+        [(camera, absence)] => *camera == which && expected(absence),
+        _ => false,
+    }
+}

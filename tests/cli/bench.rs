@@ -1,0 +1,98 @@
+//! `bench flow`: what it prints. How long anything takes is the machine's affair and no test's.
+
+use std::path::Path;
+
+use serde_json::Value;
+use trinocular_tests::binary::Outcome;
+
+use super::folder::{AT_REST, desk_with_views};
+use super::run;
+
+const STAGES: [&str; 6] = [
+    "filter",
+    "corners",
+    "spatial",
+    "search",
+    "temporal",
+    "consensus",
+];
+
+/// One JSON object with the documented keys, its times in order.
+#[track_caller]
+fn report(outcome: &Outcome) -> Value {
+    let lines = outcome.good_json();
+    assert_eq!(lines.len(), 1, "{}", outcome.stdout);
+    for spread in ["frame_set_ms", "keyframe_ms"] {
+        let [median, least] = ["median", "min"].map(|key| lines[0][spread][key].as_f64());
+        assert!(
+            least > Some(0.0) && median >= least,
+            "{spread}: {}",
+            lines[0]
+        );
+    }
+    let stages = lines[0]["stages_ms"].as_object().expect("an object");
+    for stage in STAGES {
+        let median = stages.get(stage).and_then(Value::as_f64);
+        assert!(median >= Some(0.0), "{stage}: {}", lines[0]);
+    }
+    assert_eq!(stages.len(), STAGES.len(), "{stages:?}");
+    assert!(lines[0]["points"].as_u64() >= Some(8), "{}", lines[0]);
+    lines[0].clone()
+}
+
+#[test]
+fn a_folder_is_timed_as_often_as_wanted() {
+    let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0]), Some([4.0, 4.0, 1.0])]);
+    let bench = |more: &[&str]| {
+        let mut arguments = vec!["bench", "flow", "views"];
+        arguments.extend(more);
+        run(desk.folder.path(), &arguments)
+    };
+    let with_rig = ["--rig", "rig.toml", "--json", "--repeat", "2"];
+    let one = report(&bench(&with_rig));
+    // Three captures make two frame sets each time.
+    assert_eq!(one["frame_sets"], 4, "{one}");
+    assert_eq!(one["captures"], 3);
+    assert_eq!(one["threads"], 1);
+    assert_eq!(one["refused"], 0);
+    // Threads share the work; what is found is the same.
+    let two = report(&bench(&[&with_rig[..], &["--threads", "2"]].concat()));
+    assert_eq!(two["threads"], 2);
+    assert_eq!(two["points"], one["points"]);
+    let fewer = report(&bench(&[&with_rig[..], &["--corners", "50"]].concat()));
+    assert_eq!(fewer["corners"], 50);
+    assert!(
+        fewer["points"].as_u64() < one["points"].as_u64(),
+        "{fewer} {one}"
+    );
+
+    let table = bench(&["--rig", "rig.toml", "--repeat", "1"]);
+    assert_eq!(table.code, Some(0), "{}", table.stderr);
+    for part in ["frame set", "keyframe", "spatial", "points"] {
+        assert!(table.stdout.contains(part), "{}", table.stdout);
+    }
+}
+
+#[test]
+fn photographs_need_no_rig() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let bench = ["bench", "flow", "images/teddy", "--repeat", "1", "--json"];
+    report(&run(root, &bench));
+}
+
+#[test]
+fn what_cannot_be_timed_is_refused() {
+    let desk = desk_with_views(&[None]);
+    let bench = |words: &[&str]| run(desk.folder.path(), words);
+    bench(&["bench", "flow", "nowhere", "--json"]).failed(1, &["nowhere"]);
+    let blank = ["bench", "flow", "views", "--rig", "rig.toml"];
+    bench(&blank).failed(1, &["views", "texture"]);
+    for misused in [
+        &["bench"][..],
+        &["bench", "flow"],
+        &["bench", "flow", "views", "--repeat", "0"],
+        &["bench", "flow", "views", "--threads", "0"],
+    ] {
+        assert_eq!(bench(misused).code, Some(2), "{misused:?}");
+    }
+}

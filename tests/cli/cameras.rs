@@ -1,0 +1,45 @@
+//! `track --cameras` on a computer without cameras: what is wrong is named, with what to do.
+
+use super::{Desk, run};
+
+const DEVICES: &str = "/dev/no-left,/dev/no-middle,/dev/no-right";
+
+fn track(desk: &Desk, more: &[&str]) -> super::Outcome {
+    let mut arguments = vec!["track", "--cameras", DEVICES];
+    arguments.extend(more);
+    run(desk.folder.path(), &arguments)
+}
+
+#[test]
+fn a_device_that_is_not_there_is_named_with_what_to_do() {
+    let advice = match cfg!(feature = "camera") {
+        true => "no such camera: plug it in",
+        false => "cargo build --release --features host/camera",
+    };
+    let desk = Desk::new();
+    track(&desk, &["--rig", "rig.toml"]).failed(1, &["/dev/no-left: ", advice]);
+}
+
+#[test]
+fn cameras_and_rig_must_fit_before_a_device_is_opened() {
+    let desk = Desk::new();
+    let two = ["track", "--cameras", "/dev/a,/dev/b", "--rig", "rig.toml"];
+    let outcome = run(desk.folder.path(), &two);
+    outcome.failed(2, &["2 devices", "3 cameras", "left, middle, right"]);
+    assert_eq!(track(&desk, &[]).code, Some(2));
+    track(&desk, &["--rig", "rig.toml", "--window", "17"]).failed(2, &["--window is 17"]);
+    // What a real stage is must be known; nothing is opened or moved.
+    let port = ["--rig", "rig.toml", "--port", "/dev/no-port"];
+    track(&desk, &port).failed(1, &["rig.toml", "[stage]"]);
+    let fixed = ["--rig", "rig.toml", "--fixed"];
+    track(&desk, &fixed).failed(2, &["--fixed goes with --cameras and --port"]);
+    for option in [
+        &["--fixed"][..],
+        &["--window", "1"],
+        &["--delay", "9"],
+        &["--idle", "9"],
+    ] {
+        let words = [&["track", "--sim", "--seconds", "1"][..], option].concat();
+        run(desk.folder.path(), &words).failed(2, &[option[0], "goes with"]);
+    }
+}

@@ -1,0 +1,104 @@
+//! Captures that come from outside, followed by a station whose stage carries the cameras: what `track --cameras` does, but for the cameras. The twin is the
+//! station, so that no second is waited for.
+
+use host::experiment::follower::{Follower, Place};
+use host::experiment::pursuit::{Clock, Pursuit};
+use host::images::{Capture, Scene, SceneSettings, Texture};
+use host::station::stage::default_stage;
+use host::sums::Estimator;
+use shared::frame::message::Mounting;
+use shared::rig::Rig;
+
+const PERIOD_US: u64 = 33_333;
+
+/// Where the target ends, and how long it takes to get there.
+const TARGET_MM: [f64; 3] = [4.0, -3.0, 1.5];
+const WAY_US: u64 = 2_000_000;
+
+/// Of the cameras from the target at rest, mm: what the project sets itself for the paper's Table 6.
+const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
+
+struct Bench {
+    scene: Scene,
+    pursuit: Pursuit,
+}
+
+impl Bench {
+    fn new(clock: Clock) -> Self {
+        let rig = Rig::paper();
+        let stage = default_stage();
+        let station = Follower::start_as(Place::Twin, &stage, Mounting::OnStage);
+        let station = station.expect("a station");
+        let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default());
+        Self {
+            scene: scene.expect("a scene"),
+            pursuit: Pursuit::new(&rig, Estimator::Midpoint, clock, station).expect("a rig"),
+        }
+    }
+
+    /// What the cameras see now of a target at `target_mm`.
+    fn capture(&self, target_mm: [f64; 3], time_us: u64) -> Capture {
+        let camera_mm = self.pursuit.station().position_mm();
+        let relative_mm = std::array::from_fn(|i| target_mm[i] - camera_mm[i]);
+        self.scene.render(relative_mm, time_us, time_us)
+    }
+}
+
+#[test]
+fn cameras_on_the_stage_stay_with_the_target() {
+    let mut bench = Bench::new(Clock::Virtual {
+        latency_us: 20_000,
+        period_us: PERIOD_US,
+    });
+    let (mut used, mut refused) = (0, Vec::new());
+    for number in 0..100 {
+        let time_us = number * PERIOD_US;
+        let share = time_us.min(WAY_US) as f64 / WAY_US as f64;
+        let capture = bench.capture(TARGET_MM.map(|mm| share * mm), time_us);
+        let followed = bench.pursuit.follow(&capture).expect("a station");
+        match followed.map(|followed| followed.displacement_mm) {
+            None => assert_eq!(number, 0),
+            Some(Ok(_)) => used += 1,
+            Some(Err(reason)) => refused.push(reason),
+        }
+    }
+    assert!(used >= 95, "{used} used: {refused:?}");
+    let rest_mm = bench.pursuit.rest().expect("a station");
+    let error_mm: [f64; 3] = std::array::from_fn(|i| rest_mm[i] - TARGET_MM[i]);
+    println!("{used} used, {error_mm:.4?} mm off at rest");
+    for (error_mm, bound_mm) in error_mm.into_iter().zip(BOUND_MM) {
+        assert!(error_mm.abs() <= bound_mm, "{rest_mm:?}");
+    }
+}
+
+/// The captures' clock is five seconds ahead; a frame that is taken for one of the future would be refused, as one is whose time is really wrong.
+#[test]
+fn two_real_clocks_are_brought_together() {
+    const AHEAD_US: i64 = 5_000_000;
+    let mut bench = Bench::new(Clock::Real {
+        offset_us: -AHEAD_US,
+    });
+    let mut outcomes = Vec::new();
+    for number in 0..12 {
+        // A frame takes two milliseconds of the twin's time.
+        let now_us = bench.pursuit.station().now().micros() + AHEAD_US as u64;
+        let late_us = if number == 8 { 1_000_000 } else { 0 };
+        let mut capture = bench.capture([0.0; 3], now_us);
+        capture.time_us += late_us;
+        let followed = bench.pursuit.follow(&capture).expect("a station");
+        outcomes.push(followed.map(|followed| followed.displacement_mm));
+    }
+    assert_eq!(outcomes[0], None);
+    // No time has passed since the first.
+    assert!(matches!(&outcomes[1], Some(Err(reason)) if reason.contains("not after")));
+    for (number, outcome) in outcomes.iter().enumerate().skip(2) {
+        match outcome {
+            Some(Err(reason)) if number == 8 => assert!(reason.contains("future"), "{reason}"),
+            Some(Ok(displacement_mm)) if number != 8 => {
+                let [x, y, z] = displacement_mm;
+                assert!(x.abs().max(y.abs()) < 0.02 && z.abs() < 0.05, "{outcome:?}");
+            }
+            other => panic!("{number}: {other:?}"),
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! A small part of `trinocular bench robustness`, which asserts more with more measurements.
+
+use host::robustness::tally::{Tally, failures_of_all};
+use host::robustness::{condition, phase, sweep};
+
+/// Every condition with one poster: measured or refused as it should be, no gross error, and sigma near the truth. Some 280 measurements share posters,
+/// so limits are half as wide again as those of the full sweep.
+#[test]
+fn every_condition_is_measured_rightly_or_refused_for_its_reason() {
+    let all: Vec<&condition::Condition> = condition::ALL.iter().collect();
+    let rows = sweep::run(&all, 1, 2, |_| {}).expect("scenes that can be rendered");
+    let mut total = Tally::default();
+    let mut failures = Vec::new();
+    for row in &rows {
+        failures.extend(row.tally.failures(row.condition));
+        total.merge(&row.tally);
+    }
+    failures.extend(failures_of_all(&total, 1.5));
+    println!("{} measured, error²/sigma² {:.2?}", total.measured, total.normalised());
+    assert!(failures.is_empty(), "{failures:#?}");
+    assert!(total.measured > 200 && total.refused.len() >= 4, "{total:?}");
+}
+
+/// The claim about sub-pixel bias, with two posters.
+#[test]
+fn no_phase_of_the_pixel_grid_pulls_all_points_along() {
+    let phases = phase::run(2, |_| {}).expect("a scene that can be rendered");
+    assert_eq!(phases.len(), phase::PHASES);
+    for phase in phases {
+        println!("{phase:+.5?}");
+        assert!(phase.is_small(), "{phase:?}");
+        assert!(phase.uncertainty_px.iter().all(|u| *u < 0.0006), "{phase:?}");
+    }
+}
