@@ -18,7 +18,7 @@ use super::Machine;
 use super::command::to_centre;
 use crate::fixed::{shift_right_rounded, times};
 use crate::frame::message::{Denial, HomeSwitch, Side};
-use crate::motion::{Limits, Planner};
+use crate::motion::Limits;
 use crate::safety::{Fault, State, Trust};
 
 /// Ticks that a contact must stay as it is.
@@ -291,13 +291,15 @@ impl Machine {
     /// Sends one axis to `place`, 2⁻³² steps, with these limits; at rest.
     fn send_axis(&mut self, axis: usize, place: i64, limits: Limits) {
         self.limit_to(limits);
-        let mut target = self.position();
-        if let Some(target) = target.get_mut(axis) {
-            *target = place;
+        let Some(planner) = &mut self.planner else {
+            return;
+        };
+        // The others stay between two steps if an abrupt stop left them there: one may stand on a switch.
+        let mut targets = planner.loads();
+        if let Some(target) = targets.get_mut(axis) {
+            *target = to_centre(place);
         }
-        if let Some(planner) = &mut self.planner {
-            Planner::set_target(planner, target.map(to_centre));
-        }
+        planner.set_target(targets);
     }
 }
 
