@@ -8,12 +8,12 @@
 //!
 //! # Unseen motion
 //! Counted is the way `m` towards the target, together with the largest and the smallest `|e|` since the count began. The count begins anew
-//! whenever `|e|` has become smaller by `m/`[`SHARE`], when the target is on the other side, or when it is near: within the bound over [`FLOOR`].
+//! whenever `|e|` has become smaller by `m/4`, when the target is on the other side, or when it is near: within an eighth of the bound.
 //! So a target at rest that the stage really moves to never counts.
 //!
 //! A target in motion is followed without coming nearer, too; but from near by, and if it speeds up or turns from a distance that changes. So a count
-//! beyond the bound is a fault only if `|e|` changed by less than `m/`[`STEADY`], as it does before a stage that stands still, or if it grew beyond
-//! the bound over [`GROWN`].
+//! beyond the bound is a fault only if `|e|` changed by less than `m/10`, as it does before a stage that stands still, or if it grew beyond
+//! half the bound.
 //!
 //! A stall is noticed when the stage was sent the bound's length in vain, if the target is not near by then. With prediction switched off the
 //! stage follows from a distance that is steady; then nothing is counted.
