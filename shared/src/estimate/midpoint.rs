@@ -94,7 +94,8 @@ pub struct FixedEstimate {
 impl FixedEstimate {
     /// Standard deviation per axis, nm, rounded down.
     pub fn sigma_nm(&self) -> [u32; 3] {
-        self.variance_nm2.map(square_root)
+        let [x, y, z] = self.variance_nm2;
+        [square_root(x), square_root(y), square_root(z)]
     }
 }
 

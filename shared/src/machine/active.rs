@@ -35,7 +35,7 @@ pub(super) struct Active {
     /// What each axis can do, and so the most that a target can be followed in.
     pub reach: [Reach; 3],
     /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
-    pub bounds: Bounds,
+    pub bounds: Option<Bounds>,
     /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera axes' errors have in common is left out.
     variances: Matrix3<f32>,
 }
@@ -86,9 +86,10 @@ impl Active {
             }),
             reach: config.axes.map(reach),
             variances: variances(config),
-            bounds: Bounds::default(),
+            bounds: None,
         };
-        active.bounds = active.bounds();
+        let bounds = active.bounds();
+        active.bounds = (bounds != Bounds::default()).then_some(bounds);
         Ok(active)
     }
 
@@ -124,14 +125,15 @@ impl Active {
 
     /// A displacement in camera axes to one in stage axes: matrix, then resolution.
     pub fn to_stage(&self, camera_nm: DisplacementNm) -> Fine {
-        let row = |row: [i32; 3]| -> i64 {
-            let products = row
-                .iter()
-                .zip(camera_nm)
-                .map(|(m, nm)| multiply_shift(*m, nm, MATRIX_BITS));
-            products.fold(0, i64::wrapping_add) // three terms below 2^34 each
-        };
-        self.fine(self.config.matrix.map(row))
+        // Loops over references: mapping arrays by value copies them.
+        let mut stage_nm = [0_i64; 3];
+        for (sum, row) in stage_nm.iter_mut().zip(&self.config.matrix) {
+            for (m, nm) in row.iter().zip(camera_nm) {
+                // Three terms below 2^34 each.
+                *sum = sum.wrapping_add(multiply_shift(*m, nm, MATRIX_BITS));
+            }
+        }
+        self.fine(stage_nm)
     }
 
     /// Standard deviations along the camera axes, nm, to variances along the stage axes, steps².
@@ -142,13 +144,12 @@ impl Active {
 
     /// Stage distances in nm to 2⁻³² steps, saturating.
     pub fn fine(&self, stage_nm: [i64; 3]) -> Fine {
-        core::array::from_fn(|axis| {
-            let (Some(nm), Some(scale)) = (stage_nm.get(axis), self.fine_per_nm.get(axis)) else {
-                return 0;
-            };
-            let product = wide(*nm, *scale) >> SCALE_BITS;
-            i64::try_from(product).unwrap_or(if *nm < 0 { i64::MIN } else { i64::MAX })
-        })
+        let mut fine = [0; 3];
+        for ((fine, nm), scale) in fine.iter_mut().zip(stage_nm).zip(&self.fine_per_nm) {
+            let product = wide(nm, *scale) >> SCALE_BITS;
+            *fine = i64::try_from(product).unwrap_or(if nm < 0 { i64::MIN } else { i64::MAX });
+        }
+        fine
     }
 
     /// Stage distances in µm to 2⁻³² steps, saturating.

@@ -10,11 +10,11 @@ use crate::steps::Position;
 use crate::track::{Fine, add};
 
 impl Machine {
-    pub(super) fn apply(&mut self, sequence: u16, command: Command) -> Result<(), Denial> {
+    pub(super) fn apply(&mut self, sequence: u16, command: &Command) -> Result<(), Denial> {
         match command {
-            Command::Config(config) => self.configure(&config),
+            Command::Config(config) => self.configure(config),
             Command::Frame(frame) => {
-                let outcome = self.follow(sequence, &frame);
+                let outcome = self.follow(sequence, frame);
                 let counter = if outcome.is_ok() {
                     &mut self.frames_used
                 } else {
@@ -23,11 +23,11 @@ impl Machine {
                 *counter = counter.wrapping_add(1);
                 outcome
             }
-            Command::Setpoint { position_um } => self.setpoint(position_um),
-            Command::Jog { distance_um } => self.jog(distance_um),
+            Command::Setpoint { position_um } => self.setpoint(*position_um),
+            Command::Jog { distance_um } => self.jog(*distance_um),
             Command::Zero => self.zero(),
             Command::Reset => self.reset(),
-            Command::Home { axes } => self.home(axes),
+            Command::Home { axes } => self.home(*axes),
             // Handled on arrival.
             Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
         }

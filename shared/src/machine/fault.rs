@@ -27,8 +27,10 @@ impl Machine {
             }
         }
         let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
-        let queued_us = lag.saturating_mul(1_000_000) / u64::from(self.board.word_rate.hz());
-        if !self.stands() && queued_us > u64::from(self.board.delay_us) + MAX_LAG_US {
+        // In word periods times a million rather than in µs: no division.
+        let most_us = u64::from(self.board.delay_us) + MAX_LAG_US;
+        let most = most_us * u64::from(self.board.word_rate.hz());
+        if lag.saturating_mul(1_000_000) > most && !self.stands() {
             self.fail(Fault::Underrun);
         }
     }

@@ -2,14 +2,13 @@
 
 use super::Machine;
 use super::command::to_centre;
-use crate::estimate::{DisplacementNm, Gate, closed_form, midpoint};
+use crate::estimate::{DisplacementNm, Gate, Refusal, closed_form, midpoint};
 use crate::frame::message::{Denial, EstimateReport, Frame, Sums};
 use crate::safety::State;
 use crate::steps::Position;
 use crate::time::Instant;
 use crate::track::history::Unknown;
 use crate::track::pursuit::{Aim, Measurement};
-use crate::track::watch::Bounds;
 
 /// The paper's estimators have no standard deviation. Taken is this share of the gate's largest.
 const UNSTATED: u32 = 10;
@@ -20,18 +19,20 @@ impl Machine {
         self.require_ready()?;
         self.require_homed()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let (displacement_nm, sigma_nm) = estimate(&frame.sums, active.gate())?;
+        let (displacement_nm, sigma_nm) = match estimate(&frame.sums, active.gate()) {
+            Ok(estimate) => estimate,
+            Err(refusal) => return Err(Denial::Estimate(refusal)),
+        };
         let now = self.now();
         if frame.capture > now {
             return Err(Denial::CaptureInFuture);
         }
         let stage = if active.on_stage() {
-            self.history
-                .at(frame.capture)
-                .map_err(|unknown| match unknown {
-                    Unknown::Future => Denial::CaptureInFuture,
-                    Unknown::Past => Denial::CaptureTooOld,
-                })?
+            match self.history.at(frame.capture) {
+                Ok(position) => position,
+                Err(Unknown::Future) => return Err(Denial::CaptureInFuture),
+                Err(Unknown::Past) => return Err(Denial::CaptureTooOld),
+            }
         } else {
             [0; 3]
         };
@@ -39,7 +40,9 @@ impl Machine {
         let reference = self.tracker.reference(frame.reference, frame.capture)?;
         let view = reference.moved(frame.capture, displacement);
         let position = view.target(stage);
-        self.require_free_way(position.map(to_centre))?;
+        // By components: `map` copies arrays three times over.
+        let [x, y, z] = position;
+        self.require_free_way([to_centre(x), to_centre(y), to_centre(z)])?;
         let unstated = || active.gate().max_sigma_nm.map(|most| most / UNSTATED);
         let measurement = Measurement {
             capture: frame.capture,
@@ -51,9 +54,10 @@ impl Machine {
             .measure(now, &measurement, &active.reach, &active.config.tracking)
             .map_err(|_| Denial::Outlier)?;
         self.tracker.keep(reference, view);
-        if active.on_stage() && active.bounds != Bounds::default() {
+        if active.on_stage()
+            && let Some(bounds) = &active.bounds
+        {
             let error = view.target([0; 3]);
-            let bounds = &active.bounds;
             let seen = self.tracker.watch.see(frame.capture, stage, error, bounds);
             if let Err(fault) = seen {
                 self.fail(fault);
@@ -154,8 +158,8 @@ fn per_slot(speed: f32, slots: u32) -> i64 {
 }
 
 /// The displacement, if the gate lets it pass.
-fn estimate(sums: &Sums, gate: &Gate) -> Result<(DisplacementNm, Option<[u32; 3]>), Denial> {
-    let checked = || match sums {
+fn estimate(sums: &Sums, gate: &Gate) -> Result<(DisplacementNm, Option<[u32; 3]>), Refusal> {
+    match sums {
         Sums::ClosedForm(sums) => {
             gate.points(sums.points)?;
             let displacement_nm = closed_form::solve_fixed(sums)?;
@@ -169,6 +173,5 @@ fn estimate(sums: &Sums, gate: &Gate) -> Result<(DisplacementNm, Option<[u32; 3]
             gate.variance(estimate.variance_nm2)?;
             Ok((estimate.displacement_nm, Some(estimate.sigma_nm())))
         }
-    };
-    checked().map_err(Denial::Estimate)
+    }
 }

@@ -304,8 +304,8 @@ impl Machine {
     }
 
     fn accept(&mut self, now: Instant, packet: Packet) {
-        let Packet { sequence, command } = packet;
-        if command == Command::Hello {
+        let sequence = packet.sequence;
+        if matches!(packet.command, Command::Hello) {
             self.sequence = Some(sequence);
             self.heard = self.tick;
             self.greet();
@@ -391,10 +391,11 @@ impl Machine {
             self.answer(sequence, Ok(()));
         }
         let mut followed = false;
-        while let Some(Packet { sequence, command }) = self.inbox.pop_front() {
-            followed |= matches!(command, Command::Frame(_));
-            let outcome = self.apply(sequence, command);
-            self.answer(sequence, outcome);
+        // By reference: a command is large, and each copy costs a flow frame hundreds of instructions.
+        while let Some(packet) = self.inbox.pop_front() {
+            followed |= matches!(packet.command, Command::Frame(_));
+            let outcome = self.apply(packet.sequence, &packet.command);
+            self.answer(packet.sequence, outcome);
         }
         self.check_sight();
         self.go_on_homing();
@@ -424,8 +425,7 @@ impl Machine {
             drops: self.drops,
             estimate: self.estimate,
             sight: self.tracker.pursuit.sight(self.now()),
-            seen_ms: u16::try_from(self.tracker.pursuit.age_us(self.now()) / 1000)
-                .unwrap_or(u16::MAX),
+            seen_ms: milliseconds(self.tracker.pursuit.age_us(self.now())),
         }
     }
 }
@@ -442,6 +442,12 @@ fn stamped(report: Report, now: Instant) -> Report {
         },
         other => other,
     }
+}
+
+/// Saturates. A Cortex-M4 divides 32 bits by itself.
+fn milliseconds(us: u64) -> u16 {
+    let ms = u32::try_from(us).unwrap_or(u32::MAX) / 1000;
+    u16::try_from(ms).unwrap_or(u16::MAX)
 }
 
 /// A planner position to the distance from zero: resting positions become whole steps.

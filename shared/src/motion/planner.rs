@@ -452,7 +452,7 @@ impl Planner {
     /// The next 250 µs of motion. Every fourth call, from the first, plans a tick; what was asked for since takes effect then.
     pub fn plan_segment(&mut self) -> Segment {
         if self.given >= SEGMENTS {
-            self.tick = self.next_tick();
+            self.next_tick();
             self.given = 0;
         }
         let pause = Segment::pause(self.limits.rate.slots_per_segment());
@@ -471,7 +471,8 @@ impl Planner {
         [(); SEGMENTS].map(|()| self.plan_segment())
     }
 
-    fn next_tick(&mut self) -> [Segment; SEGMENTS] {
+    /// Plans a tick, in place: a copy of it costs hundreds of instructions.
+    fn next_tick(&mut self) {
         let slots = self.limits.rate.slots_per_segment();
         let quantum = self.distance_quantum();
         self.take_up();
@@ -481,14 +482,16 @@ impl Planner {
             acceleration,
         };
         let ([x, y, z], [ax, ay, az]) = (&self.axes, accelerations);
-        let ramps = [ramp(x, ax), ramp(y, ay), ramp(z, az)];
-        let tick = [0, 1, 2, 3].map(|quarter| {
-            let motions = ramps.map(|ramp| ramp.quarter(slots, quarter));
-            // Speeds on the grid always make a segment. Were it not so, a pause is safe and the position stays true.
-            Segment::new(slots, motions).unwrap_or(Segment::pause(slots))
-        });
+        let [x, y, z] = [ramp(x, ax), ramp(y, ay), ramp(z, az)];
         let mut ways = [0; AXES];
-        for segment in &tick {
+        for (segment, quarter) in self.tick.iter_mut().zip(0..) {
+            let motions = [
+                x.quarter(slots, quarter),
+                y.quarter(slots, quarter),
+                z.quarter(slots, quarter),
+            ];
+            // Speeds on the grid always make a segment. Were it not so, a pause is safe and the position stays true.
+            *segment = Segment::new(slots, motions).unwrap_or(Segment::pause(slots));
             for (way, part) in ways.iter_mut().zip(segment.displacement()) {
                 *way += part;
             }
@@ -501,7 +504,6 @@ impl Planner {
                 .get(line.leader)
                 .is_some_and(|leader| !leader.is_at_rest())
         });
-        tick
     }
 
     /// Where the motors will be after the segments handed out so far.

@@ -86,10 +86,17 @@ impl Segment {
 
     /// The way each axis goes in the whole segment, 2⁻³² step, negative backwards. Exact, below 2⁴⁸ in size.
     pub fn displacement(&self) -> [i64; AXES] {
-        self.axes.map(|motion| {
+        // By components: `map` copies the axes.
+        let [x, y, z] = &self.axes;
+        let way = |motion: &AxisMotion| {
             let way = motion.distance(self.slots);
-            if motion.backward { -way } else { way }
-        })
+            if motion.backward {
+                way.wrapping_neg()
+            } else {
+                way
+            }
+        };
+        [way(x), way(y), way(z)]
     }
 }
 

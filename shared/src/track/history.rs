@@ -99,11 +99,12 @@ impl History {
         let [[lx, ly, lz], [ex, ey, ez]] = [later, earlier];
         // The share of the tick, Q0.32, rounded down: below 2^32.
         let share = i64::from(rest * (u32::MAX / TICK_US as u32));
-        Ok([(lx, ex), (ly, ey), (lz, ez)].map(|(late, early)| {
+        let between = |late: i32, early: i32| {
             // 31 bits by 32.
             let moved = i64::from(early.saturating_sub(late)).wrapping_mul(share) >> BITS;
             (i64::from(late) << (32 - BITS)) + moved
-        }))
+        };
+        Ok([between(lx, ex), between(ly, ey), between(lz, ez)])
     }
 
     fn entry(&self, back: usize) -> Option<[i32; 3]> {

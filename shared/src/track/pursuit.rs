@@ -303,10 +303,12 @@ impl Pursuit {
         let target = self.target.as_mut().filter(|target| !target.lost)?;
         let lead = milliseconds(at.since(target.capture));
         let ([x, y, z], [rx, ry, rz]) = (&mut target.axes, *reach);
-        Some(
-            [(x, rx), (y, ry), (z, rz)]
-                .map(|(axis, reach)| axis.aim(lead, settings.prediction, reach)),
-        )
+        let prediction = settings.prediction;
+        Some([
+            x.aim(lead, prediction, rx),
+            y.aim(lead, prediction, ry),
+            z.aim(lead, prediction, rz),
+        ])
     }
 
     /// Notices that the target is lost: `true` once.

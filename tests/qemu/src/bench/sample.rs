@@ -138,7 +138,11 @@ pub fn config() -> Config {
         slow_speed_um_s: 5_000,
         mounting: Mounting::OnStage,
         tracking: Settings::DEFAULT,
-        stage: StageConfig::DEFAULT,
+        stage: StageConfig {
+            // Watched, as by default, but the frames of the bench are no stage that moves: nothing must come of it.
+            unseen_um: 1_000_000,
+            ..StageConfig::DEFAULT
+        },
     }
 }
 
