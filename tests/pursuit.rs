@@ -3,13 +3,16 @@
 
 use host::experiment::follower::{Follower, Place};
 use host::experiment::pursuit::{Clock, Pursuit};
-use host::images::{Capture, Scene, SceneSettings, Texture};
+use host::images::{Capture, Image, Scene, SceneSettings, Texture};
 use host::station::stage::default_stage;
 use host::sums::Estimator;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
+use shared::safety::Trust;
 
 const PERIOD_US: u64 = 33_333;
+
+const NAMES: [&str; 3] = ["left", "middle", "right"];
 
 /// Where the target ends, and how long it takes to get there.
 const TARGET_MM: [f64; 3] = [4.0, -3.0, 1.5];
@@ -32,7 +35,14 @@ impl Bench {
         let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default());
         Self {
             scene: scene.expect("a scene"),
-            pursuit: Pursuit::new(&rig, Estimator::Midpoint, clock, station).expect("a rig"),
+            pursuit: Pursuit::new(
+                &rig,
+                &NAMES.map(str::to_owned),
+                Estimator::Midpoint,
+                clock,
+                station,
+            )
+            .expect("a rig"),
         }
     }
 
@@ -99,6 +109,34 @@ fn two_real_clocks_are_brought_together() {
                 assert!(x.abs().max(y.abs()) < 0.02 && z.abs() < 0.05, "{outcome:?}");
             }
             other => panic!("{number}: {other:?}"),
+        }
+    }
+}
+
+/// From the fifth picture on a camera gives none: the target is followed with the other two, and every row says which is missing, and that the
+/// position can be trusted.
+#[test]
+fn a_lost_camera_is_named_and_the_others_carry_on() {
+    let mut bench = Bench::new(Clock::Virtual {
+        latency_us: 20_000,
+        period_us: PERIOD_US,
+    });
+    for number in 0..10 {
+        let mut capture = bench.capture([0.0; 3], number * PERIOD_US);
+        if number >= 5 {
+            capture.views[2] = Image::missing();
+        }
+        let followed = bench.pursuit.follow(&capture).expect("a station");
+        let Some(followed) = followed else {
+            assert_eq!(number, 0);
+            continue;
+        };
+        assert_eq!(followed.trust, Trust::Homed);
+        assert!(followed.displacement_mm.is_ok(), "{number}: {followed:?}");
+        match followed.remarks.as_slice() {
+            [] => assert!(number < 5, "{number}: nothing said"),
+            [remark] => assert!(number >= 5 && remark.contains("right"), "{remark}"),
+            more => panic!("{more:?}"),
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::station::StationError;
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Frame, Sums as FrameSums};
 use shared::rig::Rig;
+use shared::safety::Trust;
 use shared::time::Instant;
 
 /// Any ramp, and the last frame's motion, is over after so long, µs.
@@ -39,12 +40,18 @@ pub struct Followed {
     pub displacement_mm: Result<[f64; 3], String>,
     /// Where the stage is, mm from where the station was started.
     pub stage_mm: [f64; 3],
+    /// How far that can be trusted, by the station's last word.
+    pub trust: Trust,
+    /// What is to be said of cameras that did not take part.
+    pub remarks: Vec<String>,
 }
 
 /// A target that is followed.
 #[derive(Debug)]
 pub struct Pursuit {
     rig: Rig,
+    /// The cameras' names.
+    names: Vec<String>,
     flow: Flow,
     estimator: Estimator,
     clock: Clock,
@@ -67,12 +74,14 @@ impl Pursuit {
     /// [`Error::Reference`] if the rig has not two cameras in different places.
     pub fn new(
         rig: &Rig,
+        names: &[String],
         estimator: Estimator,
         clock: Clock,
         station: Follower,
     ) -> Result<Self, Error> {
         Ok(Self {
             rig: rig.clone(),
+            names: names.to_vec(),
             flow: Flow::new(rig, FlowSettings::default()).map_err(Error::Reference)?,
             estimator,
             clock,
@@ -110,9 +119,9 @@ impl Pursuit {
             Clock::Virtual { .. } => start.reference.plus_micros(since_us),
             Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
         };
-        let used = match self.sums(capture) {
-            Ok(sums) => self.send(taken, start.reference, sums)?,
-            Err(reason) => Err(reason),
+        let (used, remarks) = match self.sums(capture) {
+            Ok((sums, remarks)) => (self.send(taken, start.reference, sums)?, remarks),
+            Err(reason) => (Err(reason), Vec::new()),
         };
         let status = self.station.status();
         if let Some(fault) = status.and_then(|status| status.fault) {
@@ -130,6 +139,8 @@ impl Pursuit {
             time_s: since_us as f64 * 1e-6,
             displacement_mm,
             stage_mm: self.station.position_mm(),
+            trust: status.map_or(Trust::Unknown, |status| status.trust),
+            remarks,
         }))
     }
 
@@ -152,11 +163,14 @@ impl Pursuit {
         self.station.station_time(here)
     }
 
-    fn sums(&mut self, capture: &Capture) -> Result<FrameSums, String> {
+    /// The frame, and what is to be said of the cameras.
+    fn sums(&mut self, capture: &Capture) -> Result<(FrameSums, Vec<String>), String> {
         let measured = self.flow.measure(capture);
         let measured = measured.map_err(|refusal| refusal.to_string())?;
         let frame = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(self.estimator));
-        frame.map_err(|refusal| refusal.to_string())
+        frame
+            .map(|frame| (frame, measured.remarks(&self.names)))
+            .map_err(|refusal| refusal.to_string())
     }
 
     /// Sends a frame; the inner error is why the station did not use it.

@@ -8,6 +8,7 @@ use crate::station::StationError;
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Denial, Frame, Sums as FrameSums};
 use shared::rig::Rig;
+use shared::safety::Trust;
 use shared::time::Instant;
 
 /// When things happen.
@@ -62,6 +63,8 @@ pub struct Step {
     pub camera_mm: [f64; 3],
     /// What became of it.
     pub outcome: Outcome,
+    /// How far the station's position can be trusted, by its last word.
+    pub trust: Trust,
 }
 
 /// The loop.
@@ -160,13 +163,15 @@ impl Servo {
             Err(reason) => Outcome::Refused(reason),
             Ok((sums, points)) => self.send(world, &moment, sums, points)?,
         };
-        match world.b.status().and_then(|status| status.fault) {
+        let status = world.b.status();
+        match status.and_then(|status| status.fault) {
             Some(fault) => Err(Error::Station(StationError::Faulted(fault))),
             None => Ok(Step {
                 time_s,
                 target_mm,
                 camera_mm,
                 outcome,
+                trust: status.map_or(Trust::Unknown, |status| status.trust),
             }),
         }
     }

@@ -9,9 +9,10 @@ use host::experiment::follower::Follower;
 use host::experiment::pursuit::{Clock, Followed, Pursuit};
 use host::images::Capture;
 use host::rig_file::{RigFile, Stage};
-use host::station::diagnosis::explain;
+use host::station::diagnosis::{self, explain};
 use serde_json::json;
 use shared::frame::message::Mounting;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -31,6 +32,8 @@ pub struct Captures<'a> {
     port: Option<&'a str>,
     /// What errors name.
     source: &'a Path,
+    /// Warnings given so far.
+    said: BTreeSet<String>,
 }
 
 impl<'a> Captures<'a> {
@@ -63,12 +66,13 @@ impl<'a> Captures<'a> {
                 period_us: options.period_us(),
             },
         };
-        let pursuit = Pursuit::new(&rig.rig, options.method.into(), clock, station);
+        let pursuit = Pursuit::new(&rig.rig, &rig.names, options.method.into(), clock, station);
         Ok(Self {
             options,
             pursuit: pursuit.map_err(failed)?,
             port,
             source,
+            said: BTreeSet::new(),
         })
     }
 
@@ -116,6 +120,12 @@ impl<'a> Captures<'a> {
             if let Some(followed) = followed {
                 summary.frames += 1;
                 summary.refused += usize::from(followed.displacement_mm.is_err());
+                for remark in &followed.remarks {
+                    // Once each: a camera that failed stays so.
+                    if self.said.insert(remark.clone()) {
+                        eprintln!("warning: {remark}");
+                    }
+                }
                 print(self.options.json, summary.frames, &followed, out)?;
                 count.at(summary.frames);
             }
@@ -134,9 +144,16 @@ fn print(
         time_s,
         displacement_mm,
         stage_mm,
+        trust,
+        remarks,
     } = followed;
+    let trust = diagnosis::trust(*trust);
     if as_json {
-        let mut object = json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm});
+        let mut object =
+            json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
+        if !remarks.is_empty() {
+            object["warnings"] = json!(remarks);
+        }
         match displacement_mm {
             Ok(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
             Err(reason) => object["refused"] = json!(reason),
@@ -145,14 +162,15 @@ fn print(
     } else {
         if frame == 1 {
             let [target, stage] = ["target mm", "stage mm"];
-            writeln!(out, "frame  {target:>26}  {stage:>26}  outcome")?;
+            writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
         }
         let vector = |v: &[f64; 3]| format!("{:>8.4} {:>8.4} {:>8.4}", v[0], v[1], v[2]);
         let (seen, outcome) = match displacement_mm {
             Ok(displacement_mm) => (vector(displacement_mm), "used"),
             Err(reason) => (format!("{:>26}", "-"), reason.as_str()),
         };
-        writeln!(out, "{frame:>5}  {seen}  {}  {outcome}", vector(stage_mm))?;
+        let stage = vector(stage_mm);
+        writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;
     }
     // Whoever reads along sees each line when it comes.
     out.flush()?;

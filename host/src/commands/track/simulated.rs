@@ -8,7 +8,7 @@ use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
 use host::rig_file::RigFile;
-use host::station::diagnosis::explain;
+use host::station::diagnosis::{self, explain};
 use host::station::serial::Serial;
 use host::station::stage::default_stage;
 use serde_json::json;
@@ -60,7 +60,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if !options.json {
         writeln!(
             out,
-            "{:>8}  {:>26}  {:>26}  {:>26}  outcome",
+            "{:>8}  {:>26}  {:>26}  {:>26}  position  outcome",
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
@@ -107,9 +107,13 @@ fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> R
         target_mm,
         camera_mm,
         outcome,
+        trust,
     } = step;
+    let trust = diagnosis::trust(*trust);
     if as_json {
-        let mut object = json!({"time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm});
+        let mut object = json!({
+            "time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm, "trust": trust,
+        });
         match outcome {
             Outcome::Used {
                 displacement_mm,
@@ -130,7 +134,7 @@ fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> R
     let vector = |v: &[f64; 3]| format!("{:>8.4} {:>8.4} {:>8.4}", v[0], v[1], v[2]);
     writeln!(
         out,
-        "{time_s:>8.3}  {}  {}  {}  {}",
+        "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}",
         vector(target_mm),
         vector(camera_mm),
         vector(&error),

@@ -1,0 +1,67 @@
+//! From a new setpoint to the first port word that it changes, in the step generator's own time.
+
+use host::random::Random;
+use host::station::stage::{configuration, default_stage};
+use host::station::twin::Twin;
+use shared::frame::message::{Command, Mounting};
+use shared::replay::Record;
+use shared::time::Instant;
+
+/// What users of such a stage may rely on, µs.
+const MOST_US: u64 = 2_000;
+
+const MOMENTS: usize = 200;
+
+/// A twin on its way to 50 mm on all axes, `after_us` after it was sent there, and when that is.
+fn on_its_way(after_us: u64) -> Twin {
+    let stage = default_stage();
+    let mut twin = Twin::power_on_recorded(&stage, "retarget").unwrap();
+    let config = configuration(&stage, Mounting::OnStage).unwrap();
+    twin.command("config", Command::Config(config)).unwrap();
+    twin.zero().unwrap();
+    twin.send(Command::Setpoint {
+        position_um: [50_000; 3],
+    });
+    twin.advance(twin.now().plus_micros(after_us));
+    twin
+}
+
+/// The plan of every segment, and when it was given out.
+fn plans(twin: &Twin) -> impl Iterator<Item = (Instant, u32)> {
+    let records = twin.tape().expect("it was recorded").records().iter();
+    records.filter_map(|record| match record {
+        Record::Digest(at, digest) => Some((*at, digest.plan)),
+        Record::Sent(..) => None,
+    })
+}
+
+/// Two twins do the same until one of them is sent elsewhere; the first segment in which they differ shows when that took effect. Before the way's end
+/// every setpoint changes something at once: the axes speed up, cruise or brake.
+#[test]
+fn a_new_setpoint_changes_the_pins_within_2_ms() {
+    let mut random = Random::seeded(11);
+    let (mut least_us, mut most_us) = (u64::MAX, 0);
+    for _ in 0..MOMENTS {
+        let after_us = 5_000 + random.below(400_000) as u64;
+        let (mut one, mut other) = (on_its_way(after_us), on_its_way(after_us));
+        let sent = one.now();
+        one.send(Command::Setpoint {
+            position_um: [-40_000; 3],
+        });
+        let delay_us = u64::from(one.client().hello().expect("it said hello").delay_us);
+        for twin in [&mut one, &mut other] {
+            twin.advance(sent.plus_micros(10_000));
+        }
+        let (changed, _) = plans(&one)
+            .zip(plans(&other))
+            .find(|(a, b)| a != b)
+            .map(|(a, _)| a)
+            .expect("it turns round");
+        let took_us = changed.plus_micros(delay_us).since(sent);
+        (least_us, most_us) = (least_us.min(took_us), most_us.max(took_us));
+    }
+    println!(
+        "{MOMENTS} moments: the first changed word {least_us} to {most_us} us after the setpoint"
+    );
+    assert!(most_us <= MOST_US, "{most_us} us");
+}
