@@ -168,7 +168,7 @@ proptest! {
                 1 => planner.follow(targets, speeds),
                 2 => planner.move_in_step(targets),
                 3 => planner.stop(),
-                _ => planner.resume_at(targets),
+                _ => planner = Planner::new(*planner.limits(), targets),
             }
             for _ in 0..3 {
                 planner.plan_tick();
@@ -286,7 +286,7 @@ fn positions_and_speeds_are_those_of_the_segments_handed_out() {
         assert_eq!(planner.positions(), positions);
     }
     // An abrupt stop drops what is left of the tick.
-    planner.resume_at(positions);
+    planner = planner.relimited(*planner.limits());
     assert!(planner.is_at_rest() && planner.has_arrived());
     assert_eq!(planner.plan_segment(), Segment::pause(125));
 }

@@ -1,6 +1,7 @@
 //! What a planner's segments are judged by.
 
 use super::*;
+use crate::steps::AxisMotion;
 
 /// Judges segments by the physical limits of the configuration, knowing nothing of the planner's grid.
 pub(super) struct Judge {

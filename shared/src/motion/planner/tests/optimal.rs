@@ -13,6 +13,7 @@
 //! shorter by a tick or two.
 
 use super::*;
+use crate::motion::stopping::Pace;
 use rsruckig::prelude::*;
 use std::vec::Vec;
 
