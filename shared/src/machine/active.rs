@@ -88,8 +88,7 @@ impl Active {
             variances: variances(config),
             bounds: None,
         };
-        let bounds = active.bounds();
-        active.bounds = (bounds != Bounds::default()).then_some(bounds);
+        active.bounds = active.bounds();
         Ok(active)
     }
 
@@ -103,19 +102,20 @@ impl Active {
         self.config.mounting == Mounting::OnStage
     }
 
-    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
-    fn bounds(&self) -> Bounds {
+    /// `None` when nothing is watched.
+    fn bounds(&self) -> Option<Bounds> {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
         let unseen = match self.config.tracking.prediction {
             true => fine(stage.unseen_um),
             false => [0; 3],
         };
-        Bounds {
+        let bounds = Bounds {
             unseen,
             error: fine(stage.largest_error_um),
             longest_us: u64::from(stage.longest_error_ms) * 1000,
-        }
+        };
+        (bounds != Bounds::default()).then_some(bounds)
     }
 
     /// Longest silence of the host, control ticks.
