@@ -338,13 +338,6 @@ impl Pursuit {
             .as_ref()
             .map_or(0, |target| now.since(target.capture))
     }
-
-    /// The filters of the three axes.
-    pub fn filters(&self) -> Option<[Filter; 3]> {
-        self.target
-            .as_ref()
-            .map(|target| target.axes.map(|axis| axis.filter))
-    }
 }
 
 impl Target {
@@ -431,6 +424,14 @@ mod tests {
             assert_eq!(measure(&mut pursuit, &seen(16 * k, 0)), Ok(()));
         }
         pursuit
+    }
+
+    impl Pursuit {
+        fn filters(&self) -> Option<[Filter; 3]> {
+            self.target
+                .as_ref()
+                .map(|target| target.axes.map(|axis| axis.filter))
+        }
     }
 
     proptest! {
