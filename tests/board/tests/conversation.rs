@@ -1,11 +1,12 @@
 //! The host's link code talks to the flashed image over the UART; replies, and edges at the pins, equal the twin's.
 
 use host::rig_file::Driver;
-use host::station::stage::{configuration, default_stage, timing};
-use shared::frame::message::{Command, Config, Denial, Mounting};
+use host::station::stage::timing;
+use shared::frame::message::{Command, Denial};
 use shared::safety::State;
 use station_board::board::Make;
 use station_board::image::Image;
+use station_board::order::{config, jog};
 use station_board::reference::agreement;
 use station_board::scene;
 use station_board::station::Station;
@@ -14,16 +15,6 @@ use station_board::wiring::{STEPPERS, steps};
 
 /// What leaves room for half as many cycles again.
 const LARGEST_LOAD: f64 = 2.0 / 3.0;
-
-fn config(driver: Driver) -> Config {
-    let mut stage = default_stage();
-    stage.driver = driver;
-    configuration(&stage, Mounting::OnStage).expect("the default fits")
-}
-
-fn jog(um: [i32; 3]) -> Command {
-    Command::Jog { distance_um: um }
-}
 
 fn greeted(make: Make) -> Station {
     let mut station = Station::power_on(&Image::firmware(), make);
@@ -34,8 +25,7 @@ fn greeted(make: Make) -> Station {
 
 fn configured(driver: Driver, make: Make) -> Station {
     let mut station = greeted(make);
-    assert_eq!(station.command(Command::Config(config(driver))), Ok(()));
-    assert_eq!(station.command(Command::Zero), Ok(()));
+    station.set_up(driver);
     station
 }
 
