@@ -3,15 +3,13 @@
 //! Cameras are simulated by what they would say and by their noise; everything from the frame's bytes to the planned position is the station's own
 //! code. 60 frames/s, 20 ms from picture to frame, the stage of the experiments.
 
-#[path = "following/chase.rs"]
-mod chase;
 #[path = "following/consistency.rs"]
 mod consistency;
 
-use chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 use shared::frame::message::Denial;
 use shared::track::pursuit::Sight;
 use std::f64::consts::TAU;
+use trinocular_tests::chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 
 /// Different noise each.
 const SEEDS: [u64; 4] = [1, 2, 3, 4];

@@ -1,12 +1,8 @@
 //! Motors that stall, and targets that only look like it: what the station makes of commanded motion that the cameras do not see.
 
-#[path = "following/chase.rs"]
-#[allow(dead_code, reason = "figures of merit are the other test's")]
-mod chase;
-
-use chase::{Chase, Run, Target, lissajous, smooth};
 use host::rig_file::Care;
 use shared::safety::{Fault, State, Trust};
+use trinocular_tests::chase::{Chase, Run, Target, lissajous, smooth};
 
 /// Steps in vain until the fault, mm.
 const UNSEEN_MM: f64 = 10.0;

@@ -1,6 +1,7 @@
 //! What the tests in this folder share.
 
 pub mod binary;
+pub mod chase;
 pub mod emulator;
 pub mod far_end;
 pub mod points;

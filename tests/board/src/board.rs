@@ -123,8 +123,8 @@ pub struct Board {
     resets: u32,
     cycle: Beats,
     make: Make,
-    /// Cycles spent not asleep.
-    busy: u64,
+    /// Time spent not asleep.
+    busy: Beats,
 }
 
 impl Board {
@@ -207,8 +207,8 @@ impl Board {
         (self.began, self.resets)
     }
 
-    /// Processor cycles spent not asleep.
-    pub fn busy_cycles(&self) -> u64 {
+    /// How long the processor was not asleep since power-on.
+    pub fn busy(&self) -> Beats {
         self.busy
     }
 
@@ -383,8 +383,9 @@ impl Board {
                 self.pass(end);
                 continue;
             }
-            self.busy += used;
-            self.now += used * self.cycle * self.make.slowness / 4;
+            let took = used * self.cycle * self.make.slowness / 4;
+            self.busy += took;
+            self.now += took;
             if self.junction.touched.swap(false, Relaxed) {
                 self.look();
             }

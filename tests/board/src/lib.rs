@@ -11,7 +11,9 @@
 //! | [`wiring`] | what is soldered to the pins, and what an instrument there sees |
 //! | [`station`] | the board with the host's own link code at its other end |
 //! | [`usb_host`] | a USB host, for the other link |
+//! | [`order`] | configuration and moves, as tests order them |
 //! | [`scene`] | what the cameras see, for flow frames |
+//! | [`fault_table`] | FAULTS.md, held to what tests observed |
 //! | [`reference`](mod@reference) | what the twin does with the same inputs |
 //! | [`time`] | the unit of time |
 //!
@@ -27,7 +29,9 @@
 
 pub mod board;
 pub mod chip;
+pub mod fault_table;
 pub mod image;
+pub mod order;
 pub mod reference;
 pub mod scene;
 pub mod station;

@@ -201,6 +201,7 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
         .map(|((at, _), (us, _))| (at - zero).wrapping_sub(us * US))
         .collect();
     if let Some(first) = delays.first() {
+        println!("every edge {} ns after its microsecond", first * 1_000 / US);
         assert!(*first < US, "{first} beats late");
         assert!(
             delays.iter().all(|delay| delay == first),

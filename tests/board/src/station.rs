@@ -2,8 +2,10 @@
 
 use crate::board::{Board, Make};
 use crate::image::Image;
+use crate::order::config;
 use crate::time::{Beats, MS, US};
 use crate::wiring;
+use host::rig_file::Driver;
 use host::station::client::Client;
 use shared::frame::message::{Command, Denial, Report, Status};
 use shared::frame::receive::Receiver;
@@ -220,6 +222,16 @@ impl Station {
             client.last_run().map(|_| ())
         });
         self.set_pings(true);
+    }
+
+    /// Configures it, and takes where it stands as zero.
+    ///
+    /// # Panics
+    /// If it refuses.
+    pub fn set_up(&mut self, driver: Driver) {
+        let config = Command::Config(config(driver));
+        assert_eq!(self.command(config), Ok(()));
+        assert_eq!(self.command(Command::Zero), Ok(()));
     }
 
     /// A fresh status.

@@ -2,11 +2,13 @@
 //!
 //! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A line that is missing is printed.
 
-use host::station::stage::{configuration, default_stage};
-use shared::frame::message::{Command, Denial, End, LastRun, Mounting, ResetCause, Status};
+use host::rig_file::Driver;
+use shared::frame::message::{Command, Denial, End, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
+use station_board::fault_table::observed;
 use station_board::image::{FLASH_BASE, Image};
+use station_board::order::{config, jog};
 use station_board::station::Station;
 use station_board::time::{Beats, MS, US};
 use station_board::wiring::{self, B, C, Pin};
@@ -17,13 +19,9 @@ const RING_US: u64 = 1_250;
 /// A control tick, at which the machine looks at its inputs, and the ring.
 const TICK_AND_RING_US: u64 = 1_000 + RING_US;
 
-fn jog(um: [i32; 3]) -> Command {
-    Command::Jog { distance_um: um }
-}
-
 fn configure(station: &mut Station) {
-    let config = configuration(&default_stage(), Mounting::OnStage).expect("the default fits");
-    assert_eq!(station.command(Command::Config(config)), Ok(()));
+    let config = Command::Config(config(Driver::Tmc2209));
+    assert_eq!(station.command(config), Ok(()));
 }
 
 /// All axes at full speed, 24,000 steps a second together.
@@ -31,8 +29,7 @@ fn moving() -> Station {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();
-    configure(&mut station);
-    assert_eq!(station.command(Command::Zero), Ok(()));
+    station.set_up(Driver::Tmc2209);
     assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
     station.run(150 * MS);
     let recent = rises_after(&mut station, 140 * MS);
@@ -42,10 +39,7 @@ fn moving() -> Station {
 
 /// When STEP pins rose at or after a moment.
 fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
-    let step = wiring::STEPPERS
-        .step
-        .iter()
-        .fold(0, |mask, pin| mask | 1 << pin);
+    let step = (wiring::STEPPERS.step.iter()).fold(0, |mask, pin| mask | 1 << pin);
     let changes = station.board.changes(C);
     (changes.iter())
         .filter(|change| change.at >= from && !change.before & change.after & step != 0)
@@ -120,16 +114,6 @@ fn recovers(station: &mut Station) {
     let after = wiring::steps(&station.edges()).0;
     let moved: [i64; 3] = std::array::from_fn(|i| after[i] - before[i]);
     assert_eq!(moved, [80, 80, -40]);
-}
-
-/// The table has this line.
-fn observed(fault: &str, how: &str, pins: &str, then: &str) {
-    let line = format!("| {fault} | {how} | {pins} | {then} |");
-    let table = include_str!("../FAULTS.md");
-    assert!(
-        table.lines().any(|known| known == line),
-        "FAULTS.md lacks\n{line}"
-    );
 }
 
 #[test]

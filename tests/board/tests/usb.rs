@@ -1,10 +1,12 @@
 //! USB: the flashed image as a CDC-ACM device, from the plug to the last step.
 
-use host::station::stage::{configuration, default_stage};
-use shared::frame::message::{Command, Mounting};
+use host::rig_file::Driver;
+use shared::frame::message::Command;
 use shared::safety::{Fault, State, Trust};
 use station_board::board::Make;
+use station_board::fault_table::observed;
 use station_board::image::Image;
+use station_board::order::{config, jog};
 use station_board::reference::agreement;
 use station_board::scene;
 use station_board::station::{Link, Station};
@@ -21,9 +23,7 @@ fn plugged() -> Station {
 fn configured() -> Station {
     let mut station = plugged();
     station.greet();
-    let config = configuration(&default_stage(), Mounting::OnStage).expect("the default fits");
-    assert_eq!(station.command(Command::Config(config)), Ok(()));
-    assert_eq!(station.command(Command::Zero), Ok(()));
+    station.set_up(Driver::Tmc2209);
     station
 }
 
@@ -34,10 +34,6 @@ fn bus_is_well(station: &mut Station) {
     assert!(failures.is_empty(), "{failures:?}");
     let fifo = complaints.iter().find(|text| text.contains("FIFO"));
     assert_eq!(fifo, None);
-}
-
-fn jog(um: [i32; 3]) -> Command {
-    Command::Jog { distance_um: um }
 }
 
 #[test]
@@ -94,7 +90,7 @@ fn unplugged_in_mid_write_and_back() {
     assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
     station.run(150 * MS);
     // A long packet of which the device takes the first 64 bytes at most, and reports that nobody will fetch.
-    let config = configuration(&default_stage(), Mounting::OnStage).expect("the default fits");
+    let config = config(Driver::Tmc2209);
     for _ in 0..3 {
         station.send(Command::Config(config));
     }
@@ -130,13 +126,11 @@ fn unplugged_in_mid_write_and_back() {
     let moved = steps(&station.edges()).0[0] - stood[0];
     assert_eq!(moved, 80);
     bus_is_well(&mut station);
-    let line = "| USB unplugged in mid-write | the cable, while both sides have packets under way | ramp after 100 ms; every step counted | \
-                fault 0, position kept, no restart; plugged in again it answers, and after a reset it moves exactly again |";
-    assert!(
-        include_str!("../FAULTS.md")
-            .lines()
-            .any(|known| known == line),
-        "FAULTS.md lacks\n{line}"
+    observed(
+        "USB unplugged in mid-write",
+        "the cable, while both sides have packets under way",
+        "ramp after 100 ms; every step counted",
+        "fault 0, position kept, no restart; plugged in again it answers, and after a reset it moves exactly again",
     );
 }
 

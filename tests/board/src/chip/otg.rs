@@ -156,7 +156,7 @@ impl Otg {
                 0
             };
             value |= u32::from(enter.interrupts() & (self.diepmsk & !TXFE | txfe) != 0) << n;
-            value |= u32::from(leave.interrupt & self.doepmsk != 0) << (16 + n);
+            value |= u32::from(leave.interrupts() & self.doepmsk != 0) << (16 + n);
         }
         value
     }
@@ -239,7 +239,7 @@ impl Otg {
         if target.naks() || room < words + 2 {
             return Answer::Nak;
         }
-        if target.toggle != toggle {
+        if target.toggle() != toggle {
             // The host did not hear the last acknowledgement.
             return Answer::Ack;
         }

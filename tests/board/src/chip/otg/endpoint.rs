@@ -26,82 +26,121 @@ const EPENA: u32 = 1 << 31;
 /// Bits that keep what is written.
 const PLAIN: u32 = USBAEP | 0x7ff | 3 << 18 | STALL | 0xf << 22;
 
-/// The packet size of an endpoint; endpoint 0 has a code for it.
-fn packet_size(ctl: u32, number: usize) -> u32 {
-    match number {
-        0 => 64 >> (ctl & 3),
-        _ => ctl & 0x7ff,
-    }
+/// What the registers of both ways have in common.
+#[derive(Clone, Debug, Default)]
+struct Registers {
+    ctl: u32,
+    interrupt: u32,
+    size: u32,
+    toggle: bool,
 }
 
-/// What writing a control register does, the same both ways. Returns true if the endpoint was disabled.
-fn write_control(ctl: &mut u32, toggle: &mut bool, value: u32) -> bool {
-    *ctl = *ctl & !PLAIN | value & PLAIN;
-    if value & SNAK != 0 {
-        *ctl |= NAKSTS;
+impl Registers {
+    fn is_active(&self, number: usize) -> bool {
+        number == 0 || self.ctl & USBAEP != 0
     }
-    if value & CNAK != 0 {
-        *ctl &= !NAKSTS;
-    }
-    if value & SD0PID != 0 {
-        *toggle = false;
-    }
-    if value & SD1PID != 0 {
-        *toggle = true;
-    }
-    if value & EPENA != 0 {
-        *ctl |= EPENA;
-    }
-    let disabled = value & EPDIS != 0 && *ctl & EPENA != 0;
-    if disabled {
-        *ctl &= !EPENA;
-    }
-    disabled
-}
 
-/// Size and packets of a transfer, less one packet.
-fn count_down(size: &mut u32, bytes: u32) -> u32 {
-    let packets = (*size >> 19 & 0x3ff).saturating_sub(1);
-    let rest = (*size & 0x7ffff).saturating_sub(bytes);
-    *size = *size & 0xe000_0000 | packets << 19 | rest;
-    packets
+    fn begin_control(&mut self) {
+        self.ctl = (self.ctl | NAKSTS) & !STALL;
+        self.toggle = true;
+    }
+
+    fn deactivate(&mut self) {
+        self.ctl &= !USBAEP;
+    }
+
+    /// The largest packet; endpoint 0 has a code for it.
+    fn packet_size(&self, number: usize) -> u32 {
+        match number {
+            0 => 64 >> (self.ctl & 3),
+            _ => self.ctl & 0x7ff,
+        }
+    }
+
+    /// A packet of the transfer is over. Returns how many are left.
+    fn count_down(&mut self, bytes: u32) -> u32 {
+        let packets = (self.size >> 19 & 0x3ff).saturating_sub(1);
+        let rest = (self.size & 0x7ffff).saturating_sub(bytes);
+        self.size = self.size & 0xe000_0000 | packets << 19 | rest;
+        packets
+    }
+
+    fn read(&self, number: usize, register: u32) -> Option<u32> {
+        Some(match register {
+            // Endpoint 0 is always active, and shows no toggle.
+            0x00 if number == 0 => self.ctl | USBAEP,
+            0x00 => self.ctl | u32::from(self.toggle) << 16,
+            0x08 => self.interrupt,
+            0x10 => self.size,
+            _ => return None,
+        })
+    }
+
+    fn write(&mut self, register: u32, value: u32) -> Option<()> {
+        match register {
+            0x00 => self.write_control(value),
+            0x08 => self.interrupt &= !value,
+            0x10 => self.size = value,
+            _ => return None,
+        }
+        Some(())
+    }
+
+    fn write_control(&mut self, value: u32) {
+        self.ctl = self.ctl & !PLAIN | value & PLAIN;
+        if value & SNAK != 0 {
+            self.ctl |= NAKSTS;
+        }
+        if value & CNAK != 0 {
+            self.ctl &= !NAKSTS;
+        }
+        if value & SD0PID != 0 {
+            self.toggle = false;
+        }
+        if value & SD1PID != 0 {
+            self.toggle = true;
+        }
+        if value & EPENA != 0 {
+            self.ctl |= EPENA;
+        }
+        if value & EPDIS != 0 && self.ctl & EPENA != 0 {
+            self.ctl &= !EPENA;
+            self.interrupt |= EPDISD;
+        }
+    }
 }
 
 /// To the host.
 #[derive(Clone, Debug, Default)]
 pub struct In {
-    ctl: u32,
-    interrupt: u32,
-    size: u32,
-    toggle: bool,
+    registers: Registers,
     fifo: VecDeque<u32>,
 }
 
 impl In {
     /// Whether it takes part in the bus.
     pub fn is_active(&self, number: usize) -> bool {
-        number == 0 || self.ctl & USBAEP != 0
+        self.registers.is_active(number)
     }
 
     /// Whether the driver ever enabled it.
     pub fn is_used(&self) -> bool {
-        self.ctl & USBAEP != 0
+        self.registers.ctl & USBAEP != 0
     }
 
     /// Its interrupt register.
     pub fn interrupts(&self) -> u32 {
-        self.interrupt | if self.fifo.is_empty() { TXFE } else { 0 }
+        self.registers.interrupt | if self.fifo.is_empty() { TXFE } else { 0 }
     }
 
     /// A SETUP packet came.
     pub fn begin_control(&mut self) {
-        self.ctl = (self.ctl | NAKSTS) & !STALL;
-        self.toggle = true;
+        self.registers.begin_control();
     }
 
     /// The bus was reset.
     pub fn deactivate(&mut self) {
-        self.ctl &= !USBAEP;
+        self.registers.deactivate();
     }
 
     /// Empties the FIFO.
@@ -120,14 +159,15 @@ impl In {
 
     /// The host asks.
     pub fn give(&mut self, number: usize) -> Answer {
-        if self.ctl & STALL != 0 {
+        let registers = &mut self.registers;
+        if registers.ctl & STALL != 0 {
             return Answer::Stall;
         }
-        let length = (self.size & 0x7ffff).min(packet_size(self.ctl, number));
+        let length = (registers.size & 0x7ffff).min(registers.packet_size(number));
         let words = length.div_ceil(4) as usize;
-        if self.ctl & EPENA == 0 || self.ctl & NAKSTS != 0 || self.fifo.len() < words {
+        if registers.ctl & EPENA == 0 || registers.ctl & NAKSTS != 0 || self.fifo.len() < words {
             if self.fifo.is_empty() {
-                self.interrupt |= ITTXFE;
+                registers.interrupt |= ITTXFE;
             }
             return Answer::Nak;
         }
@@ -135,130 +175,100 @@ impl In {
             .flat_map(u32::to_le_bytes)
             .collect();
         bytes.truncate(length as usize);
-        let toggle = self.toggle;
-        self.toggle = !toggle;
-        if count_down(&mut self.size, length) == 0 {
-            self.ctl &= !EPENA;
-            self.interrupt |= XFRC;
+        let toggle = registers.toggle;
+        registers.toggle = !toggle;
+        if registers.count_down(length) == 0 {
+            registers.ctl &= !EPENA;
+            registers.interrupt |= XFRC;
         }
         Answer::Data(toggle, bytes)
     }
 
     /// A register of endpoint `number`, whose FIFO has so many words.
     pub fn read(&self, number: usize, register: u32, depth: u32) -> Option<u32> {
-        Some(match register {
-            0x00 => control(self.ctl, self.toggle, number),
-            0x08 => self.interrupts(),
-            0x10 => self.size,
-            0x18 => depth.saturating_sub(self.fifo.len() as u32),
-            _ => return None,
-        })
+        match register {
+            0x08 => Some(self.interrupts()),
+            0x18 => Some(depth.saturating_sub(self.fifo.len() as u32)),
+            _ => self.registers.read(number, register),
+        }
     }
 
     /// Writes a register.
     pub fn write(&mut self, register: u32, value: u32) -> Option<()> {
-        match register {
-            0x00 => {
-                if write_control(&mut self.ctl, &mut self.toggle, value) {
-                    self.interrupt |= EPDISD;
-                }
-            }
-            0x08 => self.interrupt &= !value,
-            0x10 => self.size = value,
-            _ => return None,
-        }
-        Some(())
-    }
-}
-
-fn control(ctl: u32, toggle: bool, number: usize) -> u32 {
-    // Endpoint 0 is always active.
-    ctl | if number == 0 {
-        USBAEP
-    } else {
-        u32::from(toggle) << 16
+        self.registers.write(register, value)
     }
 }
 
 /// From the host.
 #[derive(Clone, Debug, Default)]
 pub struct Out {
-    ctl: u32,
-    /// Its interrupt register.
-    pub interrupt: u32,
-    size: u32,
-    /// The toggle it expects.
-    pub toggle: bool,
+    registers: Registers,
 }
 
 impl Out {
     /// Whether it takes part in the bus.
     pub fn is_active(&self, number: usize) -> bool {
-        number == 0 || self.ctl & USBAEP != 0
+        self.registers.is_active(number)
     }
 
     /// Whether it stalls.
     pub fn stalls(&self) -> bool {
-        self.ctl & STALL != 0
+        self.registers.ctl & STALL != 0
     }
 
     /// Whether it refuses packets for now.
     pub fn naks(&self) -> bool {
-        self.ctl & NAKSTS != 0
+        self.registers.ctl & NAKSTS != 0
+    }
+
+    /// Its interrupt register.
+    pub fn interrupts(&self) -> u32 {
+        self.registers.interrupt
+    }
+
+    /// The toggle it expects.
+    pub fn toggle(&self) -> bool {
+        self.registers.toggle
     }
 
     /// A SETUP packet came.
     pub fn begin_control(&mut self) {
-        self.ctl = (self.ctl | NAKSTS) & !STALL;
-        self.toggle = true;
-        let setups = (self.size >> 29 & 3).saturating_sub(1);
-        self.size = self.size & 0x1fff_ffff | setups << 29;
+        self.registers.begin_control();
+        let size = self.registers.size;
+        let setups = (size >> 29 & 3).saturating_sub(1);
+        self.registers.size = size & 0x1fff_ffff | setups << 29;
     }
 
     /// The bus was reset.
     pub fn deactivate(&mut self) {
-        self.ctl &= !USBAEP;
+        self.registers.deactivate();
     }
 
     /// A packet is taken. True when that ends the transfer; the endpoint then refuses more.
     pub fn take(&mut self, number: usize, bytes: u32) -> bool {
-        self.toggle = !self.toggle;
-        let left = count_down(&mut self.size, bytes);
-        let done = left == 0 || bytes < packet_size(self.ctl, number);
+        let registers = &mut self.registers;
+        registers.toggle = !registers.toggle;
+        let left = registers.count_down(bytes);
+        let done = left == 0 || bytes < registers.packet_size(number);
         if done {
-            self.ctl |= NAKSTS;
+            registers.ctl |= NAKSTS;
         }
         done
     }
 
     /// The end of a transfer or of a setup stage was read from the FIFO.
     pub fn finish(&mut self, interrupt: u32) {
-        self.interrupt |= interrupt;
-        self.ctl &= !EPENA;
+        self.registers.interrupt |= interrupt;
+        self.registers.ctl &= !EPENA;
     }
 
     /// A register of endpoint `number`.
     pub fn read(&self, number: usize, register: u32) -> Option<u32> {
-        Some(match register {
-            0x00 => control(self.ctl, self.toggle, number),
-            0x08 => self.interrupt,
-            0x10 => self.size,
-            _ => return None,
-        })
+        self.registers.read(number, register)
     }
 
     /// Writes a register.
     pub fn write(&mut self, register: u32, value: u32) -> Option<()> {
-        match register {
-            0x00 => {
-                if write_control(&mut self.ctl, &mut self.toggle, value) {
-                    self.interrupt |= EPDISD;
-                }
-            }
-            0x08 => self.interrupt &= !value,
-            0x10 => self.size = value,
-            _ => return None,
-        }
-        Some(())
+        self.registers.write(register, value)
     }
 }

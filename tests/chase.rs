@@ -19,11 +19,14 @@ use std::collections::VecDeque;
 /// From a segment to its first word on the pins, µs.
 const DELAY_US: u64 = 512;
 
+/// From a picture to its frame, µs.
+const LATENCY_US: u64 = 20_000;
+
 /// Steps per mm of the default stage.
 pub const STEPS_PER_MM: f64 = 80.0;
 
 /// Standard deviation of what the cameras say, mm: rendered pictures with noise of 2 grey levels.
-pub const SIGMA_MM: [f64; 3] = [0.005, 0.005, 0.03];
+const SIGMA_MM: [f64; 3] = [0.005, 0.005, 0.03];
 
 /// Where the target is at a time, s, mm.
 pub type Target = fn(f64) -> [f64; 3];
@@ -31,17 +34,21 @@ pub type Target = fn(f64) -> [f64; 3];
 /// One millisecond of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
+    /// Since the first picture.
     pub time_s: f64,
+    /// Where the target is.
     pub target_mm: [f64; 3],
     /// What the pins have made, whole steps.
     pub steps: [i64; 3],
 }
 
 impl Sample {
+    /// Where the stage is.
     pub fn stage_mm(&self) -> [f64; 3] {
         self.steps.map(|steps| steps as f64 / STEPS_PER_MM)
     }
 
+    /// Stage minus target.
     pub fn error_mm(&self) -> [f64; 3] {
         let stage = self.stage_mm();
         std::array::from_fn(|i| stage[i] - self.target_mm[i])
@@ -51,8 +58,11 @@ impl Sample {
 /// What happened.
 #[derive(Debug, Default)]
 pub struct Run {
+    /// Every millisecond.
     pub samples: Vec<Sample>,
+    /// What the station said of itself.
     pub statuses: Vec<Status>,
+    /// What it refused.
     pub denials: Vec<Denial>,
     /// At the end of every segment, 2⁻³² steps.
     pub planned: Vec<[i64; 3]>,
@@ -63,6 +73,7 @@ impl Run {
         self.samples.iter().filter(move |s| s.time_s >= from_s)
     }
 
+    /// Root of the mean squared error, axis by axis, mm, as all figures here from a time on, s.
     pub fn rms(&self, from_s: f64) -> [f64; 3] {
         let n = self.after(from_s).count() as f64;
         std::array::from_fn(|i| {
@@ -75,10 +86,12 @@ impl Run {
         })
     }
 
+    /// The same of the distance, mm.
     pub fn rms_3d(&self, from_s: f64) -> f64 {
         self.rms(from_s).iter().map(|e| e * e).sum::<f64>().sqrt()
     }
 
+    /// Largest error either way, mm.
     pub fn worst(&self, from_s: f64) -> [f64; 3] {
         std::array::from_fn(|i| {
             self.after(from_s)
@@ -87,13 +100,13 @@ impl Run {
         })
     }
 
-    /// Stage minus target.
+    /// Stage minus target on average, mm.
     pub fn mean_error(&self, from_s: f64) -> [f64; 3] {
         let n = self.after(from_s).count() as f64;
         std::array::from_fn(|i| self.after(from_s).map(|s| s.error_mm()[i]).sum::<f64>() / n)
     }
 
-    /// How far the stage was in front of the target, which moves forwards.
+    /// How far the stage was in front of the target, which moves forwards, mm.
     pub fn farthest(&self, from_s: f64) -> [f64; 3] {
         std::array::from_fn(|i| {
             self.after(from_s)
@@ -125,11 +138,12 @@ impl Run {
     }
 }
 
+/// What is chased, and under which conditions.
 pub struct Chase {
+    /// How the station follows.
     pub tracking: Settings,
+    /// Pictures per second.
     pub frames_per_s: f64,
-    pub latency_us: u64,
-    pub sigma_mm: [f64; 3],
     /// No frames from, to, s.
     pub hidden_s: Option<[f64; 2]>,
     /// Wrong frames: from which number on, how many, by how much, mm.
@@ -142,12 +156,11 @@ pub struct Chase {
 }
 
 impl Chase {
+    /// 60 pictures per second, and nothing goes wrong.
     pub fn new(seed: u64) -> Self {
         Self {
             tracking: Settings::DEFAULT,
             frames_per_s: 60.0,
-            latency_us: 20_000,
-            sigma_mm: SIGMA_MM,
             hidden_s: None,
             wrong: None,
             stalled: None,
@@ -156,6 +169,10 @@ impl Chase {
         }
     }
 
+    /// The station follows `target` for so long.
+    ///
+    /// # Panics
+    /// If it refuses the stage of the experiments.
     pub fn follow(&mut self, target: Target, seconds: f64) -> Run {
         let board = Board {
             name: "chase",
@@ -170,7 +187,7 @@ impl Chase {
             care: self.care.clone(),
             ..default_stage()
         };
-        let mut config = configuration(&stage, Mounting::OnStage).unwrap();
+        let mut config = configuration(&stage, Mounting::OnStage).expect("it fits");
         config.tracking = self.tracking;
         let mut machine = Machine::new(board);
         let mut receiver = Receiver::<Report>::default();
@@ -254,7 +271,7 @@ impl Chase {
                     }
                 }
                 let mut seen: [f64; 3] = std::array::from_fn(|i| {
-                    goal[i] - stage[i] + self.sigma_mm[i] * self.random.gaussian()
+                    goal[i] - stage[i] + SIGMA_MM[i] * self.random.gaussian()
                 });
                 if let Some((first, count, by)) = self.wrong
                     && taken >= first
@@ -269,9 +286,9 @@ impl Chase {
                     let frame = Frame {
                         capture: Instant::from_micros(capture),
                         reference: Instant::from_micros(start_us),
-                        sums: self.sums(seen),
+                        sums: sums(seen),
                     };
-                    waiting.push_back((capture + self.latency_us, frame));
+                    waiting.push_back((capture + LATENCY_US, frame));
                 }
                 taken += 1;
             }
@@ -292,26 +309,25 @@ impl Chase {
         run.planned = path;
         run
     }
+}
 
-    /// Sums that say the target was displaced by `mm`, and how well that is known.
-    fn sums(&self, mm: [f64; 3]) -> Sums {
-        let spread = (self.sigma_mm[0] / self.sigma_mm[2]).powi(2);
-        let spread = if spread.is_finite() { spread } else { 0.03 };
-        let exponent = spread.log2().floor() as i32 + 1;
-        let mantissa = spread / f64::from(exponent).exp2();
-        let freedom = 597u16;
-        let residual = self.sigma_mm[0] * 1e6 * f64::from(freedom).sqrt();
-        Sums::Midpoint(FixedCentredSums {
-            points: 100,
-            freedom,
-            mean_nm: [(mm[0] * 1e6).round() as i32, (mm[1] * 1e6).round() as i32],
-            centroid: [0, 0],
-            spread: (mantissa * 2f64.powi(32)) as u32,
-            exponent: exponent as i8,
-            coupling: (mm[2] * mantissa * 8e6).round() as i32,
-            residual_nm: residual.round() as u32,
-        })
-    }
+/// Sums that say the target was displaced by `mm`, and how well that is known.
+fn sums(mm: [f64; 3]) -> Sums {
+    let spread = (SIGMA_MM[0] / SIGMA_MM[2]).powi(2);
+    let exponent = spread.log2().floor() as i32 + 1;
+    let mantissa = spread / f64::from(exponent).exp2();
+    let freedom = 597u16;
+    let residual = SIGMA_MM[0] * 1e6 * f64::from(freedom).sqrt();
+    Sums::Midpoint(FixedCentredSums {
+        points: 100,
+        freedom,
+        mean_nm: [(mm[0] * 1e6).round() as i32, (mm[1] * 1e6).round() as i32],
+        centroid: [0, 0],
+        spread: (mantissa * 2f64.powi(32)) as u32,
+        exponent: exponent as i8,
+        coupling: (mm[2] * mantissa * 8e6).round() as i32,
+        residual_nm: residual.round() as u32,
+    })
 }
 
 /// ±20, 20 and 5 mm, up to 20 mm/s.
