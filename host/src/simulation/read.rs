@@ -1,7 +1,6 @@
 //! Scenario files, read strictly: whatever is wrong is named with file, line and field.
 
 use super::expect::{Checkpoint, Expect};
-use super::figures::sight_name;
 use super::motion::{Leg, Motion};
 use super::scenario::{self, Cameras, Event, Happening, Measure, Scenario};
 use crate::error::InputError;
@@ -380,7 +379,7 @@ fn expect(section: &Field<'_>, seconds: f64) -> Result<Expect, InputError> {
             Some(list) => {
                 const ALL: [Sight; 4] =
                     [Sight::None, Sight::Tracking, Sight::Coasting, Sight::Lost];
-                Some(named(&list, ALL, sight_name)?)
+                Some(named(&list, ALL, diagnosis::sight)?)
             }
             None => None,
         },
