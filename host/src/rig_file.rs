@@ -35,6 +35,7 @@ use crate::report::write_atomically;
 use field::{Field, Source};
 
 mod care;
+pub(crate) mod edit;
 pub(crate) mod field;
 mod stage;
 
@@ -99,6 +100,12 @@ impl RigFile {
         Self::read_as(path, Shape::Plane)
     }
 
+    /// As [`RigFile::read`], with the text it was read from, whose comments are the user's.
+    pub fn read_with_text(path: &Path) -> Result<(Self, String), InputError> {
+        let text = read_text(path)?;
+        Ok((Self::parse(path, &text)?, text))
+    }
+
     /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made for: they need exactly
     /// the cameras left, middle and right, at heights as equal as [`Rig::is_in_line`] wants them.
     pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
@@ -106,13 +113,7 @@ impl RigFile {
     }
 
     fn read_as(path: &Path, shape: Shape) -> Result<Self, InputError> {
-        let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-        let text = std::str::from_utf8(&bytes).map_err(|error| {
-            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
-            let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-            InputError::line(path, line, "not UTF-8 text")
-        })?;
-        Self::parse_as(path, text, shape)
+        Self::parse_as(path, &read_text(path)?, shape)
     }
 
     /// Checks the text of a rig file; `file` is what errors name.
@@ -171,6 +172,17 @@ impl RigFile {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         write_atomically(path, &self.to_toml()).map_err(|error| InputError::unwritten(path, error))
     }
+}
+
+/// The text of a TOML file.
+pub(crate) fn read_text(path: &Path) -> Result<String, InputError> {
+    let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        let before = error.as_bytes().get(..valid).unwrap_or_default();
+        let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+        InputError::line(path, line, "not UTF-8 text")
+    })
 }
 
 /// The `[[camera]]` tables: each by itself, then the rules between them, then their order.

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use toml_edit::{Array, DocumentMut, Item, TableLike, Value};
+use toml_edit::{Array, Item, TableLike, Value};
 
 use super::Datum;
 use crate::error::InputError;
-use crate::rig_file::RigFile;
+use crate::rig_file::edit::{self, edited};
 
 /// Decimals of a principal point, px, and of an angle, degrees: far below what can be measured.
 const DECIMALS: f64 = 1e4;
@@ -41,24 +41,20 @@ pub fn corrected(
     text: &str,
     corrections: &[Correction<'_>],
 ) -> Result<String, InputError> {
-    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
-        InputError::file(file, format!("not valid TOML: {}", error.message()))
-    })?;
-    for correction in corrections {
-        let name = correction.name;
-        let camera = document
-            .get_mut("camera")
-            .and_then(|cameras| camera(cameras, name))
-            .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
-        write(camera, "principal_px", &correction.principal_px);
-        if let Some(rotation) = &correction.rotation_deg {
-            write(camera, "rotation_deg", rotation);
+    edited(file, text, |document| {
+        for correction in corrections {
+            let name = correction.name;
+            let camera = document
+                .get_mut("camera")
+                .and_then(|cameras| camera(cameras, name))
+                .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
+            write(camera, "principal_px", &correction.principal_px);
+            if let Some(rotation) = &correction.rotation_deg {
+                write(camera, "rotation_deg", rotation);
+            }
         }
-    }
-    let text = document.to_string();
-    // A principal point outside the image is refused here, with its line.
-    RigFile::parse(file, &text)?;
-    Ok(text)
+        Ok(())
+    })
 }
 
 /// A camera's table, whichever way the file writes its list of cameras.
@@ -80,26 +76,22 @@ fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike
 
 /// Numbers in the place of those that `key` has, or at the end of the table.
 fn write(table: &mut dyn TableLike, key: &str, numbers: &[f64]) {
-    // Adding zero to what is left after rounding turns -0 into 0.
     let rounded = numbers
         .iter()
-        .map(|number| (number * DECIMALS).round() / DECIMALS + 0.0);
+        .map(|number| edit::rounded(*number, DECIMALS));
     let known = table.get_mut(key).and_then(Item::as_array_mut);
     let Some(array) = known.filter(|array| array.len() == numbers.len()) else {
         let array = rounded.collect::<Array>();
         table.insert(key, Item::Value(Value::Array(array)));
         return;
     };
-    for (old, value) in array.iter_mut().zip(rounded) {
-        let around = old.decor().clone();
-        *old = Value::from(value);
-        *old.decor_mut() = around;
-    }
+    edit::replace(array, rounded);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig_file::RigFile;
 
     const RIG: &str = "\
 # our bench, spring

@@ -1,6 +1,5 @@
 //! `trinocular align`: datum offsets of the cameras from pictures of any textured scene.
 
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -73,7 +72,7 @@ Examples:
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
-    let (rig, text) = read(&options.rig)?;
+    let (rig, text) = RigFile::read_with_text(&options.rig)?;
     if let Some(path) = &options.out {
         // Before the work: it would be for nothing.
         super::destination::refuse_existing(path, options.force)?;
@@ -105,13 +104,6 @@ fn settings(options: &Options) -> Result<Settings, Failure> {
         reach_px: options.reach,
         depth_mm: options.depth,
     })
-}
-
-/// The rig and the text it was read from: comments are the user's.
-fn read(path: &Path) -> Result<(RigFile, String), InputError> {
-    let rig = RigFile::read(path)?;
-    let text = fs::read_to_string(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-    Ok((rig, text))
 }
 
 fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError> {

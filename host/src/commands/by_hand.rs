@@ -1,6 +1,6 @@
 //! What the commands that drive a station by hand share: the port, the stage of the rig file, and refusals that say what to do next.
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
 use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis::{self, remedy};
@@ -63,6 +63,14 @@ impl StageArgument {
         Ok(stage
             .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)
     }
+}
+
+/// An axis of the stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
 }
 
 /// A connected station.
@@ -181,19 +189,31 @@ impl Hand {
         }
     }
 
-    /// Waits until the stage stands; `watch` sees every status meanwhile, and may send commands.
-    pub fn wait_for_rest(
+    /// Waits until the stage stands.
+    pub fn wait_for_rest(&mut self) -> Result<Status, Failure> {
+        let never = AtomicBool::new(false);
+        self.wait_for_rest_or(&never, |_| {}).map(|(end, _)| end)
+    }
+
+    /// As [`Hand::wait_for_rest`]; `interrupted` stops the stage on a ramp, and `watch` sees every status meanwhile. Also says whether it was interrupted.
+    pub fn wait_for_rest_or(
         &mut self,
-        mut watch: impl FnMut(&mut Self, &Status) -> Result<(), Failure>,
-    ) -> Result<Status, Failure> {
+        interrupted: &AtomicBool,
+        mut watch: impl FnMut(&Status),
+    ) -> Result<(Status, bool), Failure> {
+        let mut stopping = false;
         loop {
             self.serial.check().map_err(|error| self.failed(error))?;
             let status = self.serial.client().status_since_answer().copied();
             if let Some(status) = status {
                 if !status.state.is_moving() {
-                    return Ok(status);
+                    return Ok((status, stopping));
                 }
-                watch(self, &status)?;
+                watch(&status);
+                if interrupted.load(Relaxed) && !stopping {
+                    stopping = true;
+                    self.command("stop", Command::Stop)?;
+                }
             }
             std::thread::sleep(LOOK);
         }

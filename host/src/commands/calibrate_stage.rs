@@ -3,14 +3,13 @@
 mod real;
 mod simulated;
 
-use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::by_hand::StageArgument;
+use super::by_hand::{Axis, StageArgument};
 use super::scene::SceneOptions;
 use clap::Args;
-use host::error::{Failure, InputError};
+use host::error::Failure;
 use host::images::Capture;
 use host::mounting::fit::{Fit, Sample, fit};
 use host::mounting::plan::{FARTHEST, Stop, stops};
@@ -82,7 +81,7 @@ pub struct Options {
 
     /// An axis of the simulated stage that runs the wrong way
     #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
-    mirrored: Option<simulated::Axis>,
+    mirrored: Option<Axis>,
 
     #[command(flatten)]
     scene: SceneOptions,
@@ -113,28 +112,17 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         ));
     }
     let path = options.stage.path()?;
-    let rig = RigFile::read(path)?;
-    let text = fs::read_to_string(path).map_err(|cause| InputError::io(path, "read", &cause))?;
+    let (rig, text) = RigFile::read_with_text(path)?;
     let stage = options.stage.stage_of(&rig)?;
     if let Some(path) = &options.out {
         // Before the work: it would be for nothing.
         super::destination::refuse_existing(path, options.force)?;
     }
-    let found = match &options.port {
-        None => measure(
-            options,
-            &rig,
-            &stage,
-            &mut simulated::bench(options, &rig, &stage)?,
-        )?,
-        Some(port) => measure(
-            options,
-            &rig,
-            &stage,
-            &mut real::bench(options, port, &rig, &stage)?,
-        )?,
+    let mut bench: Box<dyn Bench> = match &options.port {
+        None => Box::new(simulated::bench(options, &rig, &stage)?),
+        Some(port) => Box::new(real::bench(options, port, &rig, &stage)?),
     };
-    let (samples, fit) = found;
+    let (samples, fit) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {
         let text = with_matrix(path, &text, &fit.matrix)?;
         write_atomically(to, &text).map_err(super::unwritable)?;
@@ -151,7 +139,7 @@ fn measure(
     options: &Options,
     rig: &RigFile,
     stage: &Stage,
-    bench: &mut impl Bench,
+    bench: &mut dyn Bench,
 ) -> Result<(Vec<Sample>, Fit), Failure> {
     let centre_mm = bench.position_mm()?;
     within_travel(options, stage, centre_mm)?;

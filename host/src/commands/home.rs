@@ -1,13 +1,13 @@
 //! `trinocular home`: axes find their home switches.
 
 use std::io::Write;
-use std::sync::atomic::Ordering::Relaxed;
 
 use super::by_hand::{
-    Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
+    Axis, Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position,
+    why_it_stands,
 };
 use super::progress::Progress;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use host::error::Failure;
 use host::rig_file::Stage;
 use host::station::diagnosis;
@@ -43,13 +43,6 @@ Examples:
   trinocular home --port auto --rig rig.toml        # the first after the station's start: configure it
   trinocular home z --port /dev/ttyACM0             # one axis anew";
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Axis {
-    X,
-    Y,
-    Z,
-}
-
 fn chosen(axes: &[Axis], stage: Option<&Stage>) -> [bool; 3] {
     match (axes, stage) {
         ([], None) => [true; 3],
@@ -69,14 +62,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let interrupted = on_interrupt()?;
     hand.command("home", Command::Home { axes })?;
     let progress = Progress::new("homing");
-    let mut stopping = false;
-    let end = hand.wait_for_rest(|hand, _| {
-        if interrupted.load(Relaxed) && !stopping {
-            stopping = true;
-            hand.command("stop", Command::Stop)?;
-        }
-        Ok(())
-    })?;
+    let (end, stopping) = hand.wait_for_rest_or(&interrupted, |_| {})?;
     drop(progress);
     tell(options, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

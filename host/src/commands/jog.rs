@@ -1,7 +1,6 @@
 //! `trinocular jog`: moves the stage by a distance.
 
 use std::io::Write;
-use std::sync::atomic::Ordering::Relaxed;
 
 use super::by_hand::{
     Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
@@ -103,15 +102,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         );
     }
     let mut progress = Progress::new("moving");
-    let mut stopping = false;
-    let end = hand.wait_for_rest(|hand, status| {
-        progress.at(share(&before, status));
-        if interrupted.load(Relaxed) && !stopping {
-            stopping = true;
-            hand.command("stop", Command::Stop)?;
-        }
-        Ok(())
-    })?;
+    let watch = |status: &Status| progress.at(share(&before, status));
+    let (end, stopping) = hand.wait_for_rest_or(&interrupted, watch)?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

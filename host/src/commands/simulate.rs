@@ -110,11 +110,11 @@ struct Work {
 
 impl Work {
     fn of(scenarios: &[Scenario], options: &Options) -> Self {
-        let rendered = |scenario: &Scenario| match scenario.cameras.sight {
-            Sight::Rendered { .. } => scenario.seconds() * runs(scenario, !options.no_prediction),
-            Sight::Points { .. } => 0.0,
+        let of = |scenario: &Scenario| match is_compared(scenario, !options.no_prediction) {
+            true => 2.0 * work_s(scenario),
+            false => work_s(scenario),
         };
-        let total_s: f64 = scenarios.iter().map(rendered).sum();
+        let total_s: f64 = scenarios.iter().map(of).sum();
         Self {
             progress: (total_s > 0.0).then(|| Progress::new("simulating")),
             done_s: 0.0,
@@ -127,10 +127,7 @@ impl Work {
             prediction,
             ..RunOptions::default()
         };
-        let run_s = match scenario.cameras.sight {
-            Sight::Rendered { .. } => scenario.seconds(),
-            Sight::Points { .. } => 0.0,
-        };
+        let run_s = work_s(scenario);
         let tell = |share: f64| {
             if let Some(progress) = &mut self.progress {
                 progress.at((self.done_s + share * run_s) / self.total_s);
@@ -142,12 +139,17 @@ impl Work {
     }
 }
 
-/// How often a scenario is run.
-fn runs(scenario: &Scenario, prediction: bool) -> f64 {
-    match prediction && scenario.expect.prediction_gain.is_some() {
-        true => 2.0,
-        false => 1.0,
+/// The work of one run, in seconds of rendered pictures; ideal points take none worth telling.
+fn work_s(scenario: &Scenario) -> f64 {
+    match scenario.cameras.sight {
+        Sight::Rendered { .. } => scenario.seconds(),
+        Sight::Points { .. } => 0.0,
     }
+}
+
+/// Whether a scenario is run a second time, without prediction.
+fn is_compared(scenario: &Scenario, prediction: bool) -> bool {
+    prediction && scenario.expect.prediction_gain.is_some()
 }
 
 fn simulate(
@@ -161,7 +163,7 @@ fn simulate(
     let trace = work.run(&scenario, prediction)?;
     let figures = Figures::of(&scenario, &trace);
     let mut unpredicted = None;
-    if prediction && scenario.expect.prediction_gain.is_some() {
+    if is_compared(&scenario, prediction) {
         let trace = work.run(&scenario, false)?;
         let figures = Figures::of(&scenario, &trace);
         unpredicted = Some((trace, figures));

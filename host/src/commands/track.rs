@@ -9,8 +9,10 @@ use super::port::PortOption;
 use super::scene::SceneOptions;
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
+use host::experiment::follower::Follower;
 use host::experiment::path::Path;
 use host::rig_file::RigFile;
+use host::station::diagnosis::explain;
 use host::sums;
 use std::io::Write;
 use std::path::PathBuf;
@@ -164,6 +166,23 @@ impl Estimator {
             Self::Midpoint => RigFile::read(path),
         }
     }
+}
+
+/// Says who the station on the line is, and which fault its start has cleared.
+fn introduce(station: &Follower) {
+    let Some(serial) = station.serial() else {
+        return;
+    };
+    eprintln!("station B is {}", station.name());
+    if let Some(fault) = serial.cleared() {
+        let number = fault.number();
+        eprintln!("its fault {number} was cleared: {}", explain(fault));
+    }
+}
+
+/// Three columns of a row, mm.
+fn vector([x, y, z]: &[f64; 3]) -> String {
+    format!("{x:>8.4} {y:>8.4} {z:>8.4}")
 }
 
 const EXAMPLES: &str = "\

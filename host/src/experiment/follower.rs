@@ -10,7 +10,7 @@ use crate::station::StationError;
 use crate::station::serial::Serial;
 use crate::station::stage::configuration;
 use crate::station::twin::Twin;
-use shared::frame::message::{Command, Config, Denial, Mounting, Status};
+use shared::frame::message::{Command, Config, Denial, EstimateReport, Frame, Mounting, Status};
 use shared::time::Instant;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
@@ -44,6 +44,23 @@ pub struct Moment {
     pub station: Instant,
     /// Where the cameras are, mm from where the station was started.
     pub camera_mm: [f64; 3],
+}
+
+/// Why a frame that was sent is not known to have been used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unused {
+    /// The station did not use it.
+    #[error("{0}")]
+    Denied(Denial),
+    /// No answer came.
+    #[error("no answer from the station")]
+    Unanswered,
+    /// The line broke for a short while.
+    #[error("the line was interrupted")]
+    Interrupted,
+    /// The answer came, and its status did not.
+    #[error("the station did not say what it saw")]
+    Unreported,
 }
 
 /// A station on a serial line, and what its reports mean.
@@ -135,15 +152,16 @@ impl Follower {
     /// # Errors
     /// If the line breaks, or no heartbeat comes back for three seconds: until the first the station's clock is not known.
     pub fn station_time(&self, at: Instant) -> Result<Instant, StationError> {
-        let station_us = match self {
-            Self::Twin(twin) => twin.client().clock().station_us(at.micros()),
+        let station = match self {
+            Self::Twin(twin) => twin.station_time(at),
             Self::Live(live) => live
                 .serial
                 .wait_until(HostInstant::now() + REPORT_PATIENCE, |client| {
                     client.clock().station_us(at.micros())
-                })?,
+                })?
+                .map(Instant::from_micros),
         };
-        station_us.map(Instant::from_micros).ok_or(SILENT)
+        station.ok_or(SILENT)
     }
 
     /// Lets time pass until `end`.
@@ -165,10 +183,9 @@ impl Follower {
             Self::Twin(twin) => {
                 twin.advance(due);
                 let at = twin.now();
-                let station = twin.client().clock().station_us(at.micros());
                 Ok(Moment {
                     at,
-                    station: station.map(Instant::from_micros).ok_or(SILENT)?,
+                    station: twin.station_time(at).ok_or(SILENT)?,
                     camera_mm: twin.position_mm(),
                 })
             }
@@ -195,12 +212,33 @@ impl Follower {
         }
     }
 
-    /// What became of a frame, and the status that followed; `None` if no answer came. The frame takes effect at the next tick, and the answer is
-    /// on the line right after.
+    /// Sends a frame and waits for what the station makes of it; the inner error is why there is nothing.
     ///
     /// # Errors
-    /// If the line breaks.
-    pub fn outcome(&mut self, sequence: u16) -> Result<Option<Result<(), Denial>>, StationError> {
+    /// If the line breaks for longer than the station bears.
+    pub fn offer(&mut self, frame: Frame) -> Result<Result<EstimateReport, Unused>, StationError> {
+        let sequence = self.send(Command::Frame(frame));
+        let answer = match self.outcome(sequence) {
+            Ok(answer) => answer,
+            Err(lost) => {
+                self.resume(lost)?;
+                return Ok(Err(Unused::Interrupted));
+            }
+        };
+        Ok(match answer {
+            None => Err(Unused::Unanswered),
+            Some(Err(denial)) => Err(Unused::Denied(denial)),
+            Some(Ok(())) => self
+                .status()
+                .and_then(|status| status.estimate)
+                .filter(|estimate| estimate.sequence == sequence)
+                .ok_or(Unused::Unreported),
+        })
+    }
+
+    /// What became of a frame, and the status that followed; `None` if no answer came. The frame takes effect at the next tick, and the answer is
+    /// on the line right after.
+    fn outcome(&mut self, sequence: u16) -> Result<Option<Result<(), Denial>>, StationError> {
         match self {
             Self::Twin(twin) => {
                 twin.advance(twin.now().plus_micros(2_000));
@@ -257,15 +295,16 @@ impl Follower {
         }
     }
 
-    /// Goes on after a lost line, if nothing was lost with it.
+    /// Goes on after `lost`, if that was a short break of the line that the station did not even notice.
     ///
     /// # Errors
-    /// If the line is not back, the station restarted, or it stopped.
-    pub fn resume(&mut self) -> Result<(), StationError> {
-        match self {
-            Self::Twin(_) => Ok(()),
-            Self::Live(live) => live.serial.resume(),
-        }
+    /// `lost`, if it was anything else: the line is not back, the station restarted, or it stopped.
+    pub fn resume(&mut self, lost: StationError) -> Result<(), StationError> {
+        let is_back = match (&lost, self) {
+            (StationError::Interrupted { .. }, Self::Live(live)) => live.serial.resume().is_ok(),
+            _ => false,
+        };
+        is_back.then_some(()).ok_or(lost)
     }
 
     /// The line to the station, if there is one.

@@ -2,13 +2,16 @@
 //!
 //! * [`follower`]: station B, wherever it is;
 //! * [`world`]: both stations on one clock, and the pictures that B's cameras take of A's poster;
+//! * [`frame`]: from pictures to the sums of a flow frame;
 //! * [`servo`]: B's loop, from picture to flow frame, and what happened in every frame;
+//! * [`pursuit`]: the same for captures that come from outside;
 //! * [`path`]: where A goes;
 //! * [`tracking`]: section 4.3, five moves in closed loop (Table 6, Figs. 7 and 8);
 //! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5);
 //! * [`present`]: tables and figures of both.
 
 pub mod follower;
+pub mod frame;
 pub mod moves;
 pub mod path;
 pub mod present;

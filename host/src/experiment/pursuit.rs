@@ -2,10 +2,11 @@
 
 use super::Error;
 use super::follower::Follower;
+use super::frame;
 use crate::flow::{Flow, Settings as FlowSettings};
 use crate::images::Capture;
 use crate::station::StationError;
-use crate::sums::{Estimator, Sums};
+use crate::sums::Estimator;
 use shared::frame::message::{Command, Frame, Sums as FrameSums};
 use shared::rig::Rig;
 use shared::safety::Trust;
@@ -119,19 +120,18 @@ impl Pursuit {
             Clock::Virtual { .. } => start.reference.plus_micros(since_us),
             Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
         };
-        let (used, remarks) = match self.sums(capture) {
-            Ok((sums, remarks)) => (self.send(taken, start.reference, sums)?, remarks),
+        let measured = frame::measure(&self.flow, &self.rig, capture, self.estimator);
+        let (displacement_mm, remarks) = match measured {
+            Ok((measured, sums)) => (
+                self.send(taken, start.reference, sums)?,
+                measured.remarks(&self.names),
+            ),
             Err(reason) => (Err(reason), Vec::new()),
         };
         let status = self.station.status();
         if let Some(fault) = status.and_then(|status| status.fault) {
             return Err(StationError::Faulted(fault).into());
         }
-        let displacement_mm = used.and_then(|()| {
-            let estimate = status.and_then(|status| status.estimate);
-            let estimate = estimate.ok_or("the station did not say what it saw")?;
-            Ok(estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6))
-        });
         if let Clock::Virtual { period_us, .. } = self.clock {
             self.station.advance(taken.plus_micros(period_us));
         }
@@ -163,39 +163,23 @@ impl Pursuit {
         self.station.station_time(here)
     }
 
-    /// The frame, and what is to be said of the cameras.
-    fn sums(&mut self, capture: &Capture) -> Result<(FrameSums, Vec<String>), String> {
-        let measured = self.flow.measure(capture);
-        let measured = measured.map_err(|refusal| refusal.to_string())?;
-        let frame = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(self.estimator));
-        frame
-            .map(|frame| (frame, measured.remarks(&self.names)))
-            .map_err(|refusal| refusal.to_string())
-    }
-
-    /// Sends a frame; the inner error is why the station did not use it.
+    /// Sends a frame: the station's estimate, mm; the inner error is why the station did not use it.
     fn send(
         &mut self,
         capture: Instant,
         reference: Instant,
         sums: FrameSums,
-    ) -> Result<Result<(), String>, StationError> {
+    ) -> Result<Result<[f64; 3], String>, StationError> {
         if let Clock::Virtual { latency_us, .. } = self.clock {
             self.station.advance(capture.plus_micros(latency_us));
         }
-        let sequence = self.station.send(Command::Frame(Frame {
+        let offered = self.station.offer(Frame {
             capture,
             reference,
             sums,
-        }));
-        match self.station.outcome(sequence) {
-            Ok(Some(answer)) => Ok(answer.map_err(|denial| denial.to_string())),
-            Ok(None) => Ok(Err("no answer from the station".to_owned())),
-            // A short break of the line that the station did not even notice; after any other it has stopped.
-            Err(StationError::Interrupted { .. }) if self.station.resume().is_ok() => {
-                Ok(Err("the line was interrupted".to_owned()))
-            }
-            Err(lost) => Err(lost),
-        }
+        })?;
+        Ok(offered
+            .map(|estimate| estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6))
+            .map_err(|unused| unused.to_string()))
     }
 }

@@ -1,12 +1,13 @@
 //! B's loop: take pictures, measure the flow, send a frame; time passes as it would.
 
 use super::Error;
-use super::follower::Moment;
+use super::follower::{Moment, Unused};
+use super::frame;
 use super::world::{Exposure, World};
 use crate::flow::{Flow, Settings};
 use crate::station::StationError;
-use crate::sums::{Estimator, Sums};
-use shared::frame::message::{Command, Denial, Frame, Sums as FrameSums};
+use crate::sums::Estimator;
+use shared::frame::message::{Denial, Frame, Sums as FrameSums};
 use shared::rig::Rig;
 use shared::safety::Trust;
 use shared::time::Instant;
@@ -150,7 +151,7 @@ impl Servo {
             capture,
         } = match world.expose(due) {
             Err(Error::Station(lost)) => {
-                resume(world, lost)?;
+                world.b.resume(lost)?;
                 world.expose(due)?
             }
             exposed => exposed?,
@@ -159,9 +160,9 @@ impl Servo {
         self.last = moment.at;
         let time_s = moment.at.since(self.keyframe) as f64 * 1e-6;
         let [target_mm, camera_mm] = self.since_keyframe([target_mm, moment.camera_mm]);
-        let outcome = match self.sums(&capture) {
+        let outcome = match frame::measure(&self.flow, &self.rig, &capture, self.estimator) {
             Err(reason) => Outcome::Refused(reason),
-            Ok((sums, points)) => self.send(world, &moment, sums, points)?,
+            Ok((measured, sums)) => self.send(world, &moment, sums, measured.tracks.len())?,
         };
         let status = world.b.status();
         match status.and_then(|status| status.fault) {
@@ -176,17 +177,6 @@ impl Servo {
         }
     }
 
-    fn sums(&mut self, picture: &crate::images::Capture) -> Result<(FrameSums, usize), String> {
-        let measured = self
-            .flow
-            .measure(picture)
-            .map_err(|refusal| refusal.to_string())?;
-        let frame = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(self.estimator));
-        frame
-            .map(|frame| (frame, measured.tracks.len()))
-            .map_err(|refusal| refusal.to_string())
-    }
-
     fn send(
         &self,
         world: &mut World,
@@ -195,25 +185,17 @@ impl Servo {
         points: usize,
     ) -> Result<Outcome, StationError> {
         world.advance(moment.at.plus_micros(self.timing.latency_us));
-        let sequence = world.b.send(Command::Frame(Frame {
+        let offered = world.b.offer(Frame {
             capture: moment.station,
             reference: self.reference,
             sums,
-        }));
-        let answer = match world.b.outcome(sequence) {
-            Err(lost) => {
-                resume(world, lost)?;
-                None
+        });
+        let estimate = match offered? {
+            Ok(estimate) => estimate,
+            Err(Unused::Denied(denial)) => return Ok(Outcome::Denied(denial)),
+            Err(Unused::Unanswered | Unused::Interrupted | Unused::Unreported) => {
+                return Ok(Outcome::Unanswered);
             }
-            Ok(answer) => answer,
-        };
-        if let Some(Err(denial)) = answer {
-            return Ok(Outcome::Denied(denial));
-        }
-        let estimate = world.b.status().and_then(|status| status.estimate);
-        let estimate = estimate.filter(|estimate| estimate.sequence == sequence);
-        let (Some(Ok(())), Some(estimate)) = (answer, estimate) else {
-            return Ok(Outcome::Unanswered);
         };
         let mm = |nm: f64| nm * 1e-6;
         Ok(Outcome::Used {
@@ -224,13 +206,5 @@ impl Servo {
             points,
             latency_us: estimate.latency_us,
         })
-    }
-}
-
-/// Goes on after a short break of the line that the station did not even notice; any other is the end, for it has stopped.
-fn resume(world: &mut World, lost: StationError) -> Result<(), StationError> {
-    match lost {
-        StationError::Interrupted { .. } if world.b.resume().is_ok() => Ok(()),
-        lost => Err(lost),
     }
 }

@@ -6,7 +6,7 @@ use super::servo::{Outcome, Servo, Step, Timing};
 use super::world::World;
 use crate::images::{SceneSettings, Texture, TextureKind};
 use crate::station::serial::Serial;
-use crate::station::stage::default_stage;
+use crate::station::stage::{default_stage, setpoint};
 use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::{Command, Status};
@@ -202,10 +202,7 @@ pub fn run(
     let mut late_s = 0.0;
     for (stop, paper_mm) in PAPER_MM.into_iter().enumerate() {
         let true_mm = MOVE_MM.map(|d| d * (stop + 1) as f64);
-        let position_um = true_mm.map(|mm| (mm * 1e3).round() as i32);
-        world
-            .a
-            .command("setpoint", Command::Setpoint { position_um })?;
+        world.a.command("setpoint", setpoint(true_mm))?;
         let end_s = (stop + 1) as f64 * settings.rest_s + late_s;
         let latest_s = end_s + LONGEST_RESTS * settings.rest_s;
         let mut used = 0;

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use toml_edit::{Array, DocumentMut, Item, Value};
+use toml_edit::Item;
 
 use crate::error::InputError;
-use crate::rig_file::RigFile;
+use crate::rig_file::edit::{edited, replace, rounded};
 
 /// Decimals of an element: a µm in a metre.
 const DECIMALS: f64 = 1e6;
@@ -15,40 +15,26 @@ const DECIMALS: f64 = 1e6;
 /// # Errors
 /// If the text is no rig file with a stage, or the result would be none.
 pub fn with_matrix(file: &Path, text: &str, matrix: &[[f64; 3]; 3]) -> Result<String, InputError> {
-    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
-        InputError::file(file, format!("not valid TOML: {}", error.message()))
-    })?;
-    let rows = document
-        .get_mut("stage")
-        .and_then(Item::as_table_like_mut)
-        .and_then(|stage| stage.get_mut("matrix"))
-        .and_then(Item::as_array_mut);
-    let Some(rows) = rows else {
-        return Err(InputError::file(file, "has no [stage] with a matrix"));
-    };
-    for (row, elements) in rows.iter_mut().zip(matrix) {
-        if let Some(row) = row.as_array_mut() {
-            replace(row, elements);
+    edited(file, text, |document| {
+        let rows = document
+            .get_mut("stage")
+            .and_then(Item::as_table_like_mut)
+            .and_then(|stage| stage.get_mut("matrix"))
+            .and_then(Item::as_array_mut)
+            .ok_or_else(|| InputError::file(file, "has no [stage] with a matrix"))?;
+        for (row, elements) in rows.iter_mut().zip(matrix) {
+            if let Some(row) = row.as_array_mut() {
+                replace(row, elements.iter().map(|e| rounded(*e, DECIMALS)));
+            }
         }
-    }
-    let text = document.to_string();
-    RigFile::parse(file, &text)?;
-    Ok(text)
-}
-
-fn replace(row: &mut Array, elements: &[f64; 3]) {
-    for (value, element) in row.iter_mut().zip(elements) {
-        // No negative zero.
-        let rounded = (element * DECIMALS).round() / DECIMALS + 0.0;
-        let around = value.decor().clone();
-        *value = Value::from(rounded);
-        *value.decor_mut() = around;
-    }
+        Ok(())
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig_file::RigFile;
     use crate::station::stage::default_stage;
 
     const MATRIX: [[f64; 3]; 3] = [

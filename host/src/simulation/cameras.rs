@@ -1,7 +1,7 @@
 //! The cameras on the stage: from where the target is to the sums of a frame.
 
 use super::scenario::{Cameras, Sight};
-use crate::experiment::Error;
+use crate::experiment::{Error, frame};
 use crate::flow::{Flow, Settings, Track};
 use crate::images::{Capture, Image, Scene, SceneSettings, Texture};
 use crate::random::Random;
@@ -116,9 +116,8 @@ impl Eyes {
     }
 
     fn measure(&self, flow: &Flow, capture: &Capture) -> Result<FrameSums, String> {
-        let measured = flow.measure(capture).map_err(|r| r.to_string())?;
-        let sums = Sums::of(&self.rig, &measured).and_then(|sums| sums.frame(Estimator::Midpoint));
-        sums.map_err(|refusal| refusal.to_string())
+        let measured = frame::measure(flow, &self.rig, capture, Estimator::Midpoint);
+        measured.map(|(_, sums)| sums)
     }
 
     fn occluder(&self, noise_grey: f64, number: u64, seed: u64) -> Capture {

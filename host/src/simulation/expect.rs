@@ -1,6 +1,6 @@
 //! What must come of a scenario, and what was missed.
 
-use super::figures::{Figures, resolution, sight_name};
+use super::figures::{Figures, resolution};
 use super::scenario::Scenario;
 use super::trace::{SAMPLE_S, Trace};
 use crate::station::diagnosis;
@@ -151,7 +151,7 @@ impl Scenario {
             missed.names("states", &figures.states, states, state);
         }
         if let Some(sights) = &expect.sights {
-            let sight = |sight: &Sight| sight_name(*sight);
+            let sight = |sight: &Sight| diagnosis::sight(*sight);
             missed.names("sights", &figures.sights, sights, sight);
         }
     }

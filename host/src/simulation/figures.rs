@@ -11,7 +11,6 @@ use crate::rig_file::Stage;
 use crate::station::diagnosis;
 use crate::station::stage::HEARTBEAT_MS;
 use serde::Serialize;
-use shared::track::pursuit::Sight;
 
 /// Speed and acceleration are means over so much time, s.
 const WINDOW_S: f64 = 0.020;
@@ -118,10 +117,8 @@ impl Figures {
             states: (trace.states.iter())
                 .map(|state| diagnosis::state(*state).name)
                 .collect(),
-            sights: trace
-                .sights
-                .iter()
-                .map(|sight| sight_name(*sight))
+            sights: (trace.sights.iter())
+                .map(|sight| diagnosis::sight(*sight))
                 .collect(),
             rms_3d_mm: length(rms_mm),
             lag_mm: length(mean_mm),
@@ -142,16 +139,6 @@ impl Figures {
                 .collect(),
             refused_commands: trace.refused_commands.clone(),
         }
-    }
-}
-
-/// As the protocol's `schema.txt` has it.
-pub const fn sight_name(sight: Sight) -> &'static str {
-    match sight {
-        Sight::None => "none",
-        Sight::Tracking => "tracking",
-        Sight::Coasting => "coasting",
-        Sight::Lost => "lost",
     }
 }
 

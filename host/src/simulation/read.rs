@@ -1,17 +1,15 @@
 //! Scenario files, read strictly: whatever is wrong is named with file, line and field.
 
 use super::expect::{Checkpoint, Expect};
-use super::figures::sight_name;
 use super::motion::{Leg, Motion};
 use super::scenario::{self, Cameras, Event, Happening, Measure, Scenario};
 use crate::error::InputError;
-use crate::rig_file::Stage;
 use crate::rig_file::field::{Field, Source};
+use crate::rig_file::{Stage, read_text};
 use crate::station::diagnosis;
 use crate::station::stage::default_stage;
 use shared::safety::{Fault, State};
 use shared::track::pursuit::Sight;
-use std::fs;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
@@ -28,9 +26,7 @@ impl Scenario {
     /// # Errors
     /// The first thing that is wrong with it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let text =
-            fs::read_to_string(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-        Self::parse(path, &text)
+        Self::parse(path, &read_text(path)?)
     }
 
     /// Checks the text of a scenario file; `file` is what errors name.
@@ -380,7 +376,7 @@ fn expect(section: &Field<'_>, seconds: f64) -> Result<Expect, InputError> {
             Some(list) => {
                 const ALL: [Sight; 4] =
                     [Sight::None, Sight::Tracking, Sight::Coasting, Sight::Lost];
-                Some(named(&list, ALL, sight_name)?)
+                Some(named(&list, ALL, diagnosis::sight)?)
             }
             None => None,
         },

@@ -382,9 +382,8 @@ impl<'a> World<'a> {
 
 /// The present instant on the station's clock, as the host knows it.
 fn station_time(twin: &Twin) -> Result<Instant, StationError> {
-    let now = twin.now().micros();
-    let there = twin.client().clock().station_us(now);
-    there.map(Instant::from_micros).ok_or(StationError::Silent {
+    let there = twin.station_time(twin.now());
+    there.ok_or(StationError::Silent {
         command: "ping",
         waited_ms: 0,
     })

@@ -190,7 +190,7 @@ pub const fn trust(trust: Trust) -> &'static str {
     }
 }
 
-/// A sight's name.
+/// A sight's name, as in JSON, in scenarios and in the protocol's `schema.txt`.
 pub const fn sight(sight: Sight) -> &'static str {
     match sight {
         Sight::None => "none",
@@ -299,6 +299,9 @@ mod tests {
         assert_eq!(line("state "), format!("state{}", states.concat()));
         let faults = Fault::ALL.map(|f| format!(" {} {}", f.number(), fault(f).name));
         assert_eq!(line("fault "), format!("fault{}", faults.concat()));
+        let sights = [Sight::None, Sight::Tracking, Sight::Coasting, Sight::Lost];
+        let sights = sights.map(|s| format!(" {} {}", s as u8, sight(s)));
+        assert_eq!(line("sight "), format!("sight{}", sights.concat()));
     }
 
     /// What the table promises is what the machine does: see `shared/src/machine/fault.rs`.

@@ -3,7 +3,7 @@
 use super::StationError;
 use crate::rig_file::{Care, Driver, Stage};
 use shared::estimate::Gate;
-use shared::frame::message::{Config, HomeSwitch, MATRIX_BITS, Mounting, StageConfig};
+use shared::frame::message::{Command, Config, HomeSwitch, MATRIX_BITS, Mounting, StageConfig};
 use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
 use shared::track::pursuit::Settings;
@@ -24,6 +24,13 @@ pub fn default_stage() -> Stage {
         driver: Driver::Tmc2209,
         tracking: Settings::DEFAULT,
         care: Care::default(),
+    }
+}
+
+/// The command to go to a position, mm from zero.
+pub fn setpoint(position_mm: [f64; 3]) -> Command {
+    Command::Setpoint {
+        position_um: position_mm.map(|mm| (mm * 1e3).round() as i32),
     }
 }
 

@@ -226,6 +226,12 @@ impl Twin {
         self.hardware.now
     }
 
+    /// An instant of virtual time on the station's clock, as the host knows it; `None` until the first ping has come back.
+    pub fn station_time(&self, at: Instant) -> Option<Instant> {
+        let station_us = self.client.clock().station_us(at.micros());
+        station_us.map(Instant::from_micros)
+    }
+
     /// Lets time pass until `end`, with a heartbeat every 20 ms.
     pub fn advance(&mut self, end: Instant) {
         while self.pings && self.next_ping <= end {

@@ -6,7 +6,7 @@ use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::rig_file::{RigFile, Stage};
-use shared::frame::message::Command;
+use host::station::stage::setpoint;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -69,10 +69,8 @@ impl Bench for Real {
     }
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
-        let position_um = position_mm.map(|mm| (mm * 1e3).round() as i32);
-        self.hand
-            .command("setpoint", Command::Setpoint { position_um })?;
-        let end = self.hand.wait_for_rest(|_, _| Ok(()))?;
+        self.hand.command("setpoint", setpoint(position_mm))?;
+        let end = self.hand.wait_for_rest()?;
         why_it_stands(&self.hand, &end, false)?;
         Ok(in_mm(end.position_steps, &self.stage))
     }

@@ -1,22 +1,14 @@
 //! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
 
 use super::{Bench, Options};
-use clap::ValueEnum;
 use host::error::Failure;
 use host::images::{Capture, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
+use host::station::stage::setpoint;
 use host::station::twin::Twin;
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use shared::frame::message::{Command, Mounting};
+use shared::frame::message::Mounting;
 use shared::safety::State;
-
-/// An axis of the stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
-    X,
-    Y,
-    Z,
-}
 
 /// Twin and scene.
 pub struct Simulated {
@@ -62,9 +54,8 @@ impl Bench for Simulated {
     }
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
-        let position_um = position_mm.map(|mm| (mm * 1e3).round() as i32);
         self.twin
-            .command("setpoint", Command::Setpoint { position_um })
+            .command("setpoint", setpoint(position_mm))
             .map_err(super::super::station_failed)?;
         loop {
             self.twin.advance(self.twin.now().plus_micros(110_000));

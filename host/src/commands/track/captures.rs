@@ -1,6 +1,6 @@
 //! Captures from outside: each is followed and printed in its line.
 
-use super::Options;
+use super::{Options, introduce, vector};
 use crate::commands::failed_at;
 use crate::commands::progress::Count;
 use host::error::{Failure, InputError};
@@ -9,7 +9,7 @@ use host::experiment::follower::Follower;
 use host::experiment::pursuit::{Clock, Followed, Pursuit};
 use host::images::Capture;
 use host::rig_file::{RigFile, Stage};
-use host::station::diagnosis::{self, explain};
+use host::station::diagnosis;
 use serde_json::json;
 use shared::frame::message::Mounting;
 use std::collections::BTreeSet;
@@ -50,13 +50,7 @@ impl<'a> Captures<'a> {
         let place = options.station.place(port);
         let station = Follower::start_as(place, stage, mounting);
         let station = station.map_err(|error| failed(error.into()))?;
-        if let Some(serial) = station.serial() {
-            eprintln!("station B is {}", station.name());
-            if let Some(fault) = serial.cleared() {
-                let number = fault.number();
-                eprintln!("its fault {number} was cleared: {}", explain(fault));
-            }
-        }
+        introduce(&station);
         let clock = match (port, now_us) {
             (Some(_), Some(now_us)) => Clock::Real {
                 offset_us: station.now().micros() as i64 - now_us() as i64,
@@ -164,7 +158,6 @@ fn print(
             let [target, stage] = ["target mm", "stage mm"];
             writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
         }
-        let vector = |v: &[f64; 3]| format!("{:>8.4} {:>8.4} {:>8.4}", v[0], v[1], v[2]);
         let (seen, outcome) = match displacement_mm {
             Ok(displacement_mm) => (vector(displacement_mm), "used"),
             Err(reason) => (format!("{:>26}", "-"), reason.as_str()),

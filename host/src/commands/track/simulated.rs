@@ -2,15 +2,15 @@
 
 use super::super::failed_at;
 use super::super::progress::Progress;
-use super::Options;
+use super::{Options, introduce, vector};
 use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
 use host::rig_file::RigFile;
-use host::station::diagnosis::{self, explain};
+use host::station::diagnosis;
 use host::station::serial::Serial;
-use host::station::stage::default_stage;
+use host::station::stage::{default_stage, setpoint};
 use serde_json::json;
 use shared::frame::message::Command;
 use std::io::Write;
@@ -43,16 +43,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         frames_per_s: options.fps,
         latency_us: options.latency * 1000,
     };
-    if let Some(serial) = world.b.serial() {
-        eprintln!("station B is {}", world.b.name());
-        if let Some(fault) = serial.cleared() {
-            eprintln!(
-                "its fault {} was cleared: {}",
-                fault.number(),
-                explain(fault)
-            );
-        }
-    }
+    introduce(&world.b);
     let servo = Servo::start(&mut world, &rig, timing, options.method.into());
     let mut servo = servo.map_err(failed)?;
     let mut progress = Progress::new("following");
@@ -67,11 +58,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let seconds = options.seconds.unwrap_or(DEFAULT_SECONDS);
     while servo.time_s(&world) + 1.0 / options.fps <= seconds {
         // A gets its setpoint at every picture, one picture ahead.
-        let position_um = options
-            .path
-            .at(servo.time_s(&world))
-            .map(|mm| (mm * 1e3).round() as i32);
-        world.a.send(Command::Setpoint { position_um });
+        let next_mm = options.path.at(servo.time_s(&world));
+        world.a.send(setpoint(next_mm));
         let step = servo.step(&mut world).map_err(failed)?;
         progress.at(step.time_s / seconds);
         let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
@@ -131,7 +119,6 @@ fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> R
         writeln!(out, "{object}")?;
         return Ok(());
     }
-    let vector = |v: &[f64; 3]| format!("{:>8.4} {:>8.4} {:>8.4}", v[0], v[1], v[2]);
     writeln!(
         out,
         "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}",
