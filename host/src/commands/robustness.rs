@@ -136,13 +136,9 @@ fn conditions(
 }
 
 fn bias(options: &Options, out: &mut impl Write) -> Result<Vec<String>, Failure> {
-    let progress = Mutex::new(Progress::new("phases"));
-    let phases = phase::run(options.seeds.into(), |share| {
-        if let Ok(mut progress) = progress.lock() {
-            progress.at(share);
-        }
-    })
-    .map_err(unrendered)?;
+    let mut progress = Progress::new("phases");
+    let told = |share| progress.at(share);
+    let phases = phase::run(options.seeds.into(), told).map_err(unrendered)?;
     drop(progress);
     if options.json {
         for phase in &phases {

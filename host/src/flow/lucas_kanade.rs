@@ -90,6 +90,9 @@ impl<const N: usize, const W: usize> Template<N, W> {
     /// How far the centre of a window must stay from the borders, px.
     pub const MARGIN: usize = N / 2 + 2;
 
+    /// Side of the window, px.
+    pub const SIDE: usize = N;
+
     /// Whether a window around `at` lies within `plane`.
     pub fn fits(plane: &Plane, at: [f32; 2]) -> bool {
         let inside = |at: f32, size: usize| {

@@ -25,6 +25,7 @@ pub mod corner;
 pub mod follow;
 pub mod frame_set;
 pub mod geometry;
+mod keyframe;
 pub mod laps;
 pub mod likeness;
 pub mod lucas_kanade;
@@ -44,16 +45,15 @@ mod workers;
 
 use follow::{Follow, Followed};
 use geometry::Geometry;
+use keyframe::{Keyframe, Reference};
 use laps::{Laps, Stage};
 use likeness::Field;
-use lucas_kanade::Large;
 pub use measurement::{Measurement, Track};
 use pyramid::{Plane, Pyramid};
 pub use refusal::{Reason, Refusal, Rejected};
 use search::Search;
 use settle::Settled;
 use spare::Spare;
-use stereo::{Match, Stereo};
 use team::{Absence, Last, Team};
 
 /// What the matching is to be content with.
@@ -114,43 +114,6 @@ pub struct Filtered {
     /// Per camera: why its picture is of no use.
     absences: Vec<Option<Absence>>,
     prints: Vec<u64>,
-}
-
-/// What a measurement needs of the reference instant.
-#[derive(Clone, Copy, Debug)]
-struct Reference<'a> {
-    team: &'a Team,
-    /// Of all cameras.
-    pyramids: &'a [Pyramid],
-    coarse: &'a Field,
-    matches: &'a [Match],
-    rejected: Rejected,
-}
-
-impl Keyframe {
-    fn view(&self) -> Reference<'_> {
-        Reference {
-            team: &self.team,
-            pyramids: &self.pyramids,
-            coarse: &self.coarse,
-            matches: &self.matches,
-            rejected: self.rejected,
-        }
-    }
-}
-
-/// Matched points and images of the reference instant.
-#[derive(Clone, Debug)]
-struct Keyframe {
-    team: Team,
-    /// Of all cameras.
-    pyramids: Vec<Pyramid>,
-    absences: Vec<Option<Absence>>,
-    prints: Vec<u64>,
-    /// What follows is the team's.
-    coarse: Field,
-    matches: Vec<Match>,
-    rejected: Rejected,
 }
 
 /// Matches captures with a reference capture.
@@ -259,93 +222,6 @@ impl Flow {
         }
     }
 
-    /// [`Flow::set_reference`] with a capture that was filtered before, as that of the last measurement was.
-    ///
-    /// # Errors
-    /// [`Refusal`], with what was found.
-    pub fn refer_to(&mut self, filtered: Filtered, laps: &mut Laps) -> Result<(), Refusal> {
-        // What the old keyframe occupies is given back only when the new one is complete: else the allocator would return it to the system,
-        // to ask for it again at once.
-        let old = self.keyframe.take();
-        let Filtered {
-            pyramids,
-            absences,
-            prints,
-        } = filtered;
-        let settings = &self.settings;
-        let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
-        let views = team.select(&pyramids);
-        let reference = team.geometry.reference;
-        let base = &views[reference].levels[0];
-        let corners = corner::corners(base, Large::MARGIN + 1, settings.apart_px, settings.corners);
-        laps.lap(Stage::Corners);
-        let least = settings.least_points;
-        if corners.len() < least {
-            let found = corners.len();
-            return Err(Refusal::FewCorners { found, least });
-        }
-        let level = self.spatial_level();
-        let planes = views.iter().map(|p| &p.levels[level]).collect();
-        let fields = workers::map(settings.threads, planes, Field::new);
-        let stereo = Stereo {
-            geometry: &team.geometry,
-            settings,
-            pyramids: &views,
-            fields: &fields,
-            level,
-        };
-        let places: Vec<[f64; 2]> = (corners.iter().enumerate())
-            .map(|(index, corner)| spread_phase(index, *corner))
-            .collect();
-        let mut rejected = Rejected::default();
-        let mut matches = Vec::with_capacity(settings.points);
-        let mut untried = places.as_slice();
-        while matches.len() < settings.points && !untried.is_empty() {
-            // No more than could be used, so none is tried in vain however many threads there are.
-            let wanted = settings.points - matches.len();
-            let (batch, rest) = untried.split_at(wanted.min(untried.len()));
-            untried = rest;
-            for found in workers::map(settings.threads, batch.to_vec(), |place| stereo.find(place))
-            {
-                match found {
-                    Ok(matched) => matches.push(matched),
-                    Err(reason) => rejected.add(reason),
-                }
-            }
-        }
-        let tried = places.len() - untried.len();
-        let (matched, ambiguous) = (matches.len(), rejected.of(Reason::Ambiguous));
-        if ambiguous > matched && 4 * ambiguous > tried {
-            return Err(Refusal::AmbiguousDepth { ambiguous, matched });
-        }
-        if matched < least {
-            return Err(Refusal::FewMatches {
-                matched,
-                corners: tried,
-                least,
-            });
-        }
-        let coarse = Field::new(&views[reference].levels[self.temporal_level()]);
-        self.keyframe = Some(Keyframe {
-            team,
-            pyramids,
-            absences,
-            prints,
-            coarse,
-            matches,
-            rejected,
-        });
-        if let Some(old) = old {
-            self.spare.keep(Filtered {
-                pyramids: old.pyramids,
-                absences: old.absences,
-                prints: old.prints,
-            });
-        }
-        laps.lap(Stage::Spatial);
-        Ok(())
-    }
-
     /// Follows the reference's points into `capture`.
     ///
     /// # Errors
@@ -353,11 +229,7 @@ impl Flow {
     pub fn measure(&self, capture: &Capture) -> Result<Measurement, Refusal> {
         // Before anything is computed in vain.
         self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
-        let mut laps = Laps::start();
-        let filtered = self.filter(capture, &mut laps)?;
-        let measurement = self.measure_in(&filtered, &mut laps);
-        self.spare.keep(filtered);
-        measurement
+        frame_set::keyframe(self, capture).map(|(measurement, _)| measurement)
     }
 
     /// [`Flow::measure`] with a capture that was filtered before.
@@ -367,37 +239,16 @@ impl Flow {
     pub fn measure_in(&self, now: &Filtered, laps: &mut Laps) -> Result<Measurement, Refusal> {
         let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
         let mut absences = now.absences.clone();
-        team::mark_frozen(&mut absences, &now.prints, &keyframe.prints);
-        for (absence, before) in absences.iter_mut().zip(&keyframe.absences) {
+        team::mark_frozen(&mut absences, &now.prints, &keyframe.filtered.prints);
+        for (absence, before) in absences.iter_mut().zip(&keyframe.filtered.absences) {
             *absence = absence.or(*before);
         }
-        let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
-        let (mut measurement, late) = if team.cameras == keyframe.team.cameras {
-            self.measure_with(&keyframe.view(), now, laps)?
-        } else {
-            let (matches, coarse) = self.without_some(keyframe, &team);
-            let reference = Reference {
-                team: &team,
-                coarse: &coarse,
-                matches: &matches,
-                ..keyframe.view()
-            };
-            self.measure_with(&reference, now, laps)?
-        };
-        if let Some((late, share)) = late {
-            let absence = (team.cameras.get(late)).and_then(|k| absences.get_mut(*k));
-            if let Some(absence) = absence {
-                *absence = Some(Absence::OutOfStep { share });
-            }
-            let team = self.team(|k| matches!(absences.get(k), Some(None)))?;
-            let (matches, coarse) = self.without_some(keyframe, &team);
-            let reference = Reference {
-                team: &team,
-                coarse: &coarse,
-                matches: &matches,
-                ..keyframe.view()
-            };
-            (measurement, _) = self.measure_with(&reference, now, laps)?;
+        let (mut measurement, late) = self.measure_by(keyframe, &absences, now, laps)?;
+        if let Some((camera, share)) = late
+            && let Some(absence) = absences.get_mut(camera)
+        {
+            *absence = Some(Absence::OutOfStep { share });
+            (measurement, _) = self.measure_by(keyframe, &absences, now, laps)?;
         }
         let absent = absences.into_iter().enumerate();
         measurement.absent = absent
@@ -406,38 +257,37 @@ impl Flow {
         Ok(measurement)
     }
 
-    /// The cameras for which `takes_part`.
-    fn team(&self, takes_part: impl Fn(usize) -> bool) -> Result<Team, Refusal> {
+    /// By the cameras that are not absent.
+    fn measure_by(
+        &self,
+        keyframe: &Keyframe,
+        absences: &[Option<Absence>],
+        now: &Filtered,
+        laps: &mut Laps,
+    ) -> Result<Settled, Refusal> {
+        let team = self.team(absences)?;
+        if team.cameras == keyframe.team.cameras {
+            return self.measure_with(&keyframe.view(), now, laps);
+        }
+        let (matches, coarse) = keyframe.part(&team, self.temporal_level());
+        let reference = Reference {
+            team: &team,
+            coarse: &coarse,
+            matches: &matches,
+            ..keyframe.view()
+        };
+        self.measure_with(&reference, now, laps)
+    }
+
+    /// The cameras that are not absent.
+    fn team(&self, absences: &[Option<Absence>]) -> Result<Team, Refusal> {
+        let takes_part = |k: usize| matches!(absences.get(k), Some(None));
         let rig = &self.geometry.rig;
         let left = (0..rig.cameras.len()).filter(|k| takes_part(*k)).count();
         Team::of(rig, takes_part).ok_or(Refusal::FewCameras { left })
     }
 
-    /// What of the keyframe `team`, a part of the keyframe's, has.
-    fn without_some(&self, keyframe: &Keyframe, team: &Team) -> (Vec<Match>, Field) {
-        let places: Vec<usize> = (keyframe.team.cameras.iter().enumerate())
-            .filter(|(_, camera)| team.cameras.contains(camera))
-            .map(|(place, _)| place)
-            .collect();
-        let pick = |matched: &Match| {
-            let views: Vec<[f64; 2]> = places.iter().map(|p| matched.views[*p]).collect();
-            Match {
-                pixels: places.iter().map(|p| matched.pixels[*p]).collect(),
-                ray: team.geometry.fit(&views),
-                views,
-                templates: places
-                    .iter()
-                    .map(|p| matched.templates[*p].clone())
-                    .collect(),
-            }
-        };
-        let reference = team.cameras[team.geometry.reference];
-        let plane = &keyframe.pyramids[reference].levels[self.temporal_level()];
-        let matches = keyframe.matches.iter().map(pick).collect();
-        (matches, Field::new(plane))
-    }
-
-    /// Also the camera of the team that is out of step, if any is.
+    /// Also the camera that is out of step, if any is.
     fn measure_with(
         &self,
         reference: &Reference<'_>,
@@ -529,16 +379,6 @@ impl Flow {
         }
         Ok(first.displacement_mm)
     }
-}
-
-/// A place within half a pixel of a corner, another one for every corner.
-///
-/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two pixels a template was taken. Taken always in the
-/// middle of a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
-/// along z. The places are those of the R2 sequence (Roberts 2018), evenly spread at any count.
-fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
-    let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
-    core::array::from_fn(|i| corner[i] as f64 + (index as f64 * turn[i]).fract() - 0.5)
 }
 
 #[cfg(test)]

@@ -19,10 +19,11 @@
 //! * Few pairs say little, so `ρ` begins at 1 with the weight of ten pairs of equal windows.
 
 use super::geometry::Geometry;
+use super::lucas_kanade::Large;
 use shared::sums::View;
 
-/// Side of the windows of [`super::lucas_kanade::Large`], px.
-const SIDE_PX: f64 = 21.0;
+/// Side of the windows that are followed, px.
+const SIDE_PX: f64 = Large::SIDE as f64;
 /// The correlation that is believed without a look: all of the windows' error is noise.
 const PRIOR: f64 = 1.0;
 /// Weight of that belief, in pairs of equal windows.

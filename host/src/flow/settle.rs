@@ -14,7 +14,7 @@ use shared::sums::centred::CentredSums;
 /// A turn is refused when `ω' C^-1 ω` is beyond this: three degrees of freedom reach it once in 65,000 cases.
 const BEYOND_DOUBT: f64 = 25.0;
 
-/// A measurement, and which camera of the team saw what share more of the motion, if one did.
+/// A measurement, and which camera of the rig saw what share more of the motion, if one did.
 pub(super) type Settled = (Measurement, Option<(usize, f64)>);
 
 impl Flow {
@@ -49,8 +49,7 @@ impl Flow {
         let displacement_mm = consensus.displacement_mm;
         if agree < settings.least_points || 2 * agree < expected || median_px > settings.scatter_px
         {
-            let all: Vec<&[View]> = views.iter().map(Vec::as_slice).collect();
-            let turn = Turn::of(geometry, &all, displacement_mm, 1.0);
+            let turn = Turn::of(geometry, &views, displacement_mm, 1.0);
             let turn = turn.filter(|t| t.left < 0.5 && self.is_too_much(t));
             return Err(turn.map_or(refused, |t| Refusal::Turned { degrees: t.degrees }));
         }
@@ -68,8 +67,7 @@ impl Flow {
         let late = odd.filter(Odd::is_out_of_step);
         // What a late camera spoils is no turn, and is measured again without it.
         if late.is_none() {
-            let all: Vec<&[View]> = views.iter().map(Vec::as_slice).collect();
-            let turn = Turn::of(geometry, &all, displacement_mm, scatter.widening);
+            let turn = Turn::of(geometry, &views, displacement_mm, scatter.widening);
             let turn = turn.filter(Turn::is_significant);
             if let Some(turn) = turn.filter(|turn| self.is_too_much(turn)) {
                 let degrees = turn.degrees;
@@ -89,7 +87,8 @@ impl Flow {
             displacement_mm,
             scatter,
         };
-        Ok((measurement, late.map(|odd| (odd.place, odd.share))))
+        let late = late.and_then(|odd| Some((*team.cameras.get(odd.place)?, odd.share)));
+        Ok((measurement, late))
     }
 
     /// Whether the target turns beyond doubt, and too much.

@@ -34,7 +34,7 @@ impl Turn {
     /// not determine it.
     pub fn of(
         geometry: &Geometry,
-        views: &[&[View]],
+        views: &[Vec<View>],
         displacement_mm: [f64; 3],
         widening: f64,
     ) -> Option<Self> {
@@ -45,7 +45,7 @@ impl Turn {
                 let z = 1.0 / fit.inverse_depth;
                 let (at, arm) = (*fit.middles.first()?, arms.first()?);
                 let place = Vector3::new(at[0] * z + arm[0], at[1] * z + arm[1], z);
-                Some((fit, place, *views))
+                Some((fit, place, views))
             })
             .collect();
         let centroid =
@@ -134,7 +134,6 @@ mod tests {
             assert!(sums.add(views));
         }
         let measured = midpoint::solve(&sums).unwrap().displacement_mm;
-        let views: Vec<&[View]> = views.iter().map(Vec::as_slice).collect();
         (
             Turn::of(&cloud.geometry, &views, measured, 1.0).unwrap(),
             measured,

@@ -56,6 +56,16 @@ pub struct Pose {
     pub turned_deg: [f64; 3],
 }
 
+impl Pose {
+    /// Displaced, not turned.
+    pub fn at(relative_mm: [f64; 3]) -> Self {
+        Self {
+            relative_mm,
+            ..Self::default()
+        }
+    }
+}
+
 /// What one camera does with one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
@@ -67,6 +77,18 @@ pub struct Shot {
     pub offset_grey: f64,
     /// Standard deviation of the sensor's noise, grey levels.
     pub noise_grey: f64,
+}
+
+impl Shot {
+    /// Of a poster at rest, in the light it was drawn in.
+    pub fn of(pose: Pose, noise_grey: f64) -> Self {
+        Self {
+            poses: [pose; 2],
+            gain: 1.0,
+            offset_grey: 0.0,
+            noise_grey,
+        }
+    }
 }
 
 /// Instants whose pictures make one of a moving poster: a smear of 10 px is then even to a pixel.
@@ -175,16 +197,7 @@ impl Scene {
     /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away) as seen from
     /// the cameras. Noise depends on `seed` and the camera alone. Pixels that do not see the poster are black.
     pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> Capture {
-        let pose = Pose {
-            relative_mm,
-            ..Pose::default()
-        };
-        let shot = Shot {
-            poses: [pose; 2],
-            gain: 1.0,
-            offset_grey: 0.0,
-            noise_grey: self.settings.noise_grey,
-        };
+        let shot = Shot::of(Pose::at(relative_mm), self.settings.noise_grey);
         let views = thread::scope(|scope| {
             let view = |(index, eye)| {
                 let random = Random::new(seed, index as u64);

@@ -16,6 +16,3 @@ pub mod present;
 pub mod sweep;
 pub mod tally;
 pub mod trial;
-
-/// What an error may exceed five sigma by before it is a gross error, mm.
-pub const GROSS_MM: f64 = 0.02;

@@ -43,11 +43,11 @@ impl Phase {
     }
 }
 
-/// Mean over the posters of the seeds `1..=seeds`.
+/// Mean over the posters of the seeds `1..=seeds`. `told` hears of progress, 0 to 1.
 ///
 /// # Errors
 /// If the scene cannot be rendered.
-pub fn run(seeds: u64, told: impl Fn(f64)) -> Result<Vec<Phase>, SceneError> {
+pub fn run(seeds: u64, mut told: impl FnMut(f64)) -> Result<Vec<Phase>, SceneError> {
     let rig = Rig::paper();
     let mm_per_px = DEPTH_MM / rig.mean_focal_px();
     let mut errors: Vec<Vec<[f64; 2]>> = vec![Vec::new(); PHASES];
@@ -63,16 +63,8 @@ pub fn run(seeds: u64, told: impl Fn(f64)) -> Result<Vec<Phase>, SceneError> {
         for _ in 0..PLACES {
             scene.look_at([(); 2].map(|()| random.between(-300.0, 300.0)));
             let mut picture = |shift: [f64; 2]| {
-                let pose = Pose {
-                    relative_mm: [shift[0] * mm_per_px, shift[1] * mm_per_px, 0.0],
-                    ..Pose::default()
-                };
-                let shot = Shot {
-                    poses: [pose; 2],
-                    gain: 1.0,
-                    offset_grey: 0.0,
-                    noise_grey: NOISE_GREY,
-                };
+                let pose = Pose::at([shift[0] * mm_per_px, shift[1] * mm_per_px, 0.0]);
+                let shot = Shot::of(pose, NOISE_GREY);
                 scene.shoot(&vec![shot; rig.cameras.len()], 0, random.next_u64())
             };
             let Ok(mut flow) = Flow::new(&rig, Settings::default()) else {

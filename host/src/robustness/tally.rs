@@ -1,7 +1,6 @@
 //! Counts of outcomes, and what they must be.
 
-use super::GROSS_MM;
-use super::condition::{Condition, Said};
+use super::condition::Condition;
 use super::trial::Outcome;
 use std::collections::BTreeMap;
 
@@ -120,7 +119,7 @@ impl Tally {
                 fail(format!("{count} refused as \"{name}\""));
             }
         }
-        if expected.said != Said::Nothing && self.said < self.measured {
+        if condition.change.is_of_one_camera() && self.said < self.measured {
             let silent = self.measured - self.said;
             fail(format!("{silent} did not name the camera"));
         }
@@ -132,6 +131,8 @@ impl Tally {
 pub const HONEST: [f64; 2] = [0.8, 1.3];
 /// Least share of measurements within three sigma, per axis.
 pub const WITHIN: f64 = 0.99;
+/// What an error may exceed five sigma by before it is a gross error, mm.
+pub const GROSS_MM: f64 = 0.02;
 /// One gross error may occur in so many measurements.
 pub const GROSS_IN: u32 = 10_000;
 

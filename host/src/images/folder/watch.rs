@@ -108,16 +108,17 @@ impl<T: FnMut(&InputError)> Watch<T> {
     /// Looks once. `now` never goes back.
     fn look(&mut self, now: Instant) -> Result<Look, InputError> {
         self.list(now)?;
+        let is_idle = self.is_idle(now);
         while let Some((key, files)) = self.waiting.first_key_value() {
             let key = key.clone();
             let changed = files.iter().flatten().map(|seen| seen.since).max();
             let quiet = now.duration_since(changed.unwrap_or(now));
-            let is_last_chance = quiet >= PATIENCE || self.is_idle(now);
+            let has_waited = quiet >= PATIENCE;
             match files.iter().position(Option::is_none) {
                 Some(missing) => {
                     let is_passed =
-                        quiet >= PATIENCE && self.waiting.values().any(|files| is_whole(files));
-                    if !is_passed && !self.is_idle(now) {
+                        has_waited && self.waiting.values().any(|files| is_whole(files));
+                    if !is_passed && !is_idle {
                         break;
                     }
                     let reason =
@@ -135,12 +136,12 @@ impl<T: FnMut(&InputError)> Watch<T> {
                         self.given += 1;
                         return Ok(Look::Capture(capture));
                     }
-                    Err(error) if is_last_chance => return Err(error),
+                    Err(error) if has_waited || is_idle => return Err(error),
                     Err(_) => break,
                 },
             }
         }
-        Ok(match self.is_idle(now) && self.waiting.is_empty() {
+        Ok(match is_idle && self.waiting.is_empty() {
             true => Look::Over,
             false => Look::Nothing,
         })

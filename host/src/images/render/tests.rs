@@ -27,13 +27,6 @@ fn dot_mm() -> [f64; 2] {
     DOT_TEXEL.map(|t| (t as f64 - (SIZE as f64 - 1.0) / 2.0) * 0.4)
 }
 
-fn at(relative_mm: [f64; 3]) -> Pose {
-    Pose {
-        relative_mm,
-        ..Pose::default()
-    }
-}
-
 /// Largest distance, px, between a dot's centroid in any view and its projection.
 fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> f64 {
     let scene = Scene::new(rig, &dot_texture(), settings).unwrap();
@@ -42,7 +35,7 @@ fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> 
     for (camera, eye) in rig.cameras.iter().zip(&scene.eyes) {
         let expected = camera.project(point);
         let mut sums = [0.0; 3];
-        for (i, level) in scene.levels(eye, at(relative_mm)).enumerate() {
+        for (i, level) in scene.levels(eye, Pose::at(relative_mm)).enumerate() {
             let level = level.unwrap();
             let pixel = [(i % 320) as f64, (i / 320) as f64];
             for (sum, power) in sums.iter_mut().zip([1.0, pixel[0], pixel[1]]) {
@@ -200,7 +193,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     let eye = &scene.eyes[1];
     let levels = |x: f64| -> Vec<f64> {
         scene
-            .levels(eye, at([x, 0.0, 0.0]))
+            .levels(eye, Pose::at([x, 0.0, 0.0]))
             .map(Option::unwrap)
             .collect()
     };
@@ -218,15 +211,6 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     assert!((moved - 0.1).abs() < 0.004, "{moved}");
 }
 
-fn shot(poses: [Pose; 2]) -> Shot {
-    Shot {
-        poses,
-        gain: 1.0,
-        offset_grey: 0.0,
-        noise_grey: 0.0,
-    }
-}
-
 /// Centroid of what the first camera sees of the dot.
 fn centroid(scene: &Scene, shot: Shot) -> [f64; 2] {
     let view = scene.shoot(&[shot; 3], 0, 1).views.remove(0);
@@ -238,6 +222,14 @@ fn centroid(scene: &Scene, shot: Shot) -> [f64; 2] {
         }
     }
     [sums[1] / sums[0], sums[2] / sums[0]]
+}
+
+#[track_caller]
+fn assert_near(seen: [f64; 2], expected: [f64; 2]) {
+    for axis in 0..2 {
+        let off = seen[axis] - expected[axis];
+        assert!(off.abs() < 0.05, "{seen:?}, not {expected:?}");
+    }
 }
 
 #[test]
@@ -253,17 +245,8 @@ fn a_turned_poster_shows_its_dot_where_the_turn_takes_it() {
         let [u, v] = dot_mm();
         let off = turn.map(|row| row[0] * u + row[1] * v);
         let point = [2.0 + off[0], -1.0 + off[1], 854.0 + off[2]];
-        let (seen, expected) = (
-            centroid(&scene, shot([pose; 2])),
-            rig.cameras[0].project(point),
-        );
-        for axis in 0..2 {
-            let off = seen[axis] - expected[axis];
-            assert!(
-                off.abs() < 0.05,
-                "{turned_deg:?}: {seen:?}, not {expected:?}"
-            );
-        }
+        let seen = centroid(&scene, Shot::of(pose, 0.0));
+        assert_near(seen, rig.cameras[0].project(point));
     }
 }
 
@@ -271,17 +254,13 @@ fn a_turned_poster_shows_its_dot_where_the_turn_takes_it() {
 fn a_smear_is_around_the_middle_of_the_exposure() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
-    let ends = [at([-6.0, 0.0, 0.0]), at([6.0, 4.0, 0.0])];
-    let (smeared, middle) = (
-        centroid(&scene, shot(ends)),
-        centroid(&scene, shot([at([0.0, 2.0, 0.0]); 2])),
-    );
-    for axis in 0..2 {
-        assert!(
-            (smeared[axis] - middle[axis]).abs() < 0.05,
-            "{smeared:?}, {middle:?}"
-        );
-    }
+    let ends = [Pose::at([-6.0, 0.0, 0.0]), Pose::at([6.0, 4.0, 0.0])];
+    let middle = Shot::of(Pose::at([0.0, 2.0, 0.0]), 0.0);
+    let smeared = Shot {
+        poses: ends,
+        ..middle
+    };
+    assert_near(centroid(&scene, smeared), centroid(&scene, middle));
 }
 
 #[test]
@@ -289,16 +268,8 @@ fn what_is_looked_at_is_in_the_middle() {
     let rig = Rig::paper();
     let mut scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     scene.look_at(dot_mm());
-    let (seen, expected) = (
-        centroid(&scene, shot([at([0.0; 3]); 2])),
-        rig.cameras[0].project([0.0, 0.0, 850.0]),
-    );
-    for axis in 0..2 {
-        assert!(
-            (seen[axis] - expected[axis]).abs() < 0.05,
-            "{seen:?}, {expected:?}"
-        );
-    }
+    let seen = centroid(&scene, Shot::of(Pose::default(), 0.0));
+    assert_near(seen, rig.cameras[0].project([0.0, 0.0, 850.0]));
 }
 
 #[test]
@@ -306,7 +277,7 @@ fn gain_and_offset_change_the_light_and_not_the_noise() {
     let rig = Rig::paper();
     let texture = Texture::of_kind(TextureKind::Blobs, 3);
     let scene = Scene::new(&rig, &texture, SceneSettings::default()).unwrap();
-    let plain = shot([at([0.0; 3]); 2]);
+    let plain = Shot::of(Pose::default(), 0.0);
     let lit = Shot {
         gain: 0.5,
         offset_grey: 30.0,
