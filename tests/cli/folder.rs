@@ -215,11 +215,37 @@ fn one_capture_is_too_few() {
 }
 
 #[test]
-fn a_missing_camera_or_view_is_named() {
+fn a_view_that_is_missing_is_done_without_and_said() {
+    let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0]];
+    let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1])]);
+    fs::remove_file(desk.path("views/left/0001.pgm")).expect("it was there");
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let lines = outcome.json();
+    let warning = "camera left gave no picture; measured without it";
+    assert_eq!(lines[0]["warnings"][0], warning, "{}", lines[0]);
+    assert!(lines[1].get("warnings").is_none(), "{}", lines[1]);
+    assert_moved(&lines[0], moved[0]);
+    assert_moved(&lines[1], moved[1]);
+    assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
+    // A single one is too few: that frame alone is refused.
+    fs::remove_file(desk.path("views/right/0001.pgm")).expect("it was there");
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(1));
+    let lines = outcome.json();
+    let refused = lines[0]["refused"].as_str().unwrap_or_default();
+    assert!(refused.contains("camera"), "{}", lines[0]);
+    assert_moved(&lines[1], moved[1]);
+}
+
+#[test]
+fn a_missing_camera_is_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
-    let view = Path::new("middle").join("0001.pgm");
-    fs::remove_file(desk.path("views").join(&view)).expect("it was there");
-    let name = view.to_str().expect("UTF-8");
+    for frame in ["0000", "0001"] {
+        fs::remove_file(desk.path(&format!("views/middle/{frame}.pgm"))).expect("it was there");
+    }
+    let name = Path::new("middle").join("0000.pgm");
+    let name = name.to_str().expect("UTF-8");
     estimate(&desk, &["--json"]).failed(1, &[name, "missing"]);
     fs::remove_dir_all(desk.path("views").join("right")).expect("it was there");
     estimate(&desk, &["--json"]).failed(1, &["right", "no such folder"]);

@@ -110,15 +110,26 @@ fn files_that_stay_bad_or_away_are_named() {
     ];
     run(desk.folder.path(), &watch).failed_after_notes(1, &["right/0001.pgm"]);
 
-    // A capture that lacks a view is passed over, and told.
+    // A capture that lacks a view is followed without, and told; so is one of a folder that is complete.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("ours");
+    let images = ["track", "--images", "views", "--rig", "rig.toml"];
+    let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
+    for outcome in &outcomes {
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let said = "warning: camera right gave no picture; measured without it";
+        assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
+        let rows: Vec<&str> = outcome.stdout.lines().skip(1).collect();
+        assert!(rows[0].ends_with("used, without right"), "{rows:?}");
+        assert!(rows[1].ends_with("used") && rows.len() == 2, "{rows:?}");
+    }
+    assert_eq!(outcomes[0].stdout, outcomes[1].stdout);
+
+    // One with a single view is passed over.
+    fs::remove_file(desk.path("views/left/0001.pgm")).expect("ours");
     let outcome = run(desk.folder.path(), &watch);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-    assert!(
-        outcome.stderr.contains("right/0001.pgm: never came"),
-        "{}",
-        outcome.stderr
-    );
+    let said = "left/0001.pgm: never came";
+    assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
     assert_eq!(outcome.stdout.lines().count(), 2, "{}", outcome.stdout);
 
     fs::create_dir(desk.path("empty")).expect("ours");

@@ -108,7 +108,8 @@ fn settings(options: &Options) -> Result<Settings, Failure> {
 
 fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError> {
     let size_px = rig.rig.image_size_px;
-    let folder = Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?;
+    let folder =
+        Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
     let (all, most) = (folder.len(), usize::from(options.most));
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();

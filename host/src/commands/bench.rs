@@ -123,7 +123,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
             (names, first_size(&options.folder.join("middle"))?)
         }
     };
-    let folder = Folder::open(&options.folder, &names, size_px, DEFAULT_PERIOD_US)?;
+    let folder = Folder::open(&options.folder, &names, size_px, DEFAULT_PERIOD_US)?.complete()?;
     let captures: Vec<Capture> = folder.captures().collect::<Result<_, _>>()?;
     let rig = match given {
         Some(file) => file.rig,

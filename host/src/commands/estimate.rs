@@ -28,7 +28,7 @@ pub struct Options {
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images taken at the
     /// same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the order of their names, in which
-    /// numbers count as numbers. Frame 1 is the second capture.
+    /// numbers count as numbers. Frame 1 is the second capture. Where a camera's file is missing, it is measured without that camera, and said.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions in mm

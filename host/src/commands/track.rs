@@ -1,5 +1,6 @@
 //! `trinocular track`: the servo in closed loop, with the simulator, recorded images, a folder that grows, or live cameras.
 
+mod absences;
 mod captures;
 mod live;
 mod recorded;
@@ -30,12 +31,15 @@ pub struct Source {
     sim: bool,
 
     /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names for one instant
+    ///
+    /// Where a camera's file is missing, the others carry on, and the row says so.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
     /// The same, while another program writes it: waits for new captures, until Ctrl-C or for --idle seconds
     ///
-    /// A file counts as written when it has not changed for 0.2 s. A capture that lacks a camera's file is passed over after 2 s if there is a later one.
+    /// A file counts as written when it has not changed for 0.2 s. A camera's file is waited for at most 2 s if there is a later capture or the camera has
+    /// fallen silent; then the other cameras carry on, if they are two.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
@@ -88,6 +92,8 @@ pub struct Options {
     method: Estimator,
 
     /// Print one JSON object per picture and line
+    ///
+    /// `warnings`, a list of sentences, is there only if a camera was left out; `refused` says why a picture was not used.
     #[arg(long)]
     json: bool,
 

@@ -3,6 +3,7 @@
 use super::Error;
 use super::follower::Follower;
 use super::frame;
+use crate::flow::team::Absence;
 use crate::flow::{Flow, Settings as FlowSettings};
 use crate::images::Capture;
 use crate::station::StationError;
@@ -43,16 +44,14 @@ pub struct Followed {
     pub stage_mm: [f64; 3],
     /// How far that can be trusted, by the station's last word.
     pub trust: Trust,
-    /// What is to be said of cameras that did not take part.
-    pub remarks: Vec<String>,
+    /// Cameras that did not take part, from 0, and why.
+    pub absent: Vec<(usize, Absence)>,
 }
 
 /// A target that is followed.
 #[derive(Debug)]
 pub struct Pursuit {
     rig: Rig,
-    /// The cameras' names.
-    names: Vec<String>,
     flow: Flow,
     estimator: Estimator,
     clock: Clock,
@@ -75,14 +74,12 @@ impl Pursuit {
     /// [`Error::Reference`] if the rig has not two cameras in different places.
     pub fn new(
         rig: &Rig,
-        names: &[String],
         estimator: Estimator,
         clock: Clock,
         station: Follower,
     ) -> Result<Self, Error> {
         Ok(Self {
             rig: rig.clone(),
-            names: names.to_vec(),
             flow: Flow::new(rig, FlowSettings::default()).map_err(Error::Reference)?,
             estimator,
             clock,
@@ -121,11 +118,8 @@ impl Pursuit {
             Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
         };
         let measured = frame::measure(&self.flow, &self.rig, capture, self.estimator);
-        let (displacement_mm, remarks) = match measured {
-            Ok((measured, sums)) => (
-                self.send(taken, start.reference, sums)?,
-                measured.remarks(&self.names),
-            ),
+        let (displacement_mm, absent) = match measured {
+            Ok((measured, sums)) => (self.send(taken, start.reference, sums)?, measured.absent),
             Err(reason) => (Err(reason), Vec::new()),
         };
         let status = self.station.status();
@@ -140,7 +134,7 @@ impl Pursuit {
             displacement_mm,
             stage_mm: self.station.position_mm(),
             trust: status.map_or(Trust::Unknown, |status| status.trust),
-            remarks,
+            absent,
         }))
     }
 

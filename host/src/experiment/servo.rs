@@ -4,6 +4,7 @@ use super::Error;
 use super::follower::{Moment, Unused};
 use super::frame;
 use super::world::{Exposure, World};
+use crate::flow::team::Absence;
 use crate::flow::{Flow, Settings};
 use crate::station::StationError;
 use crate::sums::Estimator;
@@ -64,6 +65,8 @@ pub struct Step {
     pub camera_mm: [f64; 3],
     /// What became of it.
     pub outcome: Outcome,
+    /// Cameras that did not take part, from 0, and why.
+    pub absent: Vec<(usize, Absence)>,
     /// How far the station's position can be trusted, by its last word.
     pub trust: Trust,
 }
@@ -160,9 +163,13 @@ impl Servo {
         self.last = moment.at;
         let time_s = moment.at.since(self.keyframe) as f64 * 1e-6;
         let [target_mm, camera_mm] = self.since_keyframe([target_mm, moment.camera_mm]);
-        let outcome = match frame::measure(&self.flow, &self.rig, &capture, self.estimator) {
-            Err(reason) => Outcome::Refused(reason),
-            Ok((measured, sums)) => self.send(world, &moment, sums, measured.tracks.len())?,
+        let measured = frame::measure(&self.flow, &self.rig, &capture, self.estimator);
+        let (outcome, absent) = match measured {
+            Err(reason) => (Outcome::Refused(reason), Vec::new()),
+            Ok((measured, sums)) => {
+                let outcome = self.send(world, &moment, sums, measured.tracks.len())?;
+                (outcome, measured.absent)
+            }
         };
         let status = world.b.status();
         match status.and_then(|status| status.fault) {
@@ -172,6 +179,7 @@ impl Servo {
                 target_mm,
                 camera_mm,
                 outcome,
+                absent,
                 trust: status.map_or(Trust::Unknown, |status| status.trust),
             }),
         }

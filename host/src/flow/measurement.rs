@@ -41,10 +41,6 @@ impl Measurement {
 
     /// What is to be said of the cameras that did not take part, by name.
     pub fn remarks(&self, names: &[String]) -> Vec<String> {
-        let remark = |(k, absence): &(usize, Absence)| {
-            let name = names.get(*k).map_or("?", String::as_str);
-            format!("camera {name} {absence}; measured without it")
-        };
-        self.absent.iter().map(remark).collect()
+        team::remarks(&self.absent, names)
     }
 }

@@ -43,6 +43,15 @@ impl std::fmt::Display for Absence {
     }
 }
 
+/// What is to be said of cameras that did not take part, by name.
+pub fn remarks(absent: &[(usize, Absence)], names: &[String]) -> Vec<String> {
+    let remark = |(k, absence): &(usize, Absence)| {
+        let name = names.get(*k).map_or("?", String::as_str);
+        format!("camera {name} {absence}; measured without it")
+    };
+    absent.iter().map(remark).collect()
+}
+
 /// A picture that shows less than this share of the contrast of the one that shows most is blank.
 const BLANK: f64 = 0.2;
 

@@ -8,6 +8,9 @@
 //! PNG, JPEG and PNM files count; hidden files and all others are passed over. Colour becomes grey by its
 //! luminance. Frames come in the order of their names, in which numbers count as numbers: `view9.png` comes
 //! before `view10.png`.
+//!
+//! A camera may lack some files, as one does that failed while the others went on: its views are then [`Image::missing`]. Who needs them all asks for
+//! a [`Folder::complete`] one.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -25,11 +28,11 @@ pub const DEFAULT_PERIOD_US: u64 = 33_333;
 
 const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm"];
 
-/// A listed folder of captures. *Invariant:* when it was listed, every frame had a file in every camera's folder.
+/// A listed folder of captures. *Invariant:* when it was listed, at least one frame had a file in every camera's folder.
 #[derive(Clone, Debug)]
 pub struct Folder {
-    /// One folder per camera, in the rig's order.
-    cameras: Vec<PathBuf>,
+    /// One folder per camera, in the rig's order, and the files in it.
+    cameras: Vec<(PathBuf, BTreeSet<String>)>,
     frames: Vec<String>,
     size_px: [u32; 2],
     period_us: u64,
@@ -40,6 +43,9 @@ impl Folder {
     ///
     /// No image is opened yet. `image_size_px` (width, height) is what every image must turn out to have,
     /// `period_us` the time between frames.
+    ///
+    /// # Errors
+    /// If a camera has no folder, or no frame has a file of every camera: then names are wrong rather than files lost.
     pub fn open(
         dir: &Path,
         names: &[String],
@@ -49,30 +55,48 @@ impl Folder {
         if !dir.is_dir() {
             return Err(InputError::file(dir, "no such folder"));
         }
-        let cameras: Vec<PathBuf> = names.iter().map(|name| dir.join(name)).collect();
-        let listings = cameras
-            .iter()
-            .map(|camera| list(camera))
-            .collect::<Result<Vec<_>, _>>()?;
-        let all: BTreeSet<&String> = listings.iter().flatten().collect();
-        if all.is_empty() {
+        let listed = |name| {
+            let camera = dir.join(name);
+            let files = list(&camera)?;
+            Ok((camera, files))
+        };
+        let cameras = names.iter().map(listed).collect::<Result<Vec<_>, _>>()?;
+        let mut frames: Vec<String> = cameras.iter().flat_map(|(_, f)| f).cloned().collect();
+        frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
+        frames.dedup();
+        if frames.is_empty() {
             let reason = "holds no images; each camera's folder should have PNG, JPEG or PNM files";
             return Err(InputError::file(dir, reason));
         }
-        for (camera, listing) in cameras.iter().zip(&listings) {
-            if let Some(missing) = all.iter().find(|name| !listing.contains(**name)) {
-                let reason = "missing, but another camera has a file of this name";
-                return Err(InputError::file(&camera.join(missing), reason));
-            }
-        }
-        let mut frames: Vec<String> = all.into_iter().cloned().collect();
-        frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
-        Ok(Self {
+        let folder = Self {
             cameras,
             frames,
             size_px: image_size_px,
             period_us,
-        })
+        };
+        let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
+        match lost.as_deref() {
+            Some([first, ..]) => Err(incomplete(first)),
+            _ => Ok(folder),
+        }
+    }
+
+    /// The same if every camera has a file of every frame.
+    ///
+    /// # Errors
+    /// With the first file that is missing.
+    pub fn complete(self) -> Result<Self, InputError> {
+        match self.frames.iter().find_map(|frame| self.lost(frame)) {
+            Some(file) => Err(incomplete(&file)),
+            None => Ok(self),
+        }
+    }
+
+    /// The first file of this frame that is missing.
+    pub fn lost(&self, frame: &str) -> Option<PathBuf> {
+        let mut cameras = self.cameras.iter();
+        let (camera, _) = cameras.find(|(_, files)| !files.contains(frame))?;
+        Some(camera.join(frame))
     }
 
     /// File names of the frames, in order.
@@ -90,18 +114,28 @@ impl Folder {
         self.frames.is_empty()
     }
 
-    /// The frames in order, each read when asked for. A frame that cannot be read does not end the rest.
+    /// The frames in order, each read when asked for, without the views that are missing. A frame that cannot be read does not end the rest.
     pub fn captures(&self) -> impl ExactSizeIterator<Item = Result<Capture, InputError>> + '_ {
         self.frames.iter().enumerate().map(|(index, name)| {
             let views = self
                 .cameras
                 .iter()
-                .map(|camera| read(&camera.join(name), self.size_px))
+                .map(|(camera, files)| match files.contains(name) {
+                    true => read(&camera.join(name), self.size_px),
+                    false => Ok(Image::missing()),
+                })
                 .collect::<Result<_, _>>()?;
             let time_us = self.period_us.saturating_mul(index as u64);
             Ok(Capture { time_us, views })
         })
     }
+}
+
+fn incomplete(missing: &Path) -> InputError {
+    InputError::file(
+        missing,
+        "missing, but another camera has a file of this name",
+    )
 }
 
 /// Writes a capture as frame number `index` into `dir`, one PNG per camera, making folders as needed.

@@ -50,7 +50,7 @@ pub fn bench(options: &Options, port: &str, rig: &RigFile, stage: &Stage) -> Res
 }
 
 impl Real {
-    /// The captures that are complete by now; none while one is being written.
+    /// The captures that are there by now; none before the first is complete.
     fn listed(&self) -> Option<Folder> {
         Folder::open(&self.folder, &self.names, self.size_px, DEFAULT_PERIOD_US).ok()
     }
@@ -85,7 +85,8 @@ impl Bench for Real {
             let folder = self.listed();
             let newest = folder.as_ref().and_then(|folder| {
                 let names = folder.names().iter().enumerate();
-                let mut new = names.filter(|(_, name)| !before.contains(*name));
+                let is_new = |name: &str| !before.contains(name) && folder.lost(name).is_none();
+                let mut new = names.filter(|(_, name)| is_new(name));
                 new.next_back().map(|(index, _)| index)
             });
             if let (Some(folder), Some(index)) = (&folder, newest)

@@ -1,5 +1,6 @@
 //! Captures from outside: each is followed and printed in its line.
 
+use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failed_at;
 use crate::commands::progress::Count;
@@ -12,7 +13,6 @@ use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis;
 use serde_json::json;
 use shared::frame::message::Mounting;
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -32,8 +32,7 @@ pub struct Captures<'a> {
     port: Option<&'a str>,
     /// What errors name.
     source: &'a Path,
-    /// Warnings given so far.
-    said: BTreeSet<String>,
+    absences: Absences,
 }
 
 impl<'a> Captures<'a> {
@@ -60,13 +59,13 @@ impl<'a> Captures<'a> {
                 period_us: options.period_us(),
             },
         };
-        let pursuit = Pursuit::new(&rig.rig, &rig.names, options.method.into(), clock, station);
+        let pursuit = Pursuit::new(&rig.rig, options.method.into(), clock, station);
         Ok(Self {
             options,
             pursuit: pursuit.map_err(failed)?,
             port,
             source,
-            said: BTreeSet::new(),
+            absences: Absences::new(&rig.names),
         })
     }
 
@@ -114,13 +113,14 @@ impl<'a> Captures<'a> {
             if let Some(followed) = followed {
                 summary.frames += 1;
                 summary.refused += usize::from(followed.displacement_mm.is_err());
-                for remark in &followed.remarks {
-                    // Once each: a camera that failed stays so.
-                    if self.said.insert(remark.clone()) {
-                        eprintln!("warning: {remark}");
-                    }
-                }
-                print(self.options.json, summary.frames, &followed, out)?;
+                self.absences.warn(&followed.absent);
+                print(
+                    self.options.json,
+                    summary.frames,
+                    &followed,
+                    &self.absences,
+                    out,
+                )?;
                 count.at(summary.frames);
             }
         }
@@ -132,6 +132,7 @@ fn print(
     as_json: bool,
     frame: usize,
     followed: &Followed,
+    absences: &Absences,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let Followed {
@@ -139,15 +140,13 @@ fn print(
         displacement_mm,
         stage_mm,
         trust,
-        remarks,
+        absent,
     } = followed;
     let trust = diagnosis::trust(*trust);
     if as_json {
         let mut object =
             json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
-        if !remarks.is_empty() {
-            object["warnings"] = json!(remarks);
-        }
+        absences.note(absent, &mut object);
         match displacement_mm {
             Ok(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
             Err(reason) => object["refused"] = json!(reason),
@@ -159,8 +158,11 @@ fn print(
             writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
         }
         let (seen, outcome) = match displacement_mm {
-            Ok(displacement_mm) => (vector(displacement_mm), "used"),
-            Err(reason) => (format!("{:>26}", "-"), reason.as_str()),
+            Ok(displacement_mm) => {
+                let outcome = format!("used{}", absences.without(absent));
+                (vector(displacement_mm), outcome)
+            }
+            Err(reason) => (format!("{:>26}", "-"), reason.clone()),
         };
         let stage = vector(stage_mm);
         writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;

@@ -2,6 +2,7 @@
 
 use super::super::failed_at;
 use super::super::progress::Progress;
+use super::absences::Absences;
 use super::{Options, introduce, vector};
 use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
@@ -46,6 +47,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     introduce(&world.b);
     let servo = Servo::start(&mut world, &rig, timing, options.method.into());
     let mut servo = servo.map_err(failed)?;
+    let mut absences = Absences::new(&file.names);
     let mut progress = Progress::new("following");
     let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
     if !options.json {
@@ -72,7 +74,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             }
         }
         unused += u32::from(!matches!(step.outcome, Outcome::Used { .. }));
-        print(options.json, &step, error, out)?;
+        absences.warn(&step.absent);
+        print(options.json, &step, error, &absences, out)?;
     }
     drop(progress);
     world
@@ -89,12 +92,19 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> Result<(), Failure> {
+fn print(
+    as_json: bool,
+    step: &Step,
+    error: [f64; 3],
+    absences: &Absences,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
     let Step {
         time_s,
         target_mm,
         camera_mm,
         outcome,
+        absent,
         trust,
     } = step;
     let trust = diagnosis::trust(*trust);
@@ -102,6 +112,7 @@ fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> R
         let mut object = json!({
             "time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm, "trust": trust,
         });
+        absences.note(absent, &mut object);
         match outcome {
             Outcome::Used {
                 displacement_mm,
@@ -121,11 +132,12 @@ fn print(as_json: bool, step: &Step, error: [f64; 3], out: &mut impl Write) -> R
     }
     writeln!(
         out,
-        "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}",
+        "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}{}",
         vector(target_mm),
         vector(camera_mm),
         vector(&error),
-        reason(outcome)
+        reason(outcome),
+        absences.without(absent)
     )?;
     Ok(())
 }

@@ -92,15 +92,37 @@ fn folders_without_images_are_refused() {
 }
 
 #[test]
-fn a_view_that_one_camera_lacks_is_named() {
+fn a_view_that_one_camera_lacks_is_missing_and_named_to_those_who_need_all() {
     let dir = saved(2);
-    for camera in names() {
+    for (index, camera) in names().iter().enumerate() {
         let lost = dir.path().join(camera).join("000001.png");
         let aside = dir.path().join("aside");
         fs::rename(&lost, &aside).unwrap();
-        assert_eq!(open(dir.path()).unwrap_err().file, lost);
+        let folder = open(dir.path()).unwrap();
+        let captures: Vec<_> = folder.captures().map(Result::unwrap).collect();
+        let mut expected = [capture(0).views, capture(1).views];
+        expected[1][index] = Image::missing();
+        assert_eq!(
+            [&captures[0].views, &captures[1].views],
+            expected.each_ref()
+        );
+        assert_eq!(folder.lost("000000.png"), None);
+        assert_eq!(folder.complete().unwrap_err().file, lost);
         fs::rename(&aside, &lost).unwrap();
     }
+    assert_eq!(open(dir.path()).unwrap().complete().unwrap().len(), 2);
+}
+
+#[test]
+fn names_that_never_agree_are_refused() {
+    let dir = saved(2);
+    for frame in ["000000", "000001"] {
+        let from = dir.path().join(format!("middle/{frame}.png"));
+        fs::rename(&from, from.with_extension("PNG")).unwrap();
+    }
+    let error = open(dir.path()).unwrap_err();
+    assert_eq!(error.file, dir.path().join("left/000000.PNG"));
+    assert!(error.reason.starts_with("missing"), "{error}");
 }
 
 #[test]

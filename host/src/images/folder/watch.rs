@@ -5,8 +5,9 @@
 //! [`PATIENCE`]; then it is an error. PNG and PNM files that are cut off are always noticed, JPEG files not always: a program that may pause in the
 //! middle of one should write it under a hidden name (`.000001.jpg`) and rename it.
 //!
-//! Captures come in the order of their names. One that lacks a camera's file holds up those behind it for [`PATIENCE`], no longer: then it is passed over,
-//! and told. So is one whose files come after a later capture was given.
+//! Captures come in the order of their names. One that lacks a camera's file holds up those behind it for [`PATIENCE`]; it comes without that view when a
+//! later one is whole, or the camera, which has sent pictures before, has been silent for as long. One of a single view is passed over, and told. So is
+//! one whose files come after a later capture was given.
 //!
 //! The folder is listed twenty times a second. That works on file systems that report no changes, such as those on a network.
 
@@ -19,7 +20,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::{list, numbers_padded, read};
 use crate::error::InputError;
-use crate::images::Capture;
+use crate::images::{Capture, Image};
 
 /// So long a file must stay as it is.
 pub const SETTLE: Duration = Duration::from_millis(200);
@@ -64,6 +65,8 @@ pub struct Watch<T> {
     done: BTreeSet<Key>,
     given: u64,
     changed: Instant,
+    /// Per camera: when its last file came or grew.
+    heard: Vec<Option<Instant>>,
     over: bool,
     tell: T,
 }
@@ -100,6 +103,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
             done: BTreeSet::new(),
             given: 0,
             changed: Instant::now(),
+            heard: vec![None; names.len()],
             over: false,
             tell,
         })
@@ -114,31 +118,32 @@ impl<T: FnMut(&InputError)> Watch<T> {
             let changed = files.iter().flatten().map(|seen| seen.since).max();
             let quiet = now.duration_since(changed.unwrap_or(now));
             let has_waited = quiet >= PATIENCE;
-            match files.iter().position(Option::is_none) {
-                Some(missing) => {
-                    let is_passed =
-                        has_waited && self.waiting.values().any(|files| is_whole(files));
-                    if !is_passed && !is_idle {
-                        break;
-                    }
+            let is_there: Vec<bool> = files.iter().map(Option::is_some).collect();
+            if let Some(missing) = is_there.iter().position(|there| !there) {
+                let is_final =
+                    has_waited && (self.is_overtaken() || self.are_silent(&is_there, now));
+                if !is_final && !is_idle {
+                    break;
+                }
+                if is_there.iter().filter(|there| **there).count() < 2 {
+                    let file = self.cameras[missing].join(&key.1);
                     let reason =
                         "never came, but another camera has a file of this name: passed over";
-                    (self.tell)(&InputError::file(
-                        &self.cameras[missing].join(&key.1),
-                        reason,
-                    ));
+                    (self.tell)(&InputError::file(&file, reason));
                     self.done(key);
+                    continue;
                 }
-                None if quiet < SETTLE => break,
-                None => match self.read(&key.1) {
-                    Ok(capture) => {
-                        self.done(key);
-                        self.given += 1;
-                        return Ok(Look::Capture(capture));
-                    }
-                    Err(error) if has_waited || is_idle => return Err(error),
-                    Err(_) => break,
-                },
+            } else if quiet < SETTLE {
+                break;
+            }
+            match self.read(&key.1, &is_there) {
+                Ok(capture) => {
+                    self.done(key);
+                    self.given += 1;
+                    return Ok(Look::Capture(capture));
+                }
+                Err(error) if has_waited || is_idle => return Err(error),
+                Err(_) => break,
             }
         }
         Ok(match is_idle && self.waiting.is_empty() {
@@ -150,6 +155,20 @@ impl<T: FnMut(&InputError)> Watch<T> {
     fn is_idle(&self, now: Instant) -> bool {
         let quiet = now.duration_since(self.changed);
         self.settings.idle.is_some_and(|idle| quiet >= idle)
+    }
+
+    /// Whether a whole capture waits.
+    fn is_overtaken(&self) -> bool {
+        let mut waiting = self.waiting.values();
+        waiting.any(|files| files.iter().all(Option::is_some))
+    }
+
+    /// Whether the cameras whose file is not there have sent files before, but none for a while.
+    fn are_silent(&self, is_there: &[bool], now: Instant) -> bool {
+        let mut cameras = self.heard.iter().zip(is_there);
+        cameras.all(|(heard, there)| {
+            *there || heard.is_some_and(|heard| now.duration_since(heard) >= PATIENCE)
+        })
     }
 
     fn done(&mut self, key: Key) {
@@ -189,6 +208,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                     Some(seen) if seen.size == size && seen.modified == modified => seen,
                     _ => {
                         has_changed = true;
+                        self.heard[index] = Some(now);
                         Seen {
                             size,
                             modified,
@@ -207,20 +227,18 @@ impl<T: FnMut(&InputError)> Watch<T> {
         Ok(())
     }
 
-    fn read(&self, name: &str) -> Result<Capture, InputError> {
-        let views = self
-            .cameras
-            .iter()
-            .map(|camera| read(&camera.join(name), self.size_px));
+    /// The capture of this name, from the cameras whose file is there.
+    fn read(&self, name: &str, is_there: &[bool]) -> Result<Capture, InputError> {
+        let cameras = self.cameras.iter().zip(is_there);
+        let views = cameras.map(|(camera, there)| match there {
+            true => read(&camera.join(name), self.size_px),
+            false => Ok(Image::missing()),
+        });
         Ok(Capture {
             time_us: self.settings.period_us.saturating_mul(self.given),
             views: views.collect::<Result<_, _>>()?,
         })
     }
-}
-
-fn is_whole(files: &[Option<Seen>]) -> bool {
-    files.iter().all(Option::is_some)
 }
 
 impl<T: FnMut(&InputError)> Iterator for Watch<T> {

@@ -26,6 +26,14 @@ impl Bench {
     }
 
     fn watch(&self, idle_s: Option<u64>) -> Watch<impl FnMut(&InputError)> {
+        self.watch_cameras(&NAMES, idle_s)
+    }
+
+    fn watch_cameras(
+        &self,
+        names: &[&str],
+        idle_s: Option<u64>,
+    ) -> Watch<impl FnMut(&InputError) + use<>> {
         let settings = Settings {
             period_us: 1_000,
             idle: idle_s.map(Duration::from_secs),
@@ -33,7 +41,7 @@ impl Bench {
         };
         let told = Rc::clone(&self.told);
         let tell = move |error: &InputError| told.borrow_mut().push(error.to_string());
-        let names = NAMES.map(String::from);
+        let names: Vec<String> = names.iter().copied().map(String::from).collect();
         Watch::open(self.folder.path(), &names, SIZE_PX, settings, tell).unwrap()
     }
 
@@ -196,6 +204,69 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
     let told = bench.told();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("left/0.png: came after"), "{told:?}");
+}
+
+#[test]
+fn a_camera_that_falls_silent_is_carried_on_without() {
+    const TRIO: [&str; 3] = ["left", "middle", "right"];
+    let bench = Bench::new();
+    let mut watch = bench.watch_cameras(&TRIO, Some(10));
+    let mut present = |ms| match watch.look(bench.at(ms)) {
+        Ok(Look::Capture(capture)) => {
+            let shown = capture.views.iter().map(|view| !view.is_missing());
+            Some((capture.time_us, shown.collect::<Vec<_>>()))
+        }
+        Ok(_) => None,
+        Err(error) => panic!("{error}"),
+    };
+    // Nothing of the third camera yet: its files may be copied last.
+    bench.whole("left", "1.png", 1);
+    bench.whole("middle", "1.png", 1);
+    assert_eq!(present(0), None);
+    assert_eq!(present(9_000), None);
+    bench.whole("right", "1.png", 1);
+    assert_eq!(present(9_100), None);
+    assert_eq!(present(9_300), Some((0, vec![true; 3])));
+    // It leaves one out and goes on.
+    for camera in ["left", "middle"] {
+        bench.whole(camera, "2.png", 2);
+    }
+    for camera in TRIO {
+        bench.whole(camera, "3.png", 3);
+    }
+    assert_eq!(present(10_000), None);
+    assert_eq!(present(11_900), None);
+    assert_eq!(present(12_000), Some((1_000, vec![true, true, false])));
+    assert_eq!(present(12_000), Some((2_000, vec![true; 3])));
+    // It is gone: the next waits for it until it has been silent for two seconds, and so does every other.
+    for (name, ms) in [("4.png", 12_500), ("5.png", 15_000)] {
+        bench.whole("left", name, 4);
+        bench.whole("middle", name, 4);
+        assert_eq!(present(ms), None);
+        assert_eq!(present(ms + 1_999), None);
+        assert!(present(ms + 2_000).is_some_and(|(_, shown)| shown == [true, true, false]));
+    }
+    // A single picture is of no use.
+    bench.whole("middle", "6.png", 6);
+    assert_eq!(present(18_000), None);
+    assert_eq!(present(20_000), None);
+    let told = bench.told();
+    assert!(told[0].contains("left/6.png: never came"), "{told:?}");
+}
+
+#[test]
+fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
+    let bench = Bench::new();
+    let mut watch = bench.watch_cameras(&["left", "middle", "right"], Some(10));
+    bench.whole("left", "1.png", 1);
+    bench.whole("middle", "1.png", 1);
+    nothing(watch.look(bench.at(0)));
+    nothing(watch.look(bench.at(9_999)));
+    match watch.look(bench.at(10_000)) {
+        Ok(Look::Capture(capture)) => assert!(capture.views[2].is_missing()),
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(bench.told(), [""; 0]);
 }
 
 #[test]

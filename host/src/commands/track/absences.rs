@@ -1,0 +1,50 @@
+//! What a row says of cameras that did not take part, and what is said once.
+
+use host::flow::team::{Absence, remarks};
+use serde_json::{Value, json};
+use std::collections::HashSet;
+use std::mem::{Discriminant, discriminant};
+
+/// The cameras' names, and what has been said of them.
+pub struct Absences {
+    names: Vec<String>,
+    said: HashSet<(usize, Discriminant<Absence>)>,
+}
+
+impl Absences {
+    /// Nothing has been said.
+    pub fn new(names: &[String]) -> Self {
+        Self {
+            names: names.to_vec(),
+            said: HashSet::new(),
+        }
+    }
+
+    /// Warns of each camera and kind of failure once: a camera that failed stays so.
+    pub fn warn(&mut self, absent: &[(usize, Absence)]) {
+        for (each, remark) in absent.iter().zip(remarks(absent, &self.names)) {
+            if self.said.insert((each.0, discriminant(&each.1))) {
+                eprintln!("warning: {remark}");
+            }
+        }
+    }
+
+    /// Adds them to a JSON row, if there are any.
+    pub fn note(&self, absent: &[(usize, Absence)], row: &mut Value) {
+        if !absent.is_empty() {
+            row["warnings"] = json!(remarks(absent, &self.names));
+        }
+    }
+
+    /// The end of a row's outcome: `, without right`.
+    pub fn without(&self, absent: &[(usize, Absence)]) -> String {
+        let names: Vec<&str> = absent
+            .iter()
+            .filter_map(|(k, _)| self.names.get(*k).map(String::as_str))
+            .collect();
+        match names.as_slice() {
+            [] => String::new(),
+            names => format!(", without {}", names.join(" and ")),
+        }
+    }
+}
