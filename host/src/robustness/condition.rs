@@ -18,8 +18,11 @@ pub enum Change {
         /// At most.
         px: f64,
     },
-    /// Something nearer covers two fifths of every view and moves differently.
-    Cover,
+    /// Something nearer covers two fifths of every view.
+    Cover {
+        /// Whether it is a part of the target and moves with it, or moves differently.
+        own: bool,
+    },
     /// The target turns, about an axis of its own.
     Turn {
         /// Which: x, y, z.
@@ -199,7 +202,7 @@ pub const ALL: &[Condition] = &[
     },
     Condition {
         name: "occluded",
-        change: Change::Cover,
+        change: Change::Cover { own: false },
         expected: either(
             0.5,
             &[
@@ -210,6 +213,11 @@ pub const ALL: &[Condition] = &[
                 "turned",
             ],
         ),
+        ..PLAIN
+    },
+    Condition {
+        name: "relief",
+        change: Change::Cover { own: true },
         ..PLAIN
     },
     Condition {

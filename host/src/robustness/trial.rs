@@ -103,7 +103,7 @@ impl<'a> Bench<'a> {
         let texture = posters.of(condition.texture, condition.contrast);
         let scene = Scene::new(&rig, &texture, settings)?;
         let other_depth = match condition.change {
-            Change::Cover => Some(COVER * depth_mm),
+            Change::Cover { .. } => Some(COVER * depth_mm),
             Change::Replaced => Some(depth_mm),
             _ => None,
         };
@@ -199,13 +199,17 @@ impl<'a> Bench<'a> {
                 let share = 1.0 + random.between(low, high);
                 shots[which].poses = [Pose::at(moved.map(|m| share * m)); 2];
             }
-            Change::Nothing | Change::Cover | Change::Replaced | Change::Fail(_) => {}
+            Change::Nothing | Change::Cover { .. } | Change::Replaced | Change::Fail(_) => {}
         }
         let mut before = self.scene.shoot(&vec![still; cameras], 0, seed);
         let mut now = self.scene.shoot(&shots, 33_333, seed ^ 1);
         match (self.condition.change, &self.other) {
-            (Change::Cover, Some(cover)) => {
-                let own = self.motion_of_cover(moved);
+            (Change::Cover { own }, Some(cover)) => {
+                let own = if own {
+                    moved
+                } else {
+                    self.motion_of_cover(moved)
+                };
                 let front = cover.shoot(&vec![still; cameras], 0, seed ^ 2);
                 self.cover(&mut before, front, [0.0; 3]);
                 let shot = Shot::of(Pose::at(own), noise_grey);
