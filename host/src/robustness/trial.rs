@@ -265,10 +265,11 @@ impl<'a> Bench<'a> {
         let views = capture.views.iter_mut().zip(front.views);
         for ((view, front), camera) in views.zip(&self.rig.cameras) {
             let [edge, _] = camera.project(edge_mm);
-            for (i, grey) in view.grey.iter_mut().enumerate() {
-                if (i % view.width) as f64 > edge {
-                    *grey = front.grey[i];
-                }
+            for (i, (grey, front)) in view.grey.iter_mut().zip(front.grey).enumerate() {
+                // The pixel on the edge sees a part of each.
+                let share = ((i % view.width) as f64 + 0.5 - edge).clamp(0.0, 1.0);
+                let [front, behind] = [front, *grey].map(f64::from);
+                *grey = (behind + share * (front - behind)).round() as u8;
             }
         }
     }
