@@ -1,13 +1,20 @@
 //! The program `trinocular`, built for the tests that run it.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 
 /// A command that runs the current `trinocular`.
 pub fn trinocular() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     Command::new(PROGRAM.get_or_init(build))
+}
+
+/// Ctrl-C for a program that runs.
+pub fn interrupt(program: &Child) {
+    let mut kill = Command::new("kill");
+    let sent = kill.args(["-INT", &program.id().to_string()]).status();
+    assert!(sent.expect("kill runs").success());
 }
 
 /// What a run of the program left behind.

@@ -8,7 +8,7 @@ use shared::safety::{Fault, State};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use trinocular_tests::binary::trinocular;
+use trinocular_tests::binary::{interrupt, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station, station_after};
 
@@ -180,10 +180,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
     // Slowly, at 5 mm/s: ten seconds, if nobody stopped it.
     let jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
     moving(&end);
-    let status = Command::new("kill")
-        .args(["-INT", &jog.id().to_string()])
-        .status();
-    assert!(status.expect("kill runs").success());
+    interrupt(&jog);
     let done = jog.wait_with_output().expect("it ends");
     let (out, err) = (
         String::from_utf8_lossy(&done.stdout),
@@ -345,10 +342,7 @@ fn an_interrupted_homing_stops_on_a_ramp() {
         assert!(Instant::now() < patience, "{:?}", end.steps());
         std::thread::sleep(Duration::from_millis(5));
     }
-    let status = Command::new("kill")
-        .args(["-INT", &home.id().to_string()])
-        .status();
-    assert!(status.expect("kill runs").success());
+    interrupt(&home);
     let done = home.wait_with_output().expect("it ends");
     assert_eq!(done.status.code(), Some(3));
     let stood = end.standing();

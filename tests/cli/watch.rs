@@ -3,11 +3,12 @@
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
 use serde_json::Value;
+use trinocular_tests::binary::interrupt;
 
 use super::folder::{AT_REST, desk_with_views};
 use super::{Desk, run, trinocular};
@@ -92,10 +93,7 @@ fn ctrl_c_ends_it_well() {
     let mut child = watching(&desk, &[]);
     let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
     assert!(lines.next().expect("a line").is_ok());
-    let kill = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
-    assert!(kill.expect("kill runs").success());
+    interrupt(&child);
     let (code, text) = end(child);
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("came to rest"), "{text}");
