@@ -26,7 +26,7 @@ fn table_6(path: &str) -> Run {
         path,
         heartbeat_ms: HEARTBEAT_MS,
     };
-    let run = tracking::run(&Settings::default(), place, |_| {})
+    let run = tracking::run(&Settings::default(), &default_stage(), place, |_| {})
         .unwrap_or_else(|error| panic!("{error}"));
     println!(
         "{}: largest error {:.4?} mm, {} of {} pictures used, clock known to {:?} us",

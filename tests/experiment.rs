@@ -1,5 +1,7 @@
 //! The paper's experiments as a user runs them: Tables 1, 2, 5 and 6 from the program's own output.
 
+use host::rig_file::{RigFile, Stage};
+use host::station::stage::default_stage;
 use serde_json::Value;
 use std::process::Output;
 use trinocular_tests::binary::trinocular;
@@ -135,6 +137,31 @@ fn without_a_command_it_tracks_and_writes_a_report_that_needs_nothing_else() {
     );
     // Progress goes to standard error.
     assert!(String::from_utf8_lossy(&output.stderr).contains("tracking"));
+}
+
+#[test]
+fn the_stage_of_a_rig_file_is_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let stage = Stage {
+        steps_per_mm: [200.0, 200.0, 400.0],
+        ..default_stage()
+    };
+    let mut rig = RigFile::paper();
+    for (name, stage) in [("without.toml", None), ("with.toml", Some(stage))] {
+        rig.stage = stage;
+        std::fs::write(path(name), rig.to_toml()).unwrap();
+    }
+    let report = path("run.html");
+    let track = |rig: &str| run(&["--rig", &path(rig), "--report", &report]);
+    let output = track("with.toml");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let said = "200 200 400 steps/mm: one step is 0.005 0.005 0.0025 mm";
+    assert!(output.status.success() && text.contains(said), "{text}");
+    let output = track("without.toml");
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("without.toml: has no [stage]"), "{text}");
 }
 
 #[test]

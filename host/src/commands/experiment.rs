@@ -4,9 +4,11 @@ use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
 use clap::Args;
-use host::error::Failure;
+use host::error::{Failure, InputError};
 use host::experiment::{present, tracking};
 use host::report::write_atomically;
+use host::rig_file::{RigFile, Stage};
+use host::station::stage::default_stage;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -26,11 +28,27 @@ pub struct Options {
     #[arg(long, value_name = "FILE.svg")]
     figure: Option<PathBuf>,
 
+    /// A rig file (TOML) whose `[stage]` station B moves; the cameras stay the paper's
+    ///
+    /// Without it the stage is one of 80 steps/mm and 100 mm/s: give one with a --port that moves a real stage.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+
     #[command(flatten)]
     station: PortOption,
 
     #[command(flatten)]
     scene: SceneOptions,
+}
+
+/// What station B moves.
+fn stage(options: &Options) -> Result<Stage, InputError> {
+    let Some(path) = &options.rig else {
+        return Ok(default_stage());
+    };
+    let reason = "has no [stage] section, the only one that this experiment takes from a rig file";
+    let stage = RigFile::read(path)?.stage;
+    stage.ok_or_else(|| InputError::file(path, reason))
 }
 
 /// Runs the experiment.
@@ -41,10 +59,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         scene: options.scene.settings(),
         ..tracking::Settings::default()
     };
+    let stage = stage(options)?;
     let port = options.station.resolve()?;
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, place, |share| progress.at(share))
+    let run = tracking::run(&settings, &stage, place, |share| progress.at(share))
         .map_err(|error| super::failed_at(port.as_deref(), error))?;
     drop(progress);
     writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;

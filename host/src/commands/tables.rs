@@ -8,6 +8,7 @@ use host::experiment::follower::Place;
 use host::experiment::tracking::Stop;
 use host::experiment::{moves, present, tracking};
 use host::report::Page;
+use host::station::stage::default_stage;
 use host::sums::Estimator;
 use host::validation::Validation;
 use host::validation::recovery::Row;
@@ -53,14 +54,17 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         ..tracking::Settings::default()
     };
     // Least squares does not run on the station; it equals the closed form to a nanometre in every table.
+    let stage = default_stage();
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, Place::Twin, |share| progress.at(0.5 * share))
-        .map_err(super::failed)?;
+    let run = tracking::run(&settings, &stage, Place::Twin, |share| {
+        progress.at(0.5 * share)
+    })
+    .map_err(super::failed)?;
     let closed_form = tracking::Settings {
         estimator: Estimator::ClosedForm,
         ..settings
     };
-    let closed_form = tracking::run(&closed_form, Place::Twin, |share| {
+    let closed_form = tracking::run(&closed_form, &stage, Place::Twin, |share| {
         progress.at(0.5 + 0.5 * share)
     })
     .map_err(super::failed)?;

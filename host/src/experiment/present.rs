@@ -4,7 +4,6 @@ use super::moves::{self, Row};
 use super::servo::{Outcome, Step};
 use super::tracking::{self, BOUND_MM, MOVE_MM, Pulses, Run, Settings, Stop};
 use crate::report::{Cell, Figure, LinePlot, Page, Path3d, Scatter, Style, Table};
-use crate::station::stage::default_stage;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -200,7 +199,6 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let cleared = run
         .cleared
         .map(|fault| format!("; its fault {} was cleared", fault.number()));
-    let steps_per_mm = default_stage().steps_per_mm[0];
     let scene = settings.scene;
     [
         (
@@ -244,19 +242,25 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
                 .flatten()
                 .collect(),
         ),
-        (
-            "stage",
-            format!(
-                "{steps_per_mm} steps/mm: one step is {} mm",
-                steps_per_mm.recip()
-            ),
-        ),
+        ("stage", {
+            let steps = list(run.steps_per_mm);
+            let step = list(run.steps_per_mm.map(f64::recip));
+            format!("{steps} steps/mm: one step is {step} mm")
+        }),
         ("pulses of A", pulses(0)),
         ("pulses of B", pulses(1)),
     ]
     .into_iter()
     .map(|(name, value)| (name.to_owned(), value))
     .collect()
+}
+
+/// One number if all three are the same.
+fn list(axes: [f64; 3]) -> String {
+    match axes {
+        [x, y, z] if x == y && y == z => format!("{x}"),
+        [x, y, z] => format!("{x} {y} {z}"),
+    }
 }
 
 /// The page of the closed-loop experiment.

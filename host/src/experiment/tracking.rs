@@ -5,8 +5,9 @@ use super::follower::Place;
 use super::servo::{Outcome, Servo, Step, Timing};
 use super::world::World;
 use crate::images::{SceneSettings, Texture, TextureKind};
+use crate::rig_file::Stage;
 use crate::station::serial::Serial;
-use crate::station::stage::{default_stage, setpoint};
+use crate::station::stage::setpoint;
 use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::{Command, Status};
@@ -121,6 +122,8 @@ pub struct Run {
     pub samples: Vec<Sample>,
     /// Per station, A then B.
     pub pulses: [Pulses; 2],
+    /// Of B's stage.
+    pub steps_per_mm: [f64; 3],
     /// What B was, for people.
     pub station: String,
     /// The fault that B had latched before, and that the start cleared.
@@ -176,25 +179,19 @@ impl Run {
     }
 }
 
-/// Runs the experiment with B in `place`. `progress` is told the share done, 0 to 1, after every picture.
+/// Runs the experiment with B in `place`, moving `stage`. `progress` is told the share done, 0 to 1, after every picture.
 ///
 /// # Errors
 /// If a station cannot be reached, refuses or faults, or the first pictures show nothing usable.
 pub fn run(
     settings: &Settings,
+    stage: &Stage,
     place: Place<'_>,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, Error> {
     let rig = Rig::paper();
     let texture = Texture::of_kind(settings.texture, settings.seed);
-    let mut world = World::new(
-        &rig,
-        &default_stage(),
-        place,
-        &texture,
-        settings.scene,
-        settings.seed,
-    )?;
+    let mut world = World::new(&rig, stage, place, &texture, settings.scene, settings.seed)?;
     let mut servo = Servo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
@@ -255,6 +252,7 @@ pub fn run(
         steps,
         samples,
         pulses,
+        steps_per_mm: stage.steps_per_mm,
         station: world.b.name(),
         cleared: world.b.serial().and_then(Serial::cleared),
         sync_bound_us: sync.map(|(_, bound_us)| bound_us),
