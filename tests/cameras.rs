@@ -93,8 +93,8 @@ impl Bench {
 /// The number before `what` in the line that says what became of a camera's pictures, or after it.
 fn count(stderr: &str, camera: usize, what: &str) -> u64 {
     let start = format!("{} (/dev/{}): ", NAMES[camera], DEVICES[camera]);
-    let line = stderr.lines().filter_map(|line| line.strip_prefix(&start));
-    let line = line.last().expect("a line for every camera");
+    let mut lines = stderr.lines().filter_map(|line| line.strip_prefix(&start));
+    let line = lines.next_back().expect("a line for every camera");
     let counts = line.split([',', ';']).map(str::trim);
     let number = counts.filter_map(|count| {
         let number = count.strip_suffix(what).or(count.strip_prefix(what))?;
@@ -224,6 +224,13 @@ fn what_goes_wrong_with_a_camera_is_an_error_that_names_it() {
         1,
         &["/dev/video90: has no images of 320 x 240", "160 x 120"],
     );
+
+    // Too many cameras for one USB line (ENOSPC), and one that another program has started meanwhile (EBUSY).
+    for (errno, words) in [(28, "its USB line is full"), (16, "in use")] {
+        let bench = Bench::new(["", &format!("start_error {errno}"), ""]);
+        let outcome = Outcome::of(&mut bench.track(&[]));
+        outcome.failed(1, &["/dev/video91: ", words]);
+    }
 }
 
 /// The thread of a camera that sends nothing does not keep the program.

@@ -112,8 +112,8 @@ pub struct Options {
 
     /// From the middle of the exposure to the picture's time stamp, ms; negative if the stamp comes first
     ///
-    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the exposure and the read-out, with most cameras 10 to 40 ms. Of
-    /// its start: minus half the exposure; but cameras on USB are stamped when their data begin to come, so half the exposure and what lies between. Of its
+    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the exposure and the read-out. Of its start: minus half the
+    /// exposure; but cameras on USB are stamped when their data begin to come, so half the exposure and what lies between. Of its
     /// arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB. What it is wrong by, times the stage's speed, is an error of position while the
     /// stage moves, and none at rest.
     #[arg(

@@ -246,6 +246,9 @@ impl Camera {
     /// Begins to expose.
     pub fn start(&mut self, now_us: u64) -> Result<(), Errno> {
         self.present()?;
+        if let Some(errno) = self.plan.start_error {
+            return Err(errno);
+        }
         let now = now_us / self.plan.period_us;
         BEGIN.get_or_init(|| now + LEAD);
         self.first = Some(now + 1);

@@ -13,10 +13,13 @@
 //! unplug 40         # that never comes: from then on there is no such device
 //! foreign_clock     # the stamps are on a clock that nobody knows
 //! at_start          # the stamps are of the exposure's start
+//! start_error 28    # starting it fails with this error number
 //! silent            # no picture ever comes
 //! ```
 
 use std::path::PathBuf;
+
+use crate::wire::Errno;
 
 /// A plan.
 #[derive(Default)]
@@ -29,6 +32,7 @@ pub struct Plan {
     pub spoil: Vec<u64>,
     pub cut: Vec<u64>,
     pub unplug: Option<u64>,
+    pub start_error: Option<Errno>,
     pub foreign_clock: bool,
     pub at_start: bool,
     pub silent: bool,
@@ -57,6 +61,7 @@ pub fn read(name: &str) -> Option<(Plan, Vec<u8>, PathBuf)> {
             "spoil" => plan.spoil = numbers,
             "cut" => plan.cut = numbers,
             "unplug" => plan.unplug = Some(first()?),
+            "start_error" => plan.start_error = Some(first()? as Errno),
             "foreign_clock" => plan.foreign_clock = true,
             "at_start" => plan.at_start = true,
             "silent" => plan.silent = true,

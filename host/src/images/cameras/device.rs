@@ -3,9 +3,10 @@
 //! The library is `v4l`: it hands on what the driver says of each picture, time, number and flags, which `linuxvideo` and (but for the time) `rscam` keep to
 //! themselves, and it waits with a limit, which `rscam` cannot. Its price is libclang when the program is built; no C library is linked.
 //!
-//! What it does not do well is kept away from. Names of cards that are cut within a character make its `query_caps` panic: it is not called. Its `next` puts
-//! back the picture before, and after a time-out would do so twice: so the waiting is done before. It has no picture to put back at first, so the first of
-//! each camera is taken out unseen; many cameras spoil that one anyway.
+//! What it does not do well is kept away from. Its `query_caps` panics at a card whose name was cut within a character: it is not called. Its `next` puts
+//! back the picture before, and after a time-out would do so twice: so the waiting is done before. At first it has no picture to put back, so the first of
+//! each camera is taken out unseen; many cameras spoil that one anyway. Its `drop` panics if a camera that is still there cannot be stopped; that would be
+//! in the camera's own thread or before anything moves.
 
 mod refusal;
 
