@@ -105,7 +105,8 @@ pub fn c_library(package: &str) -> PathBuf {
 
 fn build() -> PathBuf {
     let messages = cargo_build(|cargo| {
-        cargo.args(["--bin", "trinocular"]);
+        // What the test itself needed has been fetched, and the program needs no more.
+        cargo.args(["--offline", "--bin", "trinocular"]);
         match cfg!(feature = "camera") {
             true => cargo.args(["--features", "host/camera"]),
             false => cargo,
@@ -125,8 +126,7 @@ fn build() -> PathBuf {
 fn cargo_build(choose: impl Fn(&mut Command) -> &mut Command) -> Vec<serde_json::Value> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or(env!("CARGO").into()));
     cargo
-        // What the test itself needed has been fetched, and the program needs no more.
-        .args(["build", "--offline"])
+        .args(["build", "--locked"])
         .arg("--message-format=json-render-diagnostics")
         .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
         .stderr(Stdio::inherit());
