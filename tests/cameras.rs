@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 use host::images::{Scene, SceneSettings, Texture};
 use host::rig_file::RigFile;
 use tempfile::TempDir;
-use trinocular_tests::binary::{Outcome, c_library, trinocular};
+use trinocular_tests::binary::{Outcome, c_library, interrupt, trinocular};
 
 const PERIOD_US: u64 = 33_333;
 
@@ -250,10 +250,7 @@ fn ctrl_c_ends_it_also_with_a_silent_camera() {
     let mut notes = BufReader::new(track.stderr.take().expect("it was asked for")).lines();
     let streams = notes.any(|line| line.expect("UTF-8").contains("pictures have"));
     assert!(streams, "no camera has said what its stamps are");
-    let kill = Command::new("kill")
-        .args(["-INT", &track.id().to_string()])
-        .status();
-    assert!(kill.expect("kill runs").success());
+    interrupt(&track);
     let rest: Vec<String> = notes.map_while(Result::ok).collect();
     assert_eq!(track.wait().expect("it ends").code(), Some(0), "{rest:?}");
 }
