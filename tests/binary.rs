@@ -90,21 +90,47 @@ impl Outcome {
     }
 }
 
-/// Builds the program in the profile and target folder of the running test.
+/// The C library that the package in this folder, a workspace of its own, is built into.
+pub fn c_library(package: &str) -> PathBuf {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join(package);
+    let manifest = manifest.join("Cargo.toml");
+    let messages = cargo_build(|cargo| cargo.arg("--manifest-path").arg(&manifest));
+    messages
+        .iter()
+        .filter(|message| message["target"]["kind"][0] == "cdylib")
+        .filter_map(|message| message["filenames"][0].as_str().map(PathBuf::from))
+        .next_back()
+        .expect("cargo names the library it built")
+}
+
+fn build() -> PathBuf {
+    let messages = cargo_build(|cargo| {
+        // What the test itself needed has been fetched, and the program needs no more.
+        cargo.args(["--offline", "--bin", "trinocular"]);
+        match cfg!(feature = "camera") {
+            true => cargo.args(["--features", "host/camera"]),
+            false => cargo,
+        }
+    });
+    messages
+        .iter()
+        .filter_map(|message| message["executable"].as_str().map(PathBuf::from))
+        .next_back()
+        .expect("cargo names the executable it built")
+}
+
+/// Builds what `choose` adds to the command, in the profile and target folder of the running test, and gives Cargo's messages.
 ///
 /// Cargo tells a test where a binary is only within the binary's own package, and a binary found lying in the target
 /// folder may be an old one. So Cargo is asked to bring it up to date, which takes a fraction of a second if it is.
-fn build() -> PathBuf {
+fn cargo_build(choose: impl Fn(&mut Command) -> &mut Command) -> Vec<serde_json::Value> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or(env!("CARGO").into()));
     cargo
-        // What the test itself needed has been fetched, and the program needs no more.
-        .args(["build", "--offline", "--bin", "trinocular"])
+        .args(["build", "--locked"])
         .arg("--message-format=json-render-diagnostics")
         .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
         .stderr(Stdio::inherit());
-    if cfg!(feature = "camera") {
-        cargo.args(["--features", "host/camera"]);
-    }
+    choose(&mut cargo);
     // target / [triple /] profile / deps / this test
     let test = std::env::current_exe().expect("the running test is a file");
     let profile_folder = test.ancestors().nth(2).expect("in a profile's folder");
@@ -117,14 +143,12 @@ fn build() -> PathBuf {
         cargo.arg("--target-dir").arg(target_folder);
     }
     let built = cargo.output().expect("cargo runs");
-    assert!(built.status.success(), "cargo build of trinocular failed");
+    assert!(built.status.success(), "{cargo:?} failed");
     let messages = String::from_utf8(built.stdout).expect("cargo writes UTF-8");
-    messages
-        .lines()
-        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-        .filter_map(|message| message["executable"].as_str().map(PathBuf::from))
-        .next_back()
-        .expect("cargo names the executable it built")
+    let lines = messages.lines();
+    lines
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect()
 }
 
 /// The target folder above a profile's folder: the one Cargo has marked as a cache.

@@ -28,6 +28,7 @@ fn cameras_and_rig_must_fit_before_a_device_is_opened() {
     outcome.failed(2, &["2 devices", "3 cameras", "left, middle, right"]);
     assert_eq!(track(&desk, &[]).code, Some(2));
     track(&desk, &["--rig", "rig.toml", "--window", "17"]).failed(2, &["--window is 17"]);
+    track(&desk, &["--rig", "rig.toml", "--delay", "-101"]).failed(2, &["--delay is -101"]);
     // What a real stage is must be known; nothing is opened or moved.
     let port = ["--rig", "rig.toml", "--port", "/dev/no-port"];
     track(&desk, &port).failed(1, &["rig.toml", "[stage]"]);

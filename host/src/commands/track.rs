@@ -45,7 +45,8 @@ pub struct Source {
 
     /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
     ///
-    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with `--features host/camera`.
+    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with `--features host/camera`. At the end
+    /// it is said what became of each camera's pictures, those its driver lost among them.
     #[arg(
         long,
         value_name = "DEVICE,...",
@@ -109,11 +110,19 @@ pub struct Options {
     #[arg(long, value_name = "MS", help_heading = CAMERAS)]
     window: Option<f64>,
 
-    /// From the middle of the exposure to the moment the computer has the picture, ms
+    /// From the middle of the exposure to the picture's time stamp, ms; negative if the stamp comes first
     ///
-    /// Half the exposure, read-out and transfer; 20 to 60 ms with a camera on USB. What it is wrong by, times the stage's speed, is an error of position
-    /// while the stage moves, and none at rest.
-    #[arg(long, value_name = "MS", default_value_t = 0.0, help_heading = CAMERAS)]
+    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the exposure and the read-out. Of its start: minus half the
+    /// exposure; but cameras on USB are stamped when their data begin to come, so half the exposure and what lies between. Of its
+    /// arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB. What it is wrong by, times the stage's speed, is an error of position while the
+    /// stage moves, and none at rest.
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        help_heading = CAMERAS
+    )]
     delay: f64,
 
     /// With --port: the cameras stand beside the stage, which copies the target's motion
@@ -218,7 +227,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         options.widest_window_ms(),
     )?;
     // The station remembers where the stage was for half a second.
-    range("delay", options.delay, 0.0, 300.0)?;
+    range("delay", options.delay, -100.0, 300.0)?;
     let longest_ms = (1000.0 / options.fps - 3.0).max(1.0).floor();
     range("latency", options.latency as f64, 0.0, longest_ms)?;
     let source = &options.source;

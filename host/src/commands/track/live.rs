@@ -60,6 +60,7 @@ fn follow(
     use host::images::Capture;
     use host::images::cameras::device::V4l2;
     use host::images::cameras::live::Live;
+    use host::images::cameras::stamp::Source;
     use std::time::Duration;
 
     let port = options.station.resolve()?;
@@ -67,14 +68,23 @@ fn follow(
     let size_px = rig.rig.image_size_px;
     let cameras = devices
         .iter()
-        .map(|device| V4l2::open(device, size_px, options.fps))
+        .zip(&rig.names)
+        .map(|(device, name)| {
+            let who = format!("{name} ({})", device.display());
+            let notice = Box::new(move |source: Source| match source {
+                Source::Driver(_) => eprintln!("{who}: {source}"),
+                Source::Arrival(_) => eprintln!("warning: {who}: {source}"),
+            });
+            V4l2::open(device, size_px, options.fps, notice)
+        })
         .collect::<Result<Vec<_>, _>>()?;
     for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
         eprintln!("{name} is {}, {:?}", device.display(), camera.format());
     }
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
-    let mut live = Live::start(cameras, ms(options.window_ms()), ms(options.delay), stop)?;
+    let delay_us = (options.delay * 1e3).round() as i64;
+    let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop)?;
     let now_us = || live.now_us();
     let first = devices.first().cloned().unwrap_or_default();
     let captures = Captures::new(
@@ -96,7 +106,8 @@ fn follow(
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
         eprintln!(
-            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners within {} ms, {} stale, {} damaged, {} out of order",
+            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners within {} ms, {} stale, {} damaged, {} out of order; \
+             its driver lost {}",
             device.display(),
             matching.arrived + tally.stale + tally.damaged,
             matching.used,
@@ -105,7 +116,8 @@ fn follow(
             options.window_ms(),
             tally.stale,
             tally.damaged,
-            matching.disordered
+            matching.disordered,
+            tally.lost
         );
     }
     let summary = outcome?;

@@ -1,29 +1,57 @@
 //! A V4L2 camera. Linux only, with the feature `camera`.
 //!
-//! The driver notes when it finished a picture, but `linuxvideo` 0.3 does not hand that on. So a picture's moment is when a thread that waited for it got
-//! it: later by the time the scheduler takes, tens of microseconds on a computer that is not overloaded. A picture that was there before anybody
-//! waited is [stale](Shot::Stale). What lies between the exposure and the moment (read-out, transfer) is the same for every picture of a camera; the caller
-//! subtracts it.
+//! The library is `v4l`: it hands on what the driver says of each picture, time, number and flags, which `linuxvideo` and (but for the time) `rscam` keep to
+//! themselves, and it waits with a limit, which `rscam` cannot. Its price is libclang when the program is built; no C library is linked.
+//!
+//! What it does not do well is kept away from. Its `query_caps` panics at a card whose name was cut within a character: it is not called. Its `next` puts
+//! back the picture before, and after a time-out would do so twice: so the waiting is done before. At first it has no picture to put back, so the first of
+//! each camera is taken out unseen; many cameras spoil that one anyway. Its `drop` panics if a camera that is still there cannot be stopped; that would be
+//! in the camera's own thread or before anything moves.
+
+mod refusal;
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use linuxvideo::format::{PixFormat, PixelFormat};
-use linuxvideo::stream::ReadStream;
-use linuxvideo::{BufType, Device, Fract};
+use rustix::event::PollFlags;
+use rustix::time::{ClockId, clock_gettime};
+use v4l::buffer::{Flags, Metadata, Type};
+use v4l::io::mmap::Stream;
+use v4l::io::traits::{CaptureStream, Stream as _};
+use v4l::video::Capture;
+use v4l::video::capture::Parameters;
+use v4l::{Device, Fraction};
 
 use super::grey::Format;
 use super::live::{Camera, Shot};
+use super::numbers::Numbers;
+use super::stamp::{Clocks, Moments, Point, Source, Stamp};
 use crate::error::InputError;
+
+/// Buffers that are asked for: one is here, the others are the driver's to fill.
+const BUFFERS: u32 = 5;
+
+/// More buffers no driver has (V4L2's `VIDEO_MAX_FRAME`).
+const MOST_BUFFERS: usize = 32;
+
+/// How long one waits for a picture before one looks whether it is still wanted, ms.
+const WAIT_MS: i32 = 100;
+
+/// Who is told what the pictures' times are: with the first picture, and when that changes.
+pub type Notice = Box<dyn FnMut(Source) + Send>;
 
 /// A camera that streams.
 pub struct V4l2 {
     path: PathBuf,
-    stream: ReadStream,
+    stream: Stream<'static>,
     format: Format,
     size_px: [usize; 2],
     stride: usize,
+    has_first: bool,
+    moments: Moments,
+    numbers: Numbers,
+    notice: Notice,
 }
 
 impl V4l2 {
@@ -32,55 +60,60 @@ impl V4l2 {
     ///
     /// # Errors
     /// If there is no such camera, it may not be used, or it has no images of this size.
-    pub fn open(path: &Path, size_px: [u32; 2], frames_per_s: f64) -> Result<Self, InputError> {
-        let device = Device::open(path).map_err(|cause| cannot_open(path, &cause))?;
-        let offered: Vec<[u8; 4]> = device
-            .formats(BufType::VIDEO_CAPTURE)
-            .filter_map(|format| Some(format.ok()?.pixel_format().as_fourcc()))
-            .collect();
-        let mut known = Format::ALL.into_iter();
-        let Some(format) = known.find(|f| offered.contains(&f.fourcc())) else {
-            return Err(InputError::file(path, no_format(&offered)));
-        };
-        // Two programs may open a camera, but only one may set it up.
-        let refused = |cause: io::Error| match cause.kind() {
-            io::ErrorKind::ResourceBusy => cannot_open(path, &cause),
-            _ => InputError::io(path, "start", &cause),
-        };
+    pub fn open(
+        path: &Path,
+        size_px: [u32; 2],
+        frames_per_s: f64,
+        notice: Notice,
+    ) -> Result<Self, InputError> {
+        let device = Device::with_path(path).map_err(|cause| refusal::cannot_open(path, &cause))?;
+        let refused = |cause: io::Error| refusal::cannot_start(path, &cause);
+        let format = choose(path, &device)?;
         let [width, height] = size_px;
-        let wanted = PixFormat::new(width, height, PixelFormat::from_fourcc(format.fourcc()));
-        let capture = device.video_capture(wanted).map_err(refused)?;
-        let got = capture.format();
-        if [got.width(), got.height()] != size_px {
-            let reason = format!(
-                "has no images of {width} x {height} px, as the rig file says; the nearest are {} x {}: calibrate the rig with images of a size the camera \
-                 has (`v4l2-ctl -d {} --list-formats-ext` lists them)",
-                got.width(),
-                got.height(),
-                path.display()
-            );
-            return Err(InputError::file(path, reason));
+        let wanted = v4l::Format::new(width, height, v4l::FourCC::new(&format.fourcc()));
+        let got = device.set_format(&wanted).map_err(refused)?;
+        if [got.width, got.height] != size_px {
+            return Err(refusal::no_size(path, size_px, [got.width, got.height]));
         }
-        if got.pixel_format().as_fourcc() != format.fourcc() {
-            let reason = format!("gives {} for {}", got.pixel_format(), name(format.fourcc()));
-            return Err(InputError::file(path, reason));
+        if got.fourcc != wanted.fourcc {
+            return Err(refusal::other_format(
+                path,
+                format.fourcc(),
+                got.fourcc.repr,
+            ));
         }
-        let stride = got.bytes_per_line() as usize;
-        let interval = Fract::new(1000, (frames_per_s * 1000.0).round() as u32);
+        let interval = Fraction::new(1000, (frames_per_s * 1000.0).round() as u32);
         // A rate that cannot be had is no reason not to look: the pictures bring their own times.
-        let _ = capture.set_frame_interval(interval);
+        let _ = device.set_params(&Parameters::new(interval));
         Ok(Self {
             path: path.to_owned(),
-            stream: capture.into_stream().map_err(refused)?,
+            stream: start(&device).map_err(refused)?,
             format,
             size_px: size_px.map(|side| side as usize),
-            stride,
+            stride: got.stride as usize,
+            has_first: false,
+            moments: Moments::new(Clocks::read(monotonic)),
+            numbers: Numbers::default(),
+            notice,
         })
     }
 
     /// How its pixels come.
     pub fn format(&self) -> Format {
         self.format
+    }
+
+    /// Whether there is a picture, or there will be none any more.
+    fn is_ready_within(&self, wait_ms: i32) -> io::Result<bool> {
+        match self
+            .stream
+            .handle()
+            .poll(PollFlags::IN.bits().cast_signed(), wait_ms)
+        {
+            // By a signal, Ctrl-C for one.
+            Err(cause) if cause.kind() == io::ErrorKind::Interrupted => Ok(false),
+            ready => Ok(ready? > 0),
+        }
     }
 }
 
@@ -90,61 +123,89 @@ impl Camera for V4l2 {
     }
 
     fn shoot(&mut self) -> Result<Shot, InputError> {
-        let Self {
-            path,
-            stream,
-            format,
-            size_px,
-            stride,
-        } = self;
-        let lost = |cause| InputError::io(path, "take a picture", &cause);
-        let is_fresh = stream.will_block().map_err(lost)?;
-        let shot = stream.dequeue(|bytes| {
-            let at = Instant::now();
-            Ok(match format.to_grey(&bytes, *size_px, *stride) {
-                _ if bytes.is_error() => Shot::Damaged,
-                Ok(_) if !is_fresh => Shot::Stale,
-                Ok(image) => Shot::Picture(at, image),
-                Err(_) => Shot::Damaged,
-            })
-        });
-        shot.map_err(lost)
+        let path = self.path.clone();
+        let lost = |cause| refusal::lost(&path, &cause);
+        let was_awaited = !self.is_ready_within(0).map_err(lost)?;
+        if was_awaited && !self.is_ready_within(WAIT_MS).map_err(lost)? {
+            return Ok(Shot::Nothing);
+        }
+        if !self.has_first {
+            self.stream.dequeue().map_err(lost)?;
+            self.has_first = true;
+            return Ok(Shot::Nothing);
+        }
+        let (buffer, about) = self.stream.next().map_err(lost)?;
+        let arrived = Instant::now();
+        let source = self.moments.source();
+        let moment = self.moments.of(stamp(about), arrived, was_awaited);
+        self.numbers.saw(about.sequence);
+        let bytes = buffer.get(..about.bytesused as usize).unwrap_or(buffer);
+        let shot = match self.format.to_grey(bytes, self.size_px, self.stride) {
+            _ if about.flags.contains(Flags::ERROR) => Shot::Damaged,
+            Err(_) => Shot::Damaged,
+            Ok(image) => moment.map_or(Shot::Stale, |at| Shot::Picture(at, image)),
+        };
+        if let Some(now) = self.moments.source().filter(|now| source != Some(*now)) {
+            (self.notice)(now);
+        }
+        Ok(shot)
+    }
+
+    fn lost(&self) -> u64 {
+        self.numbers.lost()
     }
 }
 
-fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
-    let advice = match cause.kind() {
-        io::ErrorKind::NotFound => {
-            "no such camera: plug it in; `ls /dev/video*` shows the cameras there are, `v4l2-ctl --list-devices` which is which"
+/// The best format that is known here.
+fn choose(path: &Path, device: &Device) -> Result<Format, InputError> {
+    let offered = device.enum_formats().unwrap_or_default();
+    let offered: Vec<[u8; 4]> = offered.iter().map(|format| format.fourcc.repr).collect();
+    let mut known = Format::ALL.into_iter();
+    match known.find(|format| offered.contains(&format.fourcc())) {
+        Some(format) => Ok(format),
+        None => Err(match device.format() {
+            // Every device of V4L2 knows the question, if only to say that it has no such thing.
+            Err(cause) if offered.is_empty() && cause.kind() != io::ErrorKind::InvalidInput => {
+                refusal::cannot_open(path, &cause)
+            }
+            _ => refusal::no_format(path, &offered),
+        }),
+    }
+}
+
+/// Gives the driver all its buffers, as many as it made, and starts it.
+fn start(device: &Device) -> io::Result<Stream<'static>> {
+    let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS)?;
+    for index in 0..MOST_BUFFERS {
+        match stream.queue(index) {
+            Err(cause) if index > 0 && cause.kind() == io::ErrorKind::InvalidInput => break,
+            queued => queued?,
         }
-        io::ErrorKind::PermissionDenied => {
-            "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then log in anew)"
-        }
-        io::ErrorKind::ResourceBusy => "in use: close the other program that shows its pictures",
-        _ => {
-            return InputError::file(
-                path,
-                format!("no V4L2 camera: {cause}; `v4l2-ctl --list-devices` shows those there are"),
-            );
-        }
+    }
+    stream.start()?;
+    Ok(stream)
+}
+
+fn monotonic() -> Duration {
+    let now = clock_gettime(ClockId::Monotonic);
+    Duration::try_from(now).unwrap_or_default()
+}
+
+fn stamp(about: &Metadata) -> Stamp {
+    let is_monotonic = about.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC;
+    let point = match about.flags & Flags::TSTAMP_SRC_MASK == Flags::TSTAMP_SRC_SOE {
+        true => Point::Start,
+        false => Point::End,
     };
-    InputError::file(path, advice)
-}
-
-fn no_format(offered: &[[u8; 4]]) -> String {
-    let list = |names: Vec<String>| names.join(" ");
-    let known = list(Format::ALL.map(|format| name(format.fourcc())).to_vec());
-    match offered {
-        [] => "captures no video: many cameras have a second device for data about the pictures, take the first".to_owned(),
-        offered => format!(
-            "none of its formats is known here: it has {}, known are {known}",
-            list(offered.iter().copied().map(name).collect())
-        ),
-    }
-}
-
-fn name(fourcc: [u8; 4]) -> String {
-    fourcc.escape_ascii().to_string()
+    let (Ok(seconds), Ok(micros), true) = (
+        u64::try_from(about.timestamp.sec),
+        u64::try_from(about.timestamp.usec),
+        is_monotonic,
+    ) else {
+        return Stamp::Unknown;
+    };
+    let time = Duration::from_secs(seconds).saturating_add(Duration::from_micros(micros));
+    Stamp::Monotonic(time, point)
 }
 
 #[cfg(test)]
@@ -152,7 +213,7 @@ mod tests {
     use super::*;
 
     fn refusal(path: &Path) -> String {
-        match V4l2::open(path, [320, 240], 30.0) {
+        match V4l2::open(path, [320, 240], 30.0, Box::new(|_| ())) {
             Err(error) => error.to_string(),
             Ok(_) => panic!("{} is a camera", path.display()),
         }
@@ -167,21 +228,25 @@ mod tests {
         );
         let text = refusal(Path::new("/dev/null"));
         assert!(text.starts_with("/dev/null: no V4L2 camera"), "{text}");
-        let denied = cannot_open(
-            Path::new("/dev/video0"),
-            &io::ErrorKind::PermissionDenied.into(),
-        );
-        assert!(denied.reason.contains("group"), "{denied}");
-        let busy = cannot_open(
-            Path::new("/dev/video0"),
-            &io::ErrorKind::ResourceBusy.into(),
-        );
-        assert!(busy.reason.contains("other program"), "{busy}");
     }
 
     #[test]
-    fn unknown_formats_are_listed() {
-        assert!(no_format(&[*b"H264", *b"BA81"]).contains("it has H264 BA81, known are GREY YUYV"));
-        assert!(no_format(&[]).contains("take the first"));
+    fn stamps_are_what_their_flags_say() {
+        let of = |flags, sec, usec| {
+            stamp(&Metadata {
+                flags,
+                timestamp: v4l::Timestamp::new(sec, usec),
+                ..Metadata::default()
+            })
+        };
+        let time = Duration::new(12, 345_678_000);
+        let end = Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_EOF | Flags::DONE;
+        assert_eq!(of(end, 12, 345_678), Stamp::Monotonic(time, Point::End));
+        let start = Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE;
+        assert_eq!(of(start, 12, 345_678), Stamp::Monotonic(time, Point::Start));
+        for flags in [Flags::TIMESTAMP_UNKNOWN, Flags::TIMESTAMP_COPY] {
+            assert_eq!(of(flags, 12, 345_678), Stamp::Unknown);
+        }
+        assert_eq!(of(end, -1, 0), Stamp::Unknown);
     }
 }

@@ -3,8 +3,8 @@
 //! A camera thread does nothing but wait for its camera, turn the picture grey and hand it to the [matching](super::matching). Whoever asks for the
 //! next capture gets the newest; older ones that nobody had time for are dropped and counted.
 //!
-//! *When a picture was taken* is told from the moment at which its camera's thread got it, less a delay that is the same for all. A picture that lay
-//! ready before its thread waited for it has no such moment: it is counted as stale and not used.
+//! *When a picture was taken* is told from the [moment](super::stamp) that the camera gives it, less a delay that is the same for all. A picture whose moment
+//! is not known, or lies before the start, is counted as stale and not used.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -24,12 +24,14 @@ const LOOK: Duration = Duration::from_millis(20);
 /// What a camera gave.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Shot {
-    /// A picture, at the moment it was handed over.
+    /// A picture, with its moment.
     Picture(Instant, Image),
     /// A picture that came at an unknown time.
     Stale,
     /// A picture that the camera or its line has spoilt.
     Damaged,
+    /// None yet.
+    Nothing,
 }
 
 /// A camera, waiting for its next picture.
@@ -37,11 +39,16 @@ pub trait Camera: Send + 'static {
     /// Where it is, for messages.
     fn path(&self) -> PathBuf;
 
-    /// Waits for the next picture.
+    /// Waits for the next picture, but no longer than one who wants to end can wait.
     ///
     /// # Errors
     /// If there will be no more.
     fn shoot(&mut self) -> Result<Shot, InputError>;
+
+    /// Pictures so far that the camera took but could not hand over, as far as it knows.
+    fn lost(&self) -> u64 {
+        0
+    }
 }
 
 /// What became of one camera's pictures.
@@ -53,6 +60,8 @@ pub struct Tally {
     pub stale: u64,
     /// That were spoilt.
     pub damaged: u64,
+    /// That the camera's driver lost.
+    pub lost: u64,
 }
 
 /// What the threads share.
@@ -60,6 +69,7 @@ struct State {
     matching: Matching<Image>,
     stale: Vec<u64>,
     damaged: Vec<u64>,
+    lost: Vec<u64>,
     failed: Option<InputError>,
 }
 
@@ -75,8 +85,8 @@ impl Shared {
     }
 }
 
-/// Cameras that run. An iterator of captures: it ends when it is told to stop, or after an error. Dropping it ends the threads, each with its next
-/// picture.
+/// Cameras that run. An iterator of captures: it ends when it is told to stop, or after an error. Dropping it ends the threads, each as soon as
+/// its camera has [shot](Camera::shoot) or seen that there is nothing.
 pub struct Live {
     shared: Arc<Shared>,
     paths: Vec<PathBuf>,
@@ -87,24 +97,31 @@ pub struct Live {
 }
 
 impl Live {
-    /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are of one time; each was taken `delay` before it was
-    /// handed over. The captures end when `stop` is set.
+    /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are of one time; each was taken `delay_us` before its moment,
+    /// or after it if that is negative. The captures end when `stop` is set.
     ///
     /// # Errors
     /// If a thread cannot be started.
     pub fn start<C: Camera>(
         cameras: Vec<C>,
         window: Duration,
-        delay: Duration,
+        delay_us: i64,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, InputError> {
         let count = cameras.len();
         let started = Instant::now();
+        let delay = Duration::from_micros(delay_us.unsigned_abs());
+        let zero = match delay_us < 0 {
+            true => started.checked_sub(delay),
+            false => started.checked_add(delay),
+        };
+        let zero = zero.unwrap_or(started);
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 matching: Matching::new(count, micros(window)),
                 stale: vec![0; count],
                 damaged: vec![0; count],
+                lost: vec![0; count],
                 failed: None,
             }),
             arrived: Condvar::new(),
@@ -121,7 +138,7 @@ impl Live {
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
             let path = camera.path();
-            let run = move || attend(camera, index, started + delay, &shared);
+            let run = move || attend(camera, index, zero, &shared);
             std::thread::Builder::new()
                 .name(format!("camera {index}"))
                 .spawn(run)
@@ -139,13 +156,13 @@ impl Live {
     pub fn tallies(&self) -> Vec<Tally> {
         let state = self.shared.state();
         let counts = state.matching.counts().iter();
-        let rest = state.stale.iter().zip(&state.damaged);
         counts
-            .zip(rest)
-            .map(|(matching, (stale, damaged))| Tally {
+            .enumerate()
+            .map(|(camera, matching)| Tally {
                 matching: *matching,
-                stale: *stale,
-                damaged: *damaged,
+                stale: state.stale[camera],
+                damaged: state.damaged[camera],
+                lost: state.lost[camera],
             })
             .collect()
     }
@@ -216,6 +233,7 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
     while !shared.ended.load(Relaxed) {
         let shot = camera.shoot();
         let mut state = shared.state();
+        state.lost[index] = camera.lost();
         match shot {
             // What was taken before the start is of no use, and has no time.
             Ok(Shot::Picture(at, image)) => match at.checked_duration_since(zero) {
@@ -224,6 +242,7 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
             },
             Ok(Shot::Stale) => state.stale[index] += 1,
             Ok(Shot::Damaged) => state.damaged[index] += 1,
+            Ok(Shot::Nothing) => (),
             Err(error) => {
                 state.failed.get_or_insert(error);
             }

@@ -6,7 +6,8 @@
 //! camera -> grey -> /
 //! ```
 //!
-//! [`grey`] turns a camera's bytes into an image, [`matching`] finds the pictures that were taken at the same time, [`live`] runs a thread per camera.
+//! [`grey`] turns a camera's bytes into an image, [`stamp`] tells when it was taken and [`numbers`] what the driver lost, [`matching`] finds the pictures that
+//! were taken at the same time, [`live`] runs a thread per camera.
 //! `device` is the only part that knows V4L2, and the only one that is built with the feature `camera` alone.
 //!
 //! *Time* is the host's monotonic clock, in µs since the cameras were started.
@@ -16,3 +17,5 @@ pub mod device;
 pub mod grey;
 pub mod live;
 pub mod matching;
+pub mod numbers;
+pub mod stamp;

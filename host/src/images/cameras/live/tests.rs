@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 struct Sent {
     name: &'static str,
     shots: Receiver<Shot>,
+    sent: u64,
 }
 
 impl Camera for Sent {
@@ -16,7 +17,14 @@ impl Camera for Sent {
 
     fn shoot(&mut self) -> Result<Shot, InputError> {
         let gone = |_| InputError::file(&self.path(), "unplugged");
-        self.shots.recv().map_err(gone)
+        let shot = self.shots.recv().map_err(gone)?;
+        self.sent += 1;
+        Ok(shot)
+    }
+
+    /// Loses one before each that it hands over.
+    fn lost(&self) -> u64 {
+        self.sent
     }
 }
 
@@ -29,17 +37,21 @@ struct Bench {
 const NAMES: [&str; 3] = ["/dev/left", "/dev/middle", "/dev/right"];
 
 fn bench() -> Bench {
+    bench_with(30_000)
+}
+
+fn bench_with(delay_us: i64) -> Bench {
     let (senders, cameras) = NAMES
         .map(|name| {
             let (sender, shots) = channel();
-            (sender, Sent { name, shots })
+            let sent = 0;
+            (sender, Sent { name, shots, sent })
         })
         .into_iter()
         .unzip();
     let stop = Arc::new(AtomicBool::new(false));
     let window = Duration::from_millis(5);
-    let delay = Duration::from_millis(30);
-    let live = Live::start(cameras, window, delay, Arc::clone(&stop)).unwrap();
+    let live = Live::start(cameras, window, delay_us, Arc::clone(&stop)).unwrap();
     Bench {
         live,
         stop,
@@ -83,6 +95,17 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
     assert_eq!(capture.views, [image(0), image(1), image(2)]);
 }
 
+/// As with a driver that stamps the start of the exposure.
+#[test]
+fn a_negative_delay_puts_pictures_after_their_moments() {
+    let mut bench = bench_with(-8_000);
+    for camera in 0..3 {
+        bench.send(camera, 100, 0);
+    }
+    let capture = bench.live.next().unwrap().unwrap();
+    assert_eq!(capture.time_us, 108_000);
+}
+
 #[test]
 fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
     let mut bench = bench();
@@ -105,8 +128,8 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
         assert_eq!(tally.matching.used, 1);
         assert_eq!(tally.matching.overtaken, 2);
     }
-    let rest: Vec<_> = tallies.iter().map(|t| (t.stale, t.damaged)).collect();
-    assert_eq!(rest, [(1, 0), (0, 0), (1, 1)]);
+    let rest = tallies.iter().map(|t| (t.stale, t.damaged, t.lost));
+    assert_eq!(rest.collect::<Vec<_>>(), [(1, 0, 4), (0, 0, 4), (1, 1, 5)]);
 }
 
 #[test]

@@ -1,0 +1,57 @@
+//! Pictures that a driver lost, by the numbers it gives to those it hands on.
+//!
+//! A driver counts every picture, also those it has no room for or that come damaged beyond use. The number has 32 bits and starts anew after the last.
+
+/// A camera's picture numbers so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Numbers {
+    last: Option<u32>,
+    lost: u64,
+}
+
+impl Numbers {
+    /// A picture with this number came. One that is not ahead of the last loses nothing: the driver counts anew, or does not count at all.
+    pub fn saw(&mut self, number: u32) {
+        let last = self.last.replace(number);
+        let step = last.map_or(1, |last| number.wrapping_sub(last));
+        if (1..=u32::MAX / 2).contains(&step) {
+            self.lost += u64::from(step - 1);
+        }
+    }
+
+    /// Pictures between those that came.
+    pub const fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lost(numbers: &[u32]) -> u64 {
+        let mut seen = Numbers::default();
+        for number in numbers {
+            seen.saw(*number);
+        }
+        seen.lost()
+    }
+
+    #[test]
+    fn gaps_are_pictures_also_where_the_count_starts_anew() {
+        assert_eq!(lost(&[]), 0);
+        // What was before the first is not known.
+        assert_eq!(lost(&[7, 8, 9]), 0);
+        assert_eq!(lost(&[7, 9, 10, 14]), 4);
+        assert_eq!(lost(&[u32::MAX - 1, u32::MAX, 0, 1]), 0);
+        assert_eq!(lost(&[u32::MAX - 1, 2]), 3);
+        assert_eq!(lost(&[0, u32::MAX / 2]), u64::from(u32::MAX / 2) - 1);
+    }
+
+    #[test]
+    fn a_driver_that_does_not_count_or_counts_anew_loses_nothing() {
+        assert_eq!(lost(&[0, 0, 0, 0]), 0);
+        assert_eq!(lost(&[500, 501, 0, 1, 2]), 0);
+        assert_eq!(lost(&[500, 503, 0, 1, 3]), 3);
+    }
+}

@@ -1,0 +1,99 @@
+//! The drivers' clock reads 1000 s when the tests' instant is taken.
+
+use super::*;
+
+const NOW: Duration = Duration::from_secs(1000);
+
+fn moments() -> (Moments, Instant) {
+    let instant = Instant::now();
+    let monotonic = NOW;
+    (Moments::new(Clocks { instant, monotonic }), instant)
+}
+
+fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+fn stamp(time: Duration) -> Stamp {
+    Stamp::Monotonic(time, Point::End)
+}
+
+#[test]
+fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
+    let (mut moments, now) = moments();
+    assert_eq!(moments.source(), None);
+    for (taken, fetched, was_awaited) in [(0, 0, true), (33, 40, true), (66, 1900, false)] {
+        let at = moments.of(stamp(NOW + ms(taken)), now + ms(fetched), was_awaited);
+        assert_eq!(at, Some(now + ms(taken)));
+        assert_eq!(moments.source(), Some(Source::Driver(Point::End)));
+    }
+    // Also of before the clocks were read.
+    let at = moments.of(stamp(NOW - ms(20)), now, true);
+    assert_eq!(at, Some(now - ms(20)));
+    let start = Stamp::Monotonic(NOW + ms(99), Point::Start);
+    assert_eq!(moments.of(start, now + ms(140), true), Some(now + ms(99)));
+    assert_eq!(moments.source(), Some(Source::Driver(Point::Start)));
+}
+
+#[test]
+fn a_driver_that_is_not_believed_once_is_never_again() {
+    let far = Stamp::Monotonic(Duration::MAX, Point::End);
+    let cases = [
+        (Stamp::Unknown, Doubt::OtherClock),
+        (stamp(NOW + ms(52)), Doubt::Ahead),
+        (stamp(Duration::ZERO), Doubt::Behind),
+        (stamp(NOW - ms(2951)), Doubt::Behind),
+        (far, Doubt::Behind),
+    ];
+    for (stamp_of_it, doubt) in cases {
+        let (mut moments, now) = moments();
+        let arrived = now + ms(50);
+        assert_eq!(moments.of(stamp_of_it, arrived, true), Some(arrived));
+        assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
+        let next = now + ms(80);
+        assert_eq!(moments.of(stamp(NOW + ms(70)), next, true), Some(next));
+        // One that lay there came at an unknown time.
+        assert_eq!(moments.of(stamp(NOW + ms(90)), now + ms(100), false), None);
+        assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
+    }
+    // Within what two readings of a clock may differ, and just not too old.
+    for time in [NOW + ms(51), NOW - ms(2950)] {
+        let (mut moments, now) = moments();
+        assert!(moments.of(stamp(time), now + ms(50), true).is_some());
+        assert_eq!(moments.source(), Some(Source::Driver(Point::End)));
+    }
+}
+
+#[test]
+fn pictures_that_lay_there_while_the_program_was_held_up_are_no_fault_of_the_driver() {
+    let (mut moments, now) = moments();
+    assert!(moments.of(stamp(NOW), now, true).is_some());
+    let resumed = now + ms(60_000);
+    assert_eq!(moments.of(stamp(NOW + ms(33)), resumed, false), None);
+    assert_eq!(moments.source(), Some(Source::Driver(Point::End)));
+    let fresh = stamp(NOW + ms(59_999));
+    let at = moments.of(fresh, resumed, false);
+    assert_eq!(at, Some(now + ms(59_999)));
+}
+
+#[test]
+fn clocks_that_run_alike_are_paired() {
+    let zero = Instant::now();
+    let clocks = Clocks::read(|| NOW + zero.elapsed());
+    let back = clocks.instant(NOW).unwrap();
+    // Either side of it: no reading can have been farther off than it took.
+    let apart = back.max(zero).duration_since(back.min(zero));
+    assert!(apart <= zero.elapsed(), "{apart:?}");
+    assert_eq!(clocks.instant(NOW + ms(5)), Some(back + ms(5)));
+    assert_eq!(clocks.instant(Duration::MAX), None);
+}
+
+#[test]
+fn what_tells_the_moments_is_said_in_words() {
+    let text = |source: Source| source.to_string();
+    assert!(text(Source::Driver(Point::End)).ends_with("of their end"));
+    assert!(text(Source::Driver(Point::Start)).ends_with("of their start"));
+    for doubt in [Doubt::OtherClock, Doubt::Ahead, Doubt::Behind] {
+        assert!(text(Source::Arrival(doubt)).contains("arrival"));
+    }
+}

@@ -1,0 +1,267 @@
+//! One device: what its driver would do.
+//!
+//! All cameras expose at the same moments, multiples of the period on the monotonic clock, as if by one trigger. The first of their pictures is shown until
+//! [`LEAD`] moments after the first camera was started; then one follows the other to the last, which stays.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Write as _;
+use std::os::unix::fs::FileExt as _;
+use std::sync::OnceLock;
+
+use crate::plan::{self, Plan};
+use crate::wire::{self, Buffer, Errno, FormatDescription, PixelFormat, RequestBuffers};
+
+/// Moments before anything moves.
+const LEAD: u64 = 15;
+
+/// The moment at which the second picture is shown, counted in periods.
+static BEGIN: OnceLock<u64> = OnceLock::new();
+
+/// A picture that waits to be fetched.
+struct Done {
+    buffer: u32,
+    number: u64,
+    stamp_us: u64,
+    is_spoilt: bool,
+    is_cut: bool,
+}
+
+/// A camera and its driver.
+pub struct Camera {
+    plan: Plan,
+    pictures: Vec<u8>,
+    memory: File,
+    log: File,
+    buffers: u32,
+    queued: VecDeque<u32>,
+    done: VecDeque<Done>,
+    /// The moment of its picture 0, in periods; `None` while it does not stream.
+    first: Option<u64>,
+    /// The next picture to be exposed.
+    next: u64,
+    is_gone: bool,
+}
+
+impl Camera {
+    /// The device `name`, if it is there. `memory` will hold its buffers.
+    pub fn open(name: &str, memory: File) -> Option<Self> {
+        let (plan, pictures, log) = plan::read(name)?;
+        Some(Self {
+            plan,
+            pictures,
+            memory,
+            log: File::create(log).ok()?,
+            buffers: 0,
+            queued: VecDeque::new(),
+            done: VecDeque::new(),
+            first: None,
+            next: 0,
+            is_gone: false,
+        })
+    }
+
+    /// Bytes of a picture.
+    fn picture_bytes(&self) -> u64 {
+        self.plan.size.iter().map(|side| u64::from(*side)).product()
+    }
+
+    /// Bytes from one buffer to the next: whole pages.
+    fn buffer_bytes(&self) -> u64 {
+        self.picture_bytes().next_multiple_of(65_536)
+    }
+
+    fn present(&self) -> Result<(), Errno> {
+        match self.is_gone {
+            true => Err(libc::ENODEV),
+            false => Ok(()),
+        }
+    }
+
+    fn is_of(kind: u32) -> Result<(), Errno> {
+        match kind {
+            wire::CAPTURE => Ok(()),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    /// Takes the pictures that have become due.
+    fn run(&mut self, now_us: u64) {
+        let Some(first) = self.first.filter(|_| !self.plan.silent) else {
+            return;
+        };
+        loop {
+            let number = self.next;
+            let moment = first + number;
+            let stamp_us = moment * self.plan.period_us;
+            // Some number that looks like none of the others.
+            let scatter = number
+                .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+                .wrapping_add(self.pictures.len() as u64)
+                >> 40;
+            let late_us = self.plan.readout_us + scatter % (self.plan.jitter_us + 1);
+            if stamp_us + late_us > now_us || self.is_gone {
+                return;
+            }
+            self.next += 1;
+            self.is_gone = self.plan.unplug == Some(number);
+            if self.is_gone || self.plan.lose.contains(&number) {
+                continue;
+            }
+            let Some(buffer) = self.queued.pop_front() else {
+                // No room: lost, as with a real driver.
+                continue;
+            };
+            let bytes = self.picture_bytes() as usize;
+            let shown = moment.saturating_sub(*BEGIN.get().unwrap_or(&moment)) as usize;
+            let last = self.pictures.len() / bytes - 1;
+            let picture = &self.pictures[shown.min(last) * bytes..][..bytes];
+            let written = self
+                .memory
+                .write_all_at(picture, u64::from(buffer) * self.buffer_bytes());
+            let is_spoilt = self.plan.spoil.contains(&number) || written.is_err();
+            let is_cut = self.plan.cut.contains(&number);
+            self.done.push_back(Done {
+                buffer,
+                number,
+                stamp_us,
+                is_spoilt,
+                is_cut,
+            });
+        }
+    }
+
+    /// What there is to wait for.
+    pub fn poll(&mut self, now_us: u64) -> i16 {
+        self.run(now_us);
+        match (self.is_gone || self.first.is_none(), self.done.is_empty()) {
+            (true, _) => libc::POLLERR | libc::POLLHUP,
+            (false, true) => 0,
+            (false, false) => libc::POLLIN,
+        }
+    }
+
+    /// Its only format.
+    pub fn describe(&self, of: &mut FormatDescription) -> Result<(), Errno> {
+        Self::is_of(of.kind)?;
+        if of.index > 0 {
+            return Err(libc::EINVAL);
+        }
+        of.fourcc = *b"GREY";
+        Ok(())
+    }
+
+    /// Its only size, whichever was asked for.
+    pub fn format(&self, format: &mut PixelFormat) -> Result<(), Errno> {
+        Self::is_of(format.kind)?;
+        [format.width, format.height] = self.plan.size;
+        format.fourcc = *b"GREY";
+        format.field = 1;
+        format.bytes_per_line = format.width;
+        format.size = self.picture_bytes() as u32;
+        Ok(())
+    }
+
+    /// Makes buffers, or gives them up.
+    pub fn allocate(&mut self, request: &mut RequestBuffers) -> Result<(), Errno> {
+        self.present()?;
+        Self::is_of(request.kind)?;
+        if request.memory != wire::MAPPED {
+            return Err(libc::EINVAL);
+        }
+        // Fewer than are usually asked for: a driver may.
+        self.buffers = request.count.min(4);
+        request.count = self.buffers;
+        let bytes = u64::from(self.buffers) * self.buffer_bytes();
+        // The memory of buffers that are still mapped stays.
+        if bytes > 0 && self.memory.set_len(bytes).is_err() {
+            return Err(libc::ENOMEM);
+        }
+        Ok(())
+    }
+
+    /// Where a buffer is.
+    pub fn query(&self, buffer: &mut Buffer) -> Result<(), Errno> {
+        self.present()?;
+        Self::is_of(buffer.kind)?;
+        if buffer.index >= self.buffers {
+            return Err(libc::EINVAL);
+        }
+        buffer.length = self.picture_bytes() as u32;
+        buffer.offset = u64::from(buffer.index) * self.buffer_bytes();
+        Ok(())
+    }
+
+    /// A buffer may be filled. One that is the driver's already is refused.
+    pub fn queue(&mut self, buffer: &mut Buffer, now_us: u64) -> Result<(), Errno> {
+        self.run(now_us);
+        self.present()?;
+        Self::is_of(buffer.kind)?;
+        let is_here = self.queued.contains(&buffer.index)
+            || self.done.iter().any(|done| done.buffer == buffer.index);
+        if buffer.index >= self.buffers || is_here {
+            return Err(libc::EINVAL);
+        }
+        self.queued.push_back(buffer.index);
+        Ok(())
+    }
+
+    /// Hands over the oldest picture.
+    pub fn dequeue(&mut self, buffer: &mut Buffer, now_us: u64) -> Result<(), Errno> {
+        self.run(now_us);
+        self.present()?;
+        Self::is_of(buffer.kind)?;
+        if self.first.is_none() {
+            return Err(libc::EINVAL);
+        }
+        let done = self.done.pop_front().ok_or(libc::EAGAIN)?;
+        let bytes = self.picture_bytes() as u32;
+        let clock = if self.plan.foreign_clock {
+            0
+        } else {
+            wire::MONOTONIC
+        };
+        let point = if self.plan.at_start {
+            wire::AT_START
+        } else {
+            0
+        };
+        let state = if done.is_spoilt { wire::SPOILT } else { 0 };
+        buffer.index = done.buffer;
+        buffer.flags = clock | point | state;
+        buffer.bytes_used = if done.is_cut { bytes / 2 } else { bytes };
+        buffer.sequence = done.number as u32;
+        buffer.seconds = (done.stamp_us / 1_000_000) as i64;
+        buffer.micros = (done.stamp_us % 1_000_000) as i64;
+        buffer.length = bytes;
+        writeln!(
+            self.log,
+            "{} {}",
+            done.number,
+            u8::from(done.is_spoilt || done.is_cut)
+        )
+        .map_err(|_| libc::EIO)
+    }
+
+    /// Begins to expose.
+    pub fn start(&mut self, now_us: u64) -> Result<(), Errno> {
+        self.present()?;
+        if let Some(errno) = self.plan.start_error {
+            return Err(errno);
+        }
+        let now = now_us / self.plan.period_us;
+        BEGIN.get_or_init(|| now + LEAD);
+        self.first = Some(now + 1);
+        self.next = 0;
+        Ok(())
+    }
+
+    /// Ends it; no buffer is the driver's any more.
+    pub fn stop(&mut self) -> Result<(), Errno> {
+        self.present()?;
+        self.first = None;
+        self.queued.clear();
+        self.done.clear();
+        Ok(())
+    }
+}

@@ -1,0 +1,222 @@
+//! Cameras for a computer that has none, in place of the kernel's side of V4L2.
+//!
+//! Preloaded into a program (`LD_PRELOAD`), it answers for the devices `/dev/video90` to `/dev/video99`: opening them, asking and commanding them, waiting for
+//! them. Everything else goes to the C library, which comes after it. A device's memory is an anonymous file, so that mapping it needs no help.
+//!
+//! What a device has to show is in the folder that `TRINOCULAR_CAMERAS` names: see [`plan`]. What it did is in its log there.
+//!
+//! For Linux on computers of 64 bits, whose V4L2 structures are in [`wire`].
+#![allow(unsafe_code)]
+
+mod camera;
+mod plan;
+mod wire;
+
+use std::collections::BTreeMap;
+use std::ffi::{CStr, c_char, c_int, c_long, c_short, c_uint, c_void};
+use std::fs::File;
+use std::os::fd::{AsRawFd, FromRawFd, IntoRawFd, OwnedFd};
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use camera::Camera;
+use wire::{Buffer, Errno, FormatDescription, PixelFormat, RequestBuffers};
+
+/// File descriptors beyond are not looked at.
+const FDS: usize = 1024;
+
+/// Which descriptors are cameras: asked without a lock, since the C library's functions are called from everywhere.
+static IS_CAMERA: [AtomicBool; FDS] = [const { AtomicBool::new(false) }; FDS];
+
+static CAMERAS: Mutex<BTreeMap<c_int, Camera>> = Mutex::new(BTreeMap::new());
+
+/// How long a waiting caller sleeps at a time.
+const NAP: Duration = Duration::from_micros(200);
+
+fn cameras() -> MutexGuard<'static, BTreeMap<c_int, Camera>> {
+    CAMERAS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn flag(fd: c_int) -> Option<&'static AtomicBool> {
+    IS_CAMERA.get(usize::try_from(fd).ok()?)
+}
+
+fn is_camera(fd: c_int) -> bool {
+    flag(fd).is_some_and(|flag| flag.load(SeqCst))
+}
+
+fn failed(errno: Errno) -> c_int {
+    // SAFETY: the C library gives every thread its own.
+    unsafe { *libc::__errno_location() = errno };
+    -1
+}
+
+/// The C library's function of this name, which ours hides.
+///
+/// # Safety
+/// `F` must be a pointer to a function of its type.
+unsafe fn hidden<F: Copy>(name: &CStr) -> F {
+    // SAFETY: `name` ends with a zero; the caller answers for the type, and every name asked for exists.
+    unsafe {
+        let address = libc::dlsym(libc::RTLD_NEXT, name.as_ptr());
+        assert!(!address.is_null());
+        std::mem::transmute_copy(&address)
+    }
+}
+
+/// The time on the drivers' clock, µs.
+fn now_us() -> u64 {
+    // SAFETY: a `timespec` may be all zeros, and is the call's to write.
+    let now = unsafe {
+        let mut now: libc::timespec = std::mem::zeroed();
+        libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut now);
+        now
+    };
+    now.tv_sec as u64 * 1_000_000 + now.tv_nsec as u64 / 1000
+}
+
+/// In place of the C library's.
+///
+/// # Safety
+/// As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn open(path: *const c_char, flags: c_int, mode: c_uint) -> c_int {
+    // SAFETY: the caller's path ends with a zero.
+    let name = unsafe { CStr::from_ptr(path) }.to_str().unwrap_or_default();
+    if !name.starts_with("/dev/video9") {
+        // SAFETY: the same arguments.
+        return unsafe { libc::openat(libc::AT_FDCWD, path, flags, mode) };
+    }
+    // SAFETY: a new descriptor, which nobody else closes.
+    let memory = unsafe {
+        let fd = libc::memfd_create(c"camera".as_ptr(), libc::MFD_CLOEXEC);
+        if fd < 0 {
+            return fd;
+        }
+        OwnedFd::from_raw_fd(fd)
+    };
+    let opened = (memory.try_clone()).map(|copy| Camera::open(name, File::from(copy)));
+    let Ok(Some(camera)) = opened else {
+        return failed(libc::ENOENT);
+    };
+    let Some(flag) = flag(memory.as_raw_fd()) else {
+        return failed(libc::EMFILE);
+    };
+    let fd = memory.into_raw_fd();
+    cameras().insert(fd, camera);
+    flag.store(true, SeqCst);
+    fd
+}
+
+/// In place of the C library's.
+///
+/// # Safety
+/// As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn close(fd: c_int) -> c_int {
+    if is_camera(fd) {
+        if let Some(flag) = flag(fd) {
+            flag.store(false, SeqCst);
+        }
+        // Its own files are closed when the lock is free again.
+        let camera = cameras().remove(&fd);
+        drop(camera);
+    }
+    // SAFETY: `close` has this type.
+    unsafe { hidden::<unsafe extern "C" fn(c_int) -> c_int>(c"close")(fd) }
+}
+
+/// In place of the C library's.
+///
+/// # Safety
+/// As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn poll(
+    fds: *mut libc::pollfd,
+    count: libc::nfds_t,
+    timeout: c_int,
+) -> c_int {
+    type Poll = unsafe extern "C" fn(*mut libc::pollfd, libc::nfds_t, c_int) -> c_int;
+    // SAFETY: one, or none.
+    let asked = match (count, unsafe { fds.as_mut() }) {
+        (1, Some(asked)) if is_camera(asked.fd) => asked,
+        // SAFETY: `poll` has this type; the same arguments.
+        _ => return unsafe { hidden::<Poll>(c"poll")(fds, count, timeout) },
+    };
+    asked.revents = 0;
+    let end_us = u64::try_from(timeout).map(|ms| now_us() + 1000 * ms);
+    loop {
+        let now_us = now_us();
+        if let Some(camera) = cameras().get_mut(&asked.fd) {
+            asked.revents =
+                camera.poll(now_us) as c_short & (asked.events | libc::POLLERR | libc::POLLHUP);
+        }
+        if asked.revents != 0 {
+            return 1;
+        }
+        if end_us.is_ok_and(|end_us| now_us >= end_us) {
+            return 0;
+        }
+        std::thread::sleep(NAP);
+    }
+}
+
+/// In place of the C library's, whose `ioctl` the program does not use.
+///
+/// # Safety
+/// As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn syscall(
+    number: c_long,
+    a: c_long,
+    b: c_long,
+    c: c_long,
+    d: c_long,
+    e: c_long,
+    f: c_long,
+) -> c_long {
+    type Syscall =
+        unsafe extern "C" fn(c_long, c_long, c_long, c_long, c_long, c_long, c_long) -> c_long;
+    let fd = a as c_int;
+    if number != libc::SYS_ioctl || !is_camera(fd) {
+        // SAFETY: it takes as many arguments as the call has, and leaves the others.
+        return unsafe { hidden::<Syscall>(c"syscall")(number, a, b, c, d, e, f) };
+    }
+    let now_us = now_us();
+    let mut cameras = cameras();
+    let Some(camera) = cameras.get_mut(&fd) else {
+        return c_long::from(failed(libc::EBADF));
+    };
+    // SAFETY: the request says how long the caller's argument is.
+    match unsafe { command(camera, b as u64, c as *mut c_void, now_us) } {
+        Ok(()) => 0,
+        Err(errno) => c_long::from(failed(errno)),
+    }
+}
+
+/// # Safety
+/// `argument` must be what `request` says.
+unsafe fn command(
+    camera: &mut Camera,
+    request: u64,
+    argument: *mut c_void,
+    now_us: u64,
+) -> Result<(), Errno> {
+    // SAFETY: for each, the request holds the size of the structure, which `wire` compares.
+    unsafe {
+        match wire::name(request) {
+            Some("VIDIOC_ENUM_FMT") => camera.describe(&mut *argument.cast::<FormatDescription>()),
+            Some("VIDIOC_G_FMT" | "VIDIOC_S_FMT") => {
+                camera.format(&mut *argument.cast::<PixelFormat>())
+            }
+            Some("VIDIOC_REQBUFS") => camera.allocate(&mut *argument.cast::<RequestBuffers>()),
+            Some("VIDIOC_QUERYBUF") => camera.query(&mut *argument.cast::<Buffer>()),
+            Some("VIDIOC_QBUF") => camera.queue(&mut *argument.cast::<Buffer>(), now_us),
+            Some("VIDIOC_DQBUF") => camera.dequeue(&mut *argument.cast::<Buffer>(), now_us),
+            Some("VIDIOC_STREAMON") => camera.start(now_us),
+            Some("VIDIOC_STREAMOFF") => camera.stop(),
+            _ => Err(libc::ENOTTY),
+        }
+    }
+}

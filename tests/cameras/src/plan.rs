@@ -1,0 +1,74 @@
+//! What a device does: its plan, a text file, and its pictures.
+//!
+//! `video90` in the folder is the plan of `/dev/video90`, one word and its numbers per line:
+//!
+//! ```text
+//! size 320 240      # of its pictures, grey, one after another in video90.grey
+//! period_us 33333
+//! readout_us 9000   # from the stamp to the picture's arrival; it comes up to jitter_us later
+//! jitter_us 6000
+//! lose 5 9 10       # numbers of pictures that the driver loses
+//! spoil 7           # of those that come spoilt, as their flag says
+//! cut 8             # of those of which half comes, and no flag says so
+//! unplug 40         # that never comes: from then on there is no such device
+//! foreign_clock     # the stamps are on a clock that nobody knows
+//! at_start          # the stamps are of the exposure's start
+//! start_error 28    # starting it fails with this error number
+//! silent            # no picture ever comes
+//! ```
+
+use std::path::PathBuf;
+
+use crate::wire::Errno;
+
+/// A plan.
+#[derive(Default)]
+pub struct Plan {
+    pub size: [u32; 2],
+    pub period_us: u64,
+    pub readout_us: u64,
+    pub jitter_us: u64,
+    pub lose: Vec<u64>,
+    pub spoil: Vec<u64>,
+    pub cut: Vec<u64>,
+    pub unplug: Option<u64>,
+    pub start_error: Option<Errno>,
+    pub foreign_clock: bool,
+    pub at_start: bool,
+    pub silent: bool,
+}
+
+/// The plan and the pictures of the device `name`, `/dev/video90` for one, and the file for its log; `None` if it has no plan.
+pub fn read(name: &str) -> Option<(Plan, Vec<u8>, PathBuf)> {
+    let folder = PathBuf::from(std::env::var_os("TRINOCULAR_CAMERAS")?);
+    let file = folder.join(name.strip_prefix("/dev/")?);
+    let text = std::fs::read_to_string(&file).ok()?;
+    let pictures = std::fs::read(file.with_extension("grey")).ok()?;
+    let mut plan = Plan::default();
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        let Some(word) = words.next() else {
+            continue;
+        };
+        let numbers: Vec<u64> = words.map(str::parse).collect::<Result<_, _>>().ok()?;
+        let first = || numbers.first().copied();
+        match word {
+            "size" => plan.size = [first()? as u32, *numbers.get(1)? as u32],
+            "period_us" => plan.period_us = first()?,
+            "readout_us" => plan.readout_us = first()?,
+            "jitter_us" => plan.jitter_us = first()?,
+            "lose" => plan.lose = numbers,
+            "spoil" => plan.spoil = numbers,
+            "cut" => plan.cut = numbers,
+            "unplug" => plan.unplug = Some(first()?),
+            "start_error" => plan.start_error = Some(first()? as Errno),
+            "foreign_clock" => plan.foreign_clock = true,
+            "at_start" => plan.at_start = true,
+            "silent" => plan.silent = true,
+            _ => return None,
+        }
+    }
+    let bytes: u64 = plan.size.iter().map(|side| u64::from(*side)).product();
+    let is_whole = plan.period_us > 0 && bytes > 0 && pictures.len() as u64 >= bytes;
+    is_whole.then(|| (plan, pictures, file.with_extension("log")))
+}
