@@ -206,10 +206,20 @@ fn a_driver_with_another_clock_is_named_once_and_its_pictures_are_used() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn what_goes_wrong_with_a_camera_is_an_error_that_names_it() {
-    let bench = Bench::new(["", "unplug 25", ""]);
+fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
+    let bench = Bench::new(["", "unplug 25", "unplug 55"]);
     let outcome = Outcome::of(&mut bench.track(&[]));
-    outcome.failed_after_notes(1, &["/dev/video91: was unplugged"]);
+    outcome.failed_after_notes(1, &["/dev/video92: was unplugged"]);
+    // One camera fewer is carried on without.
+    let first = "warning: /dev/video91: was unplugged";
+    assert!(outcome.stderr.contains(first), "{}", outcome.stderr);
+    let mut rows = outcome.json().into_iter();
+    let without = "camera middle gave no picture; measured without it";
+    assert!(
+        rows.any(|row| row["warnings"][0] == without),
+        "{}",
+        outcome.stdout
+    );
     assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
     // What came before it was followed, and is accounted for.
     assert!(count(&outcome.stderr, 0, "used") > 0);

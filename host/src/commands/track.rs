@@ -46,7 +46,8 @@ pub struct Source {
     /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
     ///
     /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with `--features host/camera`. At the end
-    /// it is said what became of each camera's pictures, those its driver lost among them.
+    /// it is said what became of each camera's pictures, those its driver lost among them. A camera that is unplugged or falls silent is carried on
+    /// without, as long as two are left.
     #[arg(
         long,
         value_name = "DEVICE,...",

@@ -84,7 +84,8 @@ fn follow(
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
-    let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop)?;
+    let tell = |loss: &InputError| eprintln!("warning: {loss}; the others carry on");
+    let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
     let now_us = || live.now_us();
     let first = devices.first().cloned().unwrap_or_default();
     let captures = Captures::new(

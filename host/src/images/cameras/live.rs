@@ -5,6 +5,8 @@
 //!
 //! *When a picture was taken* is told from the [moment](super::stamp) that the camera gives it, less a delay that is the same for all. A picture whose moment
 //! is not known, or lies before the start, is counted as stale and not used.
+//!
+//! A camera that is lost, or falls silent, is left out as long as two are left: its views are [`Image::missing`].
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -71,6 +73,8 @@ struct State {
     damaged: Vec<u64>,
     lost: Vec<u64>,
     failed: Option<InputError>,
+    /// Why cameras are left out, to be told.
+    losses: Vec<InputError>,
 }
 
 struct Shared {
@@ -94,11 +98,12 @@ pub struct Live {
     stop: Arc<AtomicBool>,
     patience: Duration,
     failed: bool,
+    tell: Box<dyn FnMut(&InputError)>,
 }
 
 impl Live {
     /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are of one time; each was taken `delay_us` before its moment,
-    /// or after it if that is negative. The captures end when `stop` is set.
+    /// or after it if that is negative. The captures end when `stop` is set. `tell` hears why a camera is lost while others carry on.
     ///
     /// # Errors
     /// If a thread cannot be started.
@@ -107,6 +112,7 @@ impl Live {
         window: Duration,
         delay_us: i64,
         stop: Arc<AtomicBool>,
+        tell: impl FnMut(&InputError) + 'static,
     ) -> Result<Self, InputError> {
         let count = cameras.len();
         let started = Instant::now();
@@ -123,6 +129,7 @@ impl Live {
                 damaged: vec![0; count],
                 lost: vec![0; count],
                 failed: None,
+                losses: Vec::new(),
             }),
             arrived: Condvar::new(),
             ended: AtomicBool::new(false),
@@ -134,6 +141,7 @@ impl Live {
             stop,
             patience: PATIENCE,
             failed: false,
+            tell: Box::new(tell),
         };
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
@@ -173,7 +181,9 @@ impl Live {
         let silent = (state.matching.counts().iter())
             .zip(arrived_before)
             .enumerate()
-            .filter(|(_, (counts, before))| counts.arrived == **before)
+            .filter(|(camera, (counts, before))| {
+                counts.arrived == **before && state.matching.needs(*camera)
+            })
             .min_by_key(|(_, (counts, _))| counts.arrived);
         let (path, reason) = match (silent, self.paths.first()) {
             (Some((camera, _)), _) => {
@@ -230,7 +240,8 @@ impl Live {
 
 /// A camera's thread. Its pictures' times count from `zero`.
 fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
-    while !shared.ended.load(Relaxed) {
+    let mut is_lost = false;
+    while !is_lost && !shared.ended.load(Relaxed) {
         let shot = camera.shoot();
         let mut state = shared.state();
         state.lost[index] = camera.lost();
@@ -244,16 +255,23 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
             Ok(Shot::Damaged) => state.damaged[index] += 1,
             Ok(Shot::Nothing) => (),
             Err(error) => {
-                state.failed.get_or_insert(error);
+                if state.matching.leave_out(index) {
+                    state.losses.push(error);
+                } else {
+                    state.failed.get_or_insert(error);
+                }
+                is_lost = true;
             }
         }
-        let failed = state.failed.is_some();
         drop(state);
         shared.arrived.notify_all();
-        if failed {
-            return;
-        }
     }
+}
+
+fn views(set: Set<Image>) -> Vec<Image> {
+    let pictures = set.pictures.into_iter();
+    let views = pictures.map(|picture| picture.map(|(_, image)| image));
+    views.map(|view| view.unwrap_or(Image::missing())).collect()
 }
 
 fn micros(duration: Duration) -> u64 {
@@ -268,10 +286,12 @@ impl Iterator for Live {
             return None;
         }
         let set = self.wait()?;
+        let losses = std::mem::take(&mut self.shared.state().losses);
+        losses.iter().for_each(&mut self.tell);
         self.failed = set.is_err();
         Some(set.map(|set| Capture {
             time_us: set.time_us(),
-            views: set.pictures,
+            views: views(set),
         }))
     }
 }

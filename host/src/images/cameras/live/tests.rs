@@ -31,6 +31,7 @@ impl Camera for Sent {
 struct Bench {
     live: Live,
     stop: Arc<AtomicBool>,
+    told: Receiver<String>,
     senders: Vec<Sender<Shot>>,
 }
 
@@ -51,10 +52,13 @@ fn bench_with(delay_us: i64) -> Bench {
         .unzip();
     let stop = Arc::new(AtomicBool::new(false));
     let window = Duration::from_millis(5);
-    let live = Live::start(cameras, window, delay_us, Arc::clone(&stop)).unwrap();
+    let (teller, told) = channel();
+    let tell = move |loss: &InputError| teller.send(loss.to_string()).unwrap();
+    let live = Live::start(cameras, window, delay_us, Arc::clone(&stop), tell).unwrap();
     Bench {
         live,
         stop,
+        told,
         senders,
     }
 }
@@ -133,12 +137,25 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
 }
 
 #[test]
-fn a_camera_that_fails_ends_the_captures_with_its_name() {
+fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
     let mut bench = bench();
-    drop(bench.senders.remove(1));
+    for camera in 0..3 {
+        bench.send(camera, 100, 0);
+    }
+    let capture = bench.live.next().unwrap().unwrap();
+    assert!(capture.views.iter().all(|view| !view.is_missing()));
+    bench.senders[1] = channel().0;
+    for camera in [0, 2] {
+        bench.send(camera, 200, 1);
+    }
+    let capture = bench.live.next().unwrap().unwrap();
+    assert_eq!(capture.views, [image(1), Image::missing(), image(1)]);
+    assert_eq!(bench.told.try_recv().unwrap(), "/dev/middle: unplugged");
+    bench.senders[2] = channel().0;
     let error = bench.live.next().unwrap().unwrap_err();
-    assert_eq!(error.to_string(), "/dev/middle: unplugged");
+    assert_eq!(error.to_string(), "/dev/right: unplugged");
     assert!(bench.live.next().is_none());
+    assert!(bench.told.try_recv().is_err());
 }
 
 #[test]

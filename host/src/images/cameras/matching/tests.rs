@@ -42,24 +42,26 @@ fn assert_laws(
     for set in sets {
         prop_assert!(set.spread_us() <= window_us);
         prop_assert_eq!(set.pictures.len(), streams.len());
-        for (camera, (of, number)) in set.pictures.iter().enumerate() {
-            prop_assert_eq!(camera, *of);
-            prop_assert_eq!(streams[camera][*number], set.times_us[camera]);
+        prop_assert!(set.times_us().count() >= 2);
+        for (camera, picture) in set.pictures.iter().enumerate() {
+            if let Some((time_us, (of, number))) = picture {
+                prop_assert_eq!(camera, *of);
+                prop_assert_eq!(streams[camera][*number], *time_us);
+            }
         }
-        let [first, last] = [set.times_us.iter().min(), set.times_us.iter().max()];
-        prop_assert!(first <= Some(&set.time_us()) && Some(&set.time_us()) <= last);
+        let [first, last] = [set.times_us().min(), set.times_us().max()];
+        prop_assert!(first <= Some(set.time_us()) && Some(set.time_us()) <= last);
     }
-    for pair in sets.windows(2) {
-        for (before, after) in pair[0].pictures.iter().zip(&pair[1].pictures) {
-            prop_assert!(before.1 < after.1, "{pair:?}");
-        }
-        prop_assert!(pair[0].time_us() < pair[1].time_us());
+    for camera in 0..streams.len() {
+        let used = sets.iter().filter_map(|set| set.pictures[camera]);
+        prop_assert!(used.is_sorted_by_key(|(time_us, _)| time_us));
     }
     for (camera, counts) in matching.counts().iter().enumerate() {
         let waiting = matching.waiting[camera].len();
         prop_assert!(waiting <= DEPTH);
         prop_assert_eq!(counts.arrived, streams[camera].len() as u64);
-        prop_assert_eq!(counts.used, sets.len() as u64);
+        let used = sets.iter().filter(|set| set.pictures[camera].is_some());
+        prop_assert_eq!(counts.used, used.count() as u64);
         prop_assert_eq!(counts.overtaken, 0);
         let known = counts.used + counts.unmatched + counts.disordered + waiting as u64;
         prop_assert_eq!(counts.arrived, known);
@@ -114,7 +116,8 @@ proptest! {
             .filter(|n| cameras.iter().all(|stream| !stream[*n].1))
             .map(|n| n as u64)
             .collect();
-        let found: Vec<u64> = sets.iter().map(|set| set.time_us() / PERIOD_US).collect();
+        let found = sets.iter().filter(|set| set.pictures.iter().all(Option::is_some));
+        let found: Vec<u64> = found.map(|set| set.time_us() / PERIOD_US).collect();
         prop_assert_eq!(found, whole);
     }
 
@@ -163,16 +166,69 @@ fn every(period_us: u64, from_us: u64, count: u64) -> Vec<u64> {
 }
 
 #[test]
-fn a_camera_that_stops_ends_the_sets_and_the_others_pile_up_no_further() {
-    let streams = vec![every(100, 0, 50), every(100, 3, 50), every(100, 5, 20)];
+fn of_two_cameras_one_that_stops_ends_the_sets_and_the_other_piles_up_no_further() {
+    let streams = vec![every(100, 0, 50), every(100, 5, 20)];
     let (sets, matching) = run(&streams, 10);
     assert_eq!(sets.len(), 20);
     assert_eq!(matching.counts()[0].unmatched, (30 - DEPTH) as u64);
-    assert_eq!(matching.apart_us(), Some(4_903 - 1_905));
+    assert_eq!(matching.apart_us(), Some(4_900 - 1_905));
     // It comes back, and so do the sets.
     let mut back = streams;
-    back[2].extend(every(100, 4_005, 10));
+    back[1].extend(every(100, 4_005, 10));
     assert_eq!(run(&back, 10).0.len(), 30);
+}
+
+#[test]
+fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
+    let every = |from_ms: u64, count| every(100_000, 1_000 * from_ms, count);
+    let mut streams = vec![every(0, 50), every(3, 50), every(5, 20)];
+    let without = |sets: &[Set<Picture>]| {
+        let two = sets.iter().filter(|set| set.pictures[2].is_none());
+        two.count()
+    };
+    let (sets, matching) = run(&streams, 10_000);
+    // One picture of each of the others is given up before it is noticed.
+    assert_eq!((sets.len(), without(&sets)), (49, 29));
+    assert_eq!(matching.counts().iter().map(|c| c.unmatched).max(), Some(1));
+    assert_eq!(matching.apart_us(), Some(3_000));
+    assert!(!matching.needs(2));
+    streams[2].extend(every(4_005, 10));
+    let (sets, matching) = run(&streams, 10_000);
+    // Its first one comes when the others' have made their set.
+    assert_eq!((sets.len(), without(&sets)), (49, 20));
+    assert!(matching.needs(2));
+    // One that has not sent anything yet may be slow to start.
+    streams[2].clear();
+    assert!(run(&streams, 10_000).0.is_empty());
+}
+
+#[test]
+fn a_camera_that_only_pauses_is_waited_for() {
+    let mut streams = vec![every(33_333, 0, 60), every(33_333, 0, 60)];
+    streams.push(
+        streams[0]
+            .iter()
+            .copied()
+            .filter(|t| !(500_000..950_000).contains(t))
+            .collect(),
+    );
+    let (sets, matching) = run(&streams, 1_000);
+    assert_eq!(sets.len(), streams[2].len());
+    assert!(matching.needs(2) && sets.iter().all(|set| set.pictures[2].is_some()));
+}
+
+#[test]
+fn no_fewer_than_two_are_left() {
+    let mut matching = Matching::new(3, 10);
+    assert!(matching.leave_out(1) && !matching.leave_out(0) && !matching.leave_out(2));
+    for camera in [0, 2] {
+        matching.push(camera, 100, camera);
+    }
+    let set = matching.take().expect("two are enough");
+    assert_eq!(set.pictures, [Some((100, 0)), None, Some((100, 2))]);
+    // It comes back, and another may go.
+    matching.push(1, 200, 1);
+    assert!(matching.take().is_none() && matching.leave_out(0));
 }
 
 #[test]
@@ -180,7 +236,7 @@ fn a_camera_that_starts_late_finds_its_partners_at_once() {
     let streams = vec![every(100, 0, 30), every(100, 1_402, 16)];
     let (sets, matching) = run(&streams, 5);
     assert_eq!(sets.len(), 16);
-    assert_eq!(sets[0].times_us, [1_400, 1_402]);
+    assert!(sets[0].times_us().eq([1_400, 1_402]));
     assert_eq!(matching.counts()[0].unmatched, 14);
     assert_eq!(matching.counts()[1].unmatched, 0);
 }
@@ -192,7 +248,8 @@ fn of_a_faster_camera_the_nearest_picture_is_taken() {
     let (sets, matching) = run(&streams, 16);
     assert_eq!(sets.len(), 10, "{sets:?}");
     for set in &sets {
-        let nearest = streams[1].iter().map(|t| t.abs_diff(set.times_us[0])).min();
+        let first = set.times_us().next().expect("two");
+        let nearest = streams[1].iter().map(|t| t.abs_diff(first)).min();
         assert_eq!(Some(set.spread_us()), nearest, "{set:?}");
     }
     assert_eq!(matching.counts()[0].unmatched, 0);
@@ -215,12 +272,16 @@ fn pictures_out_of_order_are_counted_and_not_used() {
         matching.push(0, time_us, time_us);
     }
     matching.push(1, 95, 95);
-    assert_eq!(matching.take().map(|set| set.pictures), Some(vec![100, 95]));
+    let take = |matching: &mut Matching<u64>, expected: [u64; 2]| {
+        let set = matching.take().expect("a set");
+        assert_eq!(
+            set.pictures,
+            expected.map(|time_us| Some((time_us, time_us)))
+        );
+    };
+    take(&mut matching, [100, 95]);
     matching.push(1, 205, 205);
-    assert_eq!(
-        matching.take().map(|set| set.pictures),
-        Some(vec![200, 205])
-    );
+    take(&mut matching, [200, 205]);
     assert_eq!(matching.counts()[0].disordered, 2);
     // Of a camera that there is not.
     matching.push(7, 300, 300);
