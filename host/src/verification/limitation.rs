@@ -8,6 +8,7 @@ use super::headroom::RATED_MOVE_MM;
 use super::view::View;
 use super::{AtDepth, Verification};
 use crate::flow::geometry::Geometry;
+use crate::flow::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 
 /// How bad it is, the worst first.
@@ -43,9 +44,6 @@ pub struct Limitation {
     /// What it does, with figures.
     pub text: String,
 }
-
-/// Disparities below this say nothing about depth, px: the matching drops such points.
-const LEAST_DISPARITY_PX: f64 = 1.0;
 
 /// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
 const CROWDED: f64 = 3.0;
@@ -83,13 +81,20 @@ fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) 
         let text = format!("{pair} have no common view nearer than {nearest:.0} mm");
         add(Severity::Warning, "camera.offset_mm", text);
     }
-    let reach_mm = Geometry::new(&rig.rig).map_or(0.0, |geometry| geometry.reach_mm);
-    let disparity = rig.rig.mean_focal_px() * reach_mm / far;
-    if disparity < LEAST_DISPARITY_PX {
-        let text = format!(
-            "no camera is farther than {reach_mm:.1} mm from the one in the middle: {disparity:.2} px of disparity at {far} mm, points are matched from {LEAST_DISPARITY_PX} px on"
-        );
-        add(Severity::Warning, "camera.offset_mm", text);
+    if let Some(geometry) = Geometry::new(&rig.rig) {
+        let ([least, most], reach_mm) = (matched_depths_mm(&geometry), geometry.reach_mm);
+        if most < far {
+            let text = format!(
+                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points beyond {most:.0} mm are not matched, their disparities say too little"
+            );
+            add(Severity::Warning, "camera.offset_mm", text);
+        }
+        if least > near.max(nearest) {
+            let text = format!(
+                "points nearer than {least:.0} mm are not matched: they lie more than half an image apart in the cameras"
+            );
+            add(Severity::Warning, "image_size_px", text);
+        }
     }
     if found
         .headroom
@@ -111,7 +116,7 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     };
     let sigma = |at: &AtDepth, axis: usize| at.sigma_mm.get(most).map(|s| s[axis]);
     for (axis, name) in AXES.iter().enumerate() {
-        let gate = f64::from(Gate::DEFAULT.max_sigma_nm[axis]) * 1e-6;
+        let gate = f64::from(Gate::DEFAULT.max_sigma_nm[axis]) / 1e6;
         let beyond = (found.depths.iter()).find(|at| sigma(at, axis).is_some_and(|s| s > gate));
         if let Some(at) = beyond {
             let text = format!(
@@ -137,7 +142,10 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     else {
         return;
     };
-    if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2)) {
+    // Very wide angles turn it round, and then nothing limits Z.
+    if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2))
+        && z > x
+    {
         let text = format!(
             "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the views span; shorter focal lengths or cameras farther apart help",
             z / x,
