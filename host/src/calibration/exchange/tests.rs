@@ -187,8 +187,17 @@ fn bad_values_are_refused_by_file_line_and_name() {
         "image_height: 480\ndistortion_model: equidistant",
         6,
         "distortion_model",
-        "plumb_bob",
+        "the model is `equidistant`; only plumb_bob",
     );
+    refused(
+        "image_height: 480",
+        "image_height: 480\nfisheye_model: 1",
+        6,
+        "fisheye_model",
+        "fisheye",
+    );
+    let plain = OPENCV.replacen("nframes: 13", "fisheye_model: 0", 1);
+    assert!(parse(&plain).is_ok());
     let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
     refused("nframes: 13", turned, 5, "R", "not a rotation");
 }
