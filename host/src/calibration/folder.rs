@@ -85,6 +85,8 @@ impl Calibration {
     /// What a user should know about the rig before trusting it.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
+        /// Beyond this share of a focal length every depth is as uncertain.
+        const VAGUE: f64 = 0.01;
         let mut warnings = Vec::new();
         for CameraResult {
             name, intrinsics, ..
@@ -94,6 +96,19 @@ impl Calibration {
             if used < FEW_IMAGES {
                 warnings.push(format!(
                     "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all directions, leave less to chance"
+                ));
+            }
+        }
+        for CameraResult {
+            name, intrinsics, ..
+        } in &self.cameras
+        {
+            let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
+            let share = (sigma[0] / value[0]).max(sigma[1] / value[1]);
+            if share > VAGUE {
+                warnings.push(format!(
+                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; tilt the board more, in more directions, and let it fill the view",
+                    100.0 * share
                 ));
             }
         }
@@ -185,21 +200,14 @@ fn calibrate_camera(
         .iter()
         .map(|(_, path)| file_name(path))
         .collect();
+    reject_repeated(&files, &mut found);
     // No readable image at all is the same as too few of them.
     let image_size_px = size.unwrap_or_default();
     let intrinsics =
         intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
             |(refusal, verdicts)| {
-                let rejected =
-                    files
-                        .iter()
-                        .zip(&verdicts)
-                        .filter_map(|(file, verdict)| match verdict {
-                            Verdict::Rejected(reason) => Some(format!("{file}: {reason}")),
-                            Verdict::Used { .. } => None,
-                        });
                 let reasons: Vec<String> = std::iter::once(refusal.to_string())
-                    .chain(rejected)
+                    .chain(by_reason(&files, &verdicts))
                     .collect();
                 fault(reasons.join("; "))
             },
@@ -214,6 +222,35 @@ fn calibrate_camera(
         },
         found,
     ))
+}
+
+/// A picture that is there twice says nothing new, but would count as if it did.
+fn reject_repeated(files: &[String], found: &mut [Result<Found, String>]) {
+    for index in 1..found.len() {
+        let (before, rest) = found.split_at_mut(index);
+        let [this, ..] = rest else { continue };
+        // Noise moves every corner: to the last bit, only the same pixels give the same places.
+        let is_same = |other: &Result<Found, String>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        if let Some(first) = before.iter().position(is_same) {
+            *this = Err(format!("the same picture as {}", files[first]));
+        }
+    }
+}
+
+/// The rejected images, together with those rejected for the same reason.
+fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (file, verdict) in files.iter().zip(verdicts) {
+        let Verdict::Rejected(reason) = verdict else {
+            continue;
+        };
+        match groups.iter_mut().find(|(known, _)| known == reason) {
+            Some((_, group)) => group.push(file),
+            None => groups.push((reason, vec![file])),
+        }
+    }
+    let text = |(reason, group): (&str, Vec<&str>)| format!("{}: {reason}", group.join(", "));
+    groups.into_iter().map(text).collect()
 }
 
 fn file_name(path: &Path) -> String {
