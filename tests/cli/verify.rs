@@ -153,6 +153,40 @@ fn nothing_is_predicted_where_nothing_is_matched() {
     );
 }
 
+/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view holds but some points.
+#[test]
+fn unlike_lenses_and_narrow_views_are_named() {
+    let desk = Desk::new();
+    let warned = |desk: &Desk| {
+        let found = verify(desk, &["--json"]).json().remove(0);
+        named(&found, "warning")
+    };
+    desk.change("rig.toml", "533.16, 529.12", "690.0, 690.0");
+    assert!(!warned(&desk).contains(&"camera.focal_px".to_owned()));
+    desk.change("rig.toml", "690.0, 690.0", "1070.0, 1070.0");
+    assert!(warned(&desk).contains(&"camera.focal_px".to_owned()));
+    let screen = verify(&desk, &[]).stdout;
+    assert!(
+        screen.contains("left and middle differ 2.00 times"),
+        "{screen}"
+    );
+
+    let desk = Desk::new();
+    let depths = ["--json", "--depth-range", "260", "262"];
+    let found = verify(&desk, &[&depths[..], &["--points", "200,4000"]].concat())
+        .json()
+        .remove(0);
+    let at = &found["depths"][0];
+    let room = at["room_for"].as_u64().expect("a number");
+    assert!((60..150).contains(&room), "{at}");
+    assert_eq!(at["sigma_mm"][0], at["sigma_mm"][1], "{at}");
+    let notes = found["limitations"].to_string();
+    assert!(
+        notes.contains("points have room in the common view"),
+        "{notes}"
+    );
+}
+
 /// No Z that is less certain than X, no sigma with sixteen digits.
 #[test]
 fn extreme_angles_are_put_in_words_that_hold() {

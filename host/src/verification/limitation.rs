@@ -45,6 +45,9 @@ pub struct Limitation {
     pub text: String,
 }
 
+/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched, at 1.5 hardly any (`tests/pipeline/rigs.rs`).
+const MOST_MAGNIFICATION: f64 = 1.3;
+
 /// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
 const CROWDED: f64 = 3.0;
 
@@ -82,6 +85,18 @@ fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) 
         add(Severity::Warning, "camera.offset_mm", text);
     }
     if let Some(geometry) = Geometry::new(&rig.rig) {
+        let focal = |k: usize| rig.rig.cameras[k].focal_px.iter().sum::<f64>() / 2.0;
+        for (k, name) in rig.names.iter().enumerate() {
+            let ratio = focal(k) / focal(geometry.reference);
+            let ratio = ratio.max(1.0 / ratio);
+            if ratio > MOST_MAGNIFICATION {
+                let text = format!(
+                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
+                    rig.names[geometry.reference]
+                );
+                add(Severity::Warning, "camera.focal_px", text);
+            }
+        }
         let ([least, most], reach_mm) = (matched_depths_mm(&geometry), geometry.reach_mm);
         if most < far {
             let text = format!(
@@ -126,13 +141,21 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
             add(Severity::Warning, &format!("sigma {name}"), text);
         }
     }
+    let cramped = (found.depths.iter()).rfind(|at| at.room_for < points && !at.sigma_mm.is_empty());
+    if let Some(at) = cramped {
+        let text = format!(
+            "no more than {} points have room in the common view at {:.0} mm, and fewer nearer",
+            at.room_for, at.depth_mm
+        );
+        add(Severity::Note, "image_size_px", text);
+    }
     let crowded =
         (found.depths.iter()).rfind(|at| at.widening.get(most).is_some_and(|w| *w > CROWDED));
     if let Some(at) = crowded {
         let text = format!(
             "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} independent ones there; a larger image or less noise helps, more points do not",
             at.depth_mm,
-            f64::from(points) / at.widening[most]
+            f64::from(points.min(at.room_for)) / at.widening[most]
         );
         add(Severity::Note, "image_size_px", text);
     }

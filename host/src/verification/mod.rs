@@ -64,6 +64,8 @@ pub struct AtDepth {
     pub two_see_mm2: f64,
     /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common view, and where no points are matched.
     pub sigma_mm: Vec<[f64; 3]>,
+    /// How many points have room in what all cameras see; more gain nothing.
+    pub room_for: u32,
     /// By how much the variance is larger than for independent points, for each of [`Settings::points`].
     pub widening: Vec<f64>,
 }
@@ -182,6 +184,7 @@ fn at_depth(
         is_row,
         view_mm: view.common(depth_mm).map(|common| common.sides()),
         two_see_mm2: view.area_seen_by(2, depth_mm),
+        room_for: predictor.as_ref().map_or(0, Predictor::room_for),
         sigma_mm: predictions.iter().map(|p| p.sigma_mm).collect(),
         widening: predictions.iter().map(|p| p.widening).collect(),
     }
