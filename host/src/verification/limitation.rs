@@ -141,6 +141,11 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
             add(Severity::Warning, &format!("sigma {name}"), text);
         }
     }
+    let least = u32::from(Gate::DEFAULT.min_points);
+    if found.settings.points.iter().any(|points| *points < least) {
+        let text = format!("frames of fewer than {least} points are refused, whatever their sigma");
+        add(Severity::Warning, "points", text);
+    }
     let cramped = (found.depths.iter()).rfind(|at| at.room_for < points && !at.sigma_mm.is_empty());
     if let Some(at) = cramped {
         let text = format!(
