@@ -207,6 +207,8 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let turn = camera.rotation.rows();
     let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
     let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
+    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no comment.
+    let name = serde_json::Value::from(name);
     let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
     let mut matrix = |name: &str, rows: usize, data: &[f64]| {
         let (cols, data) = (data.len() / rows, list(data));

@@ -97,6 +97,19 @@ fn both_formats_give_the_camera_back() {
 }
 
 #[test]
+fn a_name_stays_a_name_whatever_it_looks_like() {
+    let rig = Rig::paper();
+    for name in [
+        "left", "007", "yes", "- q", "a #b", "it's", "größe", "a \"b\"",
+    ] {
+        let text = ros(name, &rig.cameras[0], &rig);
+        assert!(parse(&text).is_ok(), "{text}");
+        let root = Node::parse(Path::new("camera.yaml"), &text).unwrap();
+        assert_eq!(root.required("camera_name").unwrap().text().unwrap(), name);
+    }
+}
+
+#[test]
 fn coefficients_beyond_ours_must_be_zero() {
     let with = |data: &str, cols: usize| {
         format!(
