@@ -328,6 +328,24 @@ fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
 }
 
 #[test]
+fn images_of_different_instants_make_no_rig() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let boards = desk.path().join("boards");
+    photograph(&boards, &crooked_rig(), &["left", "right"], 9);
+    let right = boards.join("right");
+    // Each camera alone is as good as before: only the names are those of the next instant.
+    for index in 0..9 {
+        let from = right.join(format!("{index:02}.png"));
+        fs::rename(from, right.join(format!("{:02}.tmp", (index + 1) % 9))).expect("renamed");
+    }
+    for index in 0..9 {
+        let from = right.join(format!("{index:02}.tmp"));
+        fs::rename(from, right.join(format!("{index:02}.png"))).expect("renamed");
+    }
+    run(desk.path(), &CALIBRATE).failed_after_notes(1, &["boards", "contradict", "one instant"]);
+}
+
+#[test]
 fn what_makes_no_rig_is_refused_by_name() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let boards = desk.path().join("boards");

@@ -12,6 +12,11 @@ use super::stand::doubts;
 use crate::error::InputError;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
+/// How many times as large as the worst camera's own residual the rig's may be before it is worth a warning, and before there is no rig. Images that
+/// were taken a hand's tremor apart are beyond the first, those of different instants far beyond the second.
+const DOUBTFUL: f64 = 3.0;
+const NONSENSE: f64 = 20.0;
+
 /// What to look for and what to be content with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -124,6 +129,13 @@ impl Calibration {
             }
         }
         if let Some(rig) = &self.rig {
+            let own_px = own_rms_px(&self.cameras);
+            if rig.rms_px > DOUBTFUL * own_px {
+                warnings.push(format!(
+                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: images of one name may not be of one instant",
+                    rig.rms_px
+                ));
+            }
             let names: Vec<&str> = self
                 .cameras
                 .iter()
@@ -224,6 +236,13 @@ fn calibrate_camera(
     ))
 }
 
+/// The largest residual of a camera by itself, px.
+fn own_rms_px(cameras: &[CameraResult]) -> f64 {
+    let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
+    // Corners without any error at all are no measure.
+    own.fold(0.01, f64::max)
+}
+
 /// A picture that is there twice says nothing new, but would count as if it did.
 fn reject_repeated(files: &[String], found: &mut [Result<Found, String>]) {
     for index in 1..found.len() {
@@ -305,7 +324,24 @@ fn place(
             covariance: camera.intrinsics.covariance.clone(),
         })
         .collect();
-    rig::calibrate(&settings.board, &eyes, reference, instants, settings.outlier).map_err(|refusal| {
+    let placed = rig::calibrate(
+        &settings.board,
+        &eyes,
+        reference,
+        instants,
+        settings.outlier,
+    );
+    let own_px = own_rms_px(cameras);
+    if let Ok(rig) = &placed
+        && rig.rms_px > NONSENSE * own_px
+    {
+        let reason = format!(
+            "the cameras contradict each other: together they are {:.3} px off, each alone at most {own_px:.3} px; images of one name must be of one instant",
+            rig.rms_px
+        );
+        return Err(InputError::file(dir, reason));
+    }
+    placed.map_err(|refusal| {
         let reason = match &refusal {
             rig::Refusal::Apart { camera, instants } => format!(
                 "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
