@@ -159,7 +159,8 @@ fn the_wrong_board_is_said_to_be_another() {
         &[
             "camera `left`",
             "0 of 13 images",
-            "01.jpg: a grid of 9 x 6 inner corners",
+            "01.jpg, 02.jpg, 03.jpg, ",
+            "14.jpg: a grid of 9 x 6 inner corners",
         ],
     );
     let outcome = run(
@@ -171,7 +172,8 @@ fn the_wrong_board_is_said_to_be_another() {
         &[
             "camera `left`",
             "0 of 13 images",
-            "01.jpg: a grid of 9 x 6 inner corners",
+            "01.jpg, 02.jpg, 03.jpg, ",
+            "14.jpg: a grid of 9 x 6 inner corners",
         ],
     );
     for (board, square) in [

@@ -283,6 +283,68 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     with(&["--out", "none/rig.toml"]).failed_after_notes(1, &["none", "no such folder"]);
 }
 
+/// Copies of a picture would make every standard deviation too small; one pose alone leaves the lens open.
+#[test]
+fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let left = desk.path().join("boards/left");
+    photograph(&desk.path().join("boards"), &crooked_rig(), &["left"], 3);
+    for copy in 3..9 {
+        fs::copy(left.join("00.png"), left.join(format!("{copy:02}.png"))).expect("copied");
+    }
+    let outcome = run(desk.path(), &[CALIBRATE.as_slice(), &["--json"]].concat());
+    let camera = &outcome.good_json()[0];
+    let images = camera["images"].as_array().expect("a list of images");
+    for (index, image) in images.iter().enumerate() {
+        match index < 3 {
+            true => assert!(image["rms_px"].is_f64(), "{image}"),
+            false => assert_eq!(image["rejected"], "the same picture as 00.png"),
+        }
+    }
+    assert!(
+        outcome.stderr.contains("3 images are few"),
+        "{}",
+        outcome.stderr
+    );
+
+    let rig = crooked_rig();
+    let eye = Eye::new(&rig.cameras[0], rig.image_size_px);
+    for index in 0..9 {
+        let pose = Pose {
+            middle_mm: [3.0 * index as f64 - 13.0, 0.0, 540.0],
+            turn_deg: [20.0 + 0.4 * index as f64, 22.0 - 0.4 * index as f64, 5.0],
+        };
+        let name = format!("{index:02}.png");
+        write(&left.join(name), &eye.view(&pose, 70 + index)).expect("written");
+    }
+    let outcome = run(desk.path(), &CALIBRATE);
+    assert!(
+        outcome
+            .stderr
+            .contains("left: the focal lengths are known to"),
+        "{}",
+        outcome.stderr
+    );
+}
+
+#[test]
+fn images_of_different_instants_make_no_rig() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let boards = desk.path().join("boards");
+    photograph(&boards, &crooked_rig(), &["left", "right"], 9);
+    let right = boards.join("right");
+    // Each camera alone is as good as before: only the names are those of the next instant.
+    for index in 0..9 {
+        let from = right.join(format!("{index:02}.png"));
+        fs::rename(from, right.join(format!("{:02}.tmp", (index + 1) % 9))).expect("renamed");
+    }
+    for index in 0..9 {
+        let from = right.join(format!("{index:02}.tmp"));
+        fs::rename(from, right.join(format!("{index:02}.png"))).expect("renamed");
+    }
+    run(desk.path(), &CALIBRATE).failed_after_notes(1, &["boards", "contradict", "one instant"]);
+}
+
 #[test]
 fn what_makes_no_rig_is_refused_by_name() {
     let desk = tempfile::tempdir().expect("a temporary folder");

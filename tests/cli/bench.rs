@@ -84,7 +84,8 @@ fn photographs_need_no_rig() {
 fn what_cannot_be_timed_is_refused() {
     let desk = desk_with_views(&[None]);
     let bench = |words: &[&str]| run(desk.folder.path(), words);
-    bench(&["bench", "flow", "nowhere", "--json"]).failed(1, &["nowhere"]);
+    bench(&["bench", "flow", "nowhere", "--json"])
+        .failed(1, &["nowhere", "no such folder", "--rig"]);
     let blank = ["bench", "flow", "views", "--rig", "rig.toml"];
     bench(&blank).failed(1, &["views", "texture"]);
     for misused in [

@@ -121,6 +121,84 @@ fn what_limits_a_rig_is_named() {
     assert!(names.iter().any(|n| n == "camera.offset_mm"), "{names:?}");
 }
 
+/// What the matching drops, no sigma is promised for.
+#[test]
+fn nothing_is_predicted_where_nothing_is_matched() {
+    let desk = Desk::new();
+    desk.change("rig.toml", "[-70.0,", "[-1.0,");
+    desk.change("rig.toml", "[68.0,", "[1.0,");
+    let outcome = verify(&desk, &["--json"]);
+    let found = &outcome.json()[0];
+    // 533.3 px of focal length on the mean and 1 mm: one pixel at 533.3 mm.
+    for at in found["depths"].as_array().expect("a list") {
+        let depth = at["depth_mm"].as_f64().expect("a number");
+        let is_empty = at["sigma_mm"].as_array().expect("a list").is_empty();
+        assert_eq!(is_empty, depth > 533.33, "{at}");
+    }
+    assert!((found["volume"]["to_mm"].as_f64().expect("a number") - 533.3).abs() < 0.1);
+    let screen = verify(&desk, &[]).stdout;
+    for part in [
+        "not matched",
+        "300 to 533 mm",
+        "points beyond 533 mm are not matched",
+    ] {
+        assert!(screen.contains(part), "`{part}`: {screen}");
+    }
+    // Half of 320 px apart at 300 mm.
+    desk.change("rig.toml", "[-1.0,", "[-140.0,");
+    let screen = verify(&desk, &["--depth-range", "200", "2000"]).stdout;
+    assert!(
+        screen.contains("warning: image_size_px: points nearer than"),
+        "{screen}"
+    );
+}
+
+/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view holds but some points.
+#[test]
+fn unlike_lenses_and_narrow_views_are_named() {
+    let desk = Desk::new();
+    let warned = |desk: &Desk| {
+        let found = verify(desk, &["--json"]).json().remove(0);
+        named(&found, "warning")
+    };
+    desk.change("rig.toml", "533.16, 529.12", "690.0, 690.0");
+    assert!(!warned(&desk).contains(&"camera.focal_px".to_owned()));
+    desk.change("rig.toml", "690.0, 690.0", "1070.0, 1070.0");
+    assert!(warned(&desk).contains(&"camera.focal_px".to_owned()));
+    let screen = verify(&desk, &[]).stdout;
+    assert!(
+        screen.contains("left and middle differ 2.00 times"),
+        "{screen}"
+    );
+
+    let desk = Desk::new();
+    let depths = ["--json", "--depth-range", "260", "262"];
+    let found = verify(&desk, &[&depths[..], &["--points", "200,4000"]].concat())
+        .json()
+        .remove(0);
+    let at = &found["depths"][0];
+    let room = at["room_for"].as_u64().expect("a number");
+    assert!((60..150).contains(&room), "{at}");
+    assert_eq!(at["sigma_mm"][0], at["sigma_mm"][1], "{at}");
+    let notes = found["limitations"].to_string();
+    assert!(
+        notes.contains("points have room in the common view"),
+        "{notes}"
+    );
+}
+
+/// No Z that is less certain than X, no sigma with sixteen digits.
+#[test]
+fn extreme_angles_are_put_in_words_that_hold() {
+    let desk = Desk::new();
+    for focal in ["533.16, 529.12", "538.14, 534.18", "534.55, 530.76"] {
+        desk.change("rig.toml", focal, "20.0, 20.0");
+    }
+    let screen = verify(&desk, &["--noise", "3"]).stdout;
+    assert!(screen.contains("the station's gate of 0.2 mm"), "{screen}");
+    assert!(!screen.contains("times less certain"), "{screen}");
+}
+
 #[test]
 fn a_stage_that_the_station_would_refuse_ends_with_1() {
     let desk = desk();
@@ -138,6 +216,11 @@ fn a_stage_that_the_station_would_refuse_ends_with_1() {
         named(&outcome.json()[0], "refusal"),
         ["stage.max_speed_mm_s[2]"]
     );
+    // Nor is the host then free to fall silent for no time at all.
+    desk.change("rig.toml", "[[1.0, 0.0, 0.0]", "[[5.0, 0.0, 0.0]");
+    let screen = verify(&desk, &[]).stdout;
+    assert!(screen.contains("matrix[0][0]"), "{screen}");
+    assert!(screen.contains("may be silent for 100 ms"), "{screen}");
 }
 
 #[test]

@@ -54,3 +54,20 @@ fn five_cameras_in_a_cross() {
     ];
     assert_measures(rig(&cross), "cross");
 }
+
+/// What `verify` warns of: half of the points are matched where one camera magnifies 1.3 times as much as another, and nearly none at 1.7.
+#[test]
+fn unlike_focal_lengths_are_matched_up_to_a_limit() {
+    let measured = |times: f64| {
+        let mut rig = Rig::paper();
+        rig.cameras[0].focal_px = rig.cameras[0].focal_px.map(|f| times * f);
+        let bench = Bench::with_rig(rig, &Texture::natural(4), SceneSettings::default());
+        bench.measure_all(&MOVES_MM[3..], 4).remove(0)
+    };
+    let got = measured(1.3).expect("enough points");
+    got.assert_within(MOVES_MM[3], TOLERANCE_MM, "1.3 times");
+    let Err(refusal) = measured(1.7) else {
+        panic!("1.7 times is not too much");
+    };
+    assert!(refusal.to_string().contains("too few matches"), "{refusal}");
+}

@@ -63,7 +63,7 @@ pub enum Refusal {
     WrongRig,
     /// No offset within reach explains the pictures.
     #[error(
-        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture)"
+        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
     )]
     NoRoughOffset {
         /// What was searched, px.
@@ -91,6 +91,22 @@ pub enum Refusal {
     NotFlat {
         /// Scatter of the disparity to the farthest camera, px.
         residual_px: f64,
+    },
+    /// A depth was given that only offsets beyond those looked for could explain.
+    #[error(
+        "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at {seen_mm:.0} mm: measure again, or raise --reach"
+    )]
+    WrongDepth {
+        /// As given, mm.
+        depth_mm: f64,
+        /// Where the rig sees it without, mm.
+        seen_mm: f64,
+        /// The camera that would be off most.
+        camera: String,
+        /// By how much, px.
+        offset_px: f64,
+        /// What was looked for, px.
+        reach_px: f64,
     },
 }
 
@@ -171,9 +187,24 @@ impl Alignment {
             last = refine(&rig, captures, last.tolerance_px(), settings)?;
         }
         let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
-        let cameras = (0..original.cameras.len())
+        let cameras: Vec<Datum> = (0..original.cameras.len())
             .map(|k| last.datum(k, file, turned_rad[k]))
             .collect();
+        if let Some(depth_mm) = settings.depth_mm {
+            let size = |datum: &Datum| datum.offset_px[0].abs().max(datum.offset_px[1].abs());
+            let worst = cameras.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+            // The rough offsets may be off by the tolerance of the first matching.
+            let most_px = settings.reach_px + FIRST_TOLERANCE_PX;
+            if let Some(worst) = worst.filter(|datum| size(datum) > most_px) {
+                return Err(Refusal::WrongDepth {
+                    depth_mm,
+                    seen_mm: seen_mm(&roughly, captures, settings)?,
+                    camera: worst.name.clone(),
+                    offset_px: size(worst),
+                    reach_px: settings.reach_px,
+                });
+            }
+        }
         Ok(Self {
             cameras,
             reference: file.names[geometry.reference].clone(),
@@ -193,6 +224,16 @@ impl Alignment {
             rig: last.rig,
         })
     }
+}
+
+/// Median distance of the points by the rig's own disparities, mm.
+fn seen_mm(rig: &Rig, captures: &[Capture], settings: &Settings) -> Result<f64, Refusal> {
+    let settings = Settings {
+        depth_mm: None,
+        ..*settings
+    };
+    let seen = refine(rig, captures, FIRST_TOLERANCE_PX, &settings)?;
+    Ok(seen.fit.median_depth_mm)
 }
 
 /// A rig corrected by points that were matched with it.

@@ -179,6 +179,26 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
 }
 
 #[test]
+fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
+    let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
+    let settings = Settings {
+        depth_mm: Some(550.0),
+        ..Settings::default()
+    };
+    let captures = [scene.render([0.0; 3], 0, 4)];
+    let refused = Alignment::of(&RigFile::paper(), &captures, &settings);
+    let Err(Refusal::WrongDepth {
+        seen_mm, offset_px, ..
+    }) = refused
+    else {
+        panic!("{refused:?}");
+    };
+    assert!((seen_mm - 850.0).abs() < 20.0, "{seen_mm} mm");
+    // 70 mm at 550 instead of 850 mm.
+    assert!((20.0..30.0).contains(&offset_px), "{offset_px} px");
+}
+
+#[test]
 fn a_known_depth_needs_a_flat_target() {
     // Two captures of different depths are not one plane.
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();

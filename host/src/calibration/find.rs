@@ -52,8 +52,8 @@ impl fmt::Display for NotFound {
                     "a grid of {columns} x {rows} inner corners found instead of the board"
                 )
             }
-            Self::Hidden(1) => f.write_str("a corner of the board is hidden or unclear"),
-            Self::Hidden(count) => write!(f, "{count} corners of the board are hidden or unclear"),
+            Self::Hidden(1) => f.write_str("a corner of the board is hidden or blurred"),
+            Self::Hidden(count) => write!(f, "{count} corners of the board are hidden or blurred"),
         }
     }
 }

@@ -12,6 +12,11 @@ use super::stand::doubts;
 use crate::error::InputError;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
+/// How many times as large as the worst camera's own residual the rig's may be before it is worth a warning, and before there is no rig. Images that
+/// were taken a hand's tremor apart are beyond the first, those of different instants far beyond the second.
+const DOUBTFUL: f64 = 3.0;
+const NONSENSE: f64 = 20.0;
+
 /// What to look for and what to be content with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -85,6 +90,8 @@ impl Calibration {
     /// What a user should know about the rig before trusting it.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
+        /// Beyond this share of a focal length every depth is as uncertain.
+        const VAGUE: f64 = 0.01;
         let mut warnings = Vec::new();
         for CameraResult {
             name, intrinsics, ..
@@ -101,6 +108,19 @@ impl Calibration {
             name, intrinsics, ..
         } in &self.cameras
         {
+            let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
+            let share = (sigma[0] / value[0]).max(sigma[1] / value[1]);
+            if share > VAGUE {
+                warnings.push(format!(
+                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; tilt the board more, in more directions, and let it fill the view",
+                    100.0 * share
+                ));
+            }
+        }
+        for CameraResult {
+            name, intrinsics, ..
+        } in &self.cameras
+        {
             if !intrinsics.held.is_empty() {
                 warnings.push(format!(
                     "{name}: {} held at 0, since the board does not reach far enough into the corners to tell",
@@ -109,6 +129,13 @@ impl Calibration {
             }
         }
         if let Some(rig) = &self.rig {
+            let own_px = own_rms_px(&self.cameras);
+            if rig.rms_px > DOUBTFUL * own_px {
+                warnings.push(format!(
+                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: images of one name may not be of one instant",
+                    rig.rms_px
+                ));
+            }
             let names: Vec<&str> = self
                 .cameras
                 .iter()
@@ -185,21 +212,14 @@ fn calibrate_camera(
         .iter()
         .map(|(_, path)| file_name(path))
         .collect();
+    reject_repeated(&files, &mut found);
     // No readable image at all is the same as too few of them.
     let image_size_px = size.unwrap_or_default();
     let intrinsics =
         intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
             |(refusal, verdicts)| {
-                let rejected =
-                    files
-                        .iter()
-                        .zip(&verdicts)
-                        .filter_map(|(file, verdict)| match verdict {
-                            Verdict::Rejected(reason) => Some(format!("{file}: {reason}")),
-                            Verdict::Used { .. } => None,
-                        });
                 let reasons: Vec<String> = std::iter::once(refusal.to_string())
-                    .chain(rejected)
+                    .chain(by_reason(&files, &verdicts))
                     .collect();
                 fault(reasons.join("; "))
             },
@@ -214,6 +234,42 @@ fn calibrate_camera(
         },
         found,
     ))
+}
+
+/// The largest residual of a camera by itself, px.
+fn own_rms_px(cameras: &[CameraResult]) -> f64 {
+    let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
+    // Corners without any error at all are no measure.
+    own.fold(0.01, f64::max)
+}
+
+/// A picture that is there twice says nothing new, but would count as if it did.
+fn reject_repeated(files: &[String], found: &mut [Result<Found, String>]) {
+    for index in 1..found.len() {
+        let (before, rest) = found.split_at_mut(index);
+        let [this, ..] = rest else { continue };
+        // Noise moves every corner: to the last bit, only the same pixels give the same places.
+        let is_same = |other: &Result<Found, String>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        if let Some(first) = before.iter().position(is_same) {
+            *this = Err(format!("the same picture as {}", files[first]));
+        }
+    }
+}
+
+/// The rejected images, together with those rejected for the same reason.
+fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (file, verdict) in files.iter().zip(verdicts) {
+        let Verdict::Rejected(reason) = verdict else {
+            continue;
+        };
+        match groups.iter_mut().find(|(known, _)| known == reason) {
+            Some((_, group)) => group.push(file),
+            None => groups.push((reason, vec![file])),
+        }
+    }
+    let text = |(reason, group): (&str, Vec<&str>)| format!("{}: {reason}", group.join(", "));
+    groups.into_iter().map(text).collect()
 }
 
 fn file_name(path: &Path) -> String {
@@ -268,7 +324,24 @@ fn place(
             covariance: camera.intrinsics.covariance.clone(),
         })
         .collect();
-    rig::calibrate(&settings.board, &eyes, reference, instants, settings.outlier).map_err(|refusal| {
+    let placed = rig::calibrate(
+        &settings.board,
+        &eyes,
+        reference,
+        instants,
+        settings.outlier,
+    );
+    let own_px = own_rms_px(cameras);
+    if let Ok(rig) = &placed
+        && rig.rms_px > NONSENSE * own_px
+    {
+        let reason = format!(
+            "the cameras contradict each other: together they are {:.3} px off, each alone at most {own_px:.3} px; images of one name must be of one instant",
+            rig.rms_px
+        );
+        return Err(InputError::file(dir, reason));
+    }
+    placed.map_err(|refusal| {
         let reason = match &refusal {
             rig::Refusal::Apart { camera, instants } => format!(
                 "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",

@@ -139,6 +139,10 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
 
 /// Width and height of any image in a camera's folder.
 fn first_size(camera: &Path) -> Result<[u32; 2], InputError> {
+    if !camera.is_dir() {
+        let reason = "no such folder; without --rig the cameras are left, middle and right";
+        return Err(InputError::file(camera, reason));
+    }
     let listing =
         std::fs::read_dir(camera).map_err(|cause| InputError::io(camera, "list", &cause))?;
     let mut paths: Vec<PathBuf> = listing

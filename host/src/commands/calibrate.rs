@@ -244,8 +244,9 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
     writeln!(
         out,
         "  all cameras together are turned against the rig's axes by what stands above, ± {x:.3} ± {y:.3} ± {z:.3} degrees about x, y, z;\n  \
-         displacements are turned by as much: {:.2} % of a motion along z may appear in x",
-        100.0 * y.to_radians().tan()
+         displacements are turned by as much: {:.2} % of a motion along z may appear in x, {:.2} % in y",
+        100.0 * y.to_radians().tan(),
+        100.0 * x.to_radians().tan()
     )?;
     Ok(())
 }

@@ -31,6 +31,20 @@ const MOST_RIVALS: usize = 5;
 /// Steps of the iteration at each level.
 const STEPS: usize = 12;
 
+/// The nearest and the farthest depth at which points are matched, mm: disparities to the farthest camera from half the image's longer side down to one pixel.
+pub fn matched_depths_mm(geometry: &Geometry) -> [f64; 2] {
+    let px_mm = geometry.focal_px * geometry.reach_mm;
+    [
+        px_mm / (LARGEST_DISPARITY * longer_side_px(geometry)),
+        px_mm / LEAST_DISPARITY_PX,
+    ]
+}
+
+fn longer_side_px(geometry: &Geometry) -> f64 {
+    let [width, height] = geometry.rig.image_size_px;
+    f64::from(width.max(height))
+}
+
 /// A point matched in all cameras at one instant.
 #[derive(Clone, Debug)]
 pub struct Match {
@@ -186,9 +200,7 @@ impl Stereo<'_> {
             .normalise(reference, coarse.map(|c| c * scale));
         let step = 0.5 * scale / self.px_per_inverse_mm();
         let first = -BEYOND_INFINITY_PX / self.px_per_inverse_mm();
-        let width =
-            f64::from(self.geometry.rig.image_size_px[0].max(self.geometry.rig.image_size_px[1]));
-        let last = LARGEST_DISPARITY * width / self.px_per_inverse_mm();
+        let last = LARGEST_DISPARITY * longer_side_px(self.geometry) / self.px_per_inverse_mm();
         let count = ((last - first) / step).ceil() as usize + 1;
 
         let cameras = self.geometry.cameras();

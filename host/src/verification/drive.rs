@@ -15,7 +15,7 @@ use shared::motion::{AxisConfig, AxisLimits, Field, Limits};
 use shared::steps::{DriverTiming, WordRate};
 
 use crate::rig_file::Stage;
-use crate::station::stage::{configuration, timing};
+use crate::station::stage::{HEARTBEAT_MS, configuration, timing};
 
 /// The word rate of the firmware and the twin.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;
@@ -84,7 +84,7 @@ impl Drive {
             }
             Err(error) => {
                 faults.push(("stage".to_owned(), error.to_string()));
-                0
+                HEARTBEAT_MS
             }
         };
         let paces = match &config {

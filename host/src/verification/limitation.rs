@@ -8,6 +8,7 @@ use super::headroom::RATED_MOVE_MM;
 use super::view::View;
 use super::{AtDepth, Verification};
 use crate::flow::geometry::Geometry;
+use crate::flow::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 
 /// How bad it is, the worst first.
@@ -44,8 +45,8 @@ pub struct Limitation {
     pub text: String,
 }
 
-/// Disparities below this say nothing about depth, px: the matching drops such points.
-const LEAST_DISPARITY_PX: f64 = 1.0;
+/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched, at 1.5 hardly any (`tests/pipeline/rigs.rs`).
+const MOST_MAGNIFICATION: f64 = 1.3;
 
 /// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
 const CROWDED: f64 = 3.0;
@@ -83,13 +84,32 @@ fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) 
         let text = format!("{pair} have no common view nearer than {nearest:.0} mm");
         add(Severity::Warning, "camera.offset_mm", text);
     }
-    let reach_mm = Geometry::new(&rig.rig).map_or(0.0, |geometry| geometry.reach_mm);
-    let disparity = rig.rig.mean_focal_px() * reach_mm / far;
-    if disparity < LEAST_DISPARITY_PX {
-        let text = format!(
-            "no camera is farther than {reach_mm:.1} mm from the one in the middle: {disparity:.2} px of disparity at {far} mm, points are matched from {LEAST_DISPARITY_PX} px on"
-        );
-        add(Severity::Warning, "camera.offset_mm", text);
+    if let Some(geometry) = Geometry::new(&rig.rig) {
+        let focal = |k: usize| rig.rig.cameras[k].focal_px.iter().sum::<f64>() / 2.0;
+        for (k, name) in rig.names.iter().enumerate() {
+            let ratio = focal(k) / focal(geometry.reference);
+            let ratio = ratio.max(1.0 / ratio);
+            if ratio > MOST_MAGNIFICATION {
+                let text = format!(
+                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
+                    rig.names[geometry.reference]
+                );
+                add(Severity::Warning, "camera.focal_px", text);
+            }
+        }
+        let ([least, most], reach_mm) = (matched_depths_mm(&geometry), geometry.reach_mm);
+        if most < far {
+            let text = format!(
+                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points beyond {most:.0} mm are not matched, their disparities say too little"
+            );
+            add(Severity::Warning, "camera.offset_mm", text);
+        }
+        if least > near.max(nearest) {
+            let text = format!(
+                "points nearer than {least:.0} mm are not matched: they lie more than half an image apart in the cameras"
+            );
+            add(Severity::Warning, "image_size_px", text);
+        }
     }
     if found
         .headroom
@@ -111,7 +131,7 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     };
     let sigma = |at: &AtDepth, axis: usize| at.sigma_mm.get(most).map(|s| s[axis]);
     for (axis, name) in AXES.iter().enumerate() {
-        let gate = f64::from(Gate::DEFAULT.max_sigma_nm[axis]) * 1e-6;
+        let gate = f64::from(Gate::DEFAULT.max_sigma_nm[axis]) / 1e6;
         let beyond = (found.depths.iter()).find(|at| sigma(at, axis).is_some_and(|s| s > gate));
         if let Some(at) = beyond {
             let text = format!(
@@ -121,13 +141,26 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
             add(Severity::Warning, &format!("sigma {name}"), text);
         }
     }
+    let least = u32::from(Gate::DEFAULT.min_points);
+    if found.settings.points.iter().any(|points| *points < least) {
+        let text = format!("frames of fewer than {least} points are refused, whatever their sigma");
+        add(Severity::Warning, "points", text);
+    }
+    let cramped = (found.depths.iter()).rfind(|at| at.room_for < points && !at.sigma_mm.is_empty());
+    if let Some(at) = cramped {
+        let text = format!(
+            "no more than {} points have room in the common view at {:.0} mm, and fewer nearer",
+            at.room_for, at.depth_mm
+        );
+        add(Severity::Note, "image_size_px", text);
+    }
     let crowded =
         (found.depths.iter()).rfind(|at| at.widening.get(most).is_some_and(|w| *w > CROWDED));
     if let Some(at) = crowded {
         let text = format!(
             "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} independent ones there; a larger image or less noise helps, more points do not",
             at.depth_mm,
-            f64::from(points) / at.widening[most]
+            f64::from(points.min(at.room_for)) / at.widening[most]
         );
         add(Severity::Note, "image_size_px", text);
     }
@@ -137,7 +170,10 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     else {
         return;
     };
-    if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2)) {
+    // Very wide angles turn it round, and then nothing limits Z.
+    if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2))
+        && z > x
+    {
         let text = format!(
             "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the views span; shorter focal lengths or cameras farther apart help",
             z / x,

@@ -18,6 +18,8 @@ pub mod view;
 
 use serde::Serialize;
 
+use crate::flow::geometry::Geometry;
+use crate::flow::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 use drive::Drive;
 use headroom::Headroom;
@@ -60,8 +62,10 @@ pub struct AtDepth {
     pub view_mm: Option<[f64; 2]>,
     /// Area that at least two cameras see, mm².
     pub two_see_mm2: f64,
-    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common view.
+    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common view, and where no points are matched.
     pub sigma_mm: Vec<[f64; 3]>,
+    /// How many points have room in what all cameras see; more gain nothing.
+    pub room_for: u32,
     /// By how much the variance is larger than for independent points, for each of [`Settings::points`].
     pub widening: Vec<f64>,
 }
@@ -69,8 +73,10 @@ pub struct AtDepth {
 /// The space in which targets can be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Volume {
-    /// Depth from which on all cameras have something in common, mm, within the range; `None` if they never have.
+    /// Depth from which on all cameras have something in common and points are matched, mm, within the range; `None` if they never have.
     pub from_mm: Option<f64>,
+    /// Depth up to which points are matched, mm, within the range; `None` with `from_mm`.
+    pub to_mm: Option<f64>,
     /// Volume that all cameras see, litres.
     pub all_see_l: f64,
     /// Volume that at least two cameras see, litres.
@@ -102,17 +108,26 @@ impl Verification {
     pub fn of(rig: &RigFile, settings: Settings) -> Self {
         let view = View::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
+        // Cameras in one place match nothing.
+        let matched = Geometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
         let depths = depths(near, far)
             .into_iter()
-            .map(|(depth, is_row)| at_depth(rig, &view, &settings, depth, is_row))
+            .map(|(depth, is_row)| at_depth(rig, &view, &settings, matched, (depth, is_row)))
             .collect();
         let (nearest, _) = view.nearest_common();
+        let [from, to] = [near.max(matched[0]), far.min(matched[1])];
+        let volume_l = |count| match from < to {
+            true => 1e-6 * view.volume_seen_by(count, [from, to]),
+            false => 0.0,
+        };
+        let from = from.max(nearest);
         let mut verification = Self {
             depths,
             volume: Volume {
-                from_mm: (nearest < far).then_some(nearest.max(near)),
-                all_see_l: 1e-6 * view.volume_seen_by(rig.rig.cameras.len(), [near, far]),
-                two_see_l: 1e-6 * view.volume_seen_by(2, [near, far]),
+                from_mm: (from < to).then_some(from),
+                to_mm: (from < to).then_some(to),
+                all_see_l: volume_l(rig.rig.cameras.len()),
+                two_see_l: volume_l(2),
             },
             drive: rig.stage.as_ref().map(Drive::of),
             headroom: Headroom::of(&rig.rig, rig.stage.as_ref(), &view, [near, far]),
@@ -154,10 +169,12 @@ fn at_depth(
     rig: &RigFile,
     view: &View,
     settings: &Settings,
-    depth_mm: f64,
-    is_row: bool,
+    matched_mm: [f64; 2],
+    (depth_mm, is_row): (f64, bool),
 ) -> AtDepth {
-    let predictor = Predictor::new(&rig.rig, view, depth_mm, settings.noise_px);
+    let is_matched = (matched_mm[0]..=matched_mm[1]).contains(&depth_mm);
+    let predictor =
+        Predictor::new(&rig.rig, view, depth_mm, settings.noise_px).filter(|_| is_matched);
     let predictions: Vec<_> = predictor
         .iter()
         .flat_map(|predictor| settings.points.iter().map(|n| predictor.predict(*n)))
@@ -167,6 +184,7 @@ fn at_depth(
         is_row,
         view_mm: view.common(depth_mm).map(|common| common.sides()),
         two_see_mm2: view.area_seen_by(2, depth_mm),
+        room_for: predictor.as_ref().map_or(0, Predictor::room_for),
         sigma_mm: predictions.iter().map(|p| p.sigma_mm).collect(),
         widening: predictions.iter().map(|p| p.widening).collect(),
     }

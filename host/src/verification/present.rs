@@ -17,7 +17,7 @@ pub fn tables(found: &Verification) -> Vec<Table> {
 /// Sigma over depth and number of points.
 fn sigma(found: &Verification) -> Table {
     let caption = format!(
-        "Predicted sigma X Y Z, mm, by number of points (flow noise {} px)",
+        "Predicted sigma X Y Z of small displacements, mm, by number of points (flow noise {} px)",
         found.settings.noise_px
     );
     let mut table = Table::new(caption, ["depth, mm", "all see, mm"]);
@@ -25,6 +25,7 @@ fn sigma(found: &Verification) -> Table {
     table.columns.extend(counts.map(|n| format!("{n} points")));
     for at in found.table_depths() {
         let view = match at.view_mm {
+            Some(_) if at.sigma_mm.is_empty() => "not matched".to_owned(),
             Some([width, height]) => format!("{width:.0} x {height:.0}"),
             None => "nothing".to_owned(),
         };
@@ -105,9 +106,9 @@ pub fn facts(found: &Verification) -> Vec<(&'static str, String)> {
     let mut facts = vec![
         (
             "working depth",
-            match volume.from_mm {
-                Some(from) => format!("{from:.0} to {far:.0} mm"),
-                None => format!("none between {near:.0} and {far:.0} mm"),
+            match (volume.from_mm, volume.to_mm) {
+                (Some(from), Some(to)) => format!("{from:.0} to {to:.0} mm"),
+                _ => format!("none between {near:.0} and {far:.0} mm"),
             },
         ),
         (

@@ -47,6 +47,8 @@ pub struct Predictor {
     covariance_mm2: Matrix3<f64>,
     /// Mean share of a window that another one covers.
     overlap: f64,
+    /// How many points have room in the view.
+    room_for: u32,
     cameras: f64,
     noise_px: f64,
 }
@@ -79,6 +81,7 @@ impl Predictor {
             // Four points gave the sums.
             covariance_mm2: inverse * noisy * inverse * 4.0,
             overlap: overlap(sides_px),
+            room_for: room_for(sides_px),
             cameras: rig.cameras.len() as f64,
             noise_px,
         })
@@ -89,8 +92,14 @@ impl Predictor {
         self.with(points, 1.0)
     }
 
-    /// With `points` points as the flow finds them.
+    /// How many points, each so far from all others as the flow wants it, have room in the view.
+    pub fn room_for(&self) -> u32 {
+        self.room_for
+    }
+
+    /// With `points` points as the flow finds them: no more than have room.
     pub fn predict(&self, points: u32) -> Prediction {
+        let points = points.min(self.room_for);
         let others = f64::from(points.saturating_sub(1));
         let components = 2.0 * self.cameras * f64::from(points);
         let widening = widening(1.0 + others * self.overlap, self.noise_px, components);
@@ -113,6 +122,14 @@ fn gauss_points(rectangle: &Rectangle) -> [[f64; 2]; 4] {
     };
     [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
         .map(|[x, y]: [f64; 2]| [place(0, x), place(1, y)])
+}
+
+/// The most points of a view of this size none of which is within [`APART_PX`] of another: discs of that diameter in hexagonal order, half of
+/// each outermost one outside.
+fn room_for(sides_px: [f64; 2]) -> u32 {
+    let [width, height] = sides_px.map(|side| side + APART_PX);
+    let each = 0.5 * 3f64.sqrt() * APART_PX * APART_PX;
+    (width * height / each) as u32
 }
 
 /// Mean share that two windows have in common whose middles lie anywhere in a view of this size, but not too near to each other.

@@ -62,8 +62,18 @@ impl CameraFile {
         if let Some(model) = root.optional("distortion_model")?
             && model.text()? != "plumb_bob"
         {
-            let reason = "only the model plumb_bob (k1 k2 p1 p2 k3) can be read";
+            let reason = format!(
+                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read",
+                model.text()?.escape_debug()
+            );
             return Err(model.fault(reason));
+        }
+        // OpenCV's own calibration program says so; the four coefficients alone look like k1 k2 p1 p2.
+        if let Some(flag) = root.optional("fisheye_model")?
+            && flag.number()? != 0.0
+        {
+            let reason = "a fisheye's coefficients mean something else: calibrate with the model k1 k2 p1 p2 k3";
+            return Err(flag.fault(reason));
         }
         let [fx, fy, cx, cy] = camera_matrix(root.required("camera_matrix")?)?;
         let [k1, k2, p1, p2, k3] = distortion(root.required("distortion_coefficients")?)?;
@@ -197,6 +207,8 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let turn = camera.rotation.rows();
     let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
     let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
+    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no comment.
+    let name = serde_json::Value::from(name);
     let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
     let mut matrix = |name: &str, rows: usize, data: &[f64]| {
         let (cols, data) = (data.len() / rows, list(data));

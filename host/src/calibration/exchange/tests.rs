@@ -97,6 +97,19 @@ fn both_formats_give_the_camera_back() {
 }
 
 #[test]
+fn a_name_stays_a_name_whatever_it_looks_like() {
+    let rig = Rig::paper();
+    for name in [
+        "left", "007", "yes", "- q", "a #b", "it's", "größe", "a \"b\"",
+    ] {
+        let text = ros(name, &rig.cameras[0], &rig);
+        assert!(parse(&text).is_ok(), "{text}");
+        let root = Node::parse(Path::new("camera.yaml"), &text).unwrap();
+        assert_eq!(root.required("camera_name").unwrap().text().unwrap(), name);
+    }
+}
+
+#[test]
 fn coefficients_beyond_ours_must_be_zero() {
     let with = |data: &str, cols: usize| {
         format!(
@@ -187,8 +200,17 @@ fn bad_values_are_refused_by_file_line_and_name() {
         "image_height: 480\ndistortion_model: equidistant",
         6,
         "distortion_model",
-        "plumb_bob",
+        "the model is `equidistant`; only plumb_bob",
     );
+    refused(
+        "image_height: 480",
+        "image_height: 480\nfisheye_model: 1",
+        6,
+        "fisheye_model",
+        "fisheye",
+    );
+    let plain = OPENCV.replacen("nframes: 13", "fisheye_model: 0", 1);
+    assert!(parse(&plain).is_ok());
     let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
     refused("nframes: 13", turned, 5, "R", "not a rotation");
 }
