@@ -70,9 +70,12 @@ fn main() {
     for (size_px, threads, disparity_px) in [
         ([320, 240], 1, [18.3, -14.2]),
         ([320, 240], 1, PAPER_PX),
+        ([320, 240], 2, PAPER_PX),
         ([320, 240], 3, PAPER_PX),
         ([640, 480], 1, PAPER_PX.map(|d| 2.0 * d)),
+        ([640, 480], 2, PAPER_PX.map(|d| 2.0 * d)),
         ([1280, 960], 1, PAPER_PX.map(|d| 4.0 * d)),
+        ([1280, 960], 2, PAPER_PX.map(|d| 4.0 * d)),
     ] {
         let scene = Scene {
             size_px,

@@ -9,6 +9,7 @@ use crate::flow::corner;
 use crate::flow::geometry::Geometry;
 use crate::flow::likeness::{Field, OUTSIDE};
 use crate::flow::pyramid::Pyramid;
+use crate::flow::workers::Workers;
 use crate::images::Capture;
 
 /// The searched level's image is at most this wide, px.
@@ -81,7 +82,7 @@ fn matches(geometry: &Geometry, capture: &Capture, level: usize, reach_px: f64) 
     let Some(base) = planes.get(geometry.reference) else {
         return Vec::new();
     };
-    let corners = corner::corners(base, 8, 6.0, CORNERS);
+    let corners = corner::corners(base, 8, 6.0, CORNERS, &Workers::default());
     let found = corners.into_iter().filter_map(|corner| {
         let probe = fields[geometry.reference].probe(corner[0] as i64, corner[1] as i64)?;
         let corner_px = corner.map(|c| c as f64 * scale);

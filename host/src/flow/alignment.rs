@@ -10,6 +10,7 @@ use super::likeness::{Field, OUTSIDE};
 use super::lucas_kanade::Large;
 use super::pyramid::Pyramid;
 use super::stereo::Match;
+use super::workers::Workers;
 use super::{Flow, Refusal, Settings, corner, level_of};
 use crate::images::Capture;
 
@@ -91,7 +92,8 @@ fn rough_shifts(capture: &Capture, size_px: [usize; 2]) -> Result<[[f64; 2]; 2],
         .map(|p| Field::new(&p.levels[level]))
         .collect();
     let base = &pyramids[MIDDLE].levels[0];
-    let corners = corner::corners(base, Large::MARGIN + 1, 8.0, CORNERS);
+    let alone = Workers::default();
+    let corners = corner::corners(base, Large::MARGIN + 1, 8.0, CORNERS, &alone);
     let band = (BAND * size_px[1] as f64 / scale).ceil() as i64;
     let mut shifts = [[0.0; 2]; 2];
     for (shift, k) in shifts.iter_mut().zip([0, 2]) {

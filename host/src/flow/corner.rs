@@ -3,9 +3,12 @@
 //! Shi and Tomasi's measure: the smaller eigenvalue of the gradient matrix, summed over a 7 x 7 window. Corners are
 //! its local maxima; they are taken in rounds, the best of every cell first, so that they cover the image even where it is pale.
 
+use std::ops::Range;
+
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
+use super::workers::Workers;
 
 /// Half the window the gradient matrix is summed over, px.
 const REACH: usize = 3;
@@ -24,11 +27,25 @@ type Peak = (f32, [usize; 2]);
 
 /// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most `count`, the most
 /// useful first.
-pub fn corners(plane: &Plane, margin: usize, apart: f64, count: usize) -> Vec<[usize; 2]> {
+pub fn corners(
+    plane: &Plane,
+    margin: usize,
+    apart: f64,
+    count: usize,
+    workers: &Workers,
+) -> Vec<[usize; 2]> {
     let margin = margin.max(REACH + 2);
     let columns = plane.width.div_ceil(CELL);
     let mut cells = vec![Vec::new(); columns * plane.height.div_ceil(CELL)];
-    for peak in Arch::new().dispatch(Peaks { plane, margin }) {
+    let arch = Arch::new();
+    let peaks = |rows| {
+        arch.dispatch(Peaks {
+            plane,
+            margin,
+            rows,
+        })
+    };
+    for peak in workers.map(bands(plane, workers), peaks).concat() {
         let (_, [x, y]) = peak;
         cells[y / CELL * columns + x / CELL].push(peak);
     }
@@ -56,11 +73,22 @@ pub fn corners(plane: &Plane, margin: usize, apart: f64, count: usize) -> Vec<[u
     taken
 }
 
-/// Where the smaller eigenvalue is above [`LEAST`] and no neighbour's is higher, at least `margin` px from the border; `margin` is at least
-/// [`REACH`]` + 2`. Of equal neighbours, the last counts.
+/// Rows that are searched together: equal shares, but whole cells, so that no cell's peaks come in another order than from all rows at once.
+fn bands(plane: &Plane, workers: &Workers) -> Vec<Range<usize>> {
+    let cells = plane.height.div_ceil(CELL);
+    let share = CELL * cells.div_ceil(workers.count()).max(1);
+    (0..plane.height)
+        .step_by(share)
+        .map(|top| top..(top + share).min(plane.height))
+        .collect()
+}
+
+/// Where, within these rows, the smaller eigenvalue is above [`LEAST`] and no neighbour's is higher, at least `margin` px from the border of the
+/// image; `margin` is at least [`REACH`]` + 2`. Of equal neighbours, the last counts.
 struct Peaks<'a> {
     plane: &'a Plane,
     margin: usize,
+    rows: Range<usize>,
 }
 
 impl NullaryFnOnce for Peaks<'_> {
@@ -71,7 +99,9 @@ impl NullaryFnOnce for Peaks<'_> {
         let (plane, margin) = (self.plane, self.margin);
         let (width, height) = (plane.width, plane.height);
         let mut found = Vec::new();
-        if width <= 2 * margin || height <= 2 * margin {
+        let first = self.rows.start.max(margin);
+        let end = self.rows.end.min(height.saturating_sub(margin));
+        if width <= 2 * margin || first >= end {
             return found;
         }
         // The last rows, in rings: products gx gx, gx gy, gy gy, and eigenvalues.
@@ -85,14 +115,15 @@ impl NullaryFnOnce for Peaks<'_> {
             // With one neighbour on either side, and what its window and its differences reach.
             let places = is_peak.len() + 2;
             let inner = places + SIDE - 1;
-            let first = left - (REACH + 2);
-            let row = |y: usize| &plane.grey[y * plane.stride + first..][..inner + 2];
-            for lowest in margin - 1 - REACH..=height - margin + REACH {
+            let leftmost = left - (REACH + 2);
+            let row = |y: usize| &plane.grey[y * plane.stride + leftmost..][..inner + 2];
+            // With one row of places above and below.
+            for lowest in first - 1 - REACH..=end + REACH {
                 let newest = ring[lowest % SIDE]
                     .each_mut()
                     .map(|part| &mut part[..inner]);
                 products([row(lowest - 1), row(lowest), row(lowest + 1)], newest);
-                if lowest < margin - 1 + REACH {
+                if lowest < first - 1 + REACH {
                     continue;
                 }
                 for (part, window) in windows.iter_mut().enumerate() {
@@ -103,7 +134,7 @@ impl NullaryFnOnce for Peaks<'_> {
                 let below = lowest - REACH;
                 let windows = windows.each_ref().map(|window| &window[..places]);
                 smaller_eigenvalues(windows, &mut scores[below % 3][..places]);
-                if below < margin + 1 {
+                if below < first + 1 {
                     continue;
                 }
                 let y = below - 1;
@@ -187,13 +218,23 @@ mod tests {
     use crate::images::Image;
 
     fn plane(level: impl Fn(usize, usize) -> u8) -> Plane {
-        let grey = (0..120 * 100).map(|i| level(i % 120, i / 120)).collect();
+        wide(120, level)
+    }
+
+    fn wide(width: usize, level: impl Fn(usize, usize) -> u8) -> Plane {
+        let grey = (0..width * 100)
+            .map(|i| level(i % width, i / width))
+            .collect();
         let image = Image {
-            width: 120,
+            width,
             height: 100,
             grey,
         };
         Pyramid::new(&image, 1).levels.remove(0)
+    }
+
+    fn corners_of(plane: &Plane, apart: f64, count: usize) -> Vec<[usize; 2]> {
+        corners(plane, 10, apart, count, &Workers::default())
     }
 
     #[test]
@@ -205,7 +246,7 @@ mod tests {
                 50
             }
         };
-        let mut found = corners(&plane(square), 10, 6.0, 50);
+        let mut found = corners_of(&plane(square), 6.0, 50);
         found.sort_unstable();
         assert_eq!(found.len(), 4, "{found:?}");
         for (at, expected) in found.iter().zip([[40, 30], [40, 69], [79, 30], [79, 69]]) {
@@ -215,19 +256,35 @@ mod tests {
 
     #[test]
     fn an_even_image_and_a_slope_have_none() {
-        assert!(corners(&plane(|_, _| 128), 10, 6.0, 50).is_empty());
-        assert!(corners(&plane(|x, y| (x + y) as u8), 10, 6.0, 50).is_empty());
+        assert!(corners_of(&plane(|_, _| 128), 6.0, 50).is_empty());
+        assert!(corners_of(&plane(|x, y| (x + y) as u8), 6.0, 50).is_empty());
     }
 
     #[test]
     fn corners_keep_their_distance() {
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
-        let found = corners(&plane(noise), 10, 9.0, 500);
+        let found = corners_of(&plane(noise), 9.0, 500);
         assert!(found.len() > 20);
         for (i, a) in found.iter().enumerate() {
             for b in &found[..i] {
                 let square = |axis: usize| (a[axis] as f64 - b[axis] as f64).powi(2);
                 assert!(square(0) + square(1) >= 81.0);
+            }
+        }
+    }
+
+    /// A texture of equal tiles has many equal corners: the order in which they are found decides which are taken.
+    #[test]
+    fn several_find_what_one_alone_finds_in_the_same_order() {
+        let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;
+        let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
+        // So wide that a cell lies in two strips.
+        for plane in [wide(STRIP + 60, tiles), wide(STRIP + 60, noise)] {
+            let alone = corners_of(&plane, 5.0, 400);
+            assert!(alone.len() > 20);
+            for threads in [2, 3, 5, 9] {
+                let workers = Workers::new(threads);
+                assert_eq!(corners(&plane, 10, 5.0, 400, &workers), alone, "{threads}");
             }
         }
     }

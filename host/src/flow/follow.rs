@@ -7,6 +7,7 @@ use super::geometry::Geometry;
 use super::lucas_kanade::{Found, Large, Small};
 use super::pyramid::Pyramid;
 use super::stereo::{self, Match};
+use super::workers::Workers;
 use super::{Reason, Settings};
 
 /// Steps of the iteration.
@@ -23,6 +24,8 @@ pub struct Follow<'a> {
     pub before: &'a [&'a Pyramid],
     /// Per camera, now.
     pub now: &'a [&'a Pyramid],
+    /// Who does it.
+    pub workers: &'a Workers,
 }
 
 /// A displacement, better known than its guess.
@@ -52,31 +55,31 @@ impl Follow<'_> {
         let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
         let (before, now) = (before?, now?);
         let scale = (1 << level) as f64;
-        let mut sightings = Vec::new();
-        let mut likenesses = Vec::new();
-        let mut in_view = 0_usize;
-        for matched in matches {
+        // Of those in view: what is seen now, if it is found.
+        let sight = |matched: &Match| {
             let rho = matched.ray.inverse_depth;
             let from = matched.pixels[k].map(|p| (p / scale) as f32);
             let expected = Sighting::predicted(matched.views[k], rho, guess_mm);
             let to = self.geometry.pixel(k, expected).map(|p| (p / scale) as f32);
             if !Small::fits(before, from) || !Small::fits(now, to) {
-                continue;
+                return None;
             }
-            let Some(template) = Small::new(before, from) else {
-                continue;
-            };
-            in_view += 1;
-            if let Some(found) = template.find(now, to, shrink(rho, guess_mm), STEPS) {
+            let template = Small::new(before, from)?;
+            let found = template.find(now, to, shrink(rho, guess_mm), STEPS);
+            Some(found.map(|found| {
                 let pixel = found.at.map(|p| f64::from(p) * scale);
-                sightings.push(Sighting {
+                let sighting = Sighting {
                     before: matched.views[k],
                     now: self.geometry.normalise(k, pixel),
                     inverse_depth: rho,
-                });
-                likenesses.push(found.likeness);
-            }
-        }
+                };
+                (sighting, found.likeness)
+            }))
+        };
+        let seen = self.workers.map(matches.iter().collect(), sight);
+        let in_view = seen.iter().flatten().count();
+        let (sightings, likenesses): (Vec<Sighting>, Vec<f32>) =
+            seen.into_iter().flatten().flatten().unzip();
         if sightings.len() < self.settings.least_points {
             return None;
         }

@@ -12,7 +12,7 @@
 //! and the unit in which this program is compared with others. With a keyframe, the second and third line fall away; what remains is
 //! [`keyframe`].
 
-use super::laps::Laps;
+use super::laps::{Laps, Stage};
 use super::{Filtered, Flow, Measurement, Refusal};
 use crate::images::Capture;
 
@@ -33,9 +33,15 @@ pub struct FrameSet {
 /// [`Refusal`], with what was found.
 pub fn frame_set(flow: &mut Flow, before: Filtered, now: &Capture) -> Result<FrameSet, Refusal> {
     let mut laps = Laps::start();
-    let filtered = flow.filter(now, &mut laps)?;
-    flow.refer_to(before, &mut laps)?;
-    let measurement = flow.measure_in(&filtered, &mut laps)?;
+    let workers = flow.workers.clone();
+    let (measurement, filtered) = workers.run(|| {
+        let filtered = flow.filter(now, &mut laps)?;
+        flow.refer_to(before, &mut laps)?;
+        let measurement = flow.measure_in(&filtered, &mut laps)?;
+        Ok((measurement, filtered))
+    })?;
+    // With the way back to this thread.
+    laps.lap(Stage::Consensus);
     Ok(FrameSet {
         measurement,
         laps,
@@ -49,8 +55,12 @@ pub fn frame_set(flow: &mut Flow, before: Filtered, now: &Capture) -> Result<Fra
 /// [`Refusal`], with what was found.
 pub fn keyframe(flow: &Flow, now: &Capture) -> Result<(Measurement, Laps), Refusal> {
     let mut laps = Laps::start();
-    let filtered = flow.filter(now, &mut laps)?;
-    let measurement = flow.measure_in(&filtered, &mut laps);
+    let (measurement, filtered) = flow.workers.run(|| {
+        let filtered = flow.filter(now, &mut laps)?;
+        let measurement = flow.measure_in(&filtered, &mut laps);
+        Ok((measurement, filtered))
+    })?;
+    laps.lap(Stage::Consensus);
     flow.spare.keep(filtered);
     Ok((measurement?, laps))
 }

@@ -6,7 +6,7 @@ use super::lucas_kanade::Large;
 use super::pyramid::Pyramid;
 use super::stereo::{Match, Stereo};
 use super::team::Team;
-use super::{Filtered, Flow, Reason, Refusal, Rejected, corner, workers};
+use super::{Filtered, Flow, Reason, Refusal, Rejected, corner};
 
 /// Matched points and images of the reference instant.
 #[derive(Clone, Debug)]
@@ -77,12 +77,13 @@ impl Flow {
         // What the old keyframe occupies is given back only when the new one is complete: else the allocator would return it to the system,
         // to ask for it again at once.
         let old = self.keyframe.take();
-        let settings = &self.settings;
+        let (settings, workers) = (&self.settings, &self.workers);
         let team = self.team(&filtered.absences)?;
         let views = team.select(&filtered.pyramids);
         let reference = team.geometry.reference;
         let base = &views[reference].levels[0];
-        let corners = corner::corners(base, Large::MARGIN + 1, settings.apart_px, settings.corners);
+        let (margin, apart) = (Large::MARGIN + 1, settings.apart_px);
+        let corners = corner::corners(base, margin, apart, settings.corners, workers);
         laps.lap(Stage::Corners);
         let least = settings.least_points;
         if corners.len() < least {
@@ -91,7 +92,7 @@ impl Flow {
         }
         let level = self.spatial_level();
         let planes = views.iter().map(|p| &p.levels[level]).collect();
-        let fields = workers::map(settings.threads, planes, Field::new);
+        let fields = workers.map(planes, Field::new);
         let stereo = Stereo {
             geometry: &team.geometry,
             settings,
@@ -110,8 +111,7 @@ impl Flow {
             let wanted = settings.points - matches.len();
             let (batch, rest) = untried.split_at(wanted.min(untried.len()));
             untried = rest;
-            for found in workers::map(settings.threads, batch.to_vec(), |place| stereo.find(place))
-            {
+            for found in workers.map(batch.to_vec(), |place| stereo.find(place)) {
                 match found {
                     Ok(matched) => matches.push(matched),
                     Err(reason) => rejected.add(reason),

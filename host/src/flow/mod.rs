@@ -14,7 +14,7 @@
 //!
 //! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
 
-use crate::images::Capture;
+use crate::images::{Capture, Image};
 use shared::rig::Rig;
 
 pub mod alignment;
@@ -41,7 +41,7 @@ pub mod stereo;
 mod strip;
 pub mod team;
 pub mod turn;
-mod workers;
+pub mod workers;
 
 use follow::{Follow, Followed};
 use geometry::Geometry;
@@ -54,7 +54,9 @@ pub use refusal::{Reason, Refusal, Rejected};
 use search::Search;
 use settle::Settled;
 use spare::Spare;
+use stereo::Match;
 use team::{Absence, Last, Team};
+use workers::Workers;
 
 /// What the matching is to be content with.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,7 +85,7 @@ pub struct Settings {
     pub least_points: usize,
     /// By how much the target may turn, degrees. Below, sigma grows with what the turn may spoil.
     pub most_turn_deg: f64,
-    /// Threads that share the work, at least 1. Results do not depend on it.
+    /// Threads that share the work, at least 1; they wait for it as long as there is a [`Flow`]. Results do not depend on it.
     pub threads: usize,
 }
 
@@ -124,6 +126,7 @@ pub struct Flow {
     keyframe: Option<Keyframe>,
     last: Last,
     spare: Spare,
+    workers: Workers,
 }
 
 /// The level on which an image `width` px wide is at most `most` px wide.
@@ -139,6 +142,7 @@ impl Flow {
     pub fn new(rig: &Rig, settings: Settings) -> Result<Self, Refusal> {
         Ok(Self {
             geometry: Geometry::new(rig).ok_or(Refusal::WrongRig)?,
+            workers: Workers::new(settings.threads),
             settings,
             keyframe: None,
             last: Last::default(),
@@ -184,7 +188,7 @@ impl Flow {
             .into_iter()
             .chain(std::iter::repeat_with(Pyramid::default));
         let jobs = capture.views.iter().zip(memory).collect();
-        let seen = workers::map(self.settings.threads, jobs, |(view, mut pyramid)| {
+        let seen = (self.workers).map(jobs, |(view, mut pyramid): (&Image, Pyramid)| {
             if view.is_missing() {
                 return (Pyramid::default(), 0.0, 0);
             }
@@ -300,14 +304,14 @@ impl Flow {
             settings: &self.settings,
             before: &before,
             now: &now,
+            workers: &self.workers,
         };
         let rough_mm = self.rough(reference, &follow)?;
         laps.lap(Stage::Search);
         let mut rejected = reference.rejected;
         let mut followed: Vec<Followed> = Vec::with_capacity(reference.matches.len());
-        let threads = self.settings.threads;
-        let matches = reference.matches.iter().collect();
-        for point in workers::map(threads, matches, |m| follow.point(m, rough_mm)) {
+        let matches: Vec<&Match> = reference.matches.iter().collect();
+        for point in self.workers.map(matches, |m| follow.point(m, rough_mm)) {
             match point {
                 Ok(point) => followed.push(point),
                 Err(reason) => rejected.add(reason),
@@ -341,6 +345,7 @@ impl Flow {
             now: &now,
             scale: (1 << level) as f64,
             reach: (self.settings.reach * width as f64).ceil() as usize,
+            workers: &self.workers,
         };
         let guesses = search.guesses(keyframe.matches);
         let best_score = guesses.first().map_or(0.0, |g| g.score);

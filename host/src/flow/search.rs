@@ -11,8 +11,9 @@
 //! handed on too: whether the texture repeats is decided at a finer level.
 
 use super::geometry::Geometry;
-use super::likeness::{Field, OUTSIDE};
+use super::likeness::{Field, OUTSIDE, Probe};
 use super::stereo::Match;
+use super::workers::Workers;
 
 /// How many points vote, at most.
 const VOTERS: usize = 60;
@@ -80,6 +81,8 @@ pub struct Search<'a> {
     pub scale: f64,
     /// How far points may move, coarse px.
     pub reach: usize,
+    /// Who does it.
+    pub workers: &'a Workers,
 }
 
 impl Search<'_> {
@@ -99,9 +102,9 @@ impl Search<'_> {
         let count = (self.reach as f64 / step) as i64;
         let side = (2 * count + 1) as usize;
         let per_px = 1.0 / (focal * median);
-        let mut peaks: Vec<Guess> = Vec::new();
-        for change in DEPTH_CHANGES {
+        let peaks = |change: f64| {
             let tz = change / median;
+            let mut peaks: Vec<Guess> = Vec::new();
             let grid = Grid {
                 side,
                 first: -(count as f64) * step * per_px,
@@ -128,21 +131,23 @@ impl Search<'_> {
                     score: plane[index],
                 });
             }
-        }
+            peaks
+        };
+        let peaks = self.workers.map(DEPTH_CHANGES.to_vec(), peaks).concat();
         self.rivals(peaks, focal * median)
     }
 
     fn voters(&self, matches: &[Match]) -> Vec<Voter> {
         let reference = self.geometry.reference;
         let side = 2 * self.reach + 1;
-        let mut likeness = vec![OUTSIDE; side];
-        let mut voters = Vec::with_capacity(VOTERS);
-        for matched in matches {
+        let probed = matches.iter().filter_map(|matched| {
             let exact = matched.pixels[reference].map(|p| p / self.scale);
             let centre = exact.map(|p| p.round() as i64);
-            let Some(probe) = self.before.probe(centre[0], centre[1]) else {
-                continue;
-            };
+            let probe = self.before.probe(centre[0], centre[1])?;
+            Some((matched, exact, centre, probe))
+        });
+        let voter = |(matched, exact, centre, probe): (&Match, [f64; 2], [i64; 2], Probe)| {
+            let mut likeness = vec![OUTSIDE; side];
             let mut map = Vec::with_capacity(side * (side + 1));
             for row in 0..side {
                 let y = centre[1] + row as i64 - self.reach as i64;
@@ -151,17 +156,14 @@ impl Search<'_> {
                 map.extend(likeness.iter().map(|l| vote(*l)));
                 map.push(NO_VOTE);
             }
-            voters.push(Voter {
+            Voter {
                 at: matched.views[reference],
                 inverse_depth: matched.ray.inverse_depth,
                 map,
                 off: [0, 1].map(|i| exact[i] - centre[i] as f64),
-            });
-            if voters.len() == VOTERS {
-                break;
             }
-        }
-        voters
+        };
+        self.workers.map(probed.take(VOTERS).collect(), voter)
     }
 
     /// Mean likeness of the voters where each displacement of the grid puts them, row by row; [`OUTSIDE`] if that is out of view for half of

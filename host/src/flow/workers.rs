@@ -1,36 +1,49 @@
 //! The same work on many items, on a few threads.
+//!
+//! *Invariant:* results come in the order of their items, whoever has done them and when.
 
-use std::thread;
+use std::sync::Arc;
 
-/// `work` on every item, in order. Each thread takes an equal share of the items, one after the other, so results do not depend on how many
-/// there are.
-pub fn map<T: Send, R: Send>(
-    threads: usize,
-    mut items: Vec<T>,
-    work: impl Fn(T) -> R + Sync,
-) -> Vec<R> {
-    let share = items.len().div_ceil(threads.max(1)).max(1);
-    let mut shares = Vec::new();
-    while items.len() > share {
-        let rest = (items.len() - 1) / share * share;
-        shares.push(items.split_off(rest));
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// Who shares the work: the caller alone, or threads that wait for it. What one has not begun, another may take over.
+#[derive(Clone, Debug, Default)]
+pub struct Workers(Option<Arc<ThreadPool>>);
+
+impl Workers {
+    /// So many threads; with less than two, or if the system has none left, the caller does it all.
+    pub fn new(threads: usize) -> Self {
+        let pool = || ThreadPoolBuilder::new().num_threads(threads).build().ok();
+        let several = (threads > 1).then(pool).flatten();
+        Self(several.map(Arc::new))
     }
-    let one = |items: Vec<T>| items.into_iter().map(&work).collect::<Vec<R>>();
-    if shares.is_empty() {
-        return one(items);
+
+    /// How many work.
+    pub fn count(&self) -> usize {
+        let pool = self.0.as_ref();
+        pool.map_or(1, |pool| pool.current_num_threads())
     }
-    thread::scope(|scope| {
-        let spawn = |items| scope.spawn(|| one(items));
-        let others: Vec<_> = shares.into_iter().rev().map(spawn).collect();
-        let mut results = one(items);
-        for other in others {
-            match other.join() {
-                Ok(more) => results.extend(more),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
+
+    /// `work` as one of them: every [`Workers::map`] in it begins without waking anybody first.
+    pub fn run<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        match &self.0 {
+            Some(pool) => pool.install(work),
+            None => work(),
         }
-        results
-    })
+    }
+
+    /// `work` on every item, in order.
+    pub fn map<T: Send, R: Send>(
+        &self,
+        items: Vec<T>,
+        work: impl Fn(T) -> R + Send + Sync,
+    ) -> Vec<R> {
+        match &self.0 {
+            Some(pool) => pool.install(|| items.into_par_iter().map(work).collect()),
+            None => items.into_iter().map(work).collect(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -39,12 +52,27 @@ mod tests {
 
     #[test]
     fn results_keep_their_order_whatever_the_number_of_threads() {
-        let items: Vec<u32> = (0..23).collect();
+        let items: Vec<u32> = (0..230).collect();
         let expected: Vec<u32> = items.iter().map(|i| i * i).collect();
-        for threads in [0, 1, 2, 3, 22, 23, 100] {
-            let squares = map(threads, items.clone(), |i| i * i);
+        for threads in [0, 1, 2, 3, 22] {
+            let workers = Workers::new(threads);
+            assert_eq!(workers.count(), threads.max(1));
+            let squares = workers.map(items.clone(), |i| i * i);
             assert_eq!(squares, expected, "{threads}");
+            // Each item's work may itself be shared.
+            let sums =
+                workers.run(|| workers.map(vec![3, 5], |n| workers.map(vec![n; 4], |i| i + 1)));
+            assert_eq!(sums, [vec![4; 4], vec![6; 4]], "{threads}");
+            assert!(workers.map(Vec::new(), |i: u32| i).is_empty());
         }
-        assert!(map(3, Vec::new(), |i: u32| i).is_empty());
+    }
+
+    #[test]
+    fn one_alone_stays_on_the_callers_thread_and_several_do_not() {
+        let here = std::thread::current().id();
+        for (threads, alone) in [(1, true), (2, false)] {
+            let place = Workers::new(threads).run(|| std::thread::current().id());
+            assert_eq!(place == here, alone);
+        }
     }
 }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::flow::corner::corners;
 use crate::flow::pyramid::Pyramid;
+use crate::flow::workers::Workers;
 use crate::images::{Image, Scene, SceneSettings, Texture, TextureKind};
 use shared::rig::{Camera, Rig};
 
@@ -41,7 +42,7 @@ fn errors(scene: &Scene, shift: [f64; 2], seed: u64) -> Vec<[f64; 2]> {
     let before = shot(scene, [0.0; 2], 0.0, 2 * seed);
     let after = shot(scene, shift, 0.0, 2 * seed + 1);
     let mut errors = Vec::new();
-    for [x, y] in corners(&before, 18, 8.0, 200) {
+    for [x, y] in corners(&before, 18, 8.0, 200, &Workers::default()) {
         // Positions between pixels as well: the spatial match puts templates there.
         let at = [x as f32, y as f32].map(|c| c + 0.37 * ((x + y) % 3) as f32);
         let Some(template) = Large::new(&before, at) else {
