@@ -200,6 +200,8 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
         .cleared
         .map(|fault| format!("; its fault {} was cleared", fault.number()));
     let scene = settings.scene;
+    let steps = list(run.steps_per_mm);
+    let step = list(run.steps_per_mm.map(f64::recip));
     [
         (
             "pictures",
@@ -242,11 +244,7 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
                 .flatten()
                 .collect(),
         ),
-        ("stage", {
-            let steps = list(run.steps_per_mm);
-            let step = list(run.steps_per_mm.map(f64::recip));
-            format!("{steps} steps/mm: one step is {step} mm")
-        }),
+        ("stage", format!("{steps} steps/mm: one step is {step} mm")),
         ("pulses of A", pulses(0)),
         ("pulses of B", pulses(1)),
     ]

@@ -3,10 +3,9 @@
 use super::condition::Condition;
 use super::tally::Tally;
 use super::trial::{Bench, Outcome, Posters};
+use crate::flow::workers::Workers;
 use crate::images::SceneError;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread;
 
 /// What came out of one condition.
 #[derive(Clone, Debug)]
@@ -34,38 +33,19 @@ pub fn run(
     threads: usize,
     told: impl Fn(f64) + Sync,
 ) -> Result<Vec<Row>, SceneError> {
-    let next = AtomicU64::new(0);
     let done = AtomicU64::new(0);
     let all = (seeds * conditions.len() as u64).max(1) as f64;
-    let found: Mutex<Vec<(u64, OfSeed)>> = Mutex::default();
-    let work = || {
-        loop {
-            let seed = 1 + next.fetch_add(1, Ordering::Relaxed);
-            if seed > seeds {
-                return;
-            }
-            let mut posters = Posters::new(seed);
-            let outcomes: OfSeed = (conditions.iter())
-                .map(|condition| {
-                    let outcomes = Bench::new(condition, &mut posters).map(|mut b| b.run());
-                    told((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all);
-                    outcomes
-                })
-                .collect();
-            if let Ok(mut found) = found.lock() {
-                found.push((seed, outcomes));
-            }
-        }
+    let of_seed = |seed| -> OfSeed {
+        let mut posters = Posters::new(seed);
+        let outcomes = conditions.iter().map(|condition| {
+            let outcomes = Bench::new(condition, &mut posters).map(|mut b| b.run());
+            told((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all);
+            outcomes
+        });
+        outcomes.collect()
     };
-    thread::scope(|scope| {
-        for _ in 1..threads.max(1) {
-            scope.spawn(work);
-        }
-        work();
-    });
-    let mut found = found.into_inner().unwrap_or_default();
-    // Sums in the order of the seeds: the same bits however many threads there were.
-    found.sort_by_key(|(seed, _)| *seed);
+    // In the order of the seeds: the same bits however many threads there are.
+    let found = Workers::new(threads).map((1..=seeds).collect(), of_seed);
     let mut rows: Vec<Row> = (conditions.iter())
         .map(|condition| Row {
             condition,
@@ -75,7 +55,7 @@ pub fn run(
                 .collect(),
         })
         .collect();
-    for (_, outcomes) in found {
+    for outcomes in found {
         for (row, outcomes) in rows.iter_mut().zip(outcomes?) {
             for (noise, outcome) in outcomes {
                 row.tally.add(&outcome);

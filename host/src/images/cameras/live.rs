@@ -69,9 +69,8 @@ pub struct Tally {
 /// What the threads share.
 struct State {
     matching: Matching<Image>,
-    stale: Vec<u64>,
-    damaged: Vec<u64>,
-    lost: Vec<u64>,
+    /// Without what the matching counts.
+    tallies: Vec<Tally>,
     failed: Option<InputError>,
     /// Why cameras are left out, to be told.
     losses: Vec<InputError>,
@@ -125,9 +124,7 @@ impl Live {
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 matching: Matching::new(count, micros(window)),
-                stale: vec![0; count],
-                damaged: vec![0; count],
-                lost: vec![0; count],
+                tallies: vec![Tally::default(); count],
                 failed: None,
                 losses: Vec::new(),
             }),
@@ -165,12 +162,10 @@ impl Live {
         let state = self.shared.state();
         let counts = state.matching.counts().iter();
         counts
-            .enumerate()
-            .map(|(camera, matching)| Tally {
+            .zip(&state.tallies)
+            .map(|(matching, tally)| Tally {
                 matching: *matching,
-                stale: state.stale[camera],
-                damaged: state.damaged[camera],
-                lost: state.lost[camera],
+                ..*tally
             })
             .collect()
     }
@@ -187,7 +182,7 @@ impl Live {
             .min_by_key(|(_, (counts, _))| counts.arrived);
         let (path, reason) = match (silent, self.paths.first()) {
             (Some((camera, _)), _) => {
-                let (stale, damaged) = (state.stale[camera], state.damaged[camera]);
+                let Tally { stale, damaged, .. } = state.tallies[camera];
                 let reason = match stale + damaged {
                     0 => format!("no picture for {waited} s: is the camera still there?"),
                     _ => format!(
@@ -244,15 +239,15 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
     while !is_lost && !shared.ended.load(Relaxed) {
         let shot = camera.shoot();
         let mut state = shared.state();
-        state.lost[index] = camera.lost();
+        state.tallies[index].lost = camera.lost();
         match shot {
             // What was taken before the start is of no use, and has no time.
             Ok(Shot::Picture(at, image)) => match at.checked_duration_since(zero) {
                 Some(since) => state.matching.push(index, micros(since), image),
-                None => state.stale[index] += 1,
+                None => state.tallies[index].stale += 1,
             },
-            Ok(Shot::Stale) => state.stale[index] += 1,
-            Ok(Shot::Damaged) => state.damaged[index] += 1,
+            Ok(Shot::Stale) => state.tallies[index].stale += 1,
+            Ok(Shot::Damaged) => state.tallies[index].damaged += 1,
             Ok(Shot::Nothing) => (),
             Err(error) => {
                 if state.matching.leave_out(index) {
