@@ -89,62 +89,60 @@ fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usi
     })
 }
 
-/// Level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers are the fastest.
-struct Smooth<'a> {
+/// Row `r` of level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers are the fastest.
+#[inline(always)]
+fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
+    let (width, height) = (plane.width, plane.height);
+    let five = rows(&image.grey, r, [width, height], width);
+    let filter = |levels: [u8; 5]| narrow(levels.map(u16::from));
+    across(five, filter, &mut column[2..width + 2]);
+    repeat_ends(&mut column[..width + 4]);
+    let (inside, beyond) = plane.row_mut(r);
+    along::<u16, 1>(column, |sums| f32::from(narrow(sums)), inside);
+    beyond.fill(inside[width - 1]);
+}
+
+/// Row `r` of any other level.
+#[inline(always)]
+fn halve(below: &Plane, r: usize, column: &mut [f32], plane: &mut Plane) {
+    let size = [below.width, below.height];
+    let five = rows(&below.grey, 2 * r, size, below.stride);
+    across(five, wide, &mut column[2..size[0] + 2]);
+    repeat_ends(&mut column[..size[0] + 4]);
+    let (inside, beyond) = plane.row_mut(r);
+    along::<f32, 2>(column, wide, inside);
+    beyond.fill(inside[inside.len() - 1]);
+}
+
+/// All levels at once: each row as soon as the rows it is made from are there, while they are in the nearest cache.
+struct Fill<'a> {
     image: &'a Image,
-    plane: &'a mut Plane,
+    levels: &'a mut [Plane],
 }
 
-impl NullaryFnOnce for Smooth<'_> {
+impl NullaryFnOnce for Fill<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Plane {
-            width,
-            height,
-            stride,
-            grey,
-        } = self.plane;
-        let mut column = vec![0_u16; *width + 4];
-        for (r, out) in grey.chunks_exact_mut(*stride).take(*height).enumerate() {
-            let five = rows(&self.image.grey, r, [*width, *height], *width);
-            let filter = |levels: [u8; 5]| narrow(levels.map(u16::from));
-            across(five, filter, &mut column[2..*width + 2]);
-            repeat_ends(&mut column);
-            let (inside, beyond) = out.split_at_mut(*width);
-            along::<u16, 1>(&column, |sums| f32::from(narrow(sums)), inside);
-            beyond.fill(inside[*width - 1]);
-        }
-    }
-}
-
-/// All other levels.
-struct Halve<'a> {
-    below: &'a Plane,
-    plane: &'a mut Plane,
-}
-
-impl NullaryFnOnce for Halve<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Plane {
-            width,
-            height,
-            stride,
-            grey,
-        } = self.plane;
-        let size = [self.below.width, self.below.height];
-        let mut column = vec![0.0_f32; size[0] + 4];
-        for (r, out) in grey.chunks_exact_mut(*stride).take(*height).enumerate() {
-            let five = rows(&self.below.grey, 2 * r, size, self.below.stride);
-            across(five, wide, &mut column[2..size[0] + 2]);
-            repeat_ends(&mut column);
-            let (inside, beyond) = out.split_at_mut(*width);
-            along::<f32, 2>(&column, wide, inside);
-            beyond.fill(inside[*width - 1]);
+        let Self { image, levels } = self;
+        let mut sums = vec![0_u16; image.width + 4];
+        let mut column = vec![0.0_f32; image.width + 4];
+        // Rows that are there, level by level.
+        let mut done = vec![0; levels.len()];
+        for r in 0..image.height {
+            smooth(image, r, &mut sums, &mut levels[0]);
+            done[0] += 1;
+            for level in 1..levels.len() {
+                let (below, above) = levels.split_at_mut(level);
+                let (below, plane) = (&below[level - 1], &mut above[0]);
+                while done[level] < plane.height
+                    && (2 * done[level] + 2).min(below.height - 1) < done[level - 1]
+                {
+                    halve(below, done[level], &mut column, plane);
+                    done[level] += 1;
+                }
+            }
         }
     }
 }
@@ -156,6 +154,12 @@ impl Plane {
         (self.width, self.height, self.stride) = (width, height, stride);
         // Rows may be read past the end of the last one, too.
         self.grey.resize(stride * height + PADDING, 0.0);
+    }
+
+    /// Row `r`, and what repeats its last value.
+    #[inline(always)]
+    fn row_mut(&mut self, r: usize) -> (&mut [f32], &mut [f32]) {
+        self.grey[r * self.stride..][..self.stride].split_at_mut(self.width)
     }
 }
 
@@ -176,19 +180,14 @@ impl Pyramid {
 
     /// The same in the memory of another image.
     pub fn refill(&mut self, image: &Image, levels: usize) {
-        let arch = Arch::new();
         self.levels.resize_with(levels.max(1), Plane::default);
-        if let Some(plane) = self.levels.first_mut() {
-            plane.resize(image.width, image.height);
-            arch.dispatch(Smooth { image, plane });
+        let [mut width, mut height] = [image.width, image.height];
+        for plane in &mut self.levels {
+            plane.resize(width, height);
+            [width, height] = [width, height].map(|side| side.div_ceil(2));
         }
-        for level in 1..self.levels.len() {
-            let (below, above) = self.levels.split_at_mut(level);
-            if let ([.., below], [plane, ..]) = (below, above) {
-                plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
-                arch.dispatch(Halve { below, plane });
-            }
-        }
+        let levels = &mut self.levels;
+        Arch::new().dispatch(Fill { image, levels });
     }
 }
 
@@ -229,5 +228,82 @@ mod tests {
         let row = |y: usize| &plane.grey[y * plane.stride..][..9];
         assert_eq!(row(4)[2..7], [3.0, 12.0, 18.0, 12.0, 3.0]);
         assert_eq!(row(2)[4], 3.0);
+    }
+
+    /// The module's definition, pixel by pixel.
+    fn by_definition(
+        width: usize,
+        height: usize,
+        at: impl Fn(usize, usize) -> f64,
+        step: usize,
+    ) -> Vec<f64> {
+        let tap = |centre: usize, offset: usize, size: usize| {
+            (centre + offset).saturating_sub(2).min(size - 1)
+        };
+        let weights = [1.0, 4.0, 6.0, 4.0, 1.0];
+        let mut out = Vec::new();
+        for y in (0..height).step_by(step) {
+            for x in (0..width).step_by(step) {
+                let row = |j| {
+                    (0..5)
+                        .map(|i| weights[i] * at(tap(x, i, width), tap(y, j, height)))
+                        .sum::<f64>()
+                };
+                out.push((0..5).map(|j| weights[j] * row(j)).sum::<f64>() / 256.0);
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn every_level_is_the_one_below_smoothed_at_every_second_pixel_whatever_the_size() {
+        for (width, height) in [(1, 1), (2, 9), (9, 2), (33, 17), (64, 47), (23, 40)] {
+            let grey = (0..width * height)
+                .map(|i| (i * 7919 % 251) as u8)
+                .collect();
+            let image = Image {
+                width,
+                height,
+                grey,
+            };
+            let mut pyramid = Pyramid::default();
+            // Whatever the memory held before.
+            pyramid.refill(
+                &Image {
+                    width: 40,
+                    height: 40,
+                    grey: vec![255; 1600],
+                },
+                3,
+            );
+            pyramid.refill(&image, 4);
+            let mut expected = by_definition(
+                width,
+                height,
+                |x, y| f64::from(image.grey[y * width + x]),
+                1,
+            );
+            for (level, plane) in pyramid.levels.iter().enumerate() {
+                if level > 0 {
+                    let below = &pyramid.levels[level - 1];
+                    let at = |x, y| f64::from(below.grey[y * below.stride + x]);
+                    expected = by_definition(below.width, below.height, at, 2);
+                }
+                assert_eq!(expected.len(), plane.width * plane.height);
+                for (i, expected) in expected.iter().enumerate() {
+                    let row = &plane.grey[i / plane.width * plane.stride..][..plane.stride];
+                    let value = f64::from(row[i % plane.width]);
+                    assert!(
+                        (value - expected).abs() < 1e-4,
+                        "{width} x {height}, level {level}, {i}"
+                    );
+                    assert!(
+                        row[plane.width..]
+                            .iter()
+                            .all(|v| *v == row[plane.width - 1])
+                    );
+                }
+            }
+        }
     }
 }
