@@ -243,6 +243,48 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
     }
 }
 
+/// Many cameras on USB have their large images as JPEG only.
+#[test]
+#[cfg_attr(
+    not(feature = "camera"),
+    ignore = "needs live cameras, which take libclang to build; tests/run includes it"
+)]
+fn a_format_that_has_the_size_is_taken_though_a_better_one_has_another() {
+    let bench = Bench::new(["", "grey_of 160 120", ""]);
+    let outcome = Outcome::of(&mut bench.track(&["--seconds", "1"]));
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let taken = "left is /dev/video90, Grey\nmiddle is /dev/video91, Yu12\n";
+    assert!(outcome.stderr.contains(taken), "{}", outcome.stderr);
+    assert!(!seen(&outcome).is_empty(), "{}", outcome.stderr);
+}
+
+#[test]
+#[cfg_attr(
+    not(feature = "camera"),
+    ignore = "needs live cameras, which take libclang to build; tests/run includes it"
+)]
+fn cameras_that_open_in_the_dark_are_given_time_but_not_for_ever() {
+    let bench = Bench::new(["dark 20"; 3]);
+    let outcome = Outcome::of(&mut bench.track(&["--seconds", "3"]));
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let said = "the first capture cannot be the reference: ";
+    let lines = outcome.stderr.lines().filter(|line| line.starts_with(said));
+    let lines: Vec<&str> = lines.collect();
+    assert_eq!(lines.len(), 1, "{}", outcome.stderr);
+    assert!(
+        lines[0].ends_with("; waiting for a better one"),
+        "{lines:?}"
+    );
+    assert!(!seen(&outcome).is_empty(), "{}", outcome.stderr);
+
+    let bench = Bench::new(["dark 100000"; 3]);
+    for more in [&[][..], &["--seconds", "1"]] {
+        let outcome = Outcome::of(&mut bench.track(more));
+        let all = "/dev/video90,/dev/video91,/dev/video92: the first capture cannot be";
+        outcome.failed_after_notes(1, &[all]);
+    }
+}
+
 /// The thread of a camera that sends nothing does not keep the program.
 #[test]
 #[cfg_attr(

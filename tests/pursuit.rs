@@ -73,6 +73,35 @@ fn cameras_on_the_stage_stay_with_the_target() {
     }
 }
 
+/// The target is followed at its speed, so the stage is under way when the pictures end.
+#[test]
+fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
+    const SPEED_MM_S: f64 = 12.0;
+    let end = |stop: bool| {
+        let mut bench = Bench::new(Clock::Virtual {
+            latency_us: 20_000,
+            period_us: PERIOD_US,
+        });
+        let mut last_mm = 0.0;
+        for number in 0..40 {
+            let time_us = number * PERIOD_US;
+            last_mm = SPEED_MM_S * time_us as f64 * 1e-6;
+            let capture = bench.capture([last_mm, 0.0, 0.0], time_us);
+            bench.pursuit.follow(&capture).expect("a station");
+        }
+        let rest_mm = match stop {
+            true => bench.pursuit.stop(),
+            false => bench.pursuit.rest(),
+        };
+        rest_mm.expect("a station")[0] - last_mm
+    };
+    let (stopped, ran_on) = (end(true), end(false));
+    println!("{stopped:.3} mm beyond the last picture's target after a stop, {ran_on:.3} without");
+    // A period and the frame's latency, and the ramp.
+    assert!((0.0..=1.0).contains(&stopped), "{stopped}");
+    assert!(ran_on > 5.0, "{ran_on}");
+}
+
 /// The captures' clock is five seconds ahead; a frame that is taken for one of the future would be refused, as one is whose time is really wrong.
 #[test]
 fn two_real_clocks_are_brought_together() {

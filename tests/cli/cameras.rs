@@ -1,5 +1,8 @@
 //! `track --cameras` on a computer without cameras: what is wrong is named, with what to do.
 
+use std::fs;
+use std::os::unix::fs::symlink;
+
 use super::{Desk, run};
 
 const DEVICES: &str = "/dev/no-left,/dev/no-middle,/dev/no-right";
@@ -27,6 +30,15 @@ fn cameras_and_rig_must_fit_before_a_device_is_opened() {
     let outcome = run(desk.folder.path(), &two);
     outcome.failed(2, &["2 devices", "3 cameras", "left, middle, right"]);
     assert_eq!(track(&desk, &[]).code, Some(2));
+    // By whatever name.
+    let (left, middle) = (desk.path("left"), desk.path("middle"));
+    fs::write(&left, "").expect("ours");
+    symlink(&left, &middle).expect("ours");
+    for devices in ["/dev/a,/dev/b,/dev/a", "left,/dev/b,middle"] {
+        let twice = ["track", "--cameras", devices, "--rig", "rig.toml"];
+        let outcome = run(desk.folder.path(), &twice);
+        outcome.failed(2, &["one device twice", "for left and", "for right"]);
+    }
     track(&desk, &["--rig", "rig.toml", "--window", "17"]).failed(2, &["--window is 17"]);
     track(&desk, &["--rig", "rig.toml", "--delay", "-101"]).failed(2, &["--delay is -101"]);
     // What a real stage is must be known; nothing is opened or moved.

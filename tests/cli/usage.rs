@@ -92,3 +92,15 @@ fn a_closed_output_is_no_fault() {
         assert!(complaints.is_empty(), "{complaints:?}");
     }
 }
+
+/// More pictures a second leave less time for the latency that is usual, and a run may end before there is anything to sum up.
+#[test]
+fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
+    let short = ["track", "--sim", "--fps", "100", "--seconds", "0.5"];
+    let outcome = run(Path::new("."), &short);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let said = "no picture after the first second";
+    assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
+    assert!(!outcome.stderr.contains("rms"), "{}", outcome.stderr);
+    misused(&[&short[..], &["--latency", "8"]].concat());
+}

@@ -106,11 +106,26 @@ fn files_that_stay_bad_or_away_are_named() {
     let watch = [
         "track", "--watch", "views", "--rig", "rig.toml", "--idle", "1",
     ];
-    run(desk.folder.path(), &watch).failed_after_notes(1, &["right/0001.pgm"]);
+    let images = ["track", "--images", "views", "--rig", "rig.toml"];
+    // A capture that cannot be read is named and does not end the others.
+    for arguments in [&watch[..], &images] {
+        let outcome = run(desk.folder.path(), arguments);
+        outcome.failed_after_notes(1, &["views: 1 of 2 frames refused"]);
+        let said = "refused: views/right/0001.pgm: cannot read the image";
+        assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
+        assert_eq!(outcome.stdout.lines().count(), 2, "{}", outcome.stdout);
+        assert!(outcome.stdout.trim_end().ends_with("used"));
+    }
+    // Unless it is the first, which the others are measured against.
+    let first = fs::read(desk.path("views/right/0000.pgm")).expect("it was drawn");
+    desk.write("views/right/0000.pgm", "P5\n320 240\n255\ntoo short");
+    for arguments in [&watch[..], &images] {
+        run(desk.folder.path(), arguments).failed_after_notes(1, &["views/right/0000.pgm"]);
+    }
+    fs::write(desk.path("views/right/0000.pgm"), first).expect("ours");
 
     // A capture that lacks a view is followed without, and told; so is one of a folder that is complete.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("ours");
-    let images = ["track", "--images", "views", "--rig", "rig.toml"];
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);

@@ -32,14 +32,16 @@ pub struct Source {
 
     /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names for one instant
     ///
-    /// Where a camera's file is missing, the others carry on, and the row says so.
+    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. Where a camera's file is missing, the others carry on, and the row
+    /// says so. A capture of which a file cannot be read is passed over; it is said, and the exit code is 1.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
     /// The same, while another program writes it: waits for new captures, until Ctrl-C or for --idle seconds
     ///
     /// A file counts as written when it has not changed for 0.2 s. A camera's file is waited for at most 2 s if there is a later capture or the camera has
-    /// fallen silent; then the other cameras carry on, if they are two.
+    /// fallen silent; then the other cameras carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be removed when their row
+    /// has been printed.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
@@ -95,13 +97,15 @@ pub struct Options {
 
     /// Print one JSON object per picture and line
     ///
-    /// `warnings`, a list of sentences, is there only if a camera was left out; `refused` says why a picture was not used.
+    /// time_s, displacement_mm (the target's since the first picture, as seen from the cameras), trust (in the station's position); stage_mm and
+    /// frame, or with --sim target_mm, camera_mm, sigma_mm, points and latency_ms. `warnings`, a list of sentences, is there only if a camera was left out; `refused` says why a picture was not used.
     #[arg(long)]
     json: bool,
 
-    /// With the twin: from picture to frame at the station, ms of its virtual time
-    #[arg(long, value_name = "MS", default_value_t = 20)]
-    latency: u64,
+    /// With the twin: from picture to frame at the station, ms of its virtual time; at most 3 less than from picture to picture [default: 20, or that if it
+    /// is less]
+    #[arg(long, value_name = "MS")]
+    latency: Option<u64>,
 
     /// With --watch: end when no image has come for so long, s; without it only Ctrl-C ends
     #[arg(long, value_name = "S")]
@@ -131,6 +135,9 @@ pub struct Options {
     fixed: bool,
 
     /// How the target moves: steps, line, circle, lissajous or still
+    ///
+    /// Steps are of (4, 4, 1) mm, every second; the line is along them, 5 mm/s; the circle has a radius of 10 mm, in 8 s; the Lissajous figure
+    /// 20, 20 and 5 mm, once, twice and three times in 16 s.
     #[arg(long, default_value_t = Path::Circle, help_heading = SCENE)]
     path: Path,
 
@@ -142,6 +149,17 @@ impl Options {
     /// The time between two pictures, µs.
     fn period_us(&self) -> u64 {
         (1e6 / self.fps).round() as u64
+    }
+
+    /// From picture to frame, µs.
+    fn latency_us(&self) -> u64 {
+        let default = (self.longest_latency_ms() as u64).min(20);
+        self.latency.unwrap_or(default) * 1000
+    }
+
+    /// The frame is at the station, and answered, before the next picture, ms.
+    fn longest_latency_ms(&self) -> f64 {
+        (1000.0 / self.fps - 3.0).max(1.0).floor()
     }
 
     /// The widest window within which the order of arrival makes no difference, ms.
@@ -229,8 +247,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     )?;
     // The station remembers where the stage was for half a second.
     range("delay", options.delay, -100.0, 300.0)?;
-    let longest_ms = (1000.0 / options.fps - 3.0).max(1.0).floor();
-    range("latency", options.latency as f64, 0.0, longest_ms)?;
+    range(
+        "latency",
+        options.latency.unwrap_or(0) as f64,
+        0.0,
+        options.longest_latency_ms(),
+    )?;
     let source = &options.source;
     // What is required of an option that another one excludes is not required by the parser.
     let goes_with = |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there

@@ -138,17 +138,23 @@ impl Pursuit {
         }))
     }
 
-    /// Lets the last frame's motion end, or stops a station that is real; where the stage stands then, mm.
+    /// Lets the last frame's motion end; where the stage stands then, mm.
     ///
     /// # Errors
     /// If the station cannot be reached.
     pub fn rest(&mut self) -> Result<[f64; 3], StationError> {
-        if self.station.serial().is_some() {
-            self.station.command("stop", Command::Stop)?;
-        }
         let end = self.station.now().plus_micros(REST_US);
         self.station.advance(end);
         Ok(self.station.position_mm())
+    }
+
+    /// Stops the stage on its ramp, and not where it was led to expect the target next; where it stands then, mm.
+    ///
+    /// # Errors
+    /// If the station cannot be reached.
+    pub fn stop(&mut self) -> Result<[f64; 3], StationError> {
+        self.station.command("stop", Command::Stop)?;
+        self.rest()
     }
 
     /// A real capture's time, in the station's.

@@ -113,7 +113,9 @@ pub fn mark_frozen(absences: &mut [Option<Absence>], prints: &[u64], last: &[u64
     let (same, changed): (Vec<usize>, Vec<usize>) = (0..absences.len())
         .filter(present)
         .partition(|k| prints[*k] == last[*k]);
-    if !changed.is_empty() {
+    // A camera that gave no picture before has none that could have changed.
+    let none = fingerprint(&Image::missing());
+    if changed.iter().any(|k| last[*k] != none) {
         for k in same {
             absences[k] = Some(Absence::Frozen);
         }
@@ -206,6 +208,13 @@ mod tests {
         let mut out = [None, None, Some(Absence::Missing)];
         mark_frozen(&mut out, &[1, 2, 0], &[1, 2, 3]);
         assert_eq!(out, [None, None, Some(Absence::Missing)]);
+        // Nor is that of one that has come back.
+        let none = fingerprint(&Image::missing());
+        let mut out = [None; 3];
+        mark_frozen(&mut out, &[1, 2, 3], &[1, 2, none]);
+        assert_eq!(out, [None; 3]);
+        mark_frozen(&mut out, &[1, 5, 3], &[1, 2, none]);
+        assert_eq!(out, [Some(Absence::Frozen), None, None]);
         let mut out = [None; 3];
         mark_frozen(&mut out, &[1, 2, 3], &[]);
         assert_eq!(out, [None; 3]);

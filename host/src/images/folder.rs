@@ -207,10 +207,13 @@ pub(crate) fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
     let io = |cause| InputError::io(camera, "list", &cause);
     let mut names = BTreeSet::new();
     for entry in fs::read_dir(camera).map_err(io)? {
-        let path = entry.map_err(io)?.path();
+        let entry = entry.map_err(io)?;
+        let path = entry.path();
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
         let is_image = extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()));
-        if !is_image || !path.is_file() {
+        // The listing itself tells files from folders; only where a link leads must be asked.
+        let is_file = |kind: fs::FileType| kind.is_file() || (kind.is_symlink() && path.is_file());
+        if !is_image || !entry.file_type().is_ok_and(is_file) {
             continue;
         }
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else {

@@ -15,6 +15,10 @@ use crate::wire::{self, Buffer, Errno, FormatDescription, PixelFormat, RequestBu
 /// Moments before anything moves.
 const LEAD: u64 = 15;
 
+/// Formats: luminance, and luminance before colours, which are never looked at and so not there.
+const GREY: [u8; 4] = *b"GREY";
+const YU12: [u8; 4] = *b"YU12";
+
 /// The moment at which the second picture is shown, counted in periods.
 static BEGIN: OnceLock<u64> = OnceLock::new();
 
@@ -41,6 +45,8 @@ pub struct Camera {
     /// The next picture to be exposed.
     next: u64,
     is_gone: bool,
+    /// What its images come as.
+    fourcc: [u8; 4],
 }
 
 impl Camera {
@@ -58,6 +64,7 @@ impl Camera {
             first: None,
             next: 0,
             is_gone: false,
+            fourcc: GREY,
         })
     }
 
@@ -116,6 +123,11 @@ impl Camera {
             let shown = moment.saturating_sub(*BEGIN.get().unwrap_or(&moment)) as usize;
             let last = self.pictures.len() / bytes - 1;
             let picture = &self.pictures[shown.min(last) * bytes..][..bytes];
+            let black = vec![0; bytes];
+            let picture = match number < self.plan.dark {
+                true => &black,
+                false => picture,
+            };
             let written = self
                 .memory
                 .write_all_at(picture, u64::from(buffer) * self.buffer_bytes());
@@ -141,25 +153,36 @@ impl Camera {
         }
     }
 
-    /// Its only format.
+    /// Its formats.
     pub fn describe(&self, of: &mut FormatDescription) -> Result<(), Errno> {
         Self::is_of(of.kind)?;
-        if of.index > 0 {
-            return Err(libc::EINVAL);
-        }
-        of.fourcc = *b"GREY";
+        of.fourcc = match (of.index, self.plan.grey_of) {
+            (0, _) => GREY,
+            (1, Some(_)) => YU12,
+            _ => return Err(libc::EINVAL),
+        };
         Ok(())
     }
 
-    /// Its only size, whichever was asked for.
+    /// The format it has.
     pub fn format(&self, format: &mut PixelFormat) -> Result<(), Errno> {
         Self::is_of(format.kind)?;
-        [format.width, format.height] = self.plan.size;
-        format.fourcc = *b"GREY";
+        let grey_size = self.plan.grey_of.filter(|_| self.fourcc == GREY);
+        [format.width, format.height] = grey_size.unwrap_or(self.plan.size);
+        format.fourcc = self.fourcc;
         format.field = 1;
         format.bytes_per_line = format.width;
         format.size = self.picture_bytes() as u32;
         Ok(())
+    }
+
+    /// Takes one of its formats; the size is the format's only one, whichever was asked for.
+    pub fn set_format(&mut self, format: &mut PixelFormat) -> Result<(), Errno> {
+        self.fourcc = match format.fourcc == YU12 && self.plan.grey_of.is_some() {
+            true => YU12,
+            false => GREY,
+        };
+        self.format(format)
     }
 
     /// Makes buffers, or gives them up.

@@ -207,9 +207,8 @@ unsafe fn command(
     unsafe {
         match wire::name(request) {
             Some("VIDIOC_ENUM_FMT") => camera.describe(&mut *argument.cast::<FormatDescription>()),
-            Some("VIDIOC_G_FMT" | "VIDIOC_S_FMT") => {
-                camera.format(&mut *argument.cast::<PixelFormat>())
-            }
+            Some("VIDIOC_G_FMT") => camera.format(&mut *argument.cast::<PixelFormat>()),
+            Some("VIDIOC_S_FMT") => camera.set_format(&mut *argument.cast::<PixelFormat>()),
             Some("VIDIOC_REQBUFS") => camera.allocate(&mut *argument.cast::<RequestBuffers>()),
             Some("VIDIOC_QUERYBUF") => camera.query(&mut *argument.cast::<Buffer>()),
             Some("VIDIOC_QBUF") => camera.queue(&mut *argument.cast::<Buffer>(), now_us),

@@ -15,6 +15,8 @@
 //! at_start          # the stamps are of the exposure's start
 //! start_error 28    # starting it fails with this error number
 //! silent            # no picture ever comes
+//! dark 20           # that many are black, while it looks for its exposure
+//! grey_of 160 120   # as GREY it has images of this size only; those of `size` are YU12
 //! ```
 
 use std::path::PathBuf;
@@ -36,6 +38,8 @@ pub struct Plan {
     pub foreign_clock: bool,
     pub at_start: bool,
     pub silent: bool,
+    pub dark: u64,
+    pub grey_of: Option<[u32; 2]>,
 }
 
 /// The plan and the pictures of the device `name`, `/dev/video90` for one, and the file for its log; `None` if it has no plan.
@@ -65,6 +69,8 @@ pub fn read(name: &str) -> Option<(Plan, Vec<u8>, PathBuf)> {
             "foreign_clock" => plan.foreign_clock = true,
             "at_start" => plan.at_start = true,
             "silent" => plan.silent = true,
+            "dark" => plan.dark = first()?,
+            "grey_of" => plan.grey_of = Some([first()? as u32, *numbers.get(1)? as u32]),
             _ => return None,
         }
     }

@@ -8,6 +8,7 @@ use host::error::{Failure, InputError};
 use host::experiment::Error;
 use host::experiment::follower::Follower;
 use host::experiment::pursuit::{Clock, Followed, Pursuit};
+use host::flow::Refusal;
 use host::images::Capture;
 use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis;
@@ -15,6 +16,12 @@ use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::Path;
+
+/// How long live cameras may give nothing that can be the reference, µs: they open with their exposure wrong, and find it within a second or two.
+const LIGHT_US: u64 = 3_000_000;
+
+/// How often two clocks are read to compare them.
+const READINGS: usize = 8;
 
 /// How it went.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,6 +39,8 @@ pub struct Captures<'a> {
     port: Option<&'a str>,
     /// What errors name.
     source: &'a Path,
+    /// Whether the captures are taken now.
+    is_live: bool,
     absences: Absences,
 }
 
@@ -52,10 +61,10 @@ impl<'a> Captures<'a> {
         introduce(&station);
         let clock = match (port, now_us) {
             (Some(_), Some(now_us)) => Clock::Real {
-                offset_us: station.now().micros() as i64 - now_us() as i64,
+                offset_us: offset_us(|| station.now().micros(), now_us),
             },
             _ => Clock::Virtual {
-                latency_us: options.latency * 1000,
+                latency_us: options.latency_us(),
                 period_us: options.period_us(),
             },
         };
@@ -65,6 +74,7 @@ impl<'a> Captures<'a> {
             pursuit: pursuit.map_err(failed)?,
             port,
             source,
+            is_live: now_us.is_some(),
             absences: Absences::new(&rig.names),
         })
     }
@@ -80,14 +90,22 @@ impl<'a> Captures<'a> {
             // It has stopped by itself, or cannot be told to.
             return outcome;
         }
-        let rest = self.pursuit.rest();
-        let summary = outcome?;
-        let rest_mm = rest.map_err(|error| failed_at(self.port, error.into()))?;
-        let steps = match self.pursuit.station().counted_steps() {
-            Some(steps) => format!(", {steps:?} steps"),
-            None => String::new(),
+        // The end of live pictures is no end of the target's motion: a stage that goes where it will be would run on.
+        let rest = match self.is_live {
+            true => self.pursuit.stop(),
+            false => self.pursuit.rest(),
         };
-        eprintln!("the stage came to rest at {rest_mm:.4?} mm{steps}");
+        if let Ok(rest_mm) = rest
+            && (self.is_live || outcome.is_ok())
+        {
+            let steps = match self.pursuit.station().counted_steps() {
+                Some(steps) => format!(", {steps:?} steps"),
+                None => String::new(),
+            };
+            eprintln!("the stage came to rest at {rest_mm:.4?} mm{steps}");
+        }
+        let summary = outcome?;
+        rest.map_err(|error| failed_at(self.port, error.into()))?;
         Ok(summary)
     }
 
@@ -98,18 +116,28 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
         let mut count = Count::new("captures followed");
+        // Since when, and why, there has been no reference.
+        let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
-            let followed = self
-                .pursuit
-                .follow(&capture?)
-                .map_err(|error| match error {
-                    Error::Reference(refusal) => {
-                        let reason =
-                            format!("the first capture cannot be the reference: {refusal}");
-                        InputError::file(self.source, reason).into()
+            let capture = capture?;
+            let followed = match self.pursuit.follow(&capture) {
+                Err(Error::Reference(refusal)) => {
+                    let since_us = dark
+                        .as_ref()
+                        .map_or(capture.time_us, |(since_us, _)| *since_us);
+                    let error = self.no_reference(&refusal);
+                    if !self.is_live || capture.time_us.saturating_sub(since_us) >= LIGHT_US {
+                        return Err(error.into());
                     }
-                    error => failed_at(self.port, error),
-                })?;
+                    if dark.is_none() {
+                        eprintln!("{}; waiting for a better one", error.reason);
+                    }
+                    dark = Some((since_us, error));
+                    continue;
+                }
+                followed => followed.map_err(|error| failed_at(self.port, error))?,
+            };
+            dark = None;
             if let Some(followed) = followed {
                 summary.frames += 1;
                 summary.refused += usize::from(followed.displacement_mm.is_err());
@@ -124,8 +152,29 @@ impl<'a> Captures<'a> {
                 count.at(summary.frames);
             }
         }
-        Ok(summary)
+        match dark {
+            Some((_, error)) => Err(error.into()),
+            None => Ok(summary),
+        }
     }
+
+    fn no_reference(&self, refusal: &Refusal) -> InputError {
+        let reason = format!("the first capture cannot be the reference: {refusal}");
+        InputError::file(self.source, reason)
+    }
+}
+
+/// What one clock is ahead of another, µs. Of several readings the quickest counts: in any of them the scheduler may have taken the processor away.
+fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
+    let reading = |_| {
+        let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
+        let took_us = after_us.saturating_sub(before_us);
+        (took_us, at_us as i64 - (before_us + took_us / 2) as i64)
+    };
+    let readings = (0..READINGS).map(reading);
+    readings
+        .min_by_key(|(took_us, _)| *took_us)
+        .map_or(0, |(_, offset_us)| offset_us)
 }
 
 fn print(
@@ -170,4 +219,32 @@ fn print(
     // Whoever reads along sees each line when it comes.
     out.flush()?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    /// A clock that is five seconds ahead; each reading takes a microsecond, but in most pairs the processor is away for 20 ms, before or after.
+    #[test]
+    fn clocks_are_compared_by_a_reading_that_was_not_held_up() {
+        for quick in 0..READINGS as u64 {
+            let (now_us, calls) = (Cell::new(1_000_000), Cell::new(0));
+            let read = |place: u64, ahead_us: u64| {
+                let pair = calls.get() / 3;
+                let is_held_up = pair != quick && (calls.get() % 3 == 1 + pair % 2);
+                assert_eq!(calls.get() % 3, place, "in the order of one reading");
+                calls.set(calls.get() + 1);
+                now_us.set(now_us.get() + if is_held_up { 20_000 } else { 1 });
+                now_us.get() + ahead_us
+            };
+            let of_us = || read(calls.get() % 3, 0);
+            assert_eq!(
+                offset_us(|| read(1, 5_000_000), of_us),
+                5_000_000,
+                "{quick}"
+            );
+        }
+    }
 }

@@ -26,6 +26,24 @@ fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mo
     }
 }
 
+/// A device is one camera, whatever names and links lead to it.
+fn refuse_twins(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> {
+    let real = |device: &PathBuf| device.canonicalize().unwrap_or_else(|_| device.clone());
+    let real: Vec<PathBuf> = devices.iter().map(real).collect();
+    for (later, device) in real.iter().enumerate() {
+        if let Some(first) = real[..later].iter().position(|before| before == device) {
+            return Err(Failure::Usage(format!(
+                "--cameras names one device twice: {} for {} and {} for {}",
+                devices[first].display(),
+                names[first],
+                devices[later].display(),
+                names[later]
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// Follows what the cameras see until Ctrl-C, or for --seconds.
 pub fn run(
     options: &Options,
@@ -43,6 +61,7 @@ pub fn run(
             rig.names.join(", ")
         )));
     }
+    refuse_twins(devices, &rig.names)?;
     let stage = stage(options, &rig, rig_path)?;
     follow(options, devices, &rig, stage, out)
 }
@@ -87,13 +106,14 @@ fn follow(
     let tell = |loss: &InputError| eprintln!("warning: {loss}; the others carry on");
     let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
     let now_us = || live.now_us();
-    let first = devices.first().cloned().unwrap_or_default();
+    let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
+    let all = PathBuf::from(all.join(","));
     let captures = Captures::new(
         options,
         rig,
         (&stage, mounting),
         port.as_deref(),
-        &first,
+        &all,
         Some(&now_us),
     )?;
     let end_us = options

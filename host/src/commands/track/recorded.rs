@@ -4,11 +4,13 @@ use super::Options;
 use super::captures::{Captures, Summary};
 use crate::commands::by_hand::on_interrupt;
 use host::error::{Failure, InputError};
+use host::images::Capture;
 use host::images::folder::Folder;
 use host::images::folder::watch::{Settings, Watch};
 use host::rig_file::RigFile;
 use host::station::stage::default_stage;
 use shared::frame::message::Mounting;
+use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
@@ -26,8 +28,10 @@ pub fn run(
     if captures.len() < 2 {
         return Err(few(folder, captures.len()));
     }
-    let summary = station(options, &rig, folder)?.follow(captures.captures(), out)?;
-    judged(folder, summary)
+    let unread = Cell::new(0);
+    let captures = readable(captures.captures(), &unread);
+    let summary = station(options, &rig, folder)?.follow(captures, out)?;
+    judged(folder, summary, unread.get())
 }
 
 /// As [`run`], for a folder that grows: until Ctrl-C, or until nothing has come for a while.
@@ -52,13 +56,33 @@ pub fn watch(
         rig.names.join(", "),
         folder.display()
     );
-    let mut came = 0;
+    let (mut came, unread) = (0, Cell::new(0));
     let captures = captures.inspect(|_| came += 1);
+    let captures = readable(captures, &unread);
     let summary = station(options, &rig, folder)?.follow(captures, out)?;
     if came < 2 {
         return Err(few(folder, came));
     }
-    judged(folder, summary)
+    judged(folder, summary, unread.get())
+}
+
+/// A capture that cannot be read does not end the others, unless it is the first, which they are measured against: it is told, and counted as `unread`.
+fn readable(
+    captures: impl Iterator<Item = Result<Capture, InputError>>,
+    unread: &Cell<usize>,
+) -> impl Iterator<Item = Result<Capture, InputError>> {
+    let mut has_reference = false;
+    captures.filter(move |capture| match capture {
+        Err(error) if has_reference => {
+            eprintln!("refused: {error}");
+            unread.set(unread.get() + 1);
+            false
+        }
+        _ => {
+            has_reference = true;
+            true
+        }
+    })
 }
 
 /// The twin, whose stage copies the target's motion.
@@ -79,8 +103,9 @@ fn few(folder: &Path, count: usize) -> Failure {
     InputError::file(folder, reason).into()
 }
 
-/// Frames that were refused have been told, each in its line.
-fn judged(folder: &Path, Summary { frames, refused }: Summary) -> Result<(), Failure> {
+/// Frames that were refused have been told, each in its line, and so have those that could not be read.
+fn judged(folder: &Path, summary: Summary, unread: usize) -> Result<(), Failure> {
+    let (frames, refused) = (summary.frames + unread, summary.refused + unread);
     if refused == 0 {
         return Ok(());
     }

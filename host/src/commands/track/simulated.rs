@@ -42,7 +42,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut world = world.map_err(failed)?;
     let timing = Timing {
         frames_per_s: options.fps,
-        latency_us: options.latency * 1000,
+        latency_us: options.latency_us(),
     };
     introduce(&world.b);
     let servo = Servo::start(&mut world, &rig, timing, options.method.into());
@@ -86,9 +86,15 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if let Some((_, bound_us)) = world.b.serial().and_then(Serial::offset_us) {
         eprintln!("the station's clock was known to {bound_us} us");
     }
-    eprintln!(
-        "following error after the first second: rms {rms:.4?} mm, largest {worst:.4?} mm; {unused} pictures not used"
-    );
+    let error = match count {
+        0 => "no picture after the first second, which is for catching up".to_owned(),
+        _ => {
+            format!(
+                "following error after the first second: rms {rms:.4?} mm, largest {worst:.4?} mm"
+            )
+        }
+    };
+    eprintln!("{error}; {unused} pictures not used");
     Ok(())
 }
 

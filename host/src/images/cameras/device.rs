@@ -55,7 +55,7 @@ pub struct V4l2 {
 }
 
 impl V4l2 {
-    /// Opens the camera at `path`, `/dev/video0` for one, with images of `size_px` in the best of its formats that is known here, and starts it.
+    /// Opens the camera at `path`, `/dev/video0` for one, with images of `size_px` in the best of its formats that is known here and has this size, and starts it.
     /// `frames_per_s` is asked for; some cameras have one rate only, and keep it.
     ///
     /// # Errors
@@ -68,20 +68,7 @@ impl V4l2 {
     ) -> Result<Self, InputError> {
         let device = Device::with_path(path).map_err(|cause| refusal::cannot_open(path, &cause))?;
         let refused = |cause: io::Error| refusal::cannot_start(path, &cause);
-        let format = choose(path, &device)?;
-        let [width, height] = size_px;
-        let wanted = v4l::Format::new(width, height, v4l::FourCC::new(&format.fourcc()));
-        let got = device.set_format(&wanted).map_err(refused)?;
-        if [got.width, got.height] != size_px {
-            return Err(refusal::no_size(path, size_px, [got.width, got.height]));
-        }
-        if got.fourcc != wanted.fourcc {
-            return Err(refusal::other_format(
-                path,
-                format.fourcc(),
-                got.fourcc.repr,
-            ));
-        }
+        let (format, stride) = set_format(path, &device, size_px)?;
         let interval = Fraction::new(1000, (frames_per_s * 1000.0).round() as u32);
         // A rate that cannot be had is no reason not to look: the pictures bring their own times.
         let _ = device.set_params(&Parameters::new(interval));
@@ -90,7 +77,7 @@ impl V4l2 {
             stream: start(&device).map_err(refused)?,
             format,
             size_px: size_px.map(|side| side as usize),
-            stride: got.stride as usize,
+            stride,
             has_first: false,
             moments: Moments::new(Clocks::read(monotonic)),
             numbers: Numbers::default(),
@@ -156,21 +143,59 @@ impl Camera for V4l2 {
     }
 }
 
-/// The best format that is known here.
-fn choose(path: &Path, device: &Device) -> Result<Format, InputError> {
+/// Sets the best format that is known here of those that the device has with images of `size_px`, and tells how far apart its rows begin.
+///
+/// Many cameras on USB have their large images as JPEG only: a format may be there, but not in this size.
+fn set_format(
+    path: &Path,
+    device: &Device,
+    size_px @ [width, height]: [u32; 2],
+) -> Result<(Format, usize), InputError> {
+    let mut sizes = Vec::new();
+    let mut other = None;
+    for format in known(path, device)? {
+        let wanted = v4l::Format::new(width, height, v4l::FourCC::new(&format.fourcc()));
+        let got = device.set_format(&wanted);
+        let got = got.map_err(|cause| refusal::cannot_start(path, &cause))?;
+        if got.fourcc != wanted.fourcc {
+            other = Some(refusal::other_format(
+                path,
+                format.fourcc(),
+                got.fourcc.repr,
+            ));
+        } else if [got.width, got.height] != size_px {
+            sizes.push([got.width, got.height]);
+        } else {
+            return Ok((format, got.stride as usize));
+        }
+    }
+    let nearest = sizes
+        .into_iter()
+        .min_by_key(|[w, h]| w.abs_diff(width) + h.abs_diff(height));
+    Err(match (nearest, other) {
+        (None, Some(refusal)) => refusal,
+        (nearest, _) => refusal::no_size(path, size_px, nearest.unwrap_or_default()),
+    })
+}
+
+/// The device's formats that are known here, best first; at least one.
+fn known(path: &Path, device: &Device) -> Result<Vec<Format>, InputError> {
     let offered = device.enum_formats().unwrap_or_default();
     let offered: Vec<[u8; 4]> = offered.iter().map(|format| format.fourcc.repr).collect();
-    let mut known = Format::ALL.into_iter();
-    match known.find(|format| offered.contains(&format.fourcc())) {
-        Some(format) => Ok(format),
-        None => Err(match device.format() {
-            // Every device of V4L2 knows the question, if only to say that it has no such thing.
-            Err(cause) if offered.is_empty() && cause.kind() != io::ErrorKind::InvalidInput => {
-                refusal::cannot_open(path, &cause)
-            }
-            _ => refusal::no_format(path, &offered),
-        }),
+    let known = Format::ALL.into_iter();
+    let known: Vec<Format> = known
+        .filter(|format| offered.contains(&format.fourcc()))
+        .collect();
+    if !known.is_empty() {
+        return Ok(known);
     }
+    Err(match device.format() {
+        // Every device of V4L2 knows the question, if only to say that it has no such thing.
+        Err(cause) if offered.is_empty() && cause.kind() != io::ErrorKind::InvalidInput => {
+            refusal::cannot_open(path, &cause)
+        }
+        _ => refusal::no_format(path, &offered),
+    })
 }
 
 /// Gives the driver all its buffers, as many as it made, and starts it.

@@ -8,7 +8,7 @@
 //! * a picture that can be in no set any more is dropped at once and counted; no more than [`DEPTH`] of a camera wait for the others;
 //! * with a window of at most half the time between a camera's pictures, the sets do not depend on which camera's picture arrives first.
 //!
-//! A camera whose latest picture is [`SILENCE_US`] older than another's, of which [`DEPTH`] wait, has *fallen silent*: until its next picture sets are
+//! A camera whose latest picture is [`SILENCE_US`] older than another's, of which two or more wait, has *fallen silent*: until its next picture sets are
 //! made without it, as long as they have two. One that has sent none yet is waited for.
 
 use std::collections::VecDeque;
@@ -107,9 +107,12 @@ impl<P> Matching<P> {
         if self.waiting[camera].len() == DEPTH {
             self.waiting[camera].pop_front();
             self.counts[camera].unmatched += 1;
-            self.leave_out_silent(time_us);
         }
         self.waiting[camera].push_back((time_us, picture));
+        // A single one may have come a little sooner than its partners.
+        if self.waiting[camera].len() > 1 {
+            self.leave_out_silent(time_us);
+        }
     }
 
     /// Makes sets without a camera until it sends a picture again. False, and nothing is done, if fewer than two would be left.

@@ -1,17 +1,18 @@
 //! A folder of captures that grows while it is read.
 //!
 //! Nothing tells a reader that a writer has finished a file, so it is told from what does not happen: a file counts as written when its size and its time
-//! of change have stayed for [`SETTLE`]. What cannot be read even then, because its writer paused, is tried again until it has stayed for
-//! [`PATIENCE`]; then it is an error. PNG and PNM files that are cut off are always noticed, JPEG files not always: a program that may pause in the
-//! middle of one should write it under a hidden name (`.000001.jpg`) and rename it.
+//! of change have stayed for [`SETTLE`], and are still the same when it has been read. What cannot be read even then, because its writer paused, is tried
+//! again until it has stayed for [`PATIENCE`]; then it is an error, and the next capture's turn. PNG and PNM files that are cut off are always noticed, JPEG
+//! files not always: a program that may pause in the middle of one should write it under a hidden name (`.000001.jpg`) and rename it.
 //!
 //! Captures come in the order of their names. One that lacks a camera's file holds up those behind it for [`PATIENCE`]; it comes without that view when a
-//! later one is whole, or the camera, which has sent pictures before, has been silent for as long. One of a single view is passed over, and told. So is
-//! one whose files come after a later capture was given.
+//! later one is whole, or the camera, which has sent pictures before, has been silent for as long. A camera that has sent none is told, once, and waited
+//! for. A capture of a single view is passed over, and told. So is one whose files come after a later capture was given.
 //!
-//! The folder is listed twenty times a second. That works on file systems that report no changes, such as those on a network.
+//! The folder is listed at most twenty times a second. That works on file systems that report no changes, such as those on a network. What is kept in
+//! memory are the names of the files that are there; a capture's files may be removed as soon as it has been given.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,6 +51,24 @@ struct Seen {
     since: Instant,
 }
 
+impl Seen {
+    /// As it is now; `None` if it is not there.
+    fn now(file: &Path, since: Instant) -> Option<Self> {
+        let about = fs::metadata(file).ok()?;
+        let (size, modified) = (about.len(), about.modified().ok());
+        Some(Self {
+            size,
+            modified,
+            since,
+        })
+    }
+
+    /// Whether nothing was written in between.
+    fn is_same(&self, other: &Self) -> bool {
+        (self.size, self.modified) == (other.size, other.modified)
+    }
+}
+
 /// The name with its numbers padded, and the name: captures come in this order.
 type Key = (String, String);
 
@@ -61,12 +80,19 @@ pub struct Watch<T> {
     settings: Settings,
     /// Captures that have not been given: per camera its file, if it is there.
     waiting: BTreeMap<Key, Vec<Option<Seen>>>,
-    /// Those that have been given or passed over.
-    done: BTreeSet<Key>,
-    given: u64,
+    /// The names of those that have been given or passed over, and are still there.
+    done: HashSet<String>,
+    /// The last of those that were.
+    last: Option<Key>,
+    /// Captures that had their time: given, or not readable.
+    taken: u64,
+    /// When [`list`](Self::list) was last done with.
+    listed: Option<Instant>,
     changed: Instant,
     /// Per camera: when its last file came or grew.
     heard: Vec<Option<Instant>>,
+    /// Whether cameras that were never heard have been told.
+    has_told_unheard: bool,
     over: bool,
     tell: T,
 }
@@ -75,6 +101,7 @@ pub struct Watch<T> {
 #[derive(Debug)]
 enum Look {
     Capture(Capture),
+    Unreadable(InputError),
     Nothing,
     Over,
 }
@@ -100,10 +127,13 @@ impl<T: FnMut(&InputError)> Watch<T> {
             size_px,
             settings,
             waiting: BTreeMap::new(),
-            done: BTreeSet::new(),
-            given: 0,
+            done: HashSet::new(),
+            last: None,
+            taken: 0,
+            listed: None,
             changed: Instant::now(),
             heard: vec![None; names.len()],
+            has_told_unheard: false,
             over: false,
             tell,
         })
@@ -113,19 +143,28 @@ impl<T: FnMut(&InputError)> Watch<T> {
     fn look(&mut self, now: Instant) -> Result<Look, InputError> {
         self.list(now)?;
         let is_idle = self.is_idle(now);
+        Ok(match self.ready(now, is_idle) {
+            Look::Nothing if is_idle && self.waiting.is_empty() => Look::Over,
+            look => look,
+        })
+    }
+
+    /// The next capture of those that were listed. `is_idle`: no more files will come.
+    fn ready(&mut self, now: Instant, is_idle: bool) -> Look {
         while let Some((key, files)) = self.waiting.first_key_value() {
-            let key = key.clone();
+            let (key, files) = (key.clone(), files.clone());
             let changed = files.iter().flatten().map(|seen| seen.since).max();
             let quiet = now.duration_since(changed.unwrap_or(now));
             let has_waited = quiet >= PATIENCE;
-            let is_there: Vec<bool> = files.iter().map(Option::is_some).collect();
-            if let Some(missing) = is_there.iter().position(|there| !there) {
-                let is_final =
-                    has_waited && (self.is_overtaken() || self.are_silent(&is_there, now));
+            if let Some(missing) = files.iter().position(Option::is_none) {
+                let is_final = has_waited && (self.is_overtaken() || self.are_silent(&files, now));
                 if !is_final && !is_idle {
+                    if has_waited {
+                        self.tell_unheard();
+                    }
                     break;
                 }
-                if is_there.iter().filter(|there| **there).count() < 2 {
+                if files.iter().flatten().count() < 2 {
                     let file = self.cameras[missing].join(&key.1);
                     let reason =
                         "never came, but another camera has a file of this name: passed over";
@@ -136,20 +175,25 @@ impl<T: FnMut(&InputError)> Watch<T> {
             } else if quiet < SETTLE {
                 break;
             }
-            match self.read(&key.1, &is_there) {
+            let capture = self.read(&key.1, &files);
+            if self.has_changed(&key.1, &files, capture.is_ok()) {
+                break;
+            }
+            match capture {
                 Ok(capture) => {
                     self.done(key);
-                    self.given += 1;
-                    return Ok(Look::Capture(capture));
+                    self.taken += 1;
+                    return Look::Capture(capture);
                 }
-                Err(error) if has_waited || is_idle => return Err(error),
+                Err(error) if has_waited || is_idle => {
+                    self.done(key);
+                    self.taken += 1;
+                    return Look::Unreadable(error);
+                }
                 Err(_) => break,
             }
         }
-        Ok(match is_idle && self.waiting.is_empty() {
-            true => Look::Over,
-            false => Look::Nothing,
-        })
+        Look::Nothing
     }
 
     fn is_idle(&self, now: Instant) -> bool {
@@ -164,21 +208,47 @@ impl<T: FnMut(&InputError)> Watch<T> {
     }
 
     /// Whether the cameras whose file is not there have sent files before, but none for a while.
-    fn are_silent(&self, is_there: &[bool], now: Instant) -> bool {
-        let mut cameras = self.heard.iter().zip(is_there);
-        cameras.all(|(heard, there)| {
-            *there || heard.is_some_and(|heard| now.duration_since(heard) >= PATIENCE)
+    fn are_silent(&self, files: &[Option<Seen>], now: Instant) -> bool {
+        let mut cameras = self.heard.iter().zip(files);
+        cameras.all(|(heard, seen)| {
+            seen.is_some() || heard.is_some_and(|heard| now.duration_since(heard) >= PATIENCE)
         })
+    }
+
+    /// Says which cameras the captures wait for, once.
+    fn tell_unheard(&mut self) {
+        if std::mem::replace(&mut self.has_told_unheard, true) {
+            return;
+        }
+        for (camera, heard) in self.cameras.iter().zip(&self.heard) {
+            if heard.is_none() {
+                let reason = "no image yet, but another camera has some: waiting for the first";
+                (self.tell)(&InputError::file(camera, reason));
+            }
+        }
     }
 
     fn done(&mut self, key: Key) {
         self.waiting.remove(&key);
-        self.done.insert(key);
+        self.done.insert(key.1.clone());
+        self.last = Some(key);
+    }
+
+    /// Whether a file was written to since it was listed, or, if it `was_read` not, is gone.
+    fn has_changed(&self, name: &str, files: &[Option<Seen>], was_read: bool) -> bool {
+        let mut files = self.cameras.iter().zip(files);
+        files.any(|(camera, seen)| {
+            seen.is_some_and(|seen| match Seen::now(&camera.join(name), seen.since) {
+                Some(now) => !now.is_same(&seen),
+                None => !was_read,
+            })
+        })
     }
 
     /// Brings what waits up to date.
     fn list(&mut self, now: Instant) -> Result<(), InputError> {
         let mut waiting: BTreeMap<Key, Vec<Option<Seen>>> = BTreeMap::new();
+        let mut done = HashSet::new();
         let mut has_changed = false;
         for (index, camera) in self.cameras.iter().enumerate() {
             // The writer may not have made it yet.
@@ -188,32 +258,29 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 BTreeSet::new()
             };
             for name in names {
-                let key = (numbers_padded(&name), name);
-                if self.done.contains(&key) {
+                if self.done.contains(&name) {
+                    done.insert(name);
                     continue;
                 }
-                if self.done.last().is_some_and(|last| key < *last) {
+                let key = (numbers_padded(&name), name);
+                if self.last.as_ref().is_some_and(|last| key <= *last) {
                     let reason = "came after a later capture was taken: passed over";
                     (self.tell)(&InputError::file(&camera.join(&key.1), reason));
-                    self.done.insert(key);
+                    self.done.insert(key.1.clone());
+                    done.insert(key.1);
                     continue;
                 }
                 // A file that is gone again was not meant for us.
-                let Ok(about) = fs::metadata(camera.join(&key.1)) else {
+                let Some(seen) = Seen::now(&camera.join(&key.1), now) else {
                     continue;
                 };
                 let before = self.waiting.get(&key).and_then(|files| files[index]);
-                let (size, modified) = (about.len(), about.modified().ok());
                 let seen = match before {
-                    Some(seen) if seen.size == size && seen.modified == modified => seen,
+                    Some(before) if before.is_same(&seen) => before,
                     _ => {
                         has_changed = true;
                         self.heard[index] = Some(now);
-                        Seen {
-                            size,
-                            modified,
-                            since: now,
-                        }
+                        seen
                     }
                 };
                 let none = || vec![None; self.cameras.len()];
@@ -221,6 +288,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
             }
         }
         self.waiting = waiting;
+        self.done = done;
         if has_changed {
             self.changed = now;
         }
@@ -228,14 +296,14 @@ impl<T: FnMut(&InputError)> Watch<T> {
     }
 
     /// The capture of this name, from the cameras whose file is there.
-    fn read(&self, name: &str, is_there: &[bool]) -> Result<Capture, InputError> {
-        let cameras = self.cameras.iter().zip(is_there);
-        let views = cameras.map(|(camera, there)| match there {
-            true => read(&camera.join(name), self.size_px),
-            false => Ok(Image::missing()),
+    fn read(&self, name: &str, files: &[Option<Seen>]) -> Result<Capture, InputError> {
+        let cameras = self.cameras.iter().zip(files);
+        let views = cameras.map(|(camera, seen)| match seen {
+            Some(_) => read(&camera.join(name), self.size_px),
+            None => Ok(Image::missing()),
         });
         Ok(Capture {
-            time_us: self.settings.period_us.saturating_mul(self.given),
+            time_us: self.settings.period_us.saturating_mul(self.taken),
             views: views.collect::<Result<_, _>>()?,
         })
     }
@@ -248,8 +316,19 @@ impl<T: FnMut(&InputError)> Iterator for Watch<T> {
         // Time that somebody took for the last capture is no time without captures.
         self.changed = Instant::now();
         while !self.over && !self.settings.stop.load(Relaxed) {
-            match self.look(Instant::now()) {
+            let now = Instant::now();
+            // A long list takes long: not for each of the captures that wait in it.
+            let is_listed = self.listed.is_some_and(|listed| now - listed < LOOK);
+            let look = if is_listed {
+                Ok(self.ready(now, false))
+            } else {
+                let look = self.look(now);
+                self.listed = Some(Instant::now());
+                look
+            };
+            match look {
                 Ok(Look::Capture(capture)) => return Some(Ok(capture)),
+                Ok(Look::Unreadable(error)) => return Some(Err(error)),
                 Ok(Look::Nothing) => std::thread::sleep(LOOK),
                 Ok(Look::Over) => self.over = true,
                 Err(error) => {

@@ -187,19 +187,50 @@ fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
         two.count()
     };
     let (sets, matching) = run(&streams, 10_000);
-    // One picture of each of the others is given up before it is noticed.
-    assert_eq!((sets.len(), without(&sets)), (49, 29));
-    assert_eq!(matching.counts().iter().map(|c| c.unmatched).max(), Some(1));
+    // It is noticed before a picture of the others is given up.
+    assert_eq!((sets.len(), without(&sets)), (50, 30));
+    assert_eq!(matching.counts().iter().map(|c| c.unmatched).max(), Some(0));
     assert_eq!(matching.apart_us(), Some(3_000));
     assert!(!matching.needs(2));
     streams[2].extend(every(4_005, 10));
     let (sets, matching) = run(&streams, 10_000);
     // Its first one comes when the others' have made their set.
-    assert_eq!((sets.len(), without(&sets)), (49, 20));
+    assert_eq!((sets.len(), without(&sets)), (50, 21));
     assert!(matching.needs(2));
     // One that has not sent anything yet may be slow to start.
     streams[2].clear();
     assert!(run(&streams, 10_000).0.is_empty());
+}
+
+/// Whoever waits for a set gives up after three seconds.
+#[test]
+fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
+    for period_ms in [33, 100, 250, 500, 1_000] {
+        let every = |count| every(1_000 * period_ms, 0, count);
+        let streams = vec![every(20), every(20), every(10)];
+        let (sets, _) = run(&streams, 1_000);
+        let whole = sets.iter().filter(|set| set.pictures[2].is_some());
+        assert_eq!(whole.count(), 10, "{period_ms}");
+        // Until then the others' pictures wait.
+        let mut matching = Matching::new(3, 1_000);
+        matching.push(2, 0, 2);
+        let mut noticed_ms = None;
+        for ms in (0..10_000).step_by(period_ms as usize) {
+            for camera in [0, 1] {
+                matching.push(camera, 1_000 * ms, camera);
+            }
+            let set = matching.take_newest();
+            if set.is_some_and(|set| set.pictures[2].is_none()) {
+                noticed_ms = noticed_ms.or(Some(ms));
+            }
+        }
+        let noticed_ms = noticed_ms.expect("it is noticed");
+        let longest_ms = (2 * period_ms).max(500 + period_ms);
+        assert!(
+            (500..=longest_ms).contains(&noticed_ms),
+            "{period_ms} {noticed_ms}"
+        );
+    }
 }
 
 #[test]

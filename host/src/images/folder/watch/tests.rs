@@ -79,6 +79,14 @@ fn grey(look: Result<Look, InputError>) -> u8 {
 }
 
 #[track_caller]
+fn unreadable(look: Result<Look, InputError>) -> InputError {
+    match look {
+        Ok(Look::Unreadable(error)) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[track_caller]
 fn nothing(look: Result<Look, InputError>) {
     assert!(matches!(look, Ok(Look::Nothing)), "{look:?}");
 }
@@ -130,8 +138,17 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
     fs::write(bench.path("right", "1.png"), b"\x89PNG").unwrap();
     nothing(watch.look(bench.at(0)));
     nothing(watch.look(bench.at(1_999)));
-    let error = watch.look(bench.at(2_000)).unwrap_err();
+    let error = unreadable(watch.look(bench.at(2_000)));
     assert_eq!(error.file, bench.path("right", "1.png"));
+    // Once, and the next has its own time.
+    for camera in NAMES {
+        bench.whole(camera, "2.png", 2);
+    }
+    nothing(watch.look(bench.at(3_000)));
+    match watch.look(bench.at(3_200)) {
+        Ok(Look::Capture(capture)) => assert_eq!(capture.time_us, 1_000),
+        other => panic!("{other:?}"),
+    }
     // Of another size, likewise.
     let bench = Bench::new();
     let mut watch = bench.watch(Some(1));
@@ -141,8 +158,92 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
     }
     nothing(watch.look(bench.at(0)));
     nothing(watch.look(bench.at(999)));
-    let error = watch.look(bench.at(1_000)).unwrap_err();
+    let error = unreadable(watch.look(bench.at(1_000)));
     assert!(error.reason.contains("8 x 8 px"), "{error}");
+    assert!(matches!(watch.look(bench.at(1_050)), Ok(Look::Over)));
+}
+
+#[test]
+fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    for (name, grey) in [("1.png", 1), ("2.png", 2), ("3.png", 3)] {
+        for camera in NAMES {
+            bench.whole(camera, name, grey);
+        }
+    }
+    nothing(watch.look(bench.at(0)));
+    watch.list(bench.at(300)).unwrap();
+    // Readable, but not what had settled; and one that is gone.
+    let path = bench.path("right", "1.png");
+    bench.whole("right", "1.png", 9);
+    let later = SystemTime::now() + Duration::from_secs(7);
+    fs::File::options()
+        .write(true)
+        .open(path)
+        .unwrap()
+        .set_modified(later)
+        .unwrap();
+    nothing(Ok(watch.ready(bench.at(310), false)));
+    nothing(watch.look(bench.at(350)));
+    match watch.look(bench.at(550)) {
+        Ok(Look::Capture(capture)) => assert_eq!(capture.views[1].grey[0], 9),
+        other => panic!("{other:?}"),
+    }
+    for camera in NAMES {
+        fs::remove_file(bench.path(camera, "2.png")).unwrap();
+    }
+    nothing(Ok(watch.ready(bench.at(5_000), false)));
+    assert_eq!(grey(watch.look(bench.at(5_050))), 3);
+    assert_eq!(bench.told(), [""; 0]);
+}
+
+#[test]
+fn a_long_list_is_made_once_for_the_captures_in_it() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    for n in 0..30 {
+        for camera in NAMES {
+            bench.whole(camera, &format!("{n}.png"), n);
+        }
+    }
+    nothing(watch.look(bench.at(0)));
+    assert_eq!(grey(watch.look(bench.at(300))), 0);
+    for n in 1..30 {
+        assert_eq!(grey(Ok(watch.ready(bench.at(300), false))), n);
+    }
+    nothing(Ok(watch.ready(bench.at(300), false)));
+}
+
+#[test]
+fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    for n in 0..20 {
+        let name = format!("{n}.png");
+        for camera in NAMES {
+            bench.whole(camera, &name, n);
+        }
+        let ms = 1_000 * u64::from(n);
+        nothing(watch.look(bench.at(ms)));
+        assert_eq!(grey(watch.look(bench.at(ms + 200))), n);
+        for camera in NAMES {
+            fs::remove_file(bench.path(camera, &name)).unwrap();
+        }
+        assert!(watch.done.len() <= 2, "{:?}", watch.done);
+    }
+    // The last, and one of before, come once more.
+    for name in ["19.png", "7.png"] {
+        nothing(watch.look(bench.at(30_000)));
+        for camera in NAMES {
+            bench.whole(camera, name, 99);
+        }
+        nothing(watch.look(bench.at(31_000)));
+        nothing(watch.look(bench.at(39_000)));
+        let told = bench.told();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].contains("came after"), "{told:?}");
+    }
 }
 
 #[test]
@@ -179,7 +280,9 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
     for camera in NAMES {
         bench.whole(camera, "2.png", 2);
     }
-    assert!(bench.told().is_empty());
+    let told = bench.told();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("right: no image yet"), "{told:?}");
     nothing(watch.look(bench.at(60_100)));
     assert_eq!(grey(watch.look(bench.at(60_300))), 2);
     let told = bench.told();
@@ -251,7 +354,8 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
     assert_eq!(present(18_000), None);
     assert_eq!(present(20_000), None);
     let told = bench.told();
-    assert!(told[0].contains("left/6.png: never came"), "{told:?}");
+    assert!(told[0].contains("right: no image yet"), "{told:?}");
+    assert!(told[1].contains("left/6.png: never came"), "{told:?}");
 }
 
 #[test]
@@ -261,12 +365,18 @@ fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
     bench.whole("left", "1.png", 1);
     bench.whole("middle", "1.png", 1);
     nothing(watch.look(bench.at(0)));
+    nothing(watch.look(bench.at(1_999)));
+    assert_eq!(bench.told(), [""; 0]);
+    nothing(watch.look(bench.at(2_000)));
     nothing(watch.look(bench.at(9_999)));
     match watch.look(bench.at(10_000)) {
         Ok(Look::Capture(capture)) => assert!(capture.views[2].is_missing()),
         other => panic!("{other:?}"),
     }
-    assert_eq!(bench.told(), [""; 0]);
+    // Whoever waits is told for what, once.
+    let told = bench.told();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("right: no image yet"), "{told:?}");
 }
 
 #[test]
