@@ -102,6 +102,17 @@ impl Follow<'_> {
     /// # Errors
     /// Why it could not be followed.
     pub fn point(&self, matched: &Match, displacement_mm: [f64; 3]) -> Result<Followed, Reason> {
+        let followed = self.apart(matched, displacement_mm)?;
+        let ends: Vec<[f64; 2]> = followed.views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, self.settings, &ends)?;
+        Ok(followed)
+    }
+
+    /// The same by each camera on its own: what they see now need not be one point.
+    ///
+    /// # Errors
+    /// Why it could not be followed.
+    pub fn apart(&self, matched: &Match, displacement_mm: [f64; 3]) -> Result<Followed, Reason> {
         let cameras = self.geometry.cameras();
         let mut pixels = Vec::with_capacity(cameras);
         let mut views = Vec::with_capacity(cameras);
@@ -114,8 +125,6 @@ impl Follow<'_> {
                 end: self.geometry.normalise(k, pixel),
             });
         }
-        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
-        stereo::check(self.geometry, self.settings, &ends)?;
         Ok(Followed { pixels, views })
     }
 

@@ -247,13 +247,17 @@ impl Flow {
         for (absence, before) in absences.iter_mut().zip(&keyframe.filtered.absences) {
             *absence = absence.or(*before);
         }
-        let (mut measurement, late) = self.measure_by(keyframe, &absences, now, laps)?;
+        let Settled { mut outcome, late } = self.measure_by(keyframe, &absences, now, laps)?;
         if let Some((camera, share)) = late
             && let Some(absence) = absences.get_mut(camera)
         {
             *absence = Some(Absence::OutOfStep { share });
-            (measurement, _) = self.measure_by(keyframe, &absences, now, laps)?;
+            let without = self.measure_by(keyframe, &absences, now, laps);
+            // What is refused with that camera and without it is refused for the first reason.
+            outcome = (without.and_then(|settled| settled.outcome))
+                .map_err(|refusal| outcome.err().unwrap_or(refusal));
         }
+        let mut measurement = outcome?;
         let absent = absences.into_iter().enumerate();
         measurement.absent = absent
             .filter_map(|(k, absence)| Some((k, absence?)))
@@ -292,6 +296,9 @@ impl Flow {
     }
 
     /// Also the camera that is out of step, if any is.
+    ///
+    /// # Errors
+    /// [`Refusal`] of what no camera could have spoiled alone.
     fn measure_with(
         &self,
         reference: &Reference<'_>,
@@ -319,18 +326,22 @@ impl Flow {
         }
         laps.lap(Stage::Temporal);
         let least = self.settings.least_points;
-        if followed.len() < least {
-            return Err(Refusal::FewTracks {
+        let left_view = rejected.of(Reason::OutOfView) - reference.rejected.of(Reason::OutOfView);
+        let expected = reference.matches.len() - left_view;
+        let mut settled = if followed.len() < least {
+            Settled::refused(Refusal::FewTracks {
                 followed: followed.len(),
                 matched: reference.matches.len(),
                 least,
-            });
+            })
+        } else {
+            self.settle(reference.team, followed, expected, rough_mm, rejected)
+        };
+        if let Err(Refusal::FewTracks { .. } | Refusal::NoAgreement { .. }) = settled.outcome {
+            settled.late = self.out_of_step(reference, &follow, expected, rough_mm);
         }
-        let left_view = rejected.of(Reason::OutOfView) - reference.rejected.of(Reason::OutOfView);
-        let expected = reference.matches.len() - left_view;
-        let measurement = self.settle(reference.team, followed, expected, rough_mm, rejected);
         laps.lap(Stage::Consensus);
-        measurement
+        Ok(settled)
     }
 
     /// The displacement to a fraction of a pixel, or why there is none or more than one.

@@ -1,9 +1,11 @@
 //! From points that were followed to a measurement, or to the reason why there is none.
 
-use super::follow::Followed;
+use super::follow::{Follow, Followed};
 use super::geometry::Geometry;
+use super::keyframe::Reference;
 use super::scatter::Scatter;
 use super::step::Odd;
+use super::stereo::Match;
 use super::team::Team;
 use super::turn::Turn;
 use super::{Flow, Measurement, Reason, Refusal, Rejected, Track, consensus, step};
@@ -14,8 +16,24 @@ use shared::sums::centred::CentredSums;
 /// A turn is refused when `ω' C^-1 ω` is beyond this: three degrees of freedom reach it once in 65,000 cases.
 const BEYOND_DOUBT: f64 = 25.0;
 
-/// A measurement, and which camera of the rig saw what share more of the motion, if one did.
-pub(super) type Settled = (Measurement, Option<(usize, f64)>);
+/// What a team of cameras saw.
+#[derive(Debug)]
+pub(super) struct Settled {
+    /// A measurement, or why there is none.
+    pub(super) outcome: Result<Measurement, Refusal>,
+    /// Which camera of the rig saw what share more of the motion, if one did.
+    pub(super) late: Option<(usize, f64)>,
+}
+
+impl Settled {
+    /// Without a measurement.
+    pub(super) fn refused(refusal: Refusal) -> Self {
+        Self {
+            outcome: Err(refusal),
+            late: None,
+        }
+    }
+}
 
 impl Flow {
     /// Keeps the points that agree, which must be most of those `expected` in view: else nobody knows what the target is. Also tells the
@@ -27,7 +45,7 @@ impl Flow {
         expected: usize,
         rough_mm: [f64; 3],
         mut rejected: Rejected,
-    ) -> Result<Settled, Refusal> {
+    ) -> Settled {
         let (settings, geometry) = (&self.settings, &team.geometry);
         let count = followed.len();
         let (tracks, views): (Vec<Track>, Vec<Vec<View>>) = followed
@@ -44,14 +62,15 @@ impl Flow {
             median_px,
         };
         let Some(consensus) = consensus else {
-            return Err(refused);
+            return Settled::refused(refused);
         };
         let displacement_mm = consensus.displacement_mm;
         if agree < settings.least_points || 2 * agree < expected || median_px > settings.scatter_px
         {
             let turn = Turn::of(geometry, &views, displacement_mm, 1.0);
             let turn = turn.filter(|t| t.left < 0.5 && self.is_too_much(t));
-            return Err(turn.map_or(refused, |t| Refusal::Turned { degrees: t.degrees }));
+            let turned = turn.map(|t| Refusal::Turned { degrees: t.degrees });
+            return Settled::refused(turned.unwrap_or(refused));
         }
         for _ in agree..count {
             rejected.add(Reason::Disagrees);
@@ -71,7 +90,7 @@ impl Flow {
             let turn = turn.filter(Turn::is_significant);
             if let Some(turn) = turn.filter(|turn| self.is_too_much(turn)) {
                 let degrees = turn.degrees;
-                return Err(Refusal::Turned { degrees });
+                return Settled::refused(Refusal::Turned { degrees });
             }
             let turned = turn.map_or(1.0, |turn| {
                 excess(geometry, &views, scatter.widening, turn.bias_mm)
@@ -87,8 +106,40 @@ impl Flow {
             displacement_mm,
             scatter,
         };
-        let late = late.and_then(|odd| Some((*team.cameras.get(odd.place)?, odd.share)));
-        Ok((measurement, late))
+        Settled {
+            outcome: Ok(measurement),
+            late: late.and_then(|odd| odd.of(team)),
+        }
+    }
+
+    /// The camera that keeps points from agreeing: followed by each camera on its own, most of those `expected` in view do move as one, but for
+    /// the share of the motion that this one saw more.
+    pub(super) fn out_of_step(
+        &self,
+        reference: &Reference<'_>,
+        follow: &Follow<'_>,
+        expected: usize,
+        rough_mm: [f64; 3],
+    ) -> Option<(usize, f64)> {
+        let (settings, geometry) = (&self.settings, follow.geometry);
+        let matches = reference.matches.iter().collect();
+        let apart = |matched: &Match| follow.apart(matched, rough_mm).ok();
+        let followed = self.workers.map(matches, apart).into_iter().flatten();
+        let (views, centres_px): (Vec<Vec<View>>, Vec<[f64; 2]>) = followed
+            .map(|f| (f.views, f.pixels[geometry.reference][0]))
+            .unzip();
+        let consensus = consensus::agree(geometry, &views, rough_mm, settings.agree_px)?;
+        let (views, centres_px): (Vec<Vec<View>>, Vec<[f64; 2]>) =
+            (views.into_iter().zip(centres_px).zip(consensus.agrees))
+                .filter_map(|(point, agrees)| agrees.then_some(point))
+                .unzip();
+        if views.len() < settings.least_points || 2 * views.len() < expected {
+            return None;
+        }
+        let displacement_mm = consensus.displacement_mm;
+        let scatter = Scatter::of(geometry, &views, &centres_px, displacement_mm);
+        let odd = step::odd(geometry, &views, displacement_mm, scatter.widening);
+        odd.filter(Odd::is_out_of_step)?.of(reference.team)
     }
 
     /// Whether the target turns beyond doubt, and too much.

@@ -9,8 +9,12 @@
 //!
 //! A wrong focal length or a camera that is not quite where the rig file says does the same, by a percent or two; photographs taken from a
 //! rail show it. So a camera is only left out for more than 2.5 %; below, sigma grows by what it may have spoiled, `share |u|/K`.
+//!
+//! A camera that is out by more than half a pixel makes points fail the tests of one instant's views, or scatter too much to agree. Then
+//! they are followed by each camera on its own, and the same share is looked for before they are refused.
 
 use super::geometry::Geometry;
+use super::team::Team;
 use shared::sums::View;
 
 /// The least deviation that counts, px.
@@ -36,6 +40,11 @@ impl Odd {
     /// Whether that can only be another time.
     pub fn is_out_of_step(&self) -> bool {
         self.share.abs() > LEAST_SHARE
+    }
+
+    /// Which camera of the rig it is, and its share.
+    pub(super) fn of(&self, team: &Team) -> Option<(usize, f64)> {
+        Some((*team.cameras.get(self.place)?, self.share))
     }
 }
 

@@ -439,6 +439,34 @@ fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
     );
 }
 
+/// By so much that its points fail the test of disparities, or scatter too much to agree: not a word of that, but which camera it is.
+#[test]
+fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
+    let rig = Rig::paper();
+    let scene = poster(&rig, TextureKind::Natural, 850.0, 44);
+    let flow = referenced(&rig, &scene, 44).unwrap();
+    let mut seed = 10;
+    for target in [[24.0, 3.0, 2.0], [-4.0, 26.0, -3.0], [17.0, -17.0, 1.0]] {
+        for camera in 0..3 {
+            for share in [0.06, 0.1, -0.1] {
+                seed += 1;
+                let mut now = scene.render(target, 0, seed);
+                let then = target.map(|t| (1.0 + share) * t);
+                now.views[camera] = scene.render(then, 0, seed).views.remove(camera);
+                let measurement = flow.measure(&now).unwrap();
+                let [(which, team::Absence::OutOfStep { share: seen })] = measurement.absent[..]
+                else {
+                    panic!("{camera} {share}: {:?}", measurement.absent);
+                };
+                assert_eq!(which, camera, "{target:?} {share}");
+                assert!((seen - share).abs() < 0.02, "{target:?} {share}: {seen}");
+                let error = error(&rig, &measurement, target);
+                assert!(within(error, 0.02, 0.08), "{target:?} {share}: {error:?}");
+            }
+        }
+    }
+}
+
 /// It froze after the reference instant: known by the capture before.
 #[test]
 fn a_camera_that_freezes_on_the_way_is_known() {

@@ -308,7 +308,6 @@ pub const ALL: &[Condition] = &[
         name: "camera-late",
         move_px: [5.0, 20.0],
         change: Change::Late { share: [0.03, 0.1] },
-        expected: either(0.5, &["few tracks", "no agreement"]),
         ..PLAIN
     },
     Condition {
