@@ -11,7 +11,7 @@ use super::workers::Workers;
 use super::{Reason, Settings};
 
 /// Steps of the iteration.
-const STEPS: usize = 12;
+pub(super) const STEPS: usize = 12;
 
 /// Two instants, and the rig.
 #[derive(Debug)]
@@ -159,7 +159,7 @@ pub struct Followed {
 }
 
 /// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by depth now over depth before.
-fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
+pub(super) fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
     let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
     [[factor, 0.0], [0.0, factor]]
 }

@@ -17,6 +17,8 @@ pub(super) struct Keyframe {
     /// What follows is the team's.
     pub(super) coarse: Field,
     pub(super) matches: Vec<Match>,
+    /// Corners without a match, the best of every part of the image first: pixels of the team's reference camera.
+    pub(super) unmatched: Vec<[f64; 2]>,
     pub(super) rejected: Rejected,
 }
 
@@ -28,6 +30,8 @@ pub(super) struct Reference<'a> {
     pub(super) pyramids: &'a [Pyramid],
     pub(super) coarse: &'a Field,
     pub(super) matches: &'a [Match],
+    /// Corners without a match.
+    pub(super) unmatched: &'a [[f64; 2]],
     pub(super) rejected: Rejected,
 }
 
@@ -39,6 +43,7 @@ impl Keyframe {
             pyramids: &self.filtered.pyramids,
             coarse: &self.coarse,
             matches: &self.matches,
+            unmatched: &self.unmatched,
             rejected: self.rejected,
         }
     }
@@ -105,16 +110,21 @@ impl Flow {
             .collect();
         let mut rejected = Rejected::default();
         let mut matches = Vec::with_capacity(settings.points);
+        let mut unmatched = Vec::new();
         let mut untried = places.as_slice();
         while matches.len() < settings.points && !untried.is_empty() {
             // No more than could be used, so none is tried in vain however many threads there are.
             let wanted = settings.points - matches.len();
             let (batch, rest) = untried.split_at(wanted.min(untried.len()));
             untried = rest;
-            for found in workers.map(batch.to_vec(), |place| stereo.find(place)) {
+            let found = workers.map(batch.to_vec(), |place| stereo.find(place));
+            for (place, found) in batch.iter().zip(found) {
                 match found {
                     Ok(matched) => matches.push(matched),
-                    Err(reason) => rejected.add(reason),
+                    Err(reason) => {
+                        unmatched.push(*place);
+                        rejected.add(reason);
+                    }
                 }
             }
         }
@@ -130,12 +140,14 @@ impl Flow {
                 least,
             });
         }
+        unmatched.extend_from_slice(untried);
         let coarse = Field::new(&views[reference].levels[self.temporal_level()]);
         self.keyframe = Some(Keyframe {
             team,
             filtered,
             coarse,
             matches,
+            unmatched,
             rejected,
         });
         if let Some(old) = old {

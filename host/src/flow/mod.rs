@@ -9,7 +9,7 @@
 //! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests a match must pass;
 //! * [`search`] finds the rough displacement, without knowing it either, and what else would explain the images;
 //! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
-//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it, [`turn`] whether the target turns instead;
+//! * [`consensus`] keeps the points that move as one, and `extent` asks whether most of the picture does; [`scatter`] says how well they know it, [`turn`] whether the target turns instead;
 //! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at another time.
 //!
 //! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
@@ -22,6 +22,7 @@ pub mod alignment;
 mod cloud;
 pub mod consensus;
 pub mod corner;
+mod extent;
 pub mod follow;
 pub mod frame_set;
 pub mod geometry;
@@ -43,6 +44,7 @@ pub mod team;
 pub mod turn;
 pub mod workers;
 
+use extent::{Extent, Moved};
 use follow::{Follow, Followed};
 use geometry::Geometry;
 use keyframe::{Keyframe, Reference};
@@ -278,10 +280,17 @@ impl Flow {
             return self.measure_with(&keyframe.view(), now, laps);
         }
         let (matches, coarse) = keyframe.part(&team, self.temporal_level());
+        let eye = |team: &Team| team.cameras.get(team.geometry.reference).copied();
+        let is_of_the_same_eye = eye(&team) == eye(&keyframe.team);
         let reference = Reference {
             team: &team,
             coarse: &coarse,
             matches: &matches,
+            unmatched: keyframe
+                .unmatched
+                .get(..)
+                .filter(|_| is_of_the_same_eye)
+                .unwrap_or_default(),
             ..keyframe.view()
         };
         self.measure_with(&reference, now, laps)
@@ -337,11 +346,32 @@ impl Flow {
         } else {
             self.settle(reference.team, followed, expected, rough_mm, rejected)
         };
-        if let Err(Refusal::FewTracks { .. } | Refusal::NoAgreement { .. }) = settled.outcome {
-            settled.late = self.out_of_step(reference, &follow, expected, rough_mm);
+        match &settled.outcome {
+            Ok(measurement) => {
+                let moved = Moved {
+                    tracks: &measurement.tracks,
+                    displacement_mm: measurement.displacement_mm,
+                };
+                let level = self.temporal_level();
+                let reach = self.reach(reference.coarse);
+                let extent = Extent::of(reference, &follow, moved, level, reach);
+                if let Err(refusal) = extent.judge() {
+                    settled.outcome = Err(refusal);
+                }
+            }
+            Err(Refusal::FewTracks { .. } | Refusal::NoAgreement { .. }) => {
+                settled.late = self.out_of_step(reference, &follow, expected, rough_mm);
+            }
+            Err(_) => {}
         }
         laps.lap(Stage::Consensus);
         Ok(settled)
+    }
+
+    /// How far points may move in a coarse image, px.
+    fn reach(&self, coarse: &Field) -> usize {
+        let [width, _] = coarse.size();
+        (self.settings.reach * width as f64).ceil() as usize
     }
 
     /// The displacement to a fraction of a pixel, or why there is none or more than one.
@@ -349,13 +379,12 @@ impl Flow {
         let level = self.temporal_level();
         let geometry = follow.geometry;
         let now = Field::new(&follow.now[geometry.reference].levels[level]);
-        let [width, _] = now.size();
         let search = Search {
             geometry,
             before: keyframe.coarse,
             now: &now,
             scale: (1 << level) as f64,
-            reach: (self.settings.reach * width as f64).ceil() as usize,
+            reach: self.reach(&now),
             workers: &self.workers,
         };
         let guesses = search.guesses(keyframe.matches);

@@ -169,6 +169,18 @@ pub enum Refusal {
         /// Median residual, px.
         median_px: f64,
     },
+    /// The points move as one, but other parts of the picture move otherwise, and these are not most of it.
+    #[error(
+        "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} otherwise: is it the target that moves, or what covers it or stands behind it? Half of the picture is the least then"
+    )]
+    Minority {
+        /// Cells of the reference image that move as measured.
+        alike: usize,
+        /// Cells that move otherwise.
+        otherwise: usize,
+        /// Cells in view.
+        all: usize,
+    },
 }
 
 impl Refusal {
@@ -188,6 +200,7 @@ impl Refusal {
             Self::FewCameras { .. } => "few cameras",
             Self::Turned { .. } => "turned",
             Self::NoAgreement { .. } => "no agreement",
+            Self::Minority { .. } => "minority",
         }
     }
 }

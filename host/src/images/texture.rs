@@ -35,6 +35,7 @@ impl Texture {
     pub fn of_kind(kind: TextureKind, seed: u64) -> Self {
         match kind {
             TextureKind::Natural => Self::natural(seed),
+            TextureKind::Notes => Self::notes(seed),
             TextureKind::Blobs => Self::blobs(seed),
             TextureKind::Bricks => Self::bricks(seed),
             TextureKind::Grid => Self::grid(),
@@ -44,6 +45,32 @@ impl Texture {
     /// Dead leaves: opaque shapes of all sizes fallen upon each other. Rich in corners at every scale.
     pub fn natural(seed: u64) -> Self {
         Self::drawn(leaves::fall(SIZE, &mut Random::new(seed, 1)))
+    }
+
+    /// A plain wall with notes of dead leaves, 48 to 77 mm wide and high, on a third of it.
+    pub fn notes(seed: u64) -> Self {
+        /// One note is somewhere in each square of so many texels.
+        const PITCH: usize = 256;
+        let mut random = Random::new(seed, 4);
+        let squares = SIZE / PITCH;
+        let notes: Vec<[[usize; 2]; 2]> = (0..squares * squares)
+            .map(|square| {
+                let corner = [square % squares * PITCH, square / squares * PITCH];
+                let sides = [(); 2].map(|()| 120 + random.below(73));
+                let first = [0, 1].map(|i| corner[i] + random.below(PITCH - sides[i]));
+                [first, [0, 1].map(|i| first[i] + sides[i])]
+            })
+            .collect();
+        let mut poster = Self::natural(seed);
+        for (i, grey) in poster.grey.iter_mut().enumerate() {
+            let at = [i % SIZE, i / SIZE];
+            let [first, end] = notes[at[1] / PITCH * squares + at[0] / PITCH];
+            let is_in = |axis: usize| (first[axis]..end[axis]).contains(&at[axis]);
+            if !(is_in(0) && is_in(1)) {
+                *grey = 170.0;
+            }
+        }
+        poster
     }
 
     /// Cloud-like noise of six octaves: texture everywhere, but no edges or corners.
@@ -104,6 +131,8 @@ impl Texture {
 pub enum TextureKind {
     /// [`Texture::natural`].
     Natural,
+    /// [`Texture::notes`].
+    Notes,
     /// [`Texture::blobs`].
     Blobs,
     /// [`Texture::bricks`].
@@ -114,12 +143,19 @@ pub enum TextureKind {
 
 impl TextureKind {
     /// Every kind, easiest first.
-    pub const ALL: [Self; 4] = [Self::Natural, Self::Blobs, Self::Bricks, Self::Grid];
+    pub const ALL: [Self; 5] = [
+        Self::Natural,
+        Self::Notes,
+        Self::Blobs,
+        Self::Bricks,
+        Self::Grid,
+    ];
 
     /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Natural => "natural",
+            Self::Notes => "notes",
             Self::Blobs => "blobs",
             Self::Bricks => "bricks",
             Self::Grid => "grid",
@@ -135,7 +171,7 @@ impl fmt::Display for TextureKind {
 
 /// A texture name that no [`TextureKind`] has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no texture: natural, blobs, bricks and grid are")]
+#[error("`{0}` is no texture: natural, notes, blobs, bricks and grid are")]
 pub struct UnknownTexture(String);
 
 impl FromStr for TextureKind {

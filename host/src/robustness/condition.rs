@@ -22,6 +22,8 @@ pub enum Change {
     Cover {
         /// Whether it is a part of the target and moves with it, or moves differently.
         own: bool,
+        /// What it looks like.
+        texture: TextureKind,
     },
     /// The target turns, about an axis of its own.
     Turn {
@@ -136,6 +138,14 @@ const PLAIN: Condition = Condition {
 const FAINT: &[&str] = &["few corners", "few matches", "few tracks", "lost"];
 const REPEATS: &[&str] = &["ambiguous depth", "ambiguous motion", "few matches"];
 const TURNED: &[&str] = &["turned"];
+const COVERED: &[&str] = &[
+    "minority",
+    "no agreement",
+    "lost",
+    "few tracks",
+    "ambiguous motion",
+    "turned",
+];
 
 /// The whole table.
 pub const ALL: &[Condition] = &[
@@ -144,6 +154,11 @@ pub const ALL: &[Condition] = &[
         name: "still",
         move_px: [0.0, 0.0],
         away: 0.0,
+        ..PLAIN
+    },
+    Condition {
+        name: "notes",
+        texture: TextureKind::Notes,
         ..PLAIN
     },
     Condition {
@@ -196,22 +211,29 @@ pub const ALL: &[Condition] = &[
     },
     Condition {
         name: "occluded",
-        change: Change::Cover { own: false },
-        expected: either(
-            0.5,
-            &[
-                "no agreement",
-                "lost",
-                "few tracks",
-                "ambiguous motion",
-                "turned",
-            ],
-        ),
+        change: Change::Cover {
+            own: false,
+            texture: TextureKind::Natural,
+        },
+        expected: either(0.5, COVERED),
+        ..PLAIN
+    },
+    Condition {
+        name: "outshone",
+        texture: TextureKind::Notes,
+        change: Change::Cover {
+            own: false,
+            texture: TextureKind::Natural,
+        },
+        expected: either(0.0, COVERED),
         ..PLAIN
     },
     Condition {
         name: "relief",
-        change: Change::Cover { own: true },
+        change: Change::Cover {
+            own: true,
+            texture: TextureKind::Natural,
+        },
         ..PLAIN
     },
     Condition {

@@ -102,20 +102,20 @@ impl<'a> Bench<'a> {
         };
         let texture = posters.of(condition.texture, condition.contrast);
         let scene = Scene::new(&rig, &texture, settings)?;
-        let other_depth = match condition.change {
-            Change::Cover { .. } => Some(COVER * depth_mm),
-            Change::Replaced => Some(depth_mm),
+        let other = match condition.change {
+            Change::Cover { texture, .. } => Some((texture, COVER * depth_mm)),
+            Change::Replaced => Some((condition.texture, depth_mm)),
             _ => None,
         };
-        let hang = |depth_mm| {
+        let hang = |(kind, depth_mm)| {
             let settings = SceneSettings {
                 depth_mm,
                 ..settings
             };
-            let other = Texture::of_kind(condition.texture, posters.seed ^ 0x5eed);
+            let other = Texture::of_kind(kind, posters.seed ^ 0x5eed);
             Scene::new(&rig, &other, settings)
         };
-        let other = other_depth.map(hang).transpose()?;
+        let other = other.map(hang).transpose()?;
         Ok(Self {
             condition,
             rig,
@@ -204,7 +204,7 @@ impl<'a> Bench<'a> {
         let mut before = self.scene.shoot(&vec![still; cameras], 0, seed);
         let mut now = self.scene.shoot(&shots, 33_333, seed ^ 1);
         match (self.condition.change, &self.other) {
-            (Change::Cover { own }, Some(cover)) => {
+            (Change::Cover { own, .. }, Some(cover)) => {
                 let own = if own {
                     moved
                 } else {
