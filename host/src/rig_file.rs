@@ -48,9 +48,12 @@ pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
 /// Sides of an image that could be one, px.
 const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
 /// Longer focal lengths than this belong to telescopes.
-const LIMIT_FOCAL_PX: f64 = 1e6;
+pub(crate) const LIMIT_FOCAL_PX: f64 = 1e6;
 /// A rig wider than 100 m is a slip of the unit.
 const LIMIT_OFFSET_MM: f64 = 1e5;
+/// What is wrong with a distortion that [`can_undistort`] refuses.
+pub(crate) const NOT_A_LENS: &str =
+    "this lens model cannot be inverted everywhere in the image, so it is not the lens's";
 /// Lens models beyond this fold the image over.
 const LIMIT_DISTORTION: f64 = 1e3;
 /// Cameras turned farther than this were not meant to be parallel, and see too little in common.
@@ -308,9 +311,7 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         },
     };
     match distortion {
-        Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(
-            "this lens model cannot be inverted everywhere in the image, so it is not the lens's",
-        )),
+        Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(NOT_A_LENS)),
         _ => Ok(camera),
     }
 }

@@ -92,11 +92,11 @@ fn opencvs_own_files_make_a_rig_with_offsets_given() {
 
     fs::write(
         desk.path().join("right.yml"),
-        opencv(540.0).replace("640", "320"),
+        opencv(540.0).replace("640", "660"),
     )
     .expect("written");
     convert(&["--offset", "left=0,0", "--offset", "right=9,0"])
-        .failed_after_notes(1, &["right.yml", "320 x 480", "640 x 480"]);
+        .failed_after_notes(1, &["right.yml", "660 x 480", "640 x 480"]);
     fs::write(
         desk.path().join("right.yml"),
         opencv(540.0).replace("rows: 3", "rows: x"),

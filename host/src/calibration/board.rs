@@ -3,9 +3,10 @@
 //! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the board is looked at, so its z axis
 //! goes into the board. That leaves the choice which end comes first. On a board with one even and one odd number of inner corners
 //! a half turn exchanges black and white, so the colours decide: *the square outside the first corner, diagonally across from
-//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn (a square one after a quarter turn, if black
-//! and white fit): there the end nearest the top left of the image comes first, and
-//! [`super::rig`] turns the numbers of the other cameras until all agree, which it can because the cameras are nearly parallel.
+//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn, a square one with even numbers after a quarter
+//! turn too: there the end nearest the top left of the image comes first, and
+//! [`super::rig`] turns the numbers of the other cameras until all agree, which it can because the cameras are nearly parallel. On a square board with
+//! odd numbers a quarter turn exchanges black and white, so the colours leave two of its four ends.
 
 use std::str::FromStr;
 
@@ -38,6 +39,15 @@ impl Board {
     /// Whether colours tell the first corner from the last.
     pub fn is_unique(&self) -> bool {
         (self.corners[0] + self.corners[1]) % 2 == 1
+    }
+
+    /// Whether colours rule out some of the ends that its shape leaves.
+    pub fn is_told_by_colours(&self) -> bool {
+        let ends = match self.corners[0] == self.corners[1] {
+            true => 4,
+            false => 2,
+        };
+        self.symmetries().len() < ends
     }
 
     /// Where corner `index` goes when the board is turned by `quarters` quarter turns clockwise about its middle. Odd numbers are for boards with

@@ -199,7 +199,7 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
     };
     let ways = (0..4)
         .filter(fits)
-        .filter(|q| !board.is_unique() || begins_black(*q));
+        .filter(|q| !board.is_told_by_colours() || begins_black(*q));
     let way = ways.min_by(|a, b| first_px(*a).total_cmp(&first_px(*b)));
     let Some(quarters) = way else {
         return Err(NotFound::Other([
@@ -240,4 +240,67 @@ fn room_px(board: &Board, corners: &[[f64; 2]], index: usize) -> f64 {
         }
     }
     room
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE_PX: f64 = 20.0;
+    const MIDDLE_PX: f64 = 150.0;
+
+    /// A board turned clockwise about the middle of the image, black outside its first corner.
+    fn drawn(board: &Board, turn_deg: f64) -> Image {
+        let (sin, cos) = turn_deg.to_radians().sin_cos();
+        let sides = board.corners.map(|n| n as f64 + 1.0);
+        let grey = |i: usize| {
+            let [x, y] = [i % 300, i / 300].map(|n| n as f64 - MIDDLE_PX);
+            let at = [x * cos + y * sin, y * cos - x * sin];
+            let [u, v] = [0, 1].map(|k| at[k] / SIDE_PX + sides[k] / 2.0);
+            // Edges as soft as a lens makes them, border and all else white.
+            let edge = |a: f64| {
+                let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
+                sign * ((a - a.round()) * SIDE_PX / 0.8).tanh()
+            };
+            let inside = u > 0.0 && v > 0.0 && u < sides[0] && v < sides[1];
+            let level = 125.0 - 90.0 * edge(u) * edge(v);
+            if inside { level as u8 } else { 215 }
+        };
+        Image {
+            width: 300,
+            height: 300,
+            grey: (0..300 * 300).map(grey).collect(),
+        }
+    }
+
+    /// However the board is turned, the first corner is one of those that a turn which keeps the colours leads to.
+    #[test]
+    fn the_first_corner_is_where_the_colours_allow_it() {
+        for corners in [[7, 7], [5, 5], [6, 6], [7, 5], [7, 6]] {
+            let board = Board {
+                corners,
+                square_mm: 1.0,
+            };
+            for turn in (0..360).step_by(15) {
+                let (sin, cos) = f64::from(turn).to_radians().sin_cos();
+                let place = |index: usize| {
+                    let at = board.point_mm(index);
+                    let [x, y] =
+                        [0, 1].map(|k| (at[k] - (corners[k] as f64 - 1.0) / 2.0) * SIDE_PX);
+                    [x * cos - y * sin, x * sin + y * cos].map(|c| c + MIDDLE_PX)
+                };
+                let found = find(&drawn(&board, f64::from(turn)), &board, None);
+                let found = found.unwrap_or_else(|reason| panic!("{corners:?} {turn}: {reason}"));
+                let is_true = |quarters: &usize| {
+                    let turned = |index| place(board.turned(index, *quarters));
+                    let mut corners = found.corners.iter().enumerate();
+                    corners.all(|(index, at)| distance(*at, turned(index)) < 0.5)
+                };
+                assert!(
+                    board.symmetries().iter().any(is_true),
+                    "{corners:?} turned by {turn} degrees"
+                );
+            }
+        }
+    }
 }

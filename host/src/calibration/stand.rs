@@ -5,7 +5,7 @@
 //! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's normal. What is left is a rotation per camera,
 //! which [`shared::rig::Camera`] undoes exactly, and an offset along z, which nothing undoes: it is reported.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared::rig::{Camera, Rotation};
 
 use super::lens::Lens;
@@ -101,7 +101,9 @@ fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     let stand = |motion: &Isometry3<f64>| {
         let offset = axes.transpose() * centre(motion);
         let rotation = motion.rotation.to_rotation_matrix().into_inner() * axes;
-        let rotation = Rotation3::from_matrix_unchecked(rotation).scaled_axis();
+        // A quaternion keeps every digit of a small angle, and the axis of a half turn.
+        let rotation = Rotation3::from_matrix_unchecked(rotation);
+        let rotation = UnitQuaternion::from_rotation_matrix(&rotation).scaled_axis();
         let [x, y, z] = rotation.map(f64::to_degrees).into();
         [offset.x, offset.y, offset.z, x, y, z]
     };

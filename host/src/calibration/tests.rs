@@ -417,6 +417,19 @@ fn any_cameras_in_a_plane_stand_in_it() {
     }
 }
 
+/// A camera that hangs upside down is turned by 180 degrees, not by none; and a millionth of a degree is that.
+#[test]
+fn half_turns_and_the_smallest_are_both_seen() {
+    let turns = [[0.0; 3], [0.0, 0.0, 180.0], [1e-6, 0.0, 0.0]];
+    let places = [[0.0; 3], [50.0, 0.0, 0.0], [100.0, 0.0, 0.0]];
+    let stands = stand::placed(&standing(&places, &turns));
+    for (stand, turn) in stands.iter().zip(turns) {
+        for (got, truth) in stand.rotation_deg.into_iter().zip(turn) {
+            assert!((got.abs() - truth).abs() < 1e-12, "{stands:?}");
+        }
+    }
+}
+
 #[test]
 fn axes_that_fit_are_kept_and_doubts_are_named() {
     let turns = [[0.0; 3], [0.0, 6.0, 0.0], [0.0; 3]];

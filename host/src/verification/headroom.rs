@@ -156,6 +156,7 @@ fn search(rig: &Rig, view: &View, [near, far]: [f64; 2]) -> Option<Worst> {
     let mut worst = Worst::default();
     let mut seen = false;
     let least = near.max(view.nearest_common().0 * (1.0 + 1e-9));
+    let far = far.min(view.farthest_common().0 * (1.0 - 1e-9));
     if least >= far {
         return None;
     }

@@ -5,6 +5,7 @@ use shared::estimate::Gate;
 
 use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;
+use super::sigma::WINDOW_PX;
 use super::view::View;
 use super::{AtDepth, Verification};
 use crate::flow::geometry::Geometry;
@@ -74,15 +75,35 @@ type Add<'a> = dyn FnMut(Severity, &str, String) + 'a;
 fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) {
     let [near, far] = found.settings.depth_range_mm;
     let (nearest, [a, b]) = view.nearest_common();
-    let pair = format!("{} and {}", rig.names[a], rig.names[b]);
-    if nearest >= far {
-        let text = format!("{pair} have no common view between {near} and {far} mm");
+    let (farthest, parting) = view.farthest_common();
+    let names = |[a, b]: [usize; 2]| format!("{} and {}", rig.names[a], rig.names[b]);
+    if nearest.is_infinite() && a == b {
+        let text = format!("the images have no room for a window of {WINDOW_PX} px");
+        add(Severity::Warning, "image_size_px", text);
+        return;
+    }
+    if nearest >= far.min(farthest) || farthest <= near {
+        let pair = if nearest >= far { [a, b] } else { parting };
+        let text = format!(
+            "{} have no common view between {near} and {far} mm",
+            names(pair)
+        );
         add(Severity::Warning, "camera.principal_px", text);
         return;
     }
     if nearest > near {
-        let text = format!("{pair} have no common view nearer than {nearest:.0} mm");
+        let text = format!(
+            "{} have no common view nearer than {nearest:.0} mm",
+            names([a, b])
+        );
         add(Severity::Warning, "camera.offset_mm", text);
+    }
+    if farthest < far {
+        let text = format!(
+            "{} have no common view beyond {farthest:.0} mm: they look across each other",
+            names(parting)
+        );
+        add(Severity::Warning, "camera.principal_px", text);
     }
     if let Some(geometry) = Geometry::new(&rig.rig) {
         let focal = |k: usize| rig.rig.cameras[k].focal_px.iter().sum::<f64>() / 2.0;

@@ -75,7 +75,7 @@ pub struct AtDepth {
 pub struct Volume {
     /// Depth from which on all cameras have something in common and points are matched, mm, within the range; `None` if they never have.
     pub from_mm: Option<f64>,
-    /// Depth up to which points are matched, mm, within the range; `None` with `from_mm`.
+    /// Depth up to which they have and points are matched, mm, within the range; `None` with `from_mm`.
     pub to_mm: Option<f64>,
     /// Volume that all cameras see, litres.
     pub all_see_l: f64,
@@ -115,7 +115,8 @@ impl Verification {
             .map(|(depth, is_row)| at_depth(rig, &view, &settings, matched, (depth, is_row)))
             .collect();
         let (nearest, _) = view.nearest_common();
-        let [from, to] = [near.max(matched[0]), far.min(matched[1])];
+        let (farthest, _) = view.farthest_common();
+        let [from, to] = [near.max(matched[0]), far.min(matched[1]).min(farthest)];
         let volume_l = |count| match from < to {
             true => 1e-6 * view.volume_seen_by(count, [from, to]),
             false => 0.0,
@@ -193,6 +194,47 @@ fn at_depth(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The range of depths is that of the table, whatever ends it.
+    #[test]
+    fn views_that_cross_are_predicted_up_to_where_they_part() {
+        let mut rig = RigFile::paper();
+        rig.rig.cameras[0].principal_px[0] = 0.0;
+        rig.rig.cameras[2].principal_px[0] = 319.0;
+        for depth_range_mm in [[300.0, 2000.0], [300.0, 9000.0]] {
+            let settings = Settings {
+                depth_range_mm,
+                ..Settings::default()
+            };
+            let found = Verification::of(&rig, settings);
+            let [from, to] = [found.volume.from_mm, found.volume.to_mm].map(Option::unwrap);
+            assert!(found.volume.all_see_l > 0.0 && found.headroom.is_some());
+            for at in &found.depths {
+                let is_within = (from..to).contains(&at.depth_mm);
+                assert_eq!(!at.sigma_mm.is_empty(), is_within || at.depth_mm == to);
+            }
+            let parts =
+                |l: &Limitation| l.text.contains("left and right have no common view beyond");
+            let is_said = found.limitations.iter().any(parts);
+            assert_eq!(is_said, to < depth_range_mm[1], "{:?}", found.limitations);
+            assert_eq!(to < depth_range_mm[1], depth_range_mm[1] > 3000.0);
+        }
+    }
+
+    #[test]
+    fn images_smaller_than_a_window_are_named() {
+        let mut rig = RigFile::paper();
+        rig.rig.image_size_px = [16, 12];
+        for camera in &mut rig.rig.cameras {
+            camera.principal_px = [8.0, 6.0];
+        }
+        let found = Verification::of(&rig, Settings::default());
+        let [worst, ..] = found.limitations.as_slice() else {
+            panic!("nothing limits it");
+        };
+        assert_eq!(worst.name, "image_size_px");
+        assert!(worst.text.contains("no room for a window"), "{worst:?}");
+    }
 
     #[test]
     fn the_tables_depths_are_round_and_within_the_range() {

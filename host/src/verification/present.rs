@@ -159,7 +159,7 @@ pub fn page(rig: &str, found: &Verification) -> Page {
         .plots(
             AXES.iter()
                 .enumerate()
-                .map(|(i, name)| over_depth(found, i, name).sized(540, 320).into()),
+                .map(|(i, name)| over_depth(found, i, name).sized(516, 320).into()),
         )
         .plot(views(found));
     for table in tables(found) {

@@ -125,10 +125,10 @@ impl View {
                 for i in 0..2 {
                     // from + Z low < to + Z high
                     let (gap, opening) = (from[i] - to[i], other.high[i] - view.low[i]);
-                    let depth = match (gap > 0.0, opening > 0.0) {
-                        (_, false) => f64::INFINITY,
-                        (true, true) => gap / opening,
-                        (false, true) => 0.0,
+                    let depth = match (gap, opening) {
+                        (gap, opening) if gap >= 0.0 && opening <= 0.0 => f64::INFINITY,
+                        (gap, opening) if gap > 0.0 => gap / opening,
+                        _ => 0.0,
                     };
                     if depth > nearest.0 {
                         nearest = (depth, [a.min(b), a.max(b)]);
@@ -137,6 +137,23 @@ impl View {
             }
         }
         nearest
+    }
+
+    /// The depth up to which all cameras have something in common, mm, and the two that it depends on: those whose views cross and part again.
+    /// Infinite if none do.
+    pub fn farthest_common(&self) -> (f64, [usize; 2]) {
+        let mut farthest = (f64::INFINITY, [0, 0]);
+        for (a, (from, view)) in self.cameras.iter().enumerate() {
+            for (b, (to, other)) in self.cameras.iter().enumerate() {
+                for i in 0..2 {
+                    let (gap, opening) = (from[i] - to[i], other.high[i] - view.low[i]);
+                    if gap < 0.0 && opening < 0.0 && gap / opening < farthest.0 {
+                        farthest = (gap / opening, [a.min(b), a.max(b)]);
+                    }
+                }
+            }
+        }
+        farthest
     }
 }
 
@@ -227,6 +244,32 @@ mod tests {
         assert!(view.common(1e6).is_none());
         assert!(view.area_seen_by(2, 1000.0) > 0.0);
         assert_eq!(view.area_seen_by(3, 1000.0), 0.0);
+    }
+
+    /// The outer cameras look inwards so far that their views cross before the middle one and part behind.
+    #[test]
+    fn views_that_cross_part_again() {
+        let mut rig = Rig::paper();
+        rig.cameras[0].principal_px[0] = -40.0;
+        rig.cameras[2].principal_px[0] = 359.0;
+        let view = View::new(&rig, 12.0);
+        let (farthest, pair) = view.farthest_common();
+        assert_eq!(pair, [0, 2]);
+        // 138 mm between them, closed by 52 px of 533.16 and of 534.55 px.
+        let expected = 138.0 / (52.0 / 533.16 + 52.0 / 534.55);
+        assert!((farthest - expected).abs() < 1e-6, "{farthest}");
+        let (nearest, _) = view.nearest_common();
+        assert!(nearest < 250.0, "{nearest}");
+        for (depth, is_common) in [
+            (nearest - 0.01, false),
+            (nearest + 0.01, true),
+            (farthest - 0.01, true),
+            (farthest + 0.01, false),
+        ] {
+            assert_eq!(view.common(depth).is_some(), is_common, "{depth}");
+        }
+        let parallel = View::new(&Rig::paper(), 12.0);
+        assert_eq!(parallel.farthest_common().0, f64::INFINITY);
     }
 
     #[test]

@@ -18,6 +18,7 @@ use shared::rig::{Camera, Rig};
 
 use super::lens::Lens;
 use crate::error::InputError;
+use crate::rig_file::{LIMIT_FOCAL_PX, NOT_A_LENS, can_undistort};
 use yaml::Node;
 
 mod yaml;
@@ -75,9 +76,13 @@ impl CameraFile {
             let reason = "a fisheye's coefficients mean something else: calibrate with the model k1 k2 p1 p2 k3";
             return Err(flag.fault(reason));
         }
-        let [fx, fy, cx, cy] = camera_matrix(root.required("camera_matrix")?)?;
-        let [k1, k2, p1, p2, k3] = distortion(root.required("distortion_coefficients")?)?;
+        let [fx, fy, cx, cy] = camera_matrix(root.required("camera_matrix")?, image_size_px)?;
+        let coefficients = root.required("distortion_coefficients")?;
+        let [k1, k2, p1, p2, k3] = distortion(coefficients)?;
         let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
+        if !can_undistort(&lens.camera(), image_size_px) {
+            return Err(coefficients.fault(NOT_A_LENS));
+        }
         let motion = match (root.optional("projection_matrix")?, root.optional("R")?) {
             (Some(projection), _) => {
                 let rectification = root.required("rectification_matrix")?;
@@ -122,14 +127,25 @@ fn numbers<const N: usize>(field: &Node<'_>) -> Result<[f64; N], InputError> {
         .map_err(|_| field.fault(format!("expected {N} numbers, found {found}")))
 }
 
-/// Focal lengths and principal point.
-fn camera_matrix(field: &Node<'_>) -> Result<[f64; 4], InputError> {
+/// Focal lengths and principal point, by the rules of a rig file.
+fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], InputError> {
     let [fx, skew, cx, zero, fy, cy, a, b, one] = numbers(field)?;
     if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
         return Err(field.fault("must be [fx 0 cx; 0 fy cy; 0 0 1]"));
     }
     if !(fx > 0.0 && fy > 0.0) {
         return Err(field.fault("focal lengths must be greater than 0"));
+    }
+    if fx.max(fy) > LIMIT_FOCAL_PX {
+        let reason = format!("focal lengths may be {LIMIT_FOCAL_PX} px at most");
+        return Err(field.fault(reason));
+    }
+    let [width, height] = image_size_px;
+    let is_inside = |at: f64, side: u32| (0.0..f64::from(side)).contains(&at);
+    if !(is_inside(cx, width) && is_inside(cy, height)) {
+        return Err(field.fault(format!(
+            "the principal point {cx}, {cy} is outside the image of {width} x {height} px"
+        )));
     }
     Ok([fx, fy, cx, cy])
 }
@@ -230,8 +246,14 @@ fn matrix_of(camera: &Camera) -> [f64; 9] {
     [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
 }
 
-/// With every digit, and always a point, so that no reader takes them for whole numbers.
+/// With every digit, and always a point: without it some readers take `5` for a whole number and `1e-5` for a text.
 fn list(numbers: &[f64]) -> String {
-    let texts: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
-    texts.join(", ")
+    let text = |number: &f64| {
+        let text = format!("{number:?}");
+        match text.split_once('e') {
+            Some((digits, power)) if !digits.contains('.') => format!("{digits}.0e{power}"),
+            _ => text,
+        }
+    };
+    numbers.iter().map(text).collect::<Vec<_>>().join(", ")
 }

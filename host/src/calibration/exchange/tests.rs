@@ -96,6 +96,20 @@ fn both_formats_give_the_camera_back() {
     }
 }
 
+/// YAML 1.1 knows `1e-5` as a text: a number has a point.
+#[test]
+fn small_numbers_are_written_as_numbers() {
+    let text = list(&[1e-5, -2e-7, 1.5e-9, 3.0, -0.25, 1e16]);
+    assert_eq!(text, "1.0e-5, -2.0e-7, 1.5e-9, 3.0, -0.25, 1.0e16");
+    let mut rig = Rig::paper();
+    rig.cameras[0].distortion = [1e-5, -1e-6, 2e-7, 0.0, 0.0];
+    let camera = &rig.cameras[0];
+    for text in [opencv(camera, rig.image_size_px), ros("left", camera, &rig)] {
+        assert!(text.contains("1.0e-5, -1.0e-6, 2.0e-7"), "{text}");
+        assert_eq!(parse(&text).unwrap().lens, Lens::of(camera));
+    }
+}
+
 #[test]
 fn a_name_stays_a_name_whatever_it_looks_like() {
     let rig = Rig::paper();
@@ -117,8 +131,8 @@ fn coefficients_beyond_ours_must_be_zero() {
         )
     };
     assert_eq!(
-        parse(&with("0.1, 0.2, 0.3, 0.4", 4)).unwrap().lens.0[4..],
-        [0.1, 0.2, 0.3, 0.4, 0.0]
+        parse(&with("0.1, 0.2, 0.003, 0.004", 4)).unwrap().lens.0[4..],
+        [0.1, 0.2, 0.003, 0.004, 0.0]
     );
     assert!(parse(&with("0.1, 0.2, 0, 0, 0.5, 0, 0, 0", 8)).is_ok());
     let error = parse(&with("0.1, 0.2, 0, 0, 0.5, 0.1, 0, 0", 8)).unwrap_err();
@@ -187,6 +201,34 @@ fn bad_values_are_refused_by_file_line_and_name() {
         6,
         "camera_matrix",
         "greater than 0",
+    );
+    refused(
+        "3.4228315473308373e+02",
+        "-3.",
+        6,
+        "camera_matrix",
+        "the principal point -3, 235.57",
+    );
+    refused(
+        "2.3557082909788173e+02",
+        "480.",
+        6,
+        "camera_matrix",
+        "480 is outside the image of 640 x 480 px",
+    );
+    refused(
+        "[ 5.3591573396163199e+02",
+        "[ 5.3591573396163199e+08",
+        6,
+        "camera_matrix",
+        "1000000 px at most",
+    );
+    refused(
+        "-3.8588898922304653e-02",
+        "-3.8588898922304653e+02",
+        12,
+        "distortion_coefficients",
+        "cannot be inverted",
     );
     refused(
         "image_height: 480",
