@@ -254,8 +254,33 @@ fn a_missing_camera_is_named() {
 #[test]
 fn images_of_unequal_size_are_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
-    desk.write("views/right/0001.pgm", blank([320, 200]));
-    estimate(&desk, &["--json"]).failed(1, &["right", "0001.pgm", "320 x 200", "320 x 240"]);
+    desk.write("views/right/0000.pgm", blank([320, 200]));
+    estimate(&desk, &["--json"]).failed(1, &["right", "0000.pgm", "320 x 200", "320 x 240"]);
+}
+
+#[test]
+fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
+    let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0], [3.0, 2.0, 1.0]];
+    let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1]), Some(moved[2])]);
+    desk.write("views/middle/0001.pgm", b"P5\n320 240\n255\ncut off");
+    let refused = |line: &Value| line["refused"].as_str().map(str::to_owned);
+    let outcome = estimate(&desk, &["--json"]);
+    assert_eq!(outcome.code, Some(1));
+    outcome.complained(&["views", "1 of 3 frames refused"]);
+    let lines = outcome.json();
+    let reason = refused(&lines[0]).expect("a reason");
+    let name = Path::new("middle").join("0001.pgm");
+    assert!(reason.contains(name.to_str().expect("UTF-8")), "{reason}");
+    assert_moved(&lines[1], moved[1]);
+    assert_moved(&lines[2], moved[2]);
+
+    // Nothing is measured against it, either.
+    let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
+    assert_eq!(outcome.code, Some(1));
+    let lines = outcome.json();
+    let reason = refused(&lines[1]).expect("a reason");
+    assert!(reason.contains("the capture before"), "{reason}");
+    assert_moved(&lines[2], [0.0, 1.0, 0.0]);
 }
 
 #[test]

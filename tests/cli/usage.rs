@@ -102,5 +102,6 @@ fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
     let said = "no picture after the first second";
     assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
     assert!(!outcome.stderr.contains("rms"), "{}", outcome.stderr);
-    misused(&[&short[..], &["--latency", "8"]].concat());
+    let late = [&short[..], &["--latency", "8"]].concat();
+    run(Path::new("."), &late).failed(2, &["--latency is 8, must be 0 to 7"]);
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
 use host::flow::{Flow, Settings};
+use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::points;
 use host::rig_file::RigFile;
@@ -28,7 +29,8 @@ pub struct Options {
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images taken at the
     /// same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the order of their names, in which
-    /// numbers count as numbers. Frame 1 is the second capture. Where a camera's file is missing, it is measured without that camera, and said.
+    /// numbers count as numbers. Frame 1 is the second capture. Where a camera's file is missing, it is measured without that camera, and said;
+    /// where one cannot be read, the frame is refused.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions in mm
@@ -165,11 +167,28 @@ fn run_folder<W: Write>(
     };
     let mut flow = Flow::new(&rig.rig, Settings::default())
         .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
-    let mut reference = flow.set_reference(&first?);
+    let refer_to = |flow: &mut Flow, capture: &Capture| {
+        let outcome = flow.set_reference(capture);
+        outcome.map_err(|refusal| refusal.to_string())
+    };
+    let mut reference = refer_to(&mut flow, &first?);
     for capture in captures {
-        let capture = capture?;
+        let capture = match capture {
+            Ok(capture) => capture,
+            Err(error) => {
+                printer.refusal(error.to_string())?;
+                if options.reference == Reference::Previous {
+                    reference = Err("the capture before cannot be read".to_owned());
+                }
+                continue;
+            }
+        };
         // A bad reference spoils every frame that is measured against it, and its reason is theirs.
-        match reference.clone().and_then(|()| flow.measure(&capture)) {
+        let measured = reference.clone().and_then(|()| {
+            let outcome = flow.measure(&capture);
+            outcome.map_err(|refusal| refusal.to_string())
+        });
+        match measured {
             Ok(seen) => {
                 printer.warnings = seen.remarks(&rig.names);
                 printer.sums(
@@ -178,10 +197,10 @@ fn run_folder<W: Write>(
                     seen.rejected.total(),
                 )?;
             }
-            Err(refusal) => printer.refusal(refusal.to_string())?,
+            Err(reason) => printer.refusal(reason)?,
         }
         if options.reference == Reference::Previous {
-            reference = flow.set_reference(&capture);
+            reference = refer_to(&mut flow, &capture);
         }
     }
     printer.finish()
