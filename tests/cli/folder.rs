@@ -228,6 +228,10 @@ fn a_view_that_is_missing_is_done_without_and_said() {
     assert_moved(&lines[0], moved[0]);
     assert_moved(&lines[1], moved[1]);
     assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
+    // The paper's methods need all three, and the refusal says which one there was not.
+    let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
+    let refused = outcome.json()[0]["refused"].to_string();
+    assert!(refused.contains(warning), "{refused}");
     // A single one is too few: that frame alone is refused.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("it was there");
     let outcome = estimate(&desk, &["--json"]);

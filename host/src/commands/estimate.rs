@@ -238,7 +238,13 @@ impl<W: Write> Printer<'_, W> {
                     warnings,
                 })
             }
-            Err(reason) => self.refusal(format!("{reason} ({count} points, {rejected} rejected)")),
+            Err(reason) => {
+                let mut reason = format!("{reason} ({count} points, {rejected} rejected)");
+                for warning in std::mem::take(&mut self.warnings) {
+                    reason = format!("{reason}; {warning}");
+                }
+                self.refusal(reason)
+            }
         }
     }
 

@@ -9,7 +9,8 @@
 //! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests a match must pass;
 //! * [`search`] finds the rough displacement, without knowing it either, and what else would explain the images;
 //! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
-//! * [`consensus`] keeps the points that move as one, and `extent` asks whether most of the picture does; [`scatter`] says how well they know it, [`turn`] whether the target turns instead;
+//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it, [`turn`] whether the target turns instead, `extent` whether
+//!   most of the picture moves with them;
 //! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at another time.
 //!
 //! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
@@ -30,6 +31,7 @@ mod keyframe;
 pub mod laps;
 pub mod likeness;
 pub mod lucas_kanade;
+mod measure;
 pub mod measurement;
 pub mod pyramid;
 pub mod refusal;
@@ -44,20 +46,15 @@ pub mod team;
 pub mod turn;
 pub mod workers;
 
-use extent::{Extent, Moved};
-use follow::{Follow, Followed};
 use geometry::Geometry;
-use keyframe::{Keyframe, Reference};
+use keyframe::Keyframe;
 use laps::{Laps, Stage};
-use likeness::Field;
 pub use measurement::{Measurement, Track};
 use pyramid::{Plane, Pyramid};
 pub use refusal::{Reason, Refusal, Rejected};
-use search::Search;
 use settle::Settled;
 use spare::Spare;
-use stereo::Match;
-use team::{Absence, Last, Team};
+use team::{Absence, Last};
 use workers::Workers;
 
 /// What the matching is to be content with.
@@ -265,164 +262,6 @@ impl Flow {
             .filter_map(|(k, absence)| Some((k, absence?)))
             .collect();
         Ok(measurement)
-    }
-
-    /// By the cameras that are not absent.
-    fn measure_by(
-        &self,
-        keyframe: &Keyframe,
-        absences: &[Option<Absence>],
-        now: &Filtered,
-        laps: &mut Laps,
-    ) -> Result<Settled, Refusal> {
-        let team = self.team(absences)?;
-        if team.cameras == keyframe.team.cameras {
-            return self.measure_with(&keyframe.view(), now, laps);
-        }
-        let (matches, coarse) = keyframe.part(&team, self.temporal_level());
-        let eye = |team: &Team| team.cameras.get(team.geometry.reference).copied();
-        let is_of_the_same_eye = eye(&team) == eye(&keyframe.team);
-        let reference = Reference {
-            team: &team,
-            coarse: &coarse,
-            matches: &matches,
-            unmatched: keyframe
-                .unmatched
-                .get(..)
-                .filter(|_| is_of_the_same_eye)
-                .unwrap_or_default(),
-            ..keyframe.view()
-        };
-        self.measure_with(&reference, now, laps)
-    }
-
-    /// The cameras that are not absent.
-    fn team(&self, absences: &[Option<Absence>]) -> Result<Team, Refusal> {
-        let takes_part = |k: usize| matches!(absences.get(k), Some(None));
-        let rig = &self.geometry.rig;
-        let left = (0..rig.cameras.len()).filter(|k| takes_part(*k)).count();
-        Team::of(rig, takes_part).ok_or(Refusal::FewCameras { left })
-    }
-
-    /// Also the camera that is out of step, if any is.
-    ///
-    /// # Errors
-    /// [`Refusal`] of what no camera could have spoiled alone.
-    fn measure_with(
-        &self,
-        reference: &Reference<'_>,
-        now: &Filtered,
-        laps: &mut Laps,
-    ) -> Result<Settled, Refusal> {
-        let [before, now] = [reference.pyramids, &now.pyramids].map(|p| reference.team.select(p));
-        let follow = Follow {
-            geometry: &reference.team.geometry,
-            settings: &self.settings,
-            before: &before,
-            now: &now,
-            workers: &self.workers,
-        };
-        let rough_mm = self.rough(reference, &follow)?;
-        laps.lap(Stage::Search);
-        let mut rejected = reference.rejected;
-        let mut followed: Vec<Followed> = Vec::with_capacity(reference.matches.len());
-        let matches: Vec<&Match> = reference.matches.iter().collect();
-        for point in self.workers.map(matches, |m| follow.point(m, rough_mm)) {
-            match point {
-                Ok(point) => followed.push(point),
-                Err(reason) => rejected.add(reason),
-            }
-        }
-        laps.lap(Stage::Temporal);
-        let least = self.settings.least_points;
-        let left_view = rejected.of(Reason::OutOfView) - reference.rejected.of(Reason::OutOfView);
-        let expected = reference.matches.len() - left_view;
-        let mut settled = if followed.len() < least {
-            Settled::refused(Refusal::FewTracks {
-                followed: followed.len(),
-                matched: reference.matches.len(),
-                least,
-            })
-        } else {
-            self.settle(reference.team, followed, expected, rough_mm, rejected)
-        };
-        match &settled.outcome {
-            Ok(measurement) => {
-                let moved = Moved {
-                    tracks: &measurement.tracks,
-                    displacement_mm: measurement.displacement_mm,
-                };
-                let level = self.temporal_level();
-                let reach = self.reach(reference.coarse);
-                let extent = Extent::of(reference, &follow, moved, level, reach);
-                if let Err(refusal) = extent.judge() {
-                    settled.outcome = Err(refusal);
-                }
-            }
-            Err(Refusal::FewTracks { .. } | Refusal::NoAgreement { .. }) => {
-                settled.late = self.out_of_step(reference, &follow, expected, rough_mm);
-            }
-            Err(_) => {}
-        }
-        laps.lap(Stage::Consensus);
-        Ok(settled)
-    }
-
-    /// How far points may move in a coarse image, px.
-    fn reach(&self, coarse: &Field) -> usize {
-        let [width, _] = coarse.size();
-        (self.settings.reach * width as f64).ceil() as usize
-    }
-
-    /// The displacement to a fraction of a pixel, or why there is none or more than one.
-    fn rough(&self, keyframe: &Reference<'_>, follow: &Follow<'_>) -> Result<[f64; 3], Refusal> {
-        let level = self.temporal_level();
-        let geometry = follow.geometry;
-        let now = Field::new(&follow.now[geometry.reference].levels[level]);
-        let search = Search {
-            geometry,
-            before: keyframe.coarse,
-            now: &now,
-            scale: (1 << level) as f64,
-            reach: self.reach(&now),
-            workers: &self.workers,
-        };
-        let guesses = search.guesses(keyframe.matches);
-        let best_score = guesses.first().map_or(0.0, |g| g.score);
-        let mut refined: Vec<follow::Refined> = guesses
-            .iter()
-            .filter_map(|g| follow.refine(keyframe.matches, g.displacement_mm, level))
-            .collect();
-        refined.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
-        let Some(first) = refined.first() else {
-            return Err(Refusal::Lost {
-                likeness: best_score,
-            });
-        };
-        if first.likeness < 0.4 {
-            return Err(Refusal::Lost {
-                likeness: first.likeness,
-            });
-        }
-        let mean_depth = keyframe
-            .matches
-            .iter()
-            .map(|m| m.ray.inverse_depth)
-            .sum::<f64>()
-            / keyframe.matches.len() as f64;
-        for other in &refined[1..] {
-            let [dx, dy] = [0, 1].map(|i| other.displacement_mm[i] - first.displacement_mm[i]);
-            let apart_px = dx.hypot(dy) * mean_depth * geometry.focal_px;
-            if apart_px > 2.0
-                && other.likeness > first.likeness - 2.0 * self.settings.rival_likeness
-            {
-                return Err(Refusal::AmbiguousMotion {
-                    first: first.displacement_mm,
-                    second: other.displacement_mm,
-                });
-            }
-        }
-        Ok(first.displacement_mm)
     }
 }
 

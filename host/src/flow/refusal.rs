@@ -143,7 +143,7 @@ pub enum Refusal {
         least: usize,
     },
     /// Too few cameras give pictures of use.
-    #[error("only {left} cameras give pictures of use: two in different places are the least")]
+    #[error("cameras that give pictures of use: {left}; two in different places are the least")]
     FewCameras {
         /// That do.
         left: usize,
