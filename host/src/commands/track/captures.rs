@@ -10,6 +10,7 @@ use host::experiment::follower::Follower;
 use host::experiment::pursuit::{Clock, Followed, Pursuit};
 use host::flow::Refusal;
 use host::images::Capture;
+use host::images::cameras::stamp::quickest;
 use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis;
 use serde_json::json;
@@ -19,9 +20,6 @@ use std::path::Path;
 
 /// How long live cameras may give nothing that can be the reference, µs: they open with their exposure wrong, and find it within a second or two.
 const LIGHT_US: u64 = 3_000_000;
-
-/// How often two clocks are read to compare them.
-const READINGS: usize = 8;
 
 /// How it went.
 #[derive(Clone, Copy, Debug, Default)]
@@ -164,17 +162,13 @@ impl<'a> Captures<'a> {
     }
 }
 
-/// What one clock is ahead of another, µs. Of several readings the quickest counts: in any of them the scheduler may have taken the processor away.
+/// What one clock is ahead of another, µs.
 fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
-    let reading = |_| {
+    quickest(|| {
         let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
         let took_us = after_us.saturating_sub(before_us);
         (took_us, at_us as i64 - (before_us + took_us / 2) as i64)
-    };
-    let readings = (0..READINGS).map(reading);
-    readings
-        .min_by_key(|(took_us, _)| *took_us)
-        .map_or(0, |(_, offset_us)| offset_us)
+    })
 }
 
 fn print(
@@ -224,6 +218,7 @@ fn print(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use host::images::cameras::stamp::READINGS;
     use std::cell::Cell;
 
     /// A clock that is five seconds ahead; each reading takes a microsecond, but in most pairs the processor is away for 20 ms, before or after.

@@ -16,8 +16,18 @@ const AHEAD: Duration = Duration::from_millis(1);
 /// How old a picture may be that has just arrived. None takes so long from the camera to its driver.
 const OLDEST: Duration = Duration::from_secs(3);
 
-/// Readings of the two clocks, of which the quickest counts.
-const READINGS: usize = 8;
+/// Readings of two clocks, of which the quickest counts.
+pub const READINGS: usize = 8;
+
+/// The quickest of several readings of two clocks, each told with the time it took. One during which the scheduler took the processor away is a bad pair.
+pub fn quickest<O: Ord, T>(reading: impl Fn() -> (O, T)) -> T {
+    let others = (1..READINGS).map(|_| reading());
+    let quicker = |best: (O, T), other: (O, T)| match other.0 < best.0 {
+        true => other,
+        false => best,
+    };
+    others.fold(reading(), quicker).1
+}
 
 /// Both clocks at one moment.
 #[derive(Clone, Copy, Debug)]
@@ -27,18 +37,15 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Reads them; `monotonic` tells the time on the drivers' clock. A reading during which the scheduler took the processor away is a bad pair: the best
-    /// of several is taken.
+    /// Reads them; `monotonic` tells the time on the drivers' clock.
     pub fn read(monotonic: impl Fn() -> Duration) -> Self {
-        let reading = |_| {
+        quickest(|| {
             let before = Instant::now();
             let monotonic = monotonic();
             let took = before.elapsed();
             let instant = before + took / 2;
             (took, Self { instant, monotonic })
-        };
-        let quickest = (1..READINGS).map(reading).min_by_key(|(took, _)| *took);
-        quickest.unwrap_or_else(|| reading(0)).1
+        })
     }
 
     /// A moment on the drivers' clock; `None` if it is too far away for an [`Instant`].
