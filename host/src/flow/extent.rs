@@ -4,7 +4,7 @@
 //! agree are not the target's. So the picture is asked, divided into *cells*:
 //!
 //! * a cell in which a point agrees, or any other corner is found within a pixel of where the measurement puts it, moves *alike*;
-//! * a cell whose best corner is found elsewhere, wherever that may be, and much less where the measurement puts it, moves *otherwise*;
+//! * a cell whose best corner is found elsewhere, wherever that may be, and not where the measurement puts it, moves *otherwise*;
 //! * all others are plain, hidden now or gone from view, and nobody can tell.
 //!
 //! If hardly any cells move otherwise, the measurement is the target's, however small it is. Else the target must be most of the picture, plain cells
@@ -13,12 +13,12 @@
 use std::collections::BTreeMap;
 
 use super::consensus::Sighting;
-use super::follow::{Follow, STEPS, shrink};
+use super::follow::Follow;
 use super::keyframe::Reference;
-use super::likeness::{Field, OUTSIDE};
-use super::lucas_kanade::{Large, Small};
-use super::measurement::Track;
+use super::lucas_kanade::Large;
+use super::measurement::{Measurement, Track};
 use super::refusal::Refusal;
+use super::search::Search;
 use super::stereo::Match;
 
 /// Cells along the longer side of the image.
@@ -38,15 +38,6 @@ const MOST: f64 = 0.55;
 /// One cell that moves otherwise to so many that move alike is no doubt yet.
 const FEW: usize = 8;
 
-/// What moves as measured.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Moved<'a> {
-    /// The points that agree.
-    pub(super) tracks: &'a [Track],
-    /// Their displacement, mm.
-    pub(super) displacement_mm: [f64; 3],
-}
-
 /// Cells by how they move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Extent {
@@ -59,56 +50,61 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// `level` is that of the reference's coarse field, `reach` how far corners may move there, px.
+    /// Of the reference camera's image, in which `search` looked.
     pub(super) fn of(
         reference: &Reference<'_>,
         follow: &Follow<'_>,
-        moved: Moved<'_>,
-        level: usize,
-        reach: usize,
+        search: &Search<'_>,
+        measurement: &Measurement,
     ) -> Self {
         let own = follow.geometry.reference;
         let look = Look {
-            reference,
             follow,
-            moved,
+            search,
+            measurement,
         };
         let cells = Cells::of(follow.geometry.rig.image_size_px);
-        let is_alike = |track: &Track| cells.of_place(track.pixels[own][0]);
-        let mut alike: Vec<usize> = moved.tracks.iter().map(is_alike).collect();
+        let cell_of = |track: &Track| cells.of_place(track.pixels[own][0]);
+        let mut alike: Vec<usize> = measurement.tracks.iter().map(cell_of).collect();
         alike.sort_unstable();
         alike.dedup();
-        // The best corner of each other cell, one of known depth if there is any.
-        let mut others: BTreeMap<usize, Corner> = BTreeMap::new();
-        let matched = (reference.matches.iter()).map(|m| Corner::matched(m, own));
-        let unmatched = reference.unmatched.iter().map(|at| look.unmatched(*at));
-        for corner in matched.chain(unmatched) {
-            let cell = cells.of_place(corner.at);
-            if alike.binary_search(&cell).is_err() {
-                others.entry(cell).or_insert(corner);
-            }
-        }
-        let doubtful: Vec<Corner> = others.into_values().collect();
-        let is_alike = follow
-            .workers
-            .map(doubtful.clone(), |corner| look.is_there(corner));
         let mut extent = Self {
-            alike: alike.len() + is_alike.iter().filter(|is| **is).count(),
+            alike: alike.len(),
             otherwise: 0,
-            all: cells.centres().filter(|at| look.stays_in_view(*at)).count(),
+            all: cells.count(),
         };
+        // Whatever else there is, and what has left the view.
         if extent.is_most() {
             return extent;
         }
-        let doubtful: Vec<Corner> = (doubtful.into_iter().zip(is_alike))
-            .filter_map(|(corner, is_alike)| (!is_alike).then_some(corner))
-            .collect();
-        if let Some(now) = follow.now[own].levels.get(level) {
-            let now = Field::new(now);
-            let is_elsewhere = |corner| look.is_elsewhere(corner, &now, level, reach as i64);
-            let found = follow.workers.map(doubtful, is_elsewhere);
-            extent.otherwise = found.into_iter().filter(|is| *is).count();
+        // The best corner of each other cell, one of known depth if there is any.
+        let mut others: BTreeMap<usize, Corner> = BTreeMap::new();
+        let is_other = |cell: &usize| alike.binary_search(cell).is_err();
+        for matched in reference.matches {
+            let cell = cells.of_place(matched.pixels[own]);
+            if is_other(&cell) {
+                let corner = Corner::matched(matched, own);
+                others.entry(cell).or_insert(corner);
+            }
         }
+        for at in reference.unmatched {
+            let cell = cells.of_place(*at);
+            if is_other(&cell) {
+                others.entry(cell).or_insert_with(|| look.unmatched(*at));
+            }
+        }
+        let others: Vec<Corner> = others.into_values().collect();
+        let are_there = (follow.workers).map(others.clone(), |corner| look.is_there(corner));
+        extent.alike += are_there.iter().filter(|is| **is).count();
+        extent.all = cells.centres().filter(|at| look.stays_in_view(*at)).count();
+        if extent.is_most() {
+            return extent;
+        }
+        let doubtful = others.into_iter().zip(are_there);
+        let doubtful = doubtful.filter_map(|(corner, is_there)| (!is_there).then_some(corner));
+        let are_elsewhere =
+            (follow.workers).map(doubtful.collect(), |corner| look.is_elsewhere(corner));
+        extent.otherwise = are_elsewhere.into_iter().filter(|is| *is).count();
         extent
     }
 
@@ -162,6 +158,10 @@ impl Cells {
         place(y).min(self.rows - 1) * self.columns + place(x).min(self.columns - 1)
     }
 
+    fn count(&self) -> usize {
+        self.columns * self.rows
+    }
+
     fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let place = |i: usize| Self::MARGIN_PX + (i as f64 + 0.5) * self.side_px;
         (0..self.rows).flat_map(move |y| (0..self.columns).map(move |x| [x, y].map(place)))
@@ -188,9 +188,9 @@ impl Corner {
 
 /// Where corners have gone.
 struct Look<'a> {
-    reference: &'a Reference<'a>,
     follow: &'a Follow<'a>,
-    moved: Moved<'a>,
+    search: &'a Search<'a>,
+    measurement: &'a Measurement,
 }
 
 impl Look<'_> {
@@ -206,17 +206,15 @@ impl Look<'_> {
     /// Inverse depth of the point that agrees nearest to a place in the image.
     fn inverse_depth_near(&self, at: [f64; 2]) -> f64 {
         let geometry = self.follow.geometry;
-        let far = |track: &&Track| {
+        let far = |track: &Track| {
             let [x, y] = track.pixels[geometry.reference][0];
             (x - at[0]).powi(2) + (y - at[1]).powi(2)
         };
-        let nearest = (self.moved.tracks.iter()).min_by(|a, b| far(a).total_cmp(&far(b)));
-        nearest.map_or(0.0, |track| {
-            let views = track.pixels.iter().enumerate();
-            let views: Vec<[f64; 2]> = views
-                .map(|(k, pixels)| geometry.normalise(k, pixels[0]))
-                .collect();
-            geometry.fit(&views).inverse_depth
+        let seen = self.measurement.tracks.iter().zip(&self.measurement.views);
+        let nearest = seen.min_by(|(a, _), (b, _)| far(a).total_cmp(&far(b)));
+        nearest.map_or(0.0, |(_, views)| {
+            let starts: Vec<[f64; 2]> = views.iter().map(|view| view.start).collect();
+            geometry.fit(&starts).inverse_depth
         })
     }
 
@@ -225,7 +223,7 @@ impl Look<'_> {
         let geometry = self.follow.geometry;
         let own = geometry.reference;
         let from = geometry.normalise(own, at);
-        let to = Sighting::predicted(from, inverse_depth, self.moved.displacement_mm);
+        let to = Sighting::predicted(from, inverse_depth, self.measurement.displacement_mm);
         geometry.pixel(own, to)
     }
 
@@ -256,39 +254,18 @@ impl Look<'_> {
     }
 
     /// Whether a corner that is not there is found anywhere else.
-    fn is_elsewhere(&self, corner: Corner, now: &Field, level: usize, reach: i64) -> bool {
-        let scale = f64::from(1_u32 << level);
-        let [column, row] = corner.at.map(|c| (c / scale).round() as i64);
-        let Some(probe) = self.reference.coarse.probe(column, row) else {
-            return false;
-        };
-        let (mut most, mut moved) = (ELSEWHERE, None);
-        let mut likeness = vec![OUTSIDE; 2 * reach as usize + 1];
-        for y in -reach..=reach {
-            now.compare(&probe, column - reach, row + y, &mut likeness);
-            for (x, found) in (-reach..).zip(&likeness) {
-                if *found > most {
-                    (most, moved) = (*found, Some([x, y].map(|c| c as f64 * scale)));
-                }
-            }
-        }
-        let found = moved.and_then(|moved| {
-            let start = [0, 1].map(|i| corner.at[i] + moved[i]);
-            self.find(corner, start)
-        });
+    fn is_elsewhere(&self, corner: Corner) -> bool {
+        let likest = self.search.likest(corner.at);
+        let start = likest.filter(|(_, likeness)| *likeness > ELSEWHERE);
+        let found = start.and_then(|(start, _)| self.find(corner, start));
         found.is_some_and(|place| self.off_px(corner, place) > OFF_PX)
     }
 
     /// A corner's place, px, looked for from `start` on; `None` if nothing there is like it.
     fn find(&self, corner: Corner, start: [f64; 2]) -> Option<[f64; 2]> {
-        let own = self.follow.geometry.reference;
-        let scale = f64::from(1_u32 << LEVEL);
-        let on_level = |place: [f64; 2]| place.map(|c| (c / scale) as f32);
-        let [before, now] = [self.follow.before, self.follow.now].map(|p| p[own].levels.get(LEVEL));
-        let template = Small::new(before?, on_level(corner.at))?;
         let [far, near] = corner.inverse_depths;
-        let warp = shrink(0.5 * (far + near), self.moved.displacement_mm);
-        let found = template.find(now?, on_level(start), warp, STEPS)?;
-        (found.likeness >= LIKE).then(|| found.at.map(|c| f64::from(c) * scale))
+        let (depth, moved) = (0.5 * (far + near), self.measurement.displacement_mm);
+        let (place, likeness) = self.follow.corner(LEVEL, corner.at, start, depth, moved)?;
+        (likeness >= LIKE).then_some(place)
     }
 }

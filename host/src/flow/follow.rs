@@ -11,7 +11,7 @@ use super::workers::Workers;
 use super::{Reason, Settings};
 
 /// Steps of the iteration.
-pub(super) const STEPS: usize = 12;
+const STEPS: usize = 12;
 
 /// Two instants, and the rig.
 #[derive(Debug)]
@@ -128,6 +128,25 @@ impl Follow<'_> {
         Ok(Followed { pixels, views })
     }
 
+    /// Where the reference camera sees now what it saw at `at`, px, looked for at `level` from `start` on, and the likeness there; `None` if nothing is found.
+    pub(super) fn corner(
+        &self,
+        level: usize,
+        at: [f64; 2],
+        start: [f64; 2],
+        inverse_depth: f64,
+        displacement_mm: [f64; 3],
+    ) -> Option<([f64; 2], f32)> {
+        let k = self.geometry.reference;
+        let scale = (1 << level) as f64;
+        let on_level = |place: [f64; 2]| place.map(|c| (c / scale) as f32);
+        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let template = Small::new(before?, on_level(at))?;
+        let warp = shrink(inverse_depth, displacement_mm);
+        let found = template.find(now?, on_level(start), warp, STEPS)?;
+        Some((found.at.map(|c| f64::from(c) * scale), found.likeness))
+    }
+
     fn view(&self, k: usize, matched: &Match, displacement_mm: [f64; 3]) -> Result<Found, Reason> {
         let now = &self.now[k].levels[0];
         let rho = matched.ray.inverse_depth;
@@ -159,7 +178,7 @@ pub struct Followed {
 }
 
 /// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by depth now over depth before.
-pub(super) fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
+fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
     let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
     [[factor, 0.0], [0.0, factor]]
 }

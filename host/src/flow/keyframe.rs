@@ -8,8 +8,8 @@ use super::stereo::{Match, Stereo};
 use super::team::Team;
 use super::{Filtered, Flow, Reason, Refusal, Rejected, corner};
 
-/// The texture repeats where more corners than so many times those that match at one depth match at several. Below, those few decide: on posters of
-/// photographs, text and walls they were right, while bricks and grids have next to none.
+/// The texture repeats where more corners than so many times those that match at one depth match at several. Below, those few decide, as those of
+/// walls, text and boards can; bricks and grids have next to none.
 const MOST_AMBIGUOUS: usize = 3;
 
 /// Matched points and images of the reference instant.

@@ -1,6 +1,6 @@
 //! The way from a reference and a capture to a measurement, by the cameras that both have.
 
-use super::extent::{Extent, Moved};
+use super::extent::Extent;
 use super::follow::{self, Follow, Followed};
 use super::keyframe::{Keyframe, Reference};
 use super::laps::{Laps, Stage};
@@ -67,7 +67,18 @@ impl Flow {
             now: &now,
             workers: &self.workers,
         };
-        let rough_mm = self.rough(reference, &follow)?;
+        let level = self.temporal_level();
+        let coarse = Field::new(&now[follow.geometry.reference].levels[level]);
+        let [width, _] = coarse.size();
+        let search = Search {
+            geometry: follow.geometry,
+            before: reference.coarse,
+            now: &coarse,
+            scale: (1 << level) as f64,
+            reach: (self.settings.reach * width as f64).ceil() as usize,
+            workers: &self.workers,
+        };
+        let rough_mm = self.rough(reference, &follow, &search)?;
         laps.lap(Stage::Search);
         let mut rejected = reference.rejected;
         let mut followed: Vec<Followed> = Vec::with_capacity(reference.matches.len());
@@ -93,13 +104,7 @@ impl Flow {
         };
         match &settled.outcome {
             Ok(measurement) => {
-                let moved = Moved {
-                    tracks: &measurement.tracks,
-                    displacement_mm: measurement.displacement_mm,
-                };
-                let level = self.temporal_level();
-                let reach = self.reach(reference.coarse);
-                let extent = Extent::of(reference, &follow, moved, level, reach);
+                let extent = Extent::of(reference, &follow, &search, measurement);
                 if let Err(refusal) = extent.judge() {
                     settled.outcome = Err(refusal);
                 }
@@ -113,25 +118,15 @@ impl Flow {
         Ok(settled)
     }
 
-    /// How far points may move in a coarse image, px.
-    fn reach(&self, coarse: &Field) -> usize {
-        let [width, _] = coarse.size();
-        (self.settings.reach * width as f64).ceil() as usize
-    }
-
     /// The displacement to a fraction of a pixel, or why there is none or more than one.
-    fn rough(&self, keyframe: &Reference<'_>, follow: &Follow<'_>) -> Result<[f64; 3], Refusal> {
-        let level = self.temporal_level();
+    fn rough(
+        &self,
+        keyframe: &Reference<'_>,
+        follow: &Follow<'_>,
+        search: &Search<'_>,
+    ) -> Result<[f64; 3], Refusal> {
         let geometry = follow.geometry;
-        let now = Field::new(&follow.now[geometry.reference].levels[level]);
-        let search = Search {
-            geometry,
-            before: keyframe.coarse,
-            now: &now,
-            scale: (1 << level) as f64,
-            reach: self.reach(&now),
-            workers: &self.workers,
-        };
+        let level = self.temporal_level();
         let guesses = search.guesses(keyframe.matches);
         let best_score = guesses.first().map_or(0.0, |g| g.score);
         let mut refined: Vec<follow::Refined> = guesses

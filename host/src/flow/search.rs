@@ -137,6 +137,34 @@ impl Search<'_> {
         self.rivals(peaks, focal * median)
     }
 
+    /// Likenesses of a probe within reach of a coarse pixel, row by row.
+    fn around(&self, [x, y]: [i64; 2], probe: &Probe, mut row: impl FnMut(&[f32])) {
+        let reach = self.reach as i64;
+        let mut likeness = vec![OUTSIDE; 2 * self.reach + 1];
+        for dy in -reach..=reach {
+            self.now.compare(probe, x - reach, y + dy, &mut likeness);
+            row(&likeness);
+        }
+    }
+
+    /// Where within reach is what is most like that which the reference camera saw at `at`, px, to a coarse pixel, and how like it is. `None` if that
+    /// had no contrast, or lay at the border.
+    pub fn likest(&self, at: [f64; 2]) -> Option<([f64; 2], f32)> {
+        let centre = at.map(|c| (c / self.scale).round() as i64);
+        let probe = self.before.probe(centre[0], centre[1])?;
+        let (mut most, mut place, mut row) = (OUTSIDE, [0; 2], 0);
+        self.around(centre, &probe, |likeness| {
+            for (column, found) in likeness.iter().enumerate() {
+                if *found > most {
+                    (most, place) = (*found, [column, row]);
+                }
+            }
+            row += 1;
+        });
+        let moved = place.map(|c| (c as f64 - self.reach as f64) * self.scale);
+        Some(([0, 1].map(|i| at[i] + moved[i]), most))
+    }
+
     fn voters(&self, matches: &[Match]) -> Vec<Voter> {
         let reference = self.geometry.reference;
         let side = 2 * self.reach + 1;
@@ -147,15 +175,11 @@ impl Search<'_> {
             Some((matched, exact, centre, probe))
         });
         let voter = |(matched, exact, centre, probe): (&Match, [f64; 2], [i64; 2], Probe)| {
-            let mut likeness = vec![OUTSIDE; side];
             let mut map = Vec::with_capacity(side * (side + 1));
-            for row in 0..side {
-                let y = centre[1] + row as i64 - self.reach as i64;
-                let x = centre[0] - self.reach as i64;
-                self.now.compare(&probe, x, y, &mut likeness);
+            self.around(centre, &probe, |likeness| {
                 map.extend(likeness.iter().map(|l| vote(*l)));
                 map.push(NO_VOTE);
-            }
+            });
             Voter {
                 at: matched.views[reference],
                 inverse_depth: matched.ray.inverse_depth,
