@@ -159,7 +159,11 @@ impl Trial {
             }
         }
         let shaking = self.is_for_shaking();
-        let lost = !shaking && is_lost(&moving.ramp, rest, variance);
+        let lost = match shaking {
+            true => None,
+            false => lost(&moving.ramp, rest, variance),
+        };
+        let (lost, sure) = (lost.is_some(), lost == Some(true));
         let feeds = shaking
             || energy.stage > 9.0
                 && energy.target > 0.74 * energy.stage
@@ -173,7 +177,7 @@ impl Trial {
                 // Twice as much as the stage, all of it explained, and then nothing.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
                 let runs = moving.explained > 0.98 && energy.target > 1.8 * energy.stage;
-                let points = match (!shaking && runs && alone, strong) {
+                let points = match (sure || !shaking && runs && alone, strong) {
                     (true, _) => ENOUGH,
                     (false, true) => 3,
                     (false, false) => 2,
@@ -186,26 +190,30 @@ impl Trial {
     }
 }
 
-/// Whether an axis that moved most has no effect on the error, and no other axis is coupled.
+/// Whether an axis that moved most has no effect on the error, and no other axis is coupled; and if
+/// so, whether one trial is enough.
 ///
 /// The share of the stage's motion that the error shows is `-cov(e, s)/var(s)`: 1 for a right mount,
 /// 0 for a stall. Below 0.05, or as near to it as the target's own motion allows, it is lost. A
-/// mount that sees a tenth of the motion is not.
-fn is_lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> bool {
+/// mount that sees a tenth of the motion is not. No target comes to rest exactly as the stage does,
+/// so an error that is steady to a fourteenth of a long ramp is enough.
+fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bool> {
     let [x, y, z] = ramp;
     let all = x.stage + y.stage + z.stage;
-    let (mut lost, mut others) = (false, false);
+    let (mut lost, mut others) = (None, false);
     for ((m, r), variance) in ramp.iter().zip(rest).zip(variance) {
+        let noise = believed(variance);
         let seen = 0.5 * (m.stage + m.error - m.target) - 0.05 * m.stage;
-        let moved = m.stage > 16.0 + 40.0 * believed(variance) && m.stage > 0.25 * all;
+        let moved = m.stage > 16.0 + 20.0 * noise && m.stage > 0.25 * all;
         let alike = m.target > 0.5 * m.stage && m.target < 2.0 * m.stage;
         let steady = m.error < m.stage / 16.0;
         let unseen = seen < 0.0 || seen * seen < 0.3 * r.target * m.stage;
         if moved && alike && steady && unseen {
-            lost = true;
+            let sure = m.stage > 600.0 * noise && m.error < m.stage / 200.0;
+            lost = Some(sure || lost == Some(true));
         } else {
             others |= m.target > all / 16.0 && r.target < m.target * RESTS;
         }
     }
-    lost && !others
+    lost.filter(|_| !others)
 }

@@ -65,9 +65,9 @@ pub(super) struct Spread {
 pub(super) struct Energy {
     /// Of the stage.
     pub stage: f32,
-    /// Of the error.
+    /// Of the error, without the noise of the measurements.
     pub error: f32,
-    /// Of the apparent target, without the noise of the measurements.
+    /// Of the apparent target, likewise.
     pub target: f32,
 }
 
@@ -76,9 +76,10 @@ impl Energy {
     pub fn new(spreads: &[Spread; 3], variance: [f32; 3]) -> Self {
         let mut sum = Self::default();
         for (spread, variance) in spreads.iter().zip(variance) {
+            let noise = believed(variance);
             sum.stage += spread.stage;
-            sum.error += spread.error;
-            sum.target += spread.target - believed(variance);
+            sum.error += spread.error - noise;
+            sum.target += spread.target - noise;
         }
         sum
     }
