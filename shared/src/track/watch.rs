@@ -49,7 +49,7 @@ use crate::safety::Fault;
 use crate::time::Instant;
 use shaking::Shaking;
 use trial::{ENOUGH, Suspicion, Trial, Verdict};
-use unseen::Unseen;
+use unseen::{Unseen, is_near};
 use window::{Spread, Window, milliseconds};
 
 /// Shortest time between two frames that are looked at, µs: within it, noise is all that is new.
@@ -70,8 +70,8 @@ const LARGE: f32 = 0.1;
 const FIRST: i64 = 2;
 const AGAIN: i64 = 4;
 
-/// Part of [`Bounds::unseen`] that it may go while frames are refused.
-const REFUSED: i64 = 4;
+/// Part of [`Bounds::unseen`] that it may go astray.
+const ASTRAY: i64 = 4;
 
 /// Longest series of pardons.
 const PARDONS: u8 = 8;
@@ -123,6 +123,8 @@ struct Case {
     at: Instant,
     /// Whether it was for a loop that shakes.
     shook: bool,
+    /// Whether an axis's steps had no effect.
+    lost: bool,
 }
 
 /// What was seen so far.
@@ -135,8 +137,9 @@ pub struct Watch {
     window: Window,
     unseen: [Unseen; 3],
     shaking: Shaking,
-    /// Frames in succession that were refused, and the way meanwhile.
+    /// Frames in succession that were refused.
     refused: u32,
+    /// The way of the stage astray.
     astray: Fine,
     pardons: u8,
     trial: Option<Trial>,
@@ -239,18 +242,18 @@ impl Watch {
         Advice::Stop
     }
 
-    /// Whether the stage went too far while frames were refused.
+    /// Whether the stage went too far while frames were refused, or with steps that one trial found
+    /// lost, away from the target.
     fn is_astray(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> bool {
-        if self.refused == 0 {
-            self.astray = [0; 3];
-            return false;
-        }
+        let lost = self.case.is_some_and(|case| case.lost);
         let mut astray = false;
-        let ways = sample.stage.iter().zip(&last.stage);
-        for ((sum, bound), (now, before)) in self.astray.iter_mut().zip(bounds.unseen).zip(ways) {
+        let axes = self.astray.iter_mut().zip(bounds.unseen);
+        let ways = sample.stage.iter().zip(&last.stage).zip(&sample.error);
+        for ((sum, bound), ((now, before), error)) in axes.zip(ways) {
+            let counts = self.refused > 0 || lost && !is_near(*error, bound);
             let way = now.saturating_sub(*before).saturating_abs();
-            *sum = sum.saturating_add(way);
-            astray |= bound > 0 && *sum > bound / REFUSED;
+            *sum = if counts { sum.saturating_add(way) } else { 0 };
+            astray |= bound > 0 && *sum > bound / ASTRAY;
         }
         astray
     }
@@ -314,7 +317,12 @@ impl Watch {
                     });
                 }
                 let shook = trial.is_for_shaking();
-                self.case = Some(Case { points, at, shook });
+                self.case = Some(Case {
+                    points,
+                    at,
+                    shook,
+                    lost,
+                });
                 self.free = 0;
                 self.quiet_until = at;
             }

@@ -176,7 +176,7 @@ impl Trial {
                 };
                 // Twice as much as the stage, all of it explained, and then nothing.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
-                let runs = moving.explained > 0.98 && energy.target > 1.8 * energy.stage;
+                let runs = moving.explained > 0.995 && energy.target > 1.8 * energy.stage;
                 let points = match (sure || !shaking && runs && alone, strong) {
                     (true, _) => ENOUGH,
                     (false, true) => 3,
@@ -204,12 +204,13 @@ fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bo
     for ((m, r), variance) in ramp.iter().zip(rest).zip(variance) {
         let noise = believed(variance);
         let seen = 0.5 * (m.stage + m.error - m.target) - 0.05 * m.stage;
-        let moved = m.stage > 16.0 + 20.0 * noise && m.stage > 0.25 * all;
+        let moved = m.stage > 16.0 + 8.0 * noise && m.stage > 0.25 * all;
         let alike = m.target > 0.5 * m.stage && m.target < 2.0 * m.stage;
         let steady = m.error < m.stage / 16.0;
         let unseen = seen < 0.0 || seen * seen < 0.3 * r.target * m.stage;
         if moved && alike && steady && unseen {
-            let sure = m.stage > 600.0 * noise && m.error < m.stage / 200.0;
+            let long = m.stage > 400.0 && m.stage > 100.0 * noise;
+            let sure = long && m.error < m.stage / 200.0 + 2.0 * noise;
             lost = Some(sure || lost == Some(true));
         } else {
             others |= m.target > all / 16.0 && r.target < m.target * RESTS;

@@ -5,7 +5,7 @@
 //! the target is on the other side, or when it is near: within a sixteenth of the bound.
 //!
 //! A count beyond the limit is suspicious if `|e|` changed by less than `m/10`, as it does before a
-//! stage that stands still, or if `|e|` has grown and is larger than half the bound.
+//! stage that stands still, or if `|e|` has grown and is larger than a quarter of the bound.
 
 /// Part of the way by which a target must come nearer to count as approached.
 const SHARE: i64 = 4;
@@ -17,7 +17,7 @@ const NEAR: u64 = 16;
 const STEADY: i64 = 10;
 
 /// Part of the bound beyond which a distance that grows is large.
-const GROWN: i64 = 2;
+const GROWN: i64 = 4;
 
 /// One axis since its count began.
 #[derive(Clone, Copy, Debug, Default)]
@@ -38,7 +38,7 @@ impl Unseen {
     pub fn see(&mut self, way: i64, error: i64, bound: i64, limit: i64) -> bool {
         let side = error.signum();
         let distance = error.saturating_abs();
-        let near = distance.unsigned_abs() < bound.unsigned_abs() / NEAR;
+        let near = is_near(error, bound);
         let moved = way.saturating_mul(side).saturating_add(self.way).max(0);
         let nearer = self.farthest.saturating_abs().saturating_sub(distance);
         if near || side != self.farthest.signum() || nearer > moved / SHARE {
@@ -61,6 +61,11 @@ impl Unseen {
         let grown = distance > self.first && farthest > bound / GROWN;
         bound > 0 && moved > limit && (steady || grown)
     }
+}
+
+/// Whether a target that is `error` away is near.
+pub(super) fn is_near(error: i64, bound: i64) -> bool {
+    error.unsigned_abs() < bound.unsigned_abs() / NEAR
 }
 
 #[cfg(test)]
