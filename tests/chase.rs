@@ -31,6 +31,18 @@ const SIGMA_MM: [f64; 3] = [0.005, 0.005, 0.03];
 /// Where the target is at a time, s, mm.
 pub type Target = fn(f64) -> [f64; 3];
 
+/// A mount that is right.
+pub const RIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// A picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot {
+    /// Since the first one, µs.
+    pub capture_us: u64,
+    /// From the picture to its frame, µs.
+    pub latency_us: u64,
+}
+
 /// One millisecond of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
@@ -64,6 +76,8 @@ pub struct Run {
     pub statuses: Vec<Status>,
     /// What it refused.
     pub denials: Vec<Denial>,
+    /// When the station had a fault, s.
+    pub faulted_s: Option<f64>,
     /// At the end of every segment, 2⁻³² steps.
     pub planned: Vec<[i64; 3]>,
 }
@@ -150,6 +164,22 @@ pub struct Chase {
     pub wrong: Option<(u64, u64, [f64; 3])>,
     /// From when on, s, which axes' motors no longer move their axis.
     pub stalled: Option<(f64, [bool; 3])>,
+    /// The share of their steps that such axes make all the same.
+    pub slips: f64,
+    /// What the cameras see of a displacement: the mount's error as rows, the unit matrix if right.
+    pub mount: [[f64; 3]; 3],
+    /// How much later than the capture its stamp is, µs.
+    pub late_us: i64,
+    /// From a picture to its frame, µs.
+    pub latency_us: u64,
+    /// Instant and latency of every picture, µs; regular ones if there is none.
+    pub shots: Option<Vec<Shot>>,
+    /// Lost motion of every axis, mm, of which the station does not know.
+    pub slack_mm: f64,
+    /// Times the usual noise.
+    pub noise: f64,
+    /// The soft limits, mm either way; the stage's own if there are none.
+    pub travel_mm: Option<f64>,
     /// What the station watches.
     pub care: Care,
     random: Random,
@@ -164,6 +194,14 @@ impl Chase {
             hidden_s: None,
             wrong: None,
             stalled: None,
+            slips: 0.0,
+            mount: RIGHT,
+            late_us: 0,
+            latency_us: LATENCY_US,
+            shots: None,
+            slack_mm: 0.0,
+            noise: 1.0,
+            travel_mm: None,
             care: Care::default(),
             random: Random::new(seed, 0),
         }
@@ -173,7 +211,7 @@ impl Chase {
     ///
     /// # Panics
     /// If it refuses the stage of the experiments.
-    pub fn follow(&mut self, target: Target, seconds: f64) -> Run {
+    pub fn follow(&mut self, target: impl Fn(f64) -> [f64; 3], seconds: f64) -> Run {
         let board = Board {
             name: "chase",
             version: [0, 1, 0],
@@ -183,10 +221,13 @@ impl Chase {
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
         };
-        let stage = Stage {
+        let mut stage = Stage {
             care: self.care.clone(),
             ..default_stage()
         };
+        if let Some(mm) = self.travel_mm {
+            stage.travel_mm = [[-mm, mm]; 3];
+        }
         let mut config = configuration(&stage, Mounting::OnStage).expect("it fits");
         config.tracking = self.tracking;
         let mut machine = Machine::new(board);
@@ -203,7 +244,19 @@ impl Chase {
         let start_us = 100_000u64;
         let mut waiting: VecDeque<(u64, Frame)> = VecDeque::new();
         let mut taken = 0u64;
-        let period_us = 1e6 / self.frames_per_s;
+        let shots = self.shots.clone().unwrap_or_else(|| {
+            let period_us = 1e6 / self.frames_per_s;
+            let shot = |k: u64| Shot {
+                capture_us: (k as f64 * period_us).round() as u64,
+                latency_us: self.latency_us,
+            };
+            (0..(seconds * self.frames_per_s) as u64 + 1)
+                .map(shot)
+                .collect()
+        });
+        let mut shots = shots.into_iter().peekable();
+        let stamp = |us: u64| Instant::from_micros(us.saturating_add_signed(self.late_us));
+        let mut load = [0.0; 3];
         let end_us = start_us + (seconds * 1e6) as u64;
         let at_pins = |path: &[[i64; 3]], us: u64| -> [f64; 3] {
             // path[k] is where the pins are at k SEGMENT_US + 12 µs.
@@ -248,14 +301,14 @@ impl Chase {
                     Output::Idle(_) => break,
                 }
             }
+            if machine.fault().is_some() && run.faulted_s.is_none() {
+                run.faulted_s = Some((now as f64 - start_us as f64) * 1e-6);
+            }
             // What happens before the next segment is given out.
             let next = now + SEGMENT_US;
-            loop {
-                let capture = start_us + (taken as f64 * period_us).round() as u64;
-                if capture >= next {
-                    break;
-                }
-                let at_s = (capture - start_us) as f64 * 1e-6;
+            while let Some(shot) = shots.next_if(|shot| start_us + shot.capture_us < next) {
+                let capture = start_us + shot.capture_us;
+                let at_s = shot.capture_us as f64 * 1e-6;
                 let goal = target(at_s);
                 // The motors stand in whole steps.
                 let stands = |us| {
@@ -267,11 +320,19 @@ impl Chase {
                 {
                     let stuck = stands(start_us + (from_s * 1e6) as u64);
                     for axis in (0..3).filter(|axis| axes[*axis]) {
-                        stage[axis] = stuck[axis];
+                        stage[axis] = stuck[axis] + self.slips * (stage[axis] - stuck[axis]);
                     }
                 }
+                // The load stays where it is until the motor has taken up the slack.
+                for (load, motor) in load.iter_mut().zip(stage) {
+                    let half = 0.5 * self.slack_mm;
+                    *load = f64::clamp(*load, motor - half, motor + half);
+                }
+                let off: [f64; 3] = std::array::from_fn(|i| goal[i] - load[i]);
                 let mut seen: [f64; 3] = std::array::from_fn(|i| {
-                    goal[i] - stage[i] + SIGMA_MM[i] * self.random.gaussian()
+                    let row = self.mount[i];
+                    let view = row[0] * off[0] + row[1] * off[1] + row[2] * off[2];
+                    view + self.noise * SIGMA_MM[i] * self.random.gaussian()
                 });
                 if let Some((first, count, by)) = self.wrong
                     && taken >= first
@@ -282,13 +343,15 @@ impl Chase {
                 let hidden = self
                     .hidden_s
                     .is_some_and(|[from, to]| (from..to).contains(&at_s));
-                if taken > 0 && !hidden {
+                if shot.capture_us > 0 && !hidden {
                     let frame = Frame {
-                        capture: Instant::from_micros(capture),
-                        reference: Instant::from_micros(start_us),
-                        sums: sums(seen),
+                        capture: stamp(capture),
+                        reference: stamp(start_us),
+                        sums: sums(seen, self.noise),
                     };
-                    waiting.push_back((capture + LATENCY_US, frame));
+                    let due = capture + shot.latency_us;
+                    let place = waiting.partition_point(|(other, _)| *other <= due);
+                    waiting.insert(place, (due, frame));
                 }
                 taken += 1;
             }
@@ -312,12 +375,12 @@ impl Chase {
 }
 
 /// Sums that say the target was displaced by `mm`, and how well that is known.
-fn sums(mm: [f64; 3]) -> Sums {
+fn sums(mm: [f64; 3], noise: f64) -> Sums {
     let spread = (SIGMA_MM[0] / SIGMA_MM[2]).powi(2);
     let exponent = spread.log2().floor() as i32 + 1;
     let mantissa = spread / f64::from(exponent).exp2();
     let freedom = 597u16;
-    let residual = SIGMA_MM[0] * 1e6 * f64::from(freedom).sqrt();
+    let residual = noise * SIGMA_MM[0] * 1e6 * f64::from(freedom).sqrt();
     Sums::Midpoint(FixedCentredSums {
         points: 100,
         freedom,

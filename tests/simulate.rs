@@ -191,6 +191,7 @@ in_qemu! {
     the_emulated_processor_agrees_on_a_line: "line.toml"
     the_emulated_processor_agrees_on_noise: "still.toml"
     the_emulated_processor_agrees_on_an_occlusion: "occlusion.toml"
+    the_emulated_processor_agrees_on_a_covered_target: "covered.toml"
     the_emulated_processor_agrees_on_a_silent_host: "heartbeat.toml"
     the_emulated_processor_agrees_on_bad_frames: "frames.toml"
     the_emulated_processor_agrees_on_switches: "switches.toml"

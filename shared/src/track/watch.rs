@@ -25,7 +25,7 @@
 //!    one that leaves no doubt. Then following goes on.
 //!
 //! A trial that finds a target that moves by itself is not repeated for half a second, then for 1, 2,
-//! 4 and 8 s. A suspicion of lost steps is pardoned up to eight times if the error answered the
+//! 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error answered the
 //! stage's own acceleration a moment before.
 //!
 //! # Figures
@@ -74,7 +74,7 @@ const AGAIN: i64 = 4;
 const ASTRAY: i64 = 4;
 
 /// Longest series of pardons.
-const PARDONS: u8 = 8;
+const PARDONS: u8 = 3;
 
 /// How long a trial counts: a time, ms, and a number of frames.
 const COUNTS_MS: f32 = 4_000.0;
@@ -280,7 +280,7 @@ impl Watch {
 
     /// Whether all suspicious axes are pardoned: the cameras saw the stage's acceleration there.
     fn pardon(&mut self, suspicious: [bool; 3], spreads: &[Spread; 3]) -> bool {
-        let seen = |spread: &Spread| spread.stage > 4.0 && spread.target < 0.25 * spread.stage;
+        let seen = |spread: &Spread| spread.stage > 4.0 && spread.target < 0.1 * spread.stage;
         let before = self.shaking.before.unwrap_or_default();
         let mut all = true;
         let axes = self.unseen.iter_mut().zip(suspicious);

@@ -172,7 +172,7 @@ impl Trial {
             (true, _) => {
                 let strong = match shaking {
                     true => 16.0 * energy.stage > large,
-                    false => lost || moving.explained > 0.9,
+                    false => lost || moving.explained > 0.97,
                 };
                 // Twice as much as the stage, all of it explained, and then nothing.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
