@@ -274,14 +274,14 @@ impl Life {
                 let (sequence, mut bytes) = self.shell.packet(Command::Jog {
                     distance_um: [3_000, -3_000, 2_000],
                 });
-                let last = bytes.len() as u64 - 1;
+                // The closing zero stays, or at least one byte more is missing: else the next packet's first zero would mend it.
+                let last = bytes.len() - 1;
                 if kind == 3 {
-                    bytes.truncate(1 + self.random.below(last) as usize);
+                    bytes.truncate(1 + self.random.below(last as u64 - 1) as usize);
                 } else {
-                    for _ in 0..=self.random.below(3) {
-                        // A flip of the closing zero would be a loss of the next packet, too, without a delimiter of its own.
-                        let at = self.random.below(last) as usize;
-                        bytes[at] ^= 1 << self.random.below(8);
+                    let first = self.random.below(last as u64 - 4) as usize;
+                    for byte in &mut bytes[first..=first + self.random.below(3) as usize] {
+                        *byte ^= 1 << self.random.below(8);
                     }
                 }
                 self.judge.note(now, || format!("{sequence}: a broken jog"));
@@ -384,10 +384,12 @@ impl Life {
         self.release();
         self.ping_us = self.shell.now_us();
         self.send(Command::Hello);
-        // The longest ramp there may be.
-        let rests = self.until(2_000_000, |life| life.state().is_none_or(|state| !state.is_moving()));
         self.send(Command::Stop);
-        let stops = self.until(200, |life| life.state() == Some(State::Stopped) || life.state() == Some(State::Faulted));
+        self.run(5_000);
+        // The longest ramp there may be.
+        let stops = self.until(2_000_000, |life| {
+            life.state().is_some_and(|state| !state.is_moving())
+        });
         self.send(Command::Reset);
         self.run(200_000);
         self.send(Command::Config(stages::modest()));
@@ -402,12 +404,12 @@ impl Life {
             life.judge.place() == Some([240, -160, 80]) && life.state() == Some(State::Idle)
         });
         let homed = self.judge.status().is_some_and(|s| s.trust == Trust::Homed && s.fault.is_none());
-        if !(rests && stops && idle && arrives && homed) {
+        if !(stops && idle && arrives && homed) {
             let state = self.state();
             let place = self.judge.place();
             self.judge.breaks(Law::Wedge, || {
                 format!(
-                    "comes to rest {rests}, stops {stops}, idle {idle}, arrives {arrives}, homed {homed}: \
+"stops {stops}, idle {idle}, arrives {arrives}, homed {homed}: \
                      {state:?} at {place:?}"
                 )
             });

@@ -168,9 +168,4 @@ impl Shell {
         self.inputs.words_emitted = self.played + part;
         self.machine.sense(self.inputs);
     }
-
-    /// Planned positions of the motors, for a trace.
-    pub fn state(&self) -> shared::safety::State {
-        self.machine.state()
-    }
 }

@@ -1,7 +1,6 @@
 //! Commands and their answers.
 
-use super::{Judge, Request, Sent, Stop, Ways, accepted, kind};
-use crate::judge::Bounds;
+use super::{Bounds, Judge, Request, Sent, Stop, Ways, accepted, kind};
 use crate::laws::Law;
 use shared::frame::message::{Command, Config, Outcome};
 use shared::safety::{State, Trust};
@@ -31,11 +30,13 @@ impl Judge {
                 let ramp = self.ramp_us();
                 let stop = Stop {
                     order,
+                    obeyed_us: now_us + BEGINS_US as u64,
                     ended_us: now_us as f64 + BEGINS_US + ramp,
                 };
                 // The first stop's ramp is the one that holds.
                 self.stop = Some(match self.stop {
                     Some(first) => Stop {
+                        obeyed_us: first.obeyed_us,
                         ended_us: first.ended_us.min(stop.ended_us),
                         ..stop
                     },
@@ -93,11 +94,11 @@ impl Judge {
 
     /// How long the longest ramp from the present motion takes, µs.
     pub(super) fn ramp_us(&self) -> f64 {
-        let axes = self.trails.iter().zip(&self.bounds);
+        let axes = self.trails.iter().zip(&self.ramps);
         let ticks = axes.map(|(trail, bounds)| {
             // It may speed up for two ticks more before it obeys.
             let speed = (trail.speed(bounds) + 2.0 * bounds.acceleration).min(bounds.speed);
-            bounds.stop_ticks(speed)
+            bounds.stop_ticks(speed, trail.acceleration(bounds))
         });
         // The grid's rounding.
         let ticks = ticks.fold(0.0, f64::max);
@@ -143,6 +144,7 @@ impl Judge {
                 jerk: (steps(limits.max_jerk_um_s3, axis) / 1e9).min(speed),
             }
         });
+        self.ramps = self.bounds.map(|bounds| bounds.on_grid(self.quantum));
         for axis in 0..3 {
             self.trails[axis].cut();
             self.load[axis] = self.pushed(axis, self.load[axis]);

@@ -28,12 +28,20 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Ticks until an axis that is no faster than `speed` now has come to rest on a ramp, at most; `accelerating` if
-    /// it may still be speeding up.
-    pub fn stop_ticks(&self, speed: f64) -> f64 {
+    /// What is left of them on a grid: the station rounds each down to a multiple of `quantum`.
+    pub fn on_grid(&self, quantum: f64) -> Self {
+        let down = |bound: f64| ((bound / quantum).floor() * quantum).max(quantum);
+        Self {
+            speed: self.speed,
+            acceleration: down(self.acceleration),
+            jerk: down(self.jerk),
+        }
+    }
+
+    /// Ticks until an axis that is no faster than `speed` and whose acceleration is no more than `rising` has come to rest
+    /// on a ramp, at most.
+    pub fn stop_ticks(&self, speed: f64, rising: f64) -> f64 {
         let (a, j) = (self.acceleration, self.jerk);
-        // Speeding up from rest to this speed needed no more acceleration than that.
-        let rising = a.min((2.0 * speed * j).sqrt());
         let top = speed + rising * rising / (2.0 * j);
         let falling = a.min((top * j).sqrt());
         let ramp = match falling > 0.0 {
@@ -133,12 +141,13 @@ impl Trail {
         speeds.fold(bounds.speed, f64::min)
     }
 
-    /// Steps made in the last `ticks`.
-    pub fn way(&self, ticks: usize) -> i64 {
-        match (self.places.back(), self.places.iter().rev().nth(ticks)) {
-            (Some(newest), Some(oldest)) => newest.0 - oldest.0,
-            _ => 0,
-        }
+    /// Highest acceleration the axis can have now, steps per tick²: none after a long rest, any in the middle of a turn.
+    pub fn acceleration(&self, bounds: &Bounds) -> f64 {
+        let rested = match self.rested >= KEPT {
+            true => (2.0 * self.speed(bounds) * bounds.jerk).sqrt(),
+            false => f64::INFINITY,
+        };
+        bounds.acceleration.min(rested)
     }
 }
 
@@ -195,8 +204,11 @@ mod tests {
     #[test]
     fn stop_takes_no_longer_than_said() {
         // From 8 steps/tick at rest of acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
-        let ticks = BOUNDS.stop_ticks(7.9);
-        assert!(ticks >= 7.9 / 0.5 + 10.0 && ticks < 60.0, "{ticks}");
-        assert_eq!(BOUNDS.stop_ticks(0.0), 0.0);
+        let ticks = BOUNDS.stop_ticks(7.9, 0.0);
+        assert!((25.0..30.0).contains(&ticks), "{ticks}");
+        assert_eq!(BOUNDS.stop_ticks(0.0, 0.0), 0.0);
+        // In the middle of a turn: ten ticks to get rid of the acceleration, then back from 2.5 steps per tick.
+        let ticks = BOUNDS.stop_ticks(0.0, 0.5);
+        assert!((20.0..30.0).contains(&ticks), "{ticks}");
     }
 }

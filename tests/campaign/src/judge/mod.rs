@@ -11,7 +11,7 @@ mod statuses;
 use crate::laws::{Law, Violation};
 use crate::pins::Pins;
 use kinematics::Trail;
-pub use kinematics::Bounds;
+use kinematics::Bounds;
 use shared::frame::message::{Command, Config, Outcome, Report, Side, Status};
 use shared::safety::{Fault, Inputs, State, Trust};
 use std::collections::HashMap;
@@ -44,6 +44,8 @@ struct Request {
 #[derive(Clone, Copy, Debug)]
 struct Stop {
     order: u64,
+    /// A control tick has taken it in, µs.
+    obeyed_us: u64,
     /// The ramp has ended, µs.
     ended_us: f64,
 }
@@ -121,6 +123,10 @@ pub struct Judge {
 
     config: Option<Config>,
     bounds: [Bounds; 3],
+    /// The least that ramps may use of them.
+    ramps: [Bounds; 3],
+    /// Speed, acceleration and jerk of the station are multiples of this, steps and ticks.
+    quantum: f64,
     /// Highest speed at present, and until when a higher one that held before may last.
     caps: [(f64, f64); 3],
     trails: [Trail; 3],
@@ -178,6 +184,8 @@ impl Judge {
             segments: 0,
             config: None,
             bounds: [Bounds::default(); 3],
+            ramps: [Bounds::default(); 3],
+            quantum: 2.0 * (f64::from(hz) / 2_000.0).powi(2) / 4_294_967_296.0,
             caps: [(0.0, 0.0); 3],
             trails: Default::default(),
             raw: [0; 3],
@@ -262,6 +270,7 @@ impl Judge {
         self.note(now_us, || format!("the shell stalls for {us} us"));
         self.now_us = now_us;
         if let Some(stop) = &mut self.stop {
+            stop.obeyed_us += us;
             stop.ended_us += us as f64;
         }
         if let Some(until) = &mut self.silent_until_us {

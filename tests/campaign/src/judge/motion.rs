@@ -243,7 +243,7 @@ impl Judge {
             if cap < held && now < until {
                 return held;
             }
-            let ramp = self.bounds[axis].stop_ticks(cap) * 1100.0 + 10_000.0;
+            let ramp = self.ramps[axis].stop_ticks(cap, self.ramps[axis].acceleration) * 1100.0 + 10_000.0;
             self.caps[axis] = (cap, now + ramp);
             cap
         })

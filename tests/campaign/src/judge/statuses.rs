@@ -13,6 +13,7 @@ impl Judge {
         self.check_position(status);
         self.check_faults(status);
         self.check_trust(status);
+        self.check_stop(status);
         if matches!(status.state, State::Idle | State::Stopped | State::Faulted) {
             // What was asked for is done or given up.
             self.requests.clear();
@@ -28,6 +29,15 @@ impl Judge {
             _ => false,
         };
         self.status = Some(status.clone());
+    }
+
+    fn check_stop(&mut self, status: &Status) {
+        let moves = matches!(status.state, State::Idle | State::Moving | State::Following | State::Homing);
+        // The tick that obeys has passed.
+        if let Some(stop) = self.stop && moves && self.now_us > stop.obeyed_us {
+            let state = status.state;
+            self.breaks(Law::LastWord, || format!("{state:?} after a stop, without a later reset"));
+        }
     }
 
     fn note_change(&self, status: &Status) {
