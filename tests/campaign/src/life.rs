@@ -40,6 +40,8 @@ pub struct Life {
     /// Packets that were sent before, to be sent again.
     last: Vec<u8>,
     rate: shared::steps::WordRate,
+    /// Before the first hello the station takes nothing else.
+    greeted: bool,
 }
 
 /// Lives the life of `seed`.
@@ -58,6 +60,7 @@ pub fn live(seed: u64, trace: bool) -> Fate {
         origin_us: birth_us,
         last: Vec::new(),
         rate,
+        greeted: false,
     };
     let hz = rate.hz();
     life.judge
@@ -327,7 +330,11 @@ impl Life {
 
     fn send(&mut self, command: Command) {
         let (sequence, bytes) = self.shell.packet(command);
-        self.judge.sent(self.shell.now_us(), sequence, &command);
+        self.greeted |= matches!(command, Command::Hello);
+        match self.greeted {
+            true => self.judge.sent(self.shell.now_us(), sequence, &command),
+            false => self.judge.sent_stale(sequence),
+        }
         match self.random.below(4) {
             0 => {
                 // In any chunks.

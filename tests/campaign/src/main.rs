@@ -1,32 +1,108 @@
-//! Random lives of the station, judged by what its pins do. See `campaign --help`.
+//! Random lives of the station, judged by what its pins do.
+//!
+//! Two kinds: *station* lives of any commands, noise, switches and stalls, and *loop* lives that follow a target through a plant. A life is
+//! its seed: the same on every machine.
 
+mod following;
 mod frames;
 mod judge;
 mod laws;
 mod life;
+mod options;
 mod pins;
 mod random;
+mod scene;
 mod shell;
 mod stages;
+mod tally;
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use judge::Counts;
 use laws::{Law, Violation};
+use life::Fate;
+use options::{Kind, Options};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+use tally::Tally;
 
-fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let n: u64 = args[1].parse().unwrap();
-    let s: u64 = args[2].parse().unwrap();
-    let trace = args.len() > 3;
-    let mut counts = Counts::default();
-    let mut hits = std::collections::BTreeMap::<&str, Vec<(u64, Violation)>>::new();
-    for seed in s..s + n {
-        let fate = catch_unwind(AssertUnwindSafe(|| life::live(seed, trace)));
-        match fate {
-            Ok(f) => { counts.add(&f.counts); for v in f.violations { hits.entry(v.law.name()).or_default().push((seed, v)); } }
-            Err(_) => { hits.entry("panic").or_default().push((seed, Violation { law: Law::Panic, at_ms: 0.0, text: String::new() })); }
+fn main() -> ExitCode {
+    let options = match Options::parse(std::env::args().skip(1)) {
+        Ok(options) => options,
+        Err(message) => {
+            eprintln!("campaign: {message} (try --help)");
+            return ExitCode::from(2);
         }
+    };
+    if options.help {
+        print!("{}", options::HELP);
+        return ExitCode::SUCCESS;
     }
-    println!("{counts:?}");
-    for (k, v) in hits { println!("{k}: {}", v.len()); for (s, x) in v.iter().take(6) { println!("   {s} {:.3} {}", x.at_ms, x.text); } }
+    if let Some(seed) = options.replay {
+        let fate = live(options.kind, seed, true);
+        return match fate.violations.is_empty() {
+            true => ExitCode::SUCCESS,
+            false => ExitCode::from(1),
+        };
+    }
+    // A panic is counted, not printed in full a thousand times.
+    std::panic::set_hook(Box::new(|_| ()));
+    let tally = run(&options);
+    match options.markdown {
+        true => print!("{}", tally.markdown(&options)),
+        false => print!("{}", tally.summary(&options)),
+    }
+    match tally.violations() {
+        0 => ExitCode::SUCCESS,
+        _ => ExitCode::from(1),
+    }
+}
+
+/// All lives, on some threads.
+fn run(options: &Options) -> Tally {
+    let next = AtomicU64::new(0);
+    let tally = Mutex::new(Tally::new(options.kind));
+    let begin = Instant::now();
+    std::thread::scope(|scope| {
+        for _ in 0..options.threads {
+            scope.spawn(|| {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= options.lives {
+                        break;
+                    }
+                    let seed = options.seed + number;
+                    let fate = live(options.kind, seed, false);
+                    let mut tally = tally.lock().expect("no thread panics while it counts");
+                    tally.add(seed, fate);
+                    if tally.lives.is_multiple_of(options.progress) && tally.lives < options.lives {
+                        let seconds = begin.elapsed().as_secs();
+                        let (lives, violations) = (tally.lives, tally.violations());
+                        eprintln!("{lives} lives, {violations} violations, {seconds} s");
+                    }
+                }
+            });
+        }
+    });
+    tally.into_inner().expect("no thread panics while it counts")
+}
+
+/// One life; a panic is a violation like others.
+fn live(kind: Kind, seed: u64, trace: bool) -> Fate {
+    let live = || match kind {
+        Kind::Station => life::live(seed, trace),
+        Kind::Loop => following::live(seed, trace),
+    };
+    catch_unwind(AssertUnwindSafe(live)).unwrap_or_else(|cause| {
+        let text = cause.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| cause.downcast_ref::<&str>().map(|text| text.to_string()));
+        Fate {
+            counts: judge::Counts::default(),
+            violations: vec![Violation {
+                law: Law::Panic,
+                at_ms: 0.0,
+                text: text.unwrap_or_default(),
+            }],
+        }
+    })
 }

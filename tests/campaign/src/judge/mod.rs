@@ -276,6 +276,9 @@ impl Judge {
         if let Some(until) = &mut self.silent_until_us {
             *until += us as f64;
         }
+        for (_, until) in &mut self.caps {
+            *until += us as f64;
+        }
         self.excused_us = Some(now_us);
     }
 
