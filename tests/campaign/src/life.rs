@@ -6,7 +6,7 @@ use crate::laws::{Law, Violation};
 use crate::random::Random;
 use crate::shell::{Deed, Shell};
 use crate::stages;
-use shared::frame::message::Command;
+use shared::frame::message::{Command, Config};
 use shared::safety::{Inputs, State, Trust};
 
 /// A host pings this often, µs.
@@ -40,8 +40,11 @@ pub struct Life {
     /// Packets that were sent before, to be sent again.
     last: Vec<u8>,
     rate: shared::steps::WordRate,
+    delay_us: u32,
     /// Before the first hello the station takes nothing else.
     greeted: bool,
+    /// The last configuration that was sent.
+    config: Option<Config>,
 }
 
 /// Lives the life of `seed`.
@@ -60,7 +63,9 @@ pub fn live(seed: u64, trace: bool) -> Fate {
         origin_us: birth_us,
         last: Vec::new(),
         rate,
+        delay_us,
         greeted: false,
+        config: None,
     };
     let hz = rate.hz();
     life.judge
@@ -119,6 +124,11 @@ impl Life {
             1 => stages::wild(&mut self.random, self.rate),
             _ => stages::likely(&mut self.random, self.rate),
         };
+        self.send_config(config);
+    }
+
+    fn send_config(&mut self, config: Config) {
+        self.config = Some(config);
         self.send(Command::Config(config));
     }
 
@@ -129,7 +139,8 @@ impl Life {
             28..42 => self.follow(),
             42..48 => self.hostile_frame(),
             48..54 => self.send(Command::Stop),
-            54..64 => self.send(Command::Reset),
+            54..62 => self.send(Command::Reset),
+            62..64 => self.mend(),
             64..68 => self.send(Command::Zero),
             68..72 => self.configure(),
             72..76 => {
@@ -139,9 +150,11 @@ impl Life {
             76..79 => self.silence(),
             79..88 => self.switch(),
             88..92 => self.noise(),
-            92..95 => self.stall(),
-            95..98 => self.burst(),
-            _ => self.hello(),
+            92..94 => self.stall(),
+            94..96 => self.burst(),
+            96 => self.hello(),
+            97 => self.outing(),
+            _ => self.mend(),
         }
     }
 
@@ -189,6 +202,49 @@ impl Life {
             let frame = self.views.sound(&mut self.random, now, self.origin_us);
             self.send(Command::Frame(frame));
             self.run(every);
+        }
+    }
+
+    /// What a person does after trouble: every switch released, reset, now and then zero.
+    fn mend(&mut self) {
+        self.release();
+        self.run(2_000);
+        self.send(Command::Reset);
+        if self.random.one_in(3) {
+            self.run(2_000);
+            self.send(Command::Zero);
+        }
+    }
+
+    /// Away in one direction again and again, whatever comes between.
+    fn outing(&mut self) {
+        let axis = self.random.below(3) as usize;
+        let far = self.random.decades(30.0, 20_000.0) * self.random.pick(&[-1.0, 1.0]);
+        for _ in 0..2 + self.random.below(8) {
+            let mut distance_um = [0; 3];
+            distance_um[axis] = (far * self.random.range(0.2, 1.0)) as i32;
+            self.send(Command::Jog { distance_um });
+            let us = self.random.decades(2_000.0, 400_000.0) as u64;
+            self.run(us);
+            match self.random.below(6) {
+                0 => self.shell.inputs.emergency_stop = true,
+                1 => self.shell.inputs.driver_fault = true,
+                2 => self.shell.inputs.limits[axis][usize::from(far > 0.0)] = true,
+                3 => {
+                    // The same stage with an axis turned round.
+                    let mut config = self.config.unwrap_or_else(stages::usual);
+                    config.axes[axis].invert ^= true;
+                    self.run(100_000);
+                    self.send_config(config);
+                }
+                _ => {}
+            }
+            self.judge.switched(self.shell.now_us(), &self.shell.inputs);
+            self.run(3_000);
+            self.release();
+            self.run(2_000);
+            self.send(Command::Reset);
+            self.run(2_000);
         }
     }
 
@@ -294,10 +350,13 @@ impl Life {
         }
     }
 
+    /// The shell does not look: for less than what is queued for the pins, which must not show, or for so long that time
+    /// went on without motion. (What lies between stops the step engine; the emulated board tests that.)
     fn stall(&mut self) {
+        let delay = self.delay_us as f64;
         let us = match self.random.one_in(2) {
-            true => self.random.decades(50.0, 1_900.0),
-            false => self.random.decades(1_900.0, 300_000.0),
+            true => delay * 0.9 * self.random.unit(),
+            false => delay + self.random.decades(2_300.0, 300_000.0),
         } as u64;
         self.drain();
         self.shell.stall(us);

@@ -156,7 +156,8 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let scale = f64::from(config.axes[axis].steps_per_m) / 1e6;
-        let window = (f64::from(config.stage.window_um) * scale) as i64 + 2 + self.play(axis);
+        // Both ends are rounded to whole steps, from places between two steps.
+        let window = (f64::from(config.stage.window_um) * scale) as i64 + 4 + self.play(axis);
         let from = self.raw[axis];
         let leaves = |anchor: &[i64; 3]| {
             let (before, after) = ((from - anchor[axis]).abs(), (from + by - anchor[axis]).abs());
