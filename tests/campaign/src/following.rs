@@ -14,6 +14,7 @@ use shared::safety::State;
 use shared::steps::WordRate;
 use shared::time::Instant;
 use std::collections::VecDeque;
+use std::io::Write as _;
 
 /// The way that the stage may go unseen, as the host configures it unless told otherwise, mm.
 const UNSEEN_MM: f64 = 10.0;
@@ -101,7 +102,7 @@ impl Following {
 
     fn note(&self, s: f64, text: impl FnOnce() -> String) {
         if self.trace {
-            println!("{s:8.4} s  {}", text());
+            let _ = writeln!(std::io::stdout(), "{s:8.4} s  {}", text());
         }
     }
 

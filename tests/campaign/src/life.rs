@@ -4,9 +4,10 @@ use crate::frames::Views;
 use crate::judge::{Counts, Judge};
 use crate::laws::{Law, Violation};
 use crate::random::Random;
+use crate::sabotage::Sabotage;
 use crate::shell::{Deed, Shell};
 use crate::stages;
-use shared::frame::message::{Command, Config};
+use shared::frame::message::{Command, Config, Outcome, Report};
 use shared::safety::{Inputs, State, Trust};
 
 /// A host pings this often, µs.
@@ -43,12 +44,20 @@ pub struct Life {
     delay_us: u32,
     /// Before the first hello the station takes nothing else.
     greeted: bool,
+    sabotage: Sabotage,
+    segments: u64,
+    reports: u64,
     /// The last configuration that was sent.
     config: Option<Config>,
 }
 
 /// Lives the life of `seed`.
 pub fn live(seed: u64, trace: bool) -> Fate {
+    live_with(seed, trace, Sabotage::None)
+}
+
+/// Lives it before a judge who is deceived.
+pub fn live_with(seed: u64, trace: bool, sabotage: Sabotage) -> Fate {
     let mut random = Random::new(seed);
     let rate = stages::word_rate(&mut random);
     let delay_us = random.pick(&[0, 100, 256, 512, 512, 763, 1_000, 2_000]);
@@ -65,6 +74,9 @@ pub fn live(seed: u64, trace: bool) -> Fate {
         rate,
         delay_us,
         greeted: false,
+        sabotage,
+        segments: 0,
+        reports: 0,
         config: None,
     };
     let hz = rate.hz();
@@ -328,6 +340,13 @@ impl Life {
                 self.judge.note(now, || format!("{old}: a jog from behind"));
                 self.judge.sent_stale(old);
                 self.shell.receive(&bytes);
+                if self.sabotage == Sabotage::Credulous {
+                    self.judge.heard(now, &Report::Answer {
+                        sequence: old,
+                        tick: 0,
+                        outcome: Outcome::Accepted,
+                    });
+                }
             }
             kind => {
                 let (sequence, mut bytes) = self.shell.packet(Command::Jog {
@@ -365,6 +384,8 @@ impl Life {
 
     /// Many commands at once, more than a tick takes.
     fn burst(&mut self) {
+        // An answer to a configuration must not be lost in it: the judge would not know the stage any more.
+        self.run(1_500);
         for _ in 0..self.random.below(14) {
             match self.random.below(10) {
                 0..2 => self.send(Command::Stop),
@@ -421,7 +442,7 @@ impl Life {
     fn run_quietly(&mut self, end: u64) {
         loop {
             match self.shell.step(end) {
-                Deed::Report(report) => self.judge.heard(self.shell.now_us(), &report),
+                Deed::Report(report) => self.hear(report),
                 Deed::Garbage => self.judge.breaks(Law::Report, || "bytes that are no report".into()),
                 Deed::Refused(fault) => self.judge.breaks(Law::Segment, || fault.to_string()),
                 Deed::Words => {
@@ -438,8 +459,21 @@ impl Life {
         self.drain();
     }
 
+    fn hear(&mut self, report: Report) {
+        self.reports += 1;
+        let now = self.shell.now_us();
+        if let Some(report) = self.sabotage.report(self.reports, report) {
+            self.judge.heard(now, &report);
+            if self.sabotage == Sabotage::Echo && self.reports.is_multiple_of(10) {
+                self.judge.heard(now, &report);
+            }
+        }
+    }
+
     fn drain(&mut self) {
-        if let Some(held) = self.held.take() {
+        if let Some(mut held) = self.held.take() {
+            self.segments += 1;
+            self.sabotage.words(self.segments, &mut held.words);
             self.judge.words(held.at_us, &held.words, &held.inputs);
         }
     }

@@ -11,6 +11,7 @@ mod life;
 mod options;
 mod pins;
 mod random;
+mod sabotage;
 mod scene;
 mod shell;
 mod stages;

@@ -11,10 +11,12 @@ mod statuses;
 use crate::laws::{Law, Violation};
 use crate::pins::Pins;
 use kinematics::Trail;
+pub use statuses::hide_faults;
 use kinematics::Bounds;
 use shared::frame::message::{Command, Config, Outcome, Report, Side, Status};
 use shared::safety::{Fault, Inputs, State, Trust};
 use std::collections::HashMap;
+use std::io::Write as _;
 
 /// A command on its way.
 #[derive(Clone, Copy, Debug)]
@@ -221,7 +223,8 @@ impl Judge {
     /// Prints a line of the trace.
     pub fn note(&self, now_us: u64, text: impl FnOnce() -> String) {
         if self.trace {
-            println!("{:10.3} ms  {}", self.ms(now_us), text());
+            // A reader that has seen enough is no reason to stop.
+            let _ = writeln!(std::io::stdout(), "{:10.3} ms  {}", self.ms(now_us), text());
         }
     }
 

@@ -131,3 +131,8 @@ fn counted(status: &Status) -> u64 {
 fn faults(status: &Status) -> Vec<Fault> {
     status.fault.into_iter().collect()
 }
+
+/// A status of a station that hides its faults.
+pub fn hide_faults(status: &mut Status) {
+    status.fault = None;
+}
