@@ -13,6 +13,7 @@ pub enum Law {
     Silent,
     Cause,
     Limit,
+    Motors,
     LastWord,
     Heartbeat,
     Speed,
@@ -36,7 +37,7 @@ pub enum Law {
 
 impl Law {
     /// Every law of random lives.
-    pub const STATION: [Self; 26] = [
+    pub const STATION: [Self; 27] = [
         Self::Panic,
         Self::Wedge,
         Self::Segment,
@@ -47,6 +48,7 @@ impl Law {
         Self::Silent,
         Self::Cause,
         Self::Limit,
+        Self::Motors,
         Self::LastWord,
         Self::Heartbeat,
         Self::Speed,
@@ -81,6 +83,7 @@ impl Law {
             Self::Silent => "silent",
             Self::Cause => "cause",
             Self::Limit => "limit",
+            Self::Motors => "motors",
             Self::LastWord => "last-word",
             Self::Heartbeat => "heartbeat",
             Self::Speed => "speed",
@@ -129,6 +132,7 @@ impl Law {
                 "No step towards a tripped limit switch is made from one control tick after it is \
                  sensed."
             }
+            Self::Motors => "No step is made while the motors are off.",
             Self::LastWord => {
                 "After a stop and its ramp no step is made until a reset that was sent after it is \
                  accepted."
@@ -152,7 +156,9 @@ impl Law {
                  power came on or trust was lost."
             }
             Self::Position => "Every position that a status reports equals the counted steps.",
-            Self::Trust => "After motion that ended abruptly no status says homed.",
+            Self::Trust => {
+                "After motion that ended abruptly, or motors that were off, no status says homed."
+            }
             Self::Answered => {
                 "Every command that arrives whole is answered exactly once, or counted as dropped."
             }
@@ -162,7 +168,7 @@ impl Law {
                 "An emergency stop, a driver fault or an abrupt end is named by a status before a \
                  reset is accepted."
             }
-            Self::Worst => "While the emergency stop is pressed a status names it and no other.",
+            Self::Worst => "Every status shows the worst of its faults; the emergency stop is the worst.",
             Self::Reset => {
                 "No reset is accepted while the emergency stop or a driver fault is present."
             }

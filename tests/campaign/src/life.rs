@@ -18,6 +18,7 @@ struct Held {
     at_us: u64,
     words: Vec<u32>,
     inputs: Inputs,
+    motors: bool,
 }
 
 /// What came of a life.
@@ -155,7 +156,11 @@ impl Life {
             62..64 => self.mend(),
             64..68 => self.send(Command::Zero),
             68..72 => self.configure(),
-            72..76 => {
+            72 => {
+                let on = !self.random.one_in(3);
+                self.send(Command::Motors { on });
+            }
+            73..76 => {
                 let axes = std::array::from_fn(|_| self.random.one_in(2));
                 self.send(Command::Home { axes });
             }
@@ -223,6 +228,8 @@ impl Life {
         self.run(2_000);
         self.send(Command::Reset);
         if self.random.one_in(3) {
+            self.run(2_000);
+            self.send(Command::Motors { on: true });
             self.run(2_000);
             self.send(Command::Zero);
         }
@@ -451,6 +458,7 @@ impl Life {
                         at_us: self.shell.now_us(),
                         words: self.shell.words.clone(),
                         inputs: self.shell.inputs,
+                        motors: self.shell.motors(),
                     });
                 }
                 Deed::Done => break,
@@ -474,7 +482,7 @@ impl Life {
         if let Some(mut held) = self.held.take() {
             self.segments += 1;
             self.sabotage.words(self.segments, &mut held.words);
-            self.judge.words(held.at_us, &held.words, &held.inputs);
+            self.judge.words(held.at_us, &held.words, &held.inputs, held.motors);
         }
     }
 
@@ -492,6 +500,8 @@ impl Life {
         });
         self.send(Command::Reset);
         self.run(200_000);
+        self.send(Command::Motors { on: true });
+        self.run(5_000);
         self.send(Command::Config(stages::modest()));
         self.run(5_000);
         self.send(Command::Zero);

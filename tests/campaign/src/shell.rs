@@ -168,4 +168,9 @@ impl Shell {
         self.inputs.words_emitted = self.played + part;
         self.machine.sense(self.inputs);
     }
+
+    /// The drivers hold the motors.
+    pub fn motors(&self) -> bool {
+        self.machine.motors_on()
+    }
 }

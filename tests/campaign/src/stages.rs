@@ -136,6 +136,9 @@ fn likely_stage(random: &mut Random) -> StageConfig {
         stage.largest_error_um = random.decades(50.0, 50_000.0) as u32;
         stage.longest_error_ms = random.decades(1.0, 2_000.0) as u16;
     }
+    if random.one_in(10) {
+        stage.motors_off_after_s = 1;
+    }
     if random.one_in(3) {
         stage.unseen_um = random.decades(100.0, 20_000.0) as u32;
     }

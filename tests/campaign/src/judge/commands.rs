@@ -3,7 +3,7 @@
 use super::{Bounds, Judge, Request, Sent, Stop, Ways, accepted, kind};
 use crate::laws::Law;
 use shared::frame::message::{Command, Config, Outcome};
-use shared::safety::{State, Trust};
+use shared::safety::{Fault, State, Trust};
 
 /// How long after a command its ramp begins at the latest, µs: one control tick, and what a shell may be late.
 const BEGINS_US: f64 = 4_000.0;
@@ -125,6 +125,8 @@ impl Judge {
             Command::Zero => self.zeroed(),
             Command::Reset => self.was_reset(sent.order),
             Command::Home { .. } => self.homing = true,
+            // Somebody may have moved it by hand.
+            Command::Motors { on: false } => self.abrupt = true,
             _ => {}
         }
     }
@@ -171,19 +173,17 @@ impl Judge {
     }
 
     fn was_reset(&mut self, order: u64) {
-        let present = [
-            ("emergency stop", self.emergency),
-            ("driver fault", self.driver),
+        let causes = [
+            (Fault::EmergencyStop, self.emergency),
+            (Fault::Driver, self.driver),
         ];
         self.counts.comparisons += 3;
-        for (name, cause) in present {
+        for (fault, cause) in causes {
             if cause.is_seen() {
-                self.breaks(Law::Reset, || format!("reset is accepted with the {name} present"));
-                if !cause.named {
-                    self.breaks(Law::Named, || format!("reset clears the {name} unnamed"));
-                }
+                self.breaks(Law::Reset, || format!("reset is accepted with {fault:?} present"));
             }
         }
+        self.told.clear();
         if let Some(fault) = self.owed.pop() {
             self.breaks(Law::Named, || format!("reset clears {fault:?} unnamed"));
         }

@@ -57,8 +57,6 @@ struct Stop {
 struct Cause {
     /// Segments given out since.
     segments: u32,
-    /// A status named it since.
-    named: bool,
 }
 
 impl Cause {
@@ -132,14 +130,17 @@ pub struct Judge {
     /// Highest speed at present, and until when a higher one that held before may last.
     caps: [(f64, f64); 3],
     trails: [Trail; 3],
-    /// Steps with DIR high as forwards; with inversion; and where these have pushed the load.
-    raw: [i64; 3],
+    /// Steps, and where they have pushed the load.
     steps: [i64; 3],
     load: [i64; 3],
     /// Reported position minus load; not known before the first status.
     origin: Option<[i64; 3]>,
-    /// Places round which the window may lie, raw steps.
-    anchors: Vec<[i64; 3]>,
+    /// Where the pins have moved the axes, mm by the scale of their time, DIR high as forwards.
+    mm: [f64; 3],
+    /// The coarsest step of each axis so far, mm.
+    grain: [f64; 3],
+    /// Places round which the window may lie, mm.
+    anchors: Vec<[f64; 3]>,
 
     sent: HashMap<u16, Sent>,
     stale: Vec<u16>,
@@ -164,11 +165,15 @@ pub struct Judge {
     excused_us: Option<u64>,
     /// Motion ended abruptly and no zero followed.
     abrupt: bool,
+    /// The drivers hold the motors.
+    motors: bool,
     /// Such an end that no status has named.
     unnamed_us: Option<u64>,
     named_us: Option<u64>,
     reset_us: Option<u64>,
     zeroed_us: Option<u64>,
+    /// Faults that a status named since the last reset.
+    told: Vec<Fault>,
     /// Causes that are gone and were never named.
     owed: Vec<Fault>,
 }
@@ -190,11 +195,12 @@ impl Judge {
             quantum: 2.0 * (f64::from(hz) / 2_000.0).powi(2) / 4_294_967_296.0,
             caps: [(0.0, 0.0); 3],
             trails: Default::default(),
-            raw: [0; 3],
             steps: [0; 3],
             load: [0; 3],
             origin: None,
-            anchors: vec![[0; 3]],
+            mm: [0.0; 3],
+            grain: [0.0; 3],
+            anchors: vec![[0.0; 3]],
             sent: HashMap::new(),
             stale: Vec::new(),
             requests: Vec::new(),
@@ -212,10 +218,12 @@ impl Judge {
             limits: [[Cause::default(); 2]; 3],
             excused_us: None,
             abrupt: false,
+            motors: false,
             unnamed_us: None,
             named_us: None,
             reset_us: None,
             zeroed_us: None,
+            told: Vec::new(),
             owed: Vec::new(),
         }
     }
@@ -260,7 +268,7 @@ impl Judge {
         ];
         for (cause, present, fault) in causes {
             if !present {
-                if cause.is_seen() && !cause.named {
+                if cause.is_seen() && !self.told.contains(&fault) {
                     self.owed.push(fault);
                 }
                 *cause = Cause::default();
@@ -365,6 +373,7 @@ pub fn kind(command: &Command) -> &'static str {
         Command::Reset => "reset",
         Command::Ping { .. } => "ping",
         Command::Home { .. } => "home",
+        Command::Motors { .. } => "motors",
     }
 }
 

@@ -25,8 +25,9 @@ const ANY_DRIVER: DriverTiming = DriverTiming {
 impl Judge {
     /// A segment was given out at `now_us`, with the switches as they were then. What the station reported in the same
     /// tick has been heard.
-    pub fn words(&mut self, now_us: u64, words: &[u32], inputs: &Inputs) {
+    pub fn words(&mut self, now_us: u64, words: &[u32], inputs: &Inputs, motors: bool) {
         self.now_us = now_us;
+        self.motors = motors;
         self.segments += 1;
         self.sense(inputs);
         self.check_silence();
@@ -82,9 +83,12 @@ impl Judge {
     /// What holds for a step on any axis.
     fn may_move(&mut self) {
         let now = self.now_us as f64;
-        self.counts.comparisons += 4;
+        self.counts.comparisons += 5;
         if let Some(state) = self.resting {
             self.breaks(Law::Silent, || format!("a step while {state:?}"));
+        }
+        if !self.motors {
+            self.breaks(Law::Motors, || "a step with the motors off".to_string());
         }
         for (name, cause) in [("emergency stop", self.emergency), ("driver fault", self.driver)] {
             if cause.is_seen() {
@@ -106,11 +110,9 @@ impl Judge {
         let inverted = self.config.is_some_and(|config| config.axes[axis].invert);
         let forward = edge.high != inverted;
         let by = if forward { 1 } else { -1 };
-        let raw = if edge.high { 1 } else { -1 };
         self.check_asked(axis, forward);
         self.check_limit_switch(axis, forward);
-        self.check_window(axis, raw);
-        self.raw[axis] += raw;
+        self.check_window(axis, edge.high);
         self.steps[axis] += by;
         let before = self.load[axis];
         self.load[axis] = self.pushed(axis, before);
@@ -148,24 +150,29 @@ impl Judge {
         }
     }
 
-    fn check_window(&mut self, axis: usize, by: i64) {
+    /// Moves the axis by a step; it may stand in or go back into its window.
+    fn check_window(&mut self, axis: usize, high: bool) {
         let Some(config) = &self.config else { return };
+        let grain = 1e3 / f64::from(config.axes[axis].steps_per_m);
+        let from = self.mm[axis];
+        let to = from + if high { grain } else { -grain };
+        self.mm[axis] = to;
+        self.grain[axis] = self.grain[axis].max(grain);
         let moves = self.status.as_ref().is_some_and(|status| status.state == State::Moving);
         if self.trust == Trust::Homed || !moves {
             return;
         }
         self.counts.comparisons += 1;
-        let scale = f64::from(config.axes[axis].steps_per_m) / 1e6;
+        let window = f64::from(config.stage.window_um) / 1e3;
         // Both ends are rounded to whole steps, from places between two steps.
-        let window = (f64::from(config.stage.window_um) * scale) as i64 + 4 + self.play(axis);
-        let from = self.raw[axis];
-        let leaves = |anchor: &[i64; 3]| {
-            let (before, after) = ((from - anchor[axis]).abs(), (from + by - anchor[axis]).abs());
+        let window = window + 4.0 * self.grain[axis] + grain * self.play(axis) as f64;
+        let leaves = |anchor: &[f64; 3]| {
+            let (before, after) = ((from - anchor[axis]).abs(), (to - anchor[axis]).abs());
             after > window && after > before
         };
         if self.anchors.iter().all(leaves) {
-            let far = from + by - self.anchors[0][axis];
-            self.breaks(Law::Window, || format!("axis {axis} is {far} steps away, allowed are {window}"));
+            let far = to - self.anchors[0][axis];
+            self.breaks(Law::Window, || format!("axis {axis} is {far:.4} mm away, allowed are {window:.4}"));
         }
     }
 
@@ -224,6 +231,17 @@ impl Judge {
         }
     }
 
+    /// The load stands within its travel.
+    fn is_inside(&self, axis: usize) -> bool {
+        let (Some(config), Some(origin)) = (&self.config, self.origin) else {
+            return true;
+        };
+        let limits = &config.axes[axis];
+        let at = i128::from(self.load[axis] - origin[axis]) * 1_000_000;
+        let [low, high] = limits.travel_um.map(|um| i128::from(um) * i128::from(limits.steps_per_m));
+        (low..=high).contains(&at)
+    }
+
     /// Highest speeds now, steps per tick.
     fn present_caps(&mut self) -> [f64; 3] {
         let Some(config) = self.config else {
@@ -236,7 +254,7 @@ impl Judge {
             let [first, second] = config.stage.home_speed_um_s;
             let cap = match (self.homing, self.trust) {
                 (true, _) => full.min(f64::from(first.max(second)) * scale),
-                (false, Trust::Homed) => full,
+                (false, Trust::Homed) if self.is_inside(axis) => full,
                 (false, _) => full.min(f64::from(config.slow_speed_um_s) * scale),
             };
             let (held, until) = self.caps[axis];

@@ -3,7 +3,23 @@
 use super::Judge;
 use crate::laws::Law;
 use shared::frame::message::{Command, Status};
-use shared::safety::{Fault, State, Trust};
+use shared::safety::{Fault, Faults, State, Trust};
+
+/// Every fault, the worst first: those that forbid motion, those after which steps may be missing, those that leave the
+/// position good.
+const RANKED: [Fault; 11] = [
+    Fault::EmergencyStop,
+    Fault::Driver,
+    Fault::Limit,
+    Fault::Underrun,
+    Fault::Restart,
+    Fault::LostSteps,
+    Fault::SwitchStuck,
+    Fault::SwitchNotFound,
+    Fault::Unstable,
+    Fault::FollowingError,
+    Fault::Heartbeat,
+];
 
 impl Judge {
     /// The station told how it is.
@@ -79,8 +95,7 @@ impl Judge {
     fn check_faults(&mut self, status: &Status) {
         let named = faults(status);
         let is_named = |fault| named.contains(&fault);
-        self.emergency.named |= is_named(Fault::EmergencyStop);
-        self.driver.named |= is_named(Fault::Driver);
+        self.told.extend(&named);
         self.owed.retain(|fault| !is_named(*fault));
         let abrupt = [
             Fault::EmergencyStop,
@@ -92,7 +107,11 @@ impl Judge {
             self.named_us = Some(self.now_us);
             self.unnamed_us = None;
         }
-        self.counts.comparisons += 1;
+        self.counts.comparisons += 2;
+        if status.fault != named.first().copied() {
+            let shown = status.fault;
+            self.breaks(Law::Worst, || format!("of {named:?} the status shows {shown:?}"));
+        }
         if self.emergency.is_seen() && status.fault != Some(Fault::EmergencyStop) {
             let shown = status.fault;
             self.breaks(Law::Worst, || {
@@ -113,10 +132,10 @@ impl Judge {
             self.breaks(Law::Trust, || "homed after an abrupt end of motion".to_string());
         }
         if self.trust == Trust::Homed && !homed {
-            self.anchors = vec![self.raw];
+            self.anchors = vec![self.mm];
         }
         if ended && !homed {
-            self.anchors.push(self.raw);
+            self.anchors.push(self.mm);
         }
         self.trust = status.trust;
     }
@@ -124,15 +143,17 @@ impl Judge {
 
 /// What the station says it dropped and did not answer.
 fn counted(status: &Status) -> u64 {
-    u64::from(status.drops.overflow)
+    u64::from(status.drops.overflow) + u64::from(status.drops.answers)
 }
 
 /// The faults that a status names.
 fn faults(status: &Status) -> Vec<Fault> {
-    status.fault.into_iter().collect()
+    let all = RANKED.into_iter();
+    all.filter(|fault| status.faults.contains(*fault)).collect()
 }
 
 /// A status of a station that hides its faults.
 pub fn hide_faults(status: &mut Status) {
     status.fault = None;
+    status.faults = Faults::NONE;
 }
