@@ -133,6 +133,7 @@ impl Judge {
 
     fn configured(&mut self, config: &Config) {
         self.config = Some(*config);
+        self.silent_until_us = None;
         let steps = |um: u32, axis: usize| {
             f64::from(um) * f64::from(config.axes[axis].steps_per_m) / 1e6
         };
@@ -149,6 +150,8 @@ impl Judge {
         self.ramps = self.bounds.map(|bounds| bounds.on_grid(self.quantum));
         for axis in 0..3 {
             self.trails[axis].cut();
+            let slack = f64::from(config.stage.backlash_um[axis]) / 1e3;
+            self.slack[axis] = self.slack[axis].max(slack);
             self.load[axis] = self.pushed(axis, self.load[axis]);
         }
         if self.resting == Some(State::Unconfigured) {
@@ -167,6 +170,7 @@ impl Judge {
             });
         }
         self.origin = Some(self.load);
+        self.rested = [0; 3];
         self.trust = Trust::Homed;
         self.abrupt = false;
         self.zeroed_us = Some(self.now_us);

@@ -93,15 +93,20 @@ impl Trail {
         }
         let newest = self.places.len() - 1;
         let at = |back: usize| self.places[newest - back].0 as f64;
-        let cap = |back: usize| self.places[newest - back].1.speed;
+        let cap = |w: usize| {
+            let recent = self.places.iter().rev().take(w);
+            recent.map(|place| place.1.speed).fold(0.0, f64::max)
+        };
         for w in WINDOWS.into_iter().take_while(|w| *w <= newest) {
             let n = w as f64;
             self.compared += 1;
             let way = (at(0) - at(w)).abs();
-            // Limits change at rest only; the larger of the two ends is the one that held.
-            let most = cap(0).max(cap(w - 1)) * n + 1.0 + 1e-6;
-            if way > most {
-                return Some((Excess::Speed, format!("{way} > {most:.2} in {w} ms")));
+            // Few ways are longer than today's speed allows; then what held meanwhile is looked up.
+            if way > bounds.speed * n + 1.0 {
+                let most = cap(w) * n + 1.0 + 1e-6;
+                if way > most {
+                    return Some((Excess::Speed, format!("{way} > {most:.2} in {w} ms")));
+                }
             }
             if 2 * w > newest {
                 break;

@@ -68,6 +68,11 @@ impl Cause {
         }
     }
 
+    /// A control tick took it in before it went.
+    fn was_seen(&self) -> bool {
+        self.segments > SEGMENTS
+    }
+
     /// A segment more was given out.
     fn age(&mut self) {
         self.segments += u32::from(self.segments > 0);
@@ -139,6 +144,10 @@ pub struct Judge {
     mm: [f64; 3],
     /// The coarsest step of each axis so far, mm.
     grain: [f64; 3],
+    /// The most lost motion of each axis so far, mm.
+    slack: [f64; 3],
+    /// Reported place at the last rest, steps.
+    rested: [i64; 3],
     /// Places round which the window may lie, mm.
     anchors: Vec<[f64; 3]>,
 
@@ -200,6 +209,8 @@ impl Judge {
             origin: None,
             mm: [0.0; 3],
             grain: [0.0; 3],
+            slack: [0.0; 3],
+            rested: [0; 3],
             anchors: vec![[0.0; 3]],
             sent: HashMap::new(),
             stale: Vec::new(),
@@ -268,7 +279,7 @@ impl Judge {
         ];
         for (cause, present, fault) in causes {
             if !present {
-                if cause.is_seen() && !self.told.contains(&fault) {
+                if cause.was_seen() && !self.told.contains(&fault) {
                     self.owed.push(fault);
                 }
                 *cause = Cause::default();

@@ -164,15 +164,17 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let window = f64::from(config.stage.window_um) / 1e3;
-        // Both ends are rounded to whole steps, from places between two steps.
-        let window = window + 4.0 * self.grain[axis] + grain * self.play(axis) as f64;
+        // Both ends are rounded to whole steps, from places between two steps; which flank pushes is not known after a
+        // change of direction or lost motion.
+        let window = window + 4.0 * self.grain[axis] + 2.0 * self.slack[axis];
         let leaves = |anchor: &[f64; 3]| {
             let (before, after) = ((from - anchor[axis]).abs(), (to - anchor[axis]).abs());
             after > window && after > before
         };
         if self.anchors.iter().all(leaves) {
             let far = to - self.anchors[0][axis];
-            self.breaks(Law::Window, || format!("axis {axis} is {far:.4} mm away, allowed are {window:.4}"));
+            let round = self.anchors.clone();
+            self.breaks(Law::Window, || format!("axis {axis} is {far:.4} mm away, allowed are {window:.4}, round {round:.4?} mm"));
         }
     }
 
@@ -185,12 +187,18 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let limits = &config.axes[axis];
-        let steps = |um: i32| i128::from(um) * i128::from(limits.steps_per_m);
-        let at = i128::from(self.load[axis] - origin[axis]) * 1_000_000;
+        let steps = |um: i32| i64::from(um) * i64::from(limits.steps_per_m) / 1_000_000;
         let [low, high] = limits.travel_um.map(steps);
-        if (by > 0 && at > high) || (by < 0 && at < low) {
-            let place = self.load[axis] - origin[axis];
-            self.breaks(Law::SoftLimit, || format!("axis {axis} goes on at {place} steps"));
+        let place = self.load[axis] - origin[axis];
+        if (low..=high).contains(&place) {
+            self.rested[axis] = place;
+        }
+        // From outside, where it stood at the last rest, it may come inwards and no farther out.
+        let (low, high) = (low.min(self.rested[axis]), high.max(self.rested[axis]));
+        // Within a tick the load may be pushed by a step that the planner does not see.
+        let play = i64::from(self.play(axis) > 0);
+        if (by > 0 && place > high + play) || (by < 0 && place < low - play) {
+            self.breaks(Law::SoftLimit, || format!("axis {axis} goes on at {place} steps, {low} to {high} are allowed"));
         }
     }
 

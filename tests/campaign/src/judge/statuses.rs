@@ -33,6 +33,7 @@ impl Judge {
         if matches!(status.state, State::Idle | State::Stopped | State::Faulted) {
             // What was asked for is done or given up.
             self.requests.clear();
+            self.rested = status.position_steps.map(i64::from);
         }
         self.resting = match status.state {
             state @ (State::Unconfigured | State::Stopped | State::Faulted) => Some(state),
