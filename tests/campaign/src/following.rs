@@ -114,7 +114,10 @@ impl Following {
     fn begin(&mut self, healthy: bool) -> f64 {
         self.note(0.0, || {
             let kind = if healthy { "healthy" } else { "sick" };
-            format!("{kind} {:?} {:?} {:?}", self.sickness, self.cameras, self.target)
+            format!(
+                "{kind} {:?} {:?} {:?}",
+                self.sickness, self.cameras, self.target
+            )
         });
         for command in [Command::Hello, Command::Config(self.config), Command::Zero] {
             self.send(command);
@@ -215,11 +218,17 @@ impl Following {
     }
 
     fn hear(&mut self, status: Status) {
-        let before = self.status.as_ref().map(|status| (status.state, status.fault));
+        let before = self
+            .status
+            .as_ref()
+            .map(|status| (status.state, status.fault));
         if before != Some((status.state, status.fault)) {
             self.note(self.now(), || {
                 let pins = self.plant.pins;
-                format!("  status {:?} {:?} pins {pins:.2?}", status.state, status.fault)
+                format!(
+                    "  status {:?} {:?} pins {pins:.2?}",
+                    status.state, status.fault
+                )
             });
         }
         self.fate.counts.reports += 1;
@@ -229,7 +238,8 @@ impl Following {
     fn words(&mut self) {
         let (mut edges, mut short) = (Vec::new(), Vec::new());
         let driver = self.config.driver;
-        self.pins.feed(&self.shell.words, &driver, &mut edges, &mut short);
+        self.pins
+            .feed(&self.shell.words, &driver, &mut edges, &mut short);
         let begin = (self.shell.first_us - self.birth_us as f64) / 1e6;
         for edge in edges {
             let s = begin + edge.word as f64 / 1e6;
@@ -248,13 +258,15 @@ impl Following {
     fn look(&mut self) {
         let s = self.now();
         let target = self.target.at(s);
-        for axis in 0..3 {
-            self.hull[0][axis] = self.hull[0][axis].min(target[axis]);
-            self.hull[1][axis] = self.hull[1][axis].max(target[axis]);
-            let pins = self.plant.pins[axis];
-            let beyond = (self.hull[0][axis] - pins).max(pins - self.hull[1][axis]);
-            self.farthest = self.farthest.max(beyond);
-        }
+        let [low, high] = self.hull;
+        self.hull = [
+            each(|axis| low[axis].min(target[axis])),
+            each(|axis| high[axis].max(target[axis])),
+        ];
+        let [low, high] = self.hull;
+        let pins = self.plant.pins;
+        let beyond = each(|axis| (low[axis] - pins[axis]).max(pins[axis] - high[axis]));
+        self.farthest = beyond.into_iter().fold(self.farthest, f64::max);
         self.fate.counts.comparisons += 3;
         let error = each(|axis| target[axis] - self.plant.stage[axis]);
         self.recent.push_back((self.plant.pins, error));
@@ -279,12 +291,20 @@ impl Following {
         let due = far || !matches!(self.sickness, Sickness::Stall(..));
         if self.sickness != Sickness::None && due && s - since > NAMED_WITHIN_S {
             let spans = each(|axis| span(axis, |entry| entry.0));
-            self.breaks(Law::Sick, format!("{:?}: moves by {spans:.1?} mm for 2 s", self.sickness));
+            self.breaks(
+                Law::Sick,
+                format!("{:?}: moves by {spans:.1?} mm for 2 s", self.sickness),
+            );
         }
     }
 
     fn breaks(&mut self, law: Law, text: String) {
-        if self.fate.violations.iter().all(|violation| violation.law != law) {
+        if self
+            .fate
+            .violations
+            .iter()
+            .all(|violation| violation.law != law)
+        {
             self.note(self.now(), || format!("BREAKS {}: {text}", law.name()));
             let at_ms = self.now() * 1000.0;
             self.fate.violations.push(Violation { law, at_ms, text });
@@ -299,15 +319,22 @@ impl Following {
             self.breaks(Law::Healthy, text);
         }
         let axis = &self.config.axes[0];
-        let [v, a, j] = [axis.max_speed_um_s, axis.max_acceleration_um_s2, axis.max_jerk_um_s3]
-            .map(|um| f64::from(um) / 1000.0);
+        let [v, a, j] = [
+            axis.max_speed_um_s,
+            axis.max_acceleration_um_s2,
+            axis.max_jerk_um_s3,
+        ]
+        .map(|um| f64::from(um) / 1000.0);
         // From full speed, still speeding up by nearly all: the planner's bound.
         let top = v + a * a / (2.0 * j);
         let stop = v * a / j + a.powi(3) / (3.0 * j * j) + top / 2.0 * (top / a + a / j);
         let most = UNSEEN_MM + stop;
         if !healthy && self.farthest > most {
             let (far, what) = (self.farthest, self.sickness);
-            self.breaks(Law::Runaway, format!("{what:?}: {far:.1} mm beyond the target, {most:.1} allowed"));
+            self.breaks(
+                Law::Runaway,
+                format!("{what:?}: {far:.1} mm beyond the target, {most:.1} allowed"),
+            );
         }
         let us = self.shell.now_us() - self.birth_us;
         self.fate.counts.us = us;
@@ -337,7 +364,11 @@ fn config(random: &mut Random) -> Config {
 fn healthy_scene(random: &mut Random, seconds: f64, fastest: f64) -> (Target, Cameras) {
     let target = Target::any(random, seconds, 0.8 * fastest);
     let fps = random.pick(&[5.0, 10.0, 30.0, 60.0, 60.0, 120.0, 1000.0, 0.0]);
-    let fps = if fps > 0.0 { fps } else { random.decades(5.0, 1000.0) };
+    let fps = if fps > 0.0 {
+        fps
+    } else {
+        random.decades(5.0, 1000.0)
+    };
     let hidden = (0..random.below(4)).map(|_| {
         let from = random.range(0.2, seconds);
         (from, from + random.decades(0.05, 0.8))
@@ -357,7 +388,12 @@ fn healthy_scene(random: &mut Random, seconds: f64, fastest: f64) -> (Target, Ca
     (target, cameras)
 }
 
-fn sick_scene(random: &mut Random, seconds: f64, fastest: f64, sickness: &Sickness) -> (Target, Cameras) {
+fn sick_scene(
+    random: &mut Random,
+    seconds: f64,
+    fastest: f64,
+    sickness: &Sickness,
+) -> (Target, Cameras) {
     let target = match sickness {
         // A stall shows itself in motion only.
         Sickness::Stall(..) => Target::any(random, seconds, 0.8 * fastest),

@@ -41,7 +41,9 @@ impl Views {
     /// A frame that a sound camera might send at `now_us`: a target that wanders.
     pub fn sound(&mut self, random: &mut Random, now_us: u64, origin_us: u64) -> Frame {
         let step = random.decades(0.001, 0.5);
-        self.mm = self.mm.map(|mm| (mm + step * random.normal()).clamp(-30.0, 30.0));
+        self.mm = self
+            .mm
+            .map(|mm| (mm + step * random.normal()).clamp(-30.0, 30.0));
         let capture = now_us.saturating_sub(random.range(1_000.0, 40_000.0) as u64);
         self.last_us = capture;
         Frame {
@@ -73,7 +75,10 @@ impl Views {
             _ => random.bits() as i32 >> random.below(31),
         };
         let sums = match random.below(4) {
-            0 => displaced(std::array::from_fn(|_| random.normal() * random.decades(0.01, 200.0)), 0.01),
+            0 => displaced(
+                std::array::from_fn(|_| random.normal() * random.decades(0.01, 200.0)),
+                0.01,
+            ),
             1 => Sums::ClosedForm(FixedPairSums {
                 points: random.bits() as u16,
                 a1: any(random),

@@ -168,7 +168,9 @@ impl Law {
                 "An emergency stop, a driver fault or an abrupt end is named by a status before a \
                  reset is accepted."
             }
-            Self::Worst => "Every status shows the worst of its faults; the emergency stop is the worst.",
+            Self::Worst => {
+                "Every status shows the worst of its faults; the emergency stop is the worst."
+            }
             Self::Reset => {
                 "No reset is accepted while the emergency stop or a driver fault is present."
             }

@@ -40,7 +40,7 @@ fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     }
     if let Some(seed) = options.replay {
-        let fate = live(options.kind, seed, true);
+        let fate = live(&options, seed, true);
         return match fate.violations.is_empty() {
             true => ExitCode::SUCCESS,
             false => ExitCode::from(1),
@@ -73,7 +73,7 @@ fn run(options: &Options) -> Tally {
                         break;
                     }
                     let seed = options.seed + number;
-                    let fate = live(options.kind, seed, false);
+                    let fate = live(options, seed, false);
                     let mut tally = tally.lock().expect("no thread panics while it counts");
                     tally.add(seed, fate);
                     if tally.lives.is_multiple_of(options.progress) && tally.lives < options.lives {
@@ -85,13 +85,15 @@ fn run(options: &Options) -> Tally {
             });
         }
     });
-    tally.into_inner().expect("no thread panics while it counts")
+    tally
+        .into_inner()
+        .expect("no thread panics while it counts")
 }
 
 /// One life; a panic is a violation like others.
-fn live(kind: Kind, seed: u64, trace: bool) -> Fate {
-    let live = || match kind {
-        Kind::Station => life::live(seed, trace),
+fn live(options: &Options, seed: u64, trace: bool) -> Fate {
+    let live = || match options.kind {
+        Kind::Station => life::live_with(seed, trace, options.sabotage),
         Kind::Loop => following::live(seed, trace),
     };
     catch_unwind(AssertUnwindSafe(live)).unwrap_or_else(|cause| {

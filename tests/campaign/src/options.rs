@@ -1,5 +1,7 @@
 //! The command line.
 
+use crate::sabotage::Sabotage;
+
 /// What `--help` prints.
 pub const HELP: &str = "\
 Random lives of the station, judged by what its pins do.
@@ -12,6 +14,7 @@ Usage: campaign [OPTIONS]
   --threads N          how many at a time [2]
   --replay SEED        live one life and print what happens
   --markdown           print the summary as a page
+  --sabotage NAME     show the judge a station that breaks laws: steps, twice, homed, ...
   --progress N         say how far it is after every N lives [10000]
 
 Exit code: 0 if every law holds, 1 if one is broken, 2 for a wrong option.
@@ -46,6 +49,7 @@ pub struct Options {
     pub replay: Option<u64>,
     pub markdown: bool,
     pub progress: u64,
+    pub sabotage: Sabotage,
     pub help: bool,
 }
 
@@ -63,6 +67,7 @@ impl Options {
             replay: None,
             markdown: false,
             progress: 10_000,
+            sabotage: Sabotage::None,
             help: false,
         };
         let mut arguments = arguments;
@@ -77,6 +82,18 @@ impl Options {
                         "loop" => Kind::Loop,
                         other => return Err(format!("--kind is station or loop, not {other}")),
                     }
+                }
+                "--sabotage" => {
+                    let name = value()?;
+                    let all = Sabotage::ALL.into_iter();
+                    let names: Vec<String> = all.clone().map(Sabotage::name).collect();
+                    let found = all.zip(&names).find(|(_, known)| **known == name);
+                    options.sabotage = found
+                        .ok_or(format!(
+                            "--sabotage is one of {}, not {name}",
+                            names.join(", ")
+                        ))?
+                        .0;
                 }
                 "--lives" => options.lives = number(&name, &value()?, 1)?,
                 "--seed" => options.seed = number(&name, &value()?, 0)?,
@@ -106,16 +123,29 @@ mod tests {
     #[test]
     fn options_are_read() {
         let options = parse("--kind loop --lives 7 --seed 3 --threads 1 --markdown").expect("fine");
-        assert_eq!((options.kind, options.lives, options.seed), (Kind::Loop, 7, 3));
+        assert_eq!(
+            (options.kind, options.lives, options.seed),
+            (Kind::Loop, 7, 3)
+        );
         assert!(options.markdown && options.threads == 1);
         assert_eq!(parse("--replay 5").expect("fine").replay, Some(5));
     }
 
     #[test]
     fn wrong_options_are_named() {
-        for line in ["--lives", "--lives x", "--lives 0", "--kind both", "--fast"] {
+        for line in [
+            "--lives",
+            "--lives x",
+            "--lives 0",
+            "--kind both",
+            "--sabotage x",
+            "--fast",
+        ] {
             let message = parse(line).expect_err(line);
-            assert!(message.contains(line.split(' ').next().unwrap_or(line)), "{message}");
+            assert!(
+                message.contains(line.split(' ').next().unwrap_or(line)),
+                "{message}"
+            );
         }
     }
 }

@@ -153,7 +153,13 @@ mod tests {
         };
         let words = [dir, step, step << 16, dir << 16 | step];
         let (_, short) = fed(&words, slow);
-        let expected = ["DIR set-up", "STEP high", "DIR hold", "STEP low", "DIR set-up"];
+        let expected = [
+            "DIR set-up",
+            "STEP high",
+            "DIR hold",
+            "STEP low",
+            "DIR set-up",
+        ];
         assert_eq!(short, expected);
     }
 }

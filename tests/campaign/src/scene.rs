@@ -70,9 +70,11 @@ impl Target {
                 let outward: f64 = place[axis] / 35.0;
                 (random.range(-1.0, 1.0) - outward) * fastest / 2.0
             });
-            let acceleration = each(|axis| ((wanted[axis] - speed[axis]) / lasts).clamp(-400.0, 400.0));
+            let acceleration =
+                each(|axis| ((wanted[axis] - speed[axis]) / lasts).clamp(-400.0, 400.0));
             self.bends.push((at, place, speed, acceleration));
-            place = each(|axis| place[axis] + (speed[axis] + acceleration[axis] * lasts / 2.0) * lasts);
+            place =
+                each(|axis| place[axis] + (speed[axis] + acceleration[axis] * lasts / 2.0) * lasts);
             speed = each(|axis| speed[axis] + acceleration[axis] * lasts);
             at += lasts;
         }
@@ -125,7 +127,8 @@ pub struct Cameras {
 impl Cameras {
     /// What they see of a displacement.
     pub fn see(&self, random: &mut Random, displacement: Mm) -> Mm {
-        let noise = [self.sigma, self.sigma, self.sigma * 5.66].map(|sigma| sigma * random.normal());
+        let noise =
+            [self.sigma, self.sigma, self.sigma * 5.66].map(|sigma| sigma * random.normal());
         let far = match self.outliers > 0 && random.one_in(self.outliers) {
             true => [0.0; 3].map(|_: f64| 5.0 * random.normal()),
             false => [0.0; 3],
@@ -138,7 +141,10 @@ impl Cameras {
 
     /// Whether a capture at this time sees the target.
     pub fn sees(&self, s: f64) -> bool {
-        !self.hidden.iter().any(|(from, to)| (*from..*to).contains(&s))
+        !self
+            .hidden
+            .iter()
+            .any(|(from, to)| (*from..*to).contains(&s))
     }
 
     /// Until the next capture, s.
@@ -183,7 +189,11 @@ impl Sickness {
             }),
             _ => {
                 let share = random.pick(&[1.0, 1.0, 0.7]);
-                Self::Stall(random.below(3) as usize, random.range(0.0, 0.4 * seconds), share)
+                Self::Stall(
+                    random.below(3) as usize,
+                    random.range(0.0, 0.4 * seconds),
+                    share,
+                )
             }
         }
     }
@@ -241,7 +251,11 @@ impl Plant {
 
     /// A step on an axis; `obeyed` by its motor?
     pub fn step(&mut self, s: f64, axis: usize, forward: bool, obeyed: bool) {
-        let by = if forward { self.mm_per_step } else { -self.mm_per_step };
+        let by = if forward {
+            self.mm_per_step
+        } else {
+            -self.mm_per_step
+        };
         self.pins[axis] += by;
         if obeyed {
             self.stage[axis] += by;

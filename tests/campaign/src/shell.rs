@@ -162,9 +162,10 @@ impl Shell {
             self.played += words;
             self.queue.pop_front();
         }
-        let part = self.queue.front().map_or(0, |&(first, words)| {
-            now.saturating_sub(first).min(words)
-        });
+        let part = self
+            .queue
+            .front()
+            .map_or(0, |&(first, words)| now.saturating_sub(first).min(words));
         self.inputs.words_emitted = self.played + part;
         self.machine.sense(self.inputs);
     }

@@ -99,7 +99,11 @@ fn likely_axis(random: &mut Random, rate: WordRate) -> AxisConfig {
 }
 
 fn driver(random: &mut Random, rate: WordRate) -> DriverTiming {
-    let kinds = [DriverTiming::A4988, DriverTiming::DRV8825, DriverTiming::TMC2209];
+    let kinds = [
+        DriverTiming::A4988,
+        DriverTiming::DRV8825,
+        DriverTiming::TMC2209,
+    ];
     let word_ns = 1e9 / f64::from(rate.hz());
     match random.below(4) {
         3 => {
@@ -129,7 +133,11 @@ fn likely_stage(random: &mut Random) -> StageConfig {
             })
         });
     }
-    stage.home_speed_um_s = [random.decades(1_000.0, 50_000.0), random.decades(100.0, 5_000.0)].map(|v| v as u32);
+    stage.home_speed_um_s = [
+        random.decades(1_000.0, 50_000.0),
+        random.decades(100.0, 5_000.0),
+    ]
+    .map(|v| v as u32);
     stage.back_off_um = random.decades(50.0, 5_000.0) as u32;
     stage.window_um = random.decades(50.0, 20_000.0) as u32;
     if random.one_in(4) {
@@ -160,9 +168,21 @@ pub fn rotation(axis: [f64; 3], angle: f64) -> [[f64; 3]; 3] {
     let (sine, cosine) = angle.sin_cos();
     let rest = 1.0 - cosine;
     [
-        [cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine],
-        [y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine],
-        [z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest],
+        [
+            cosine + x * x * rest,
+            x * y * rest - z * sine,
+            x * z * rest + y * sine,
+        ],
+        [
+            y * x * rest + z * sine,
+            cosine + y * y * rest,
+            y * z * rest - x * sine,
+        ],
+        [
+            z * x * rest - y * sine,
+            z * y * rest + x * sine,
+            cosine + z * z * rest,
+        ],
     ]
 }
 
@@ -182,7 +202,10 @@ pub fn wild(random: &mut Random, rate: WordRate) -> Config {
             3 => axis.max_jerk_um_s3 = any,
             4 => axis.travel_um = [random.bits() as i32, random.bits() as i32],
             5 => axis.travel_um = [0, any as i32],
-            6 => config.matrix = std::array::from_fn(|_| std::array::from_fn(|_| random.bits() as i32)),
+            6 => {
+                config.matrix =
+                    std::array::from_fn(|_| std::array::from_fn(|_| random.bits() as i32))
+            }
             7 => config.matrix = [[0; 3]; 3],
             8 => config.heartbeat_ms = any as u16,
             9 => config.slow_speed_um_s = any,

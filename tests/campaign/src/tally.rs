@@ -83,11 +83,19 @@ impl Tally {
         }
         let first = options.seed;
         let last = first + options.lives - 1;
-        let _ = writeln!(text, "{} lives, seeds {first} to {last}", options.kind.name());
+        let _ = writeln!(
+            text,
+            "{} lives, seeds {first} to {last}",
+            options.kind.name()
+        );
         for (name, number) in self.numbers() {
             let _ = writeln!(text, "{number:>16} {name}");
         }
-        for law in self.laws.iter().chain(self.hits.keys().filter(|law| !self.laws.contains(law))) {
+        for law in self
+            .laws
+            .iter()
+            .chain(self.hits.keys().filter(|law| !self.laws.contains(law)))
+        {
             let _ = writeln!(text, "{:>16} {}", grouped(self.hits_of(*law)), law.name());
         }
         let _ = writeln!(text, "{} violations", grouped(self.violations()));

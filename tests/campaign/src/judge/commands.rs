@@ -134,9 +134,8 @@ impl Judge {
     fn configured(&mut self, config: &Config) {
         self.config = Some(*config);
         self.silent_until_us = None;
-        let steps = |um: u32, axis: usize| {
-            f64::from(um) * f64::from(config.axes[axis].steps_per_m) / 1e6
-        };
+        let steps =
+            |um: u32, axis: usize| f64::from(um) * f64::from(config.axes[axis].steps_per_m) / 1e6;
         self.bounds = std::array::from_fn(|axis| {
             let limits = &config.axes[axis];
             let speed = steps(limits.max_speed_um_s, axis) / 1e3;
@@ -184,7 +183,9 @@ impl Judge {
         self.counts.comparisons += 3;
         for (fault, cause) in causes {
             if cause.is_seen() {
-                self.breaks(Law::Reset, || format!("reset is accepted with {fault:?} present"));
+                self.breaks(Law::Reset, || {
+                    format!("reset is accepted with {fault:?} present")
+                });
             }
         }
         self.told.clear();
@@ -192,7 +193,9 @@ impl Judge {
             self.breaks(Law::Named, || format!("reset clears {fault:?} unnamed"));
         }
         if self.unnamed_us.take().is_some() {
-            self.breaks(Law::Named, || "reset clears an abrupt end unnamed".to_string());
+            self.breaks(Law::Named, || {
+                "reset clears an abrupt end unnamed".to_string()
+            });
         }
         self.resting = None;
         self.reset_us = Some(self.now_us);
@@ -208,7 +211,10 @@ fn said(command: &Command) -> String {
         Command::Config(config) => format!("config {config:?}"),
         Command::Frame(frame) => {
             let age = frame.capture.micros();
-            format!("frame captured at {age} us against {}", frame.reference.micros())
+            format!(
+                "frame captured at {age} us against {}",
+                frame.reference.micros()
+            )
         }
         Command::Setpoint { position_um } => format!("setpoint {position_um:?} um"),
         Command::Jog { distance_um } => format!("jog {distance_um:?} um"),

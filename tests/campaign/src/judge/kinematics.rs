@@ -200,7 +200,10 @@ mod tests {
     #[test]
     fn each_bound_is_noticed() {
         let still = || std::iter::repeat_n(0.0, 300);
-        assert_eq!(excess(ramp(0.5, 0.05, 12).into_iter().chain(still())), Some(Excess::Speed));
+        assert_eq!(
+            excess(ramp(0.5, 0.05, 12).into_iter().chain(still())),
+            Some(Excess::Speed)
+        );
         assert_eq!(excess(ramp(0.7, 0.05, 1)), Some(Excess::Acceleration));
         let jerky = std::iter::repeat_n(0.5, 12).chain(std::iter::repeat_n(-0.5, 12));
         assert_eq!(excess(jerky), Some(Excess::Jerk));

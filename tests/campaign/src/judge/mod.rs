@@ -10,11 +10,11 @@ mod statuses;
 
 use crate::laws::{Law, Violation};
 use crate::pins::Pins;
-use kinematics::Trail;
-pub use statuses::hide_faults;
 use kinematics::Bounds;
+use kinematics::Trail;
 use shared::frame::message::{Command, Config, Outcome, Report, Side, Status};
 use shared::safety::{Fault, Inputs, State, Trust};
+pub use statuses::hide_faults;
 use std::collections::HashMap;
 use std::io::Write as _;
 
@@ -271,10 +271,17 @@ impl Judge {
     pub fn switched(&mut self, now_us: u64, inputs: &Inputs) {
         self.note(now_us, || {
             let (stop, driver) = (inputs.emergency_stop, inputs.driver_fault);
-            format!("switches {:?} emergency stop {stop} driver {driver}", inputs.limits)
+            format!(
+                "switches {:?} emergency stop {stop} driver {driver}",
+                inputs.limits
+            )
         });
         let causes = [
-            (&mut self.emergency, inputs.emergency_stop, Fault::EmergencyStop),
+            (
+                &mut self.emergency,
+                inputs.emergency_stop,
+                Fault::EmergencyStop,
+            ),
             (&mut self.driver, inputs.driver_fault, Fault::Driver),
         ];
         for (cause, present, fault) in causes {
@@ -343,7 +350,12 @@ impl Judge {
         let (missing, dropped) = (self.sent.len() as u64, self.dropped);
         self.counts.comparisons += 2;
         if missing > dropped {
-            let kinds: Vec<_> = self.sent.values().take(6).map(|sent| kind(&sent.command)).collect();
+            let kinds: Vec<_> = self
+                .sent
+                .values()
+                .take(6)
+                .map(|sent| kind(&sent.command))
+                .collect();
             self.breaks(Law::Answered, || {
                 format!("{missing} commands have no answer ({kinds:?}), {dropped} are counted")
             });

@@ -36,7 +36,9 @@ impl Judge {
         self.pins.feed(words, &driver, &mut edges, &mut short);
         if let Some(short) = short.first() {
             let (what, axis, words) = (short.what, short.axis, short.words);
-            self.breaks(Law::Pulse, || format!("{what} of axis {axis} lasts {words} words"));
+            self.breaks(Law::Pulse, || {
+                format!("{what} of axis {axis} lasts {words} words")
+            });
         }
         self.counts.comparisons += 4 * edges.len() as u64;
         if !edges.is_empty() {
@@ -69,7 +71,10 @@ impl Judge {
     fn age(&mut self) {
         self.emergency.age();
         self.driver.age();
-        self.limits.as_flattened_mut().iter_mut().for_each(super::Cause::age);
+        self.limits
+            .as_flattened_mut()
+            .iter_mut()
+            .for_each(super::Cause::age);
     }
 
     fn check_silence(&mut self) {
@@ -90,18 +95,29 @@ impl Judge {
         if !self.motors {
             self.breaks(Law::Motors, || "a step with the motors off".to_string());
         }
-        for (name, cause) in [("emergency stop", self.emergency), ("driver fault", self.driver)] {
+        for (name, cause) in [
+            ("emergency stop", self.emergency),
+            ("driver fault", self.driver),
+        ] {
             if cause.is_seen() {
                 self.breaks(Law::Cause, || format!("a step with the {name} present"));
             }
         }
-        if let Some(stop) = self.stop && now > stop.ended_us {
+        if let Some(stop) = self.stop
+            && now > stop.ended_us
+        {
             let late = (now - stop.ended_us) / 1000.0;
-            self.breaks(Law::LastWord, || format!("a step {late:.1} ms after the ramp of a stop"));
+            self.breaks(Law::LastWord, || {
+                format!("a step {late:.1} ms after the ramp of a stop")
+            });
         }
-        if let Some(until) = self.silent_until_us && now > until {
+        if let Some(until) = self.silent_until_us
+            && now > until
+        {
             let late = (now - until) / 1000.0;
-            self.breaks(Law::Heartbeat, || format!("a step {late:.1} ms after silence and its ramp"));
+            self.breaks(Law::Heartbeat, || {
+                format!("a step {late:.1} ms after silence and its ramp")
+            });
         }
     }
 
@@ -143,10 +159,16 @@ impl Judge {
 
     fn check_limit_switch(&mut self, axis: usize, forward: bool) {
         self.counts.comparisons += 1;
-        let side = if forward { Side::Positive } else { Side::Negative };
+        let side = if forward {
+            Side::Positive
+        } else {
+            Side::Negative
+        };
         let cause = self.limits[axis][usize::from(forward)];
         if cause.is_seen() && self.sought(axis) != Some(side) {
-            self.breaks(Law::Limit, || format!("axis {axis} makes a step towards its tripped switch"));
+            self.breaks(Law::Limit, || {
+                format!("axis {axis} makes a step towards its tripped switch")
+            });
         }
     }
 
@@ -158,7 +180,10 @@ impl Judge {
         let to = from + if high { grain } else { -grain };
         self.mm[axis] = to;
         self.grain[axis] = self.grain[axis].max(grain);
-        let moves = self.status.as_ref().is_some_and(|status| status.state == State::Moving);
+        let moves = self
+            .status
+            .as_ref()
+            .is_some_and(|status| status.state == State::Moving);
         if self.trust == Trust::Homed || !moves {
             return;
         }
@@ -174,7 +199,11 @@ impl Judge {
         if self.anchors.iter().all(leaves) {
             let far = to - self.anchors[0][axis];
             let round = self.anchors.clone();
-            self.breaks(Law::Window, || format!("axis {axis} is {far:.4} mm away, allowed are {window:.4}, round {round:.4?} mm"));
+            self.breaks(Law::Window, || {
+                format!(
+                    "axis {axis} is {far:.4} mm away, allowed are {window:.4}, round {round:.4?} mm"
+                )
+            });
         }
     }
 
@@ -198,7 +227,9 @@ impl Judge {
         // Within a tick the load may be pushed by a step that the planner does not see.
         let play = i64::from(self.play(axis) > 0);
         if (by > 0 && place > high + play) || (by < 0 && place < low - play) {
-            self.breaks(Law::SoftLimit, || format!("axis {axis} goes on at {place} steps, {low} to {high} are allowed"));
+            self.breaks(Law::SoftLimit, || {
+                format!("axis {axis} goes on at {place} steps, {low} to {high} are allowed")
+            });
         }
     }
 
@@ -235,7 +266,9 @@ impl Judge {
         }
         self.unnamed_us = Some(cause_us);
         if since(self.reset_us) {
-            self.breaks(Law::Named, || "a reset came before any name for an abrupt end".to_string());
+            self.breaks(Law::Named, || {
+                "a reset came before any name for an abrupt end".to_string()
+            });
         }
     }
 
@@ -246,7 +279,9 @@ impl Judge {
         };
         let limits = &config.axes[axis];
         let at = i128::from(self.load[axis] - origin[axis]) * 1_000_000;
-        let [low, high] = limits.travel_um.map(|um| i128::from(um) * i128::from(limits.steps_per_m));
+        let [low, high] = limits
+            .travel_um
+            .map(|um| i128::from(um) * i128::from(limits.steps_per_m));
         (low..=high).contains(&at)
     }
 
@@ -270,7 +305,8 @@ impl Judge {
             if cap < held && now < until {
                 return held;
             }
-            let ramp = self.ramps[axis].stop_ticks(cap, self.ramps[axis].acceleration) * 1100.0 + 10_000.0;
+            let ramp =
+                self.ramps[axis].stop_ticks(cap, self.ramps[axis].acceleration) * 1100.0 + 10_000.0;
             self.caps[axis] = (cap, now + ramp);
             cap
         })

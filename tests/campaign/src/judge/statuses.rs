@@ -45,25 +45,43 @@ impl Judge {
             State::Stopping => self.homing,
             _ => false,
         };
-        self.status = Some(status.clone());
+        self.status = Some(*status);
     }
 
     fn check_stop(&mut self, status: &Status) {
-        let moves = matches!(status.state, State::Idle | State::Moving | State::Following | State::Homing);
+        let moves = matches!(
+            status.state,
+            State::Idle | State::Moving | State::Following | State::Homing
+        );
         // The tick that obeys has passed.
-        if let Some(stop) = self.stop && moves && self.now_us > stop.obeyed_us {
+        if let Some(stop) = self.stop
+            && moves
+            && self.now_us > stop.obeyed_us
+        {
             let state = status.state;
-            self.breaks(Law::LastWord, || format!("{state:?} after a stop, without a later reset"));
+            self.breaks(Law::LastWord, || {
+                format!("{state:?} after a stop, without a later reset")
+            });
         }
     }
 
     fn note_change(&self, status: &Status) {
-        let key = |status: &Status| (status.state, status.fault, status.trust, status.position_steps);
+        let key = |status: &Status| {
+            (
+                status.state,
+                status.fault,
+                status.trust,
+                status.position_steps,
+            )
+        };
         if self.status.as_ref().map(key) != Some(key(status)) {
             self.note(self.now_us, || {
                 let (state, fault, trust) = (status.state, status.fault, status.trust);
                 let place = status.position_steps;
-                format!("  status {state:?} {fault:?} {trust:?} at {place:?} to {:?}", status.target_steps)
+                format!(
+                    "  status {state:?} {fault:?} {trust:?} at {place:?} to {:?}",
+                    status.target_steps
+                )
             });
         }
     }
@@ -71,10 +89,13 @@ impl Judge {
     fn check_position(&mut self, status: &Status) {
         let reported = status.position_steps.map(i64::from);
         let was_homing = self.homing || status.state == State::Homing;
-        let zeroes = self.sent.values().any(|sent| matches!(sent.command, Command::Zero));
+        let zeroes = self
+            .sent
+            .values()
+            .any(|sent| matches!(sent.command, Command::Zero));
         let origin = std::array::from_fn(|axis| self.load[axis] - reported[axis]);
         match self.origin {
-            Some(known) if !was_homing && !(zeroes && reported == [0; 3]) => {
+            Some(known) if !(was_homing || zeroes && reported == [0; 3]) => {
                 self.counts.comparisons += 3;
                 let differs = (0..3).find(|axis| {
                     let off = (origin[*axis] - known[*axis]).abs();
@@ -84,7 +105,10 @@ impl Judge {
                 if let Some(axis) = differs {
                     let counted = self.load[axis] - known[axis];
                     self.breaks(Law::Position, || {
-                        format!("axis {axis} is reported at {}, counted {counted}", reported[axis])
+                        format!(
+                            "axis {axis} is reported at {}, counted {counted}",
+                            reported[axis]
+                        )
                     });
                     self.origin = Some(origin);
                 }
@@ -111,7 +135,9 @@ impl Judge {
         self.counts.comparisons += 2;
         if status.fault != named.first().copied() {
             let shown = status.fault;
-            self.breaks(Law::Worst, || format!("of {named:?} the status shows {shown:?}"));
+            self.breaks(Law::Worst, || {
+                format!("of {named:?} the status shows {shown:?}")
+            });
         }
         if self.emergency.is_seen() && status.fault != Some(Fault::EmergencyStop) {
             let shown = status.fault;
@@ -127,10 +153,15 @@ impl Judge {
         if homed && ended {
             self.abrupt = false;
         }
-        let zeroes = self.sent.values().any(|sent| matches!(sent.command, Command::Zero));
+        let zeroes = self
+            .sent
+            .values()
+            .any(|sent| matches!(sent.command, Command::Zero));
         self.counts.comparisons += 1;
         if homed && self.abrupt && !self.homing && !zeroes {
-            self.breaks(Law::Trust, || "homed after an abrupt end of motion".to_string());
+            self.breaks(Law::Trust, || {
+                "homed after an abrupt end of motion".to_string()
+            });
         }
         if self.trust == Trust::Homed && !homed {
             self.anchors = vec![self.mm];
