@@ -12,10 +12,11 @@ impl Machine {
     }
 
     pub(super) fn check_switches(&mut self) {
-        if self.inputs.emergency_stop {
+        let glimpsed = core::mem::take(&mut self.glimpsed);
+        if self.inputs.emergency_stop || glimpsed.emergency_stop {
             self.fail(Fault::EmergencyStop);
         }
-        if self.inputs.driver_fault {
+        if self.inputs.driver_fault || glimpsed.driver_fault {
             self.fail(Fault::Driver);
         }
         if let Some(planner) = &self.planner {

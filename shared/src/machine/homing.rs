@@ -292,12 +292,11 @@ impl Machine {
         let Some(planner) = &mut self.planner else {
             return;
         };
-        // The others stay between two steps if an abrupt stop left them there: one may stand on a switch.
-        let mut targets = planner.loads();
+        let mut targets = [None; 3];
         if let Some(target) = targets.get_mut(axis) {
-            *target = to_centre(place);
+            *target = Some(to_centre(place));
         }
-        planner.set_target(targets);
+        planner.set_targets_of(targets);
     }
 }
 
