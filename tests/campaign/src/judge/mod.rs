@@ -55,6 +55,8 @@ struct Stop {
 /// How long a cause of an abrupt stop has been sensed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Cause {
+    /// When it came, µs.
+    since_us: Option<u64>,
     /// Segments given out since.
     segments: u32,
 }
@@ -66,11 +68,6 @@ impl Cause {
             true => self.segments = self.segments.max(1),
             false => *self = Self::default(),
         }
-    }
-
-    /// A control tick took it in before it went.
-    fn was_seen(&self) -> bool {
-        self.segments > SEGMENTS
     }
 
     /// A segment more was given out.
@@ -285,11 +282,19 @@ impl Judge {
             (&mut self.driver, inputs.driver_fault, Fault::Driver),
         ];
         for (cause, present, fault) in causes {
-            if !present {
-                if cause.was_seen() && !self.told.contains(&fault) {
-                    self.owed.push(fault);
+            match (present, cause.since_us) {
+                (true, None) => cause.since_us = Some(now_us),
+                (true, Some(_)) => {}
+                (false, since_us) => {
+                    // However short it was, the shell has sensed it.
+                    if since_us.is_some_and(|since_us| since_us < now_us) {
+                        self.excused_us = Some(now_us);
+                        if !self.told.contains(&fault) {
+                            self.owed.push(fault);
+                        }
+                    }
+                    *cause = Cause::default();
                 }
-                *cause = Cause::default();
             }
         }
     }
