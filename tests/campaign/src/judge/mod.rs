@@ -286,12 +286,13 @@ impl Judge {
                 (true, None) => cause.since_us = Some(now_us),
                 (true, Some(_)) => {}
                 (false, since_us) => {
-                    // However short it was, the shell has sensed it.
-                    if since_us.is_some_and(|since_us| since_us < now_us) {
+                    // However short it was, the shell has sensed it, unless it came and went between two looks.
+                    let lasted = since_us.is_some_and(|since_us| since_us < now_us);
+                    if lasted && !self.told.contains(&fault) {
+                        self.owed.push(fault);
+                    }
+                    if since_us.is_some() {
                         self.excused_us = Some(now_us);
-                        if !self.told.contains(&fault) {
-                            self.owed.push(fault);
-                        }
                     }
                     *cause = Cause::default();
                 }

@@ -167,7 +167,13 @@ impl Judge {
             self.anchors = vec![self.mm];
         }
         if ended && !homed {
-            self.anchors.push(self.mm);
+            // An axis that was found has its window round its home switch, from which it has backed off.
+            let back_off = self
+                .config
+                .map_or(0.0, |config| f64::from(config.stage.back_off_um) / 1e3);
+            for way in [-back_off, 0.0, back_off] {
+                self.anchors.push(self.mm.map(|mm| mm + way));
+            }
         }
         self.trust = status.trust;
     }
