@@ -146,6 +146,8 @@ pub struct Machine {
     /// The tick since which the stage rests.
     rests: u64,
     homing: Option<Homing>,
+    /// The home switch of a search that was given up, axis and end, until the stage stands.
+    sought: Option<(usize, usize)>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -189,6 +191,7 @@ impl Machine {
             motors: false,
             rests: 0,
             homing: None,
+            sought: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
