@@ -9,6 +9,7 @@ mod judge;
 mod laws;
 mod life;
 mod options;
+mod page;
 mod pins;
 mod random;
 mod sabotage;
@@ -48,15 +49,44 @@ fn main() -> ExitCode {
     }
     // A panic is counted, not printed in full a thousand times.
     std::panic::set_hook(Box::new(|_| ()));
-    let tally = run(&options);
-    match options.markdown {
-        true => print!("{}", tally.markdown(&options)),
-        false => print!("{}", tally.summary(&options)),
-    }
-    match tally.violations() {
+    let (text, violations) = match options.markdown {
+        true => page(&options),
+        false => {
+            let tally = run(&options);
+            (tally.summary(&options), tally.violations())
+        }
+    };
+    print!("{text}");
+    match violations {
         0 => ExitCode::SUCCESS,
         _ => ExitCode::from(1),
     }
+}
+
+/// Both kinds, for publication; and how many lives broke a law.
+fn page(options: &Options) -> (String, u64) {
+    let kinds = [
+        (Kind::Station, options.lives),
+        (Kind::Loop, options.loop_lives),
+    ];
+    let parts = kinds.map(|(kind, lives)| {
+        let options = Options {
+            kind,
+            lives,
+            ..options.clone()
+        };
+        let begin = Instant::now();
+        let tally = run(&options);
+        (
+            tally.markdown(&options, begin.elapsed().as_secs()),
+            tally.violations(),
+        )
+    });
+    let [(station, a), (following, b)] = parts;
+    (
+        format!("{}{station}{following}{}", page::HEAD, page::foot(options)),
+        a + b,
+    )
 }
 
 /// All lives, on some threads.

@@ -13,7 +13,8 @@ Usage: campaign [OPTIONS]
   --seed S             seed of the first; each life has the next [0]
   --threads N          how many at a time [2]
   --replay SEED        live one life and print what happens
-  --markdown           print the summary as a page
+  --markdown           print both kinds' summaries as a page: tests/FAULTS-INJECTED.md
+  --loop-lives N       with --markdown: how many of the loop kind [1000]
   --sabotage NAME     show the judge a station that breaks laws: steps, twice, homed, ...
   --progress N         say how far it is after every N lives [10000]
 
@@ -48,6 +49,7 @@ pub struct Options {
     pub threads: u64,
     pub replay: Option<u64>,
     pub markdown: bool,
+    pub loop_lives: u64,
     pub progress: u64,
     pub sabotage: Sabotage,
     pub help: bool,
@@ -66,6 +68,7 @@ impl Options {
             threads: 2,
             replay: None,
             markdown: false,
+            loop_lives: 1000,
             progress: 10_000,
             sabotage: Sabotage::None,
             help: false,
@@ -96,6 +99,7 @@ impl Options {
                         .0;
                 }
                 "--lives" => options.lives = number(&name, &value()?, 1)?,
+                "--loop-lives" => options.loop_lives = number(&name, &value()?, 1)?,
                 "--seed" => options.seed = number(&name, &value()?, 0)?,
                 "--threads" => options.threads = number(&name, &value()?, 1)?,
                 "--progress" => options.progress = number(&name, &value()?, 1)?,

@@ -4,6 +4,7 @@ use crate::judge::Counts;
 use crate::laws::{Law, Violation};
 use crate::life::Fate;
 use crate::options::{Kind, Options};
+use crate::page;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -102,19 +103,24 @@ impl Tally {
         text
     }
 
-    /// For a page.
-    pub fn markdown(&self, options: &Options) -> String {
+    /// For a page; it took so many seconds.
+    pub fn markdown(&self, options: &Options, seconds: u64) -> String {
         let mut text = String::new();
         let first = options.seed;
         let last = first + options.lives - 1;
-        let _ = writeln!(text, "Seeds {first} to {last}:\n");
+        let _ = writeln!(text, "\n## {}\n", page::title(options.kind));
+        let _ = writeln!(text, "{}\n", page::about(options.kind));
+        let _ = writeln!(text, "Seeds {first} to {last}, {} s:\n", grouped(seconds));
         for (name, number) in self.numbers() {
             let _ = writeln!(text, "- {number} {name}");
         }
-        let _ = writeln!(text, "\n| law | | lives that broke it |\n|---|---|---:|");
+        let _ = writeln!(
+            text,
+            "\n| law | what it says | broken by lives |\n|---|---|---:|"
+        );
         for law in self.laws {
-            let (name, says, hits) = (law.name(), law.text(), grouped(self.hits_of(*law)));
-            let _ = writeln!(text, "| `{name}` | {says} | {hits} |");
+            let hits = grouped(self.hits_of(*law));
+            let _ = writeln!(text, "| `{}` | {} | {hits} |", law.name(), law.text());
         }
         text
     }
