@@ -105,7 +105,9 @@ fn run(options: &Options) -> Tally {
                     let seed = options.seed + number;
                     let fate = live(options, seed, false);
                     let mut tally = tally.lock().expect("no thread panics while it counts");
-                    tally.add(seed, fate);
+                    for line in tally.add(seed, fate) {
+                        eprintln!("{line}");
+                    }
                     if tally.lives.is_multiple_of(options.progress) && tally.lives < options.lives {
                         let seconds = begin.elapsed().as_secs();
                         let (lives, violations) = (tally.lives, tally.violations());

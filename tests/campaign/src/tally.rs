@@ -34,18 +34,23 @@ impl Tally {
         }
     }
 
-    /// One life more.
-    pub fn add(&mut self, seed: u64, fate: Fate) {
+    /// One life more; what is to be said at once of the laws that it broke.
+    pub fn add(&mut self, seed: u64, fate: Fate) -> Vec<String> {
         self.lives += 1;
         self.counts.add(&fate.counts);
+        let mut said = Vec::new();
         for violation in fate.violations {
             let (count, kept) = self.hits.entry(violation.law).or_default();
             *count += 1;
+            if *count <= KEPT as u64 {
+                said.push(line(seed, &violation));
+            }
             kept.push((seed, violation));
             // The order in which threads finish must not show.
             kept.sort_by_key(|(seed, _)| *seed);
             kept.truncate(KEPT);
         }
+        said
     }
 
     /// How many lives broke a law, over all laws.
@@ -74,11 +79,10 @@ impl Tally {
     /// For a terminal.
     pub fn summary(&self, options: &Options) -> String {
         let mut text = String::new();
-        for (law, (_, kept)) in &self.hits {
+        for (_, kept) in self.hits.values() {
             for (seed, violation) in kept {
-                let (name, at, what) = (law.name(), violation.at_ms, &violation.text);
                 let kind = options.kind.name();
-                let _ = writeln!(text, "{name}: seed {seed} at {at:.1} ms: {what}");
+                let _ = writeln!(text, "{}", line(*seed, violation));
                 let _ = writeln!(text, "    campaign --kind {kind} --replay {seed}");
             }
         }
@@ -124,6 +128,12 @@ impl Tally {
         }
         text
     }
+}
+
+/// A violation for people.
+fn line(seed: u64, violation: &Violation) -> String {
+    let (name, at, what) = (violation.law.name(), violation.at_ms, &violation.text);
+    format!("{name}: seed {seed} at {at:.1} ms: {what}")
 }
 
 /// With a comma after every three digits.
