@@ -25,6 +25,9 @@ const NAMED_WITHIN_S: f64 = 2.0;
 /// Motion that counts as wrong following, mm peak to peak within a second.
 const WRONG_MM: f64 = 1.0;
 
+/// Part of the target's own motion that the distance to it must not change by.
+const USELESS: f64 = 0.5;
+
 /// A station that follows.
 struct Following {
     shell: Shell,
@@ -38,8 +41,8 @@ struct Following {
     ping_us: u64,
     birth_us: u64,
     status: Option<Status>,
-    /// Pins and distance to the target, every 5 ms of the last second.
-    recent: VecDeque<(Mm, Mm)>,
+    /// Pins, target, and the distance between stage and target, every 5 ms of the last second.
+    recent: VecDeque<[Mm; 3]>,
     /// Since when the following is wrong, s, and where the pins were.
     wrong: Option<(f64, Mm)>,
     /// Least and greatest place of the target.
@@ -244,9 +247,7 @@ impl Following {
         for edge in edges {
             let s = begin + edge.word as f64 / 1e6;
             let obeyed = match self.sickness {
-                Sickness::Stall(axis, from, share) if axis == edge.axis && s >= from => {
-                    self.random.unit() >= share
-                }
+                Sickness::Stall(axis, from) => axis != edge.axis || s < from,
                 _ => true,
             };
             let high = edge.high != WIRING.invert[edge.axis];
@@ -269,17 +270,19 @@ impl Following {
         self.farthest = beyond.into_iter().fold(self.farthest, f64::max);
         self.fate.counts.comparisons += 3;
         let error = each(|axis| target[axis] - self.plant.stage[axis]);
-        self.recent.push_back((self.plant.pins, error));
+        self.recent.push_back([self.plant.pins, target, error]);
         if self.recent.len() > 200 {
             self.recent.pop_front();
         }
-        let span = |axis: usize, get: fn(&(Mm, Mm)) -> Mm| {
-            let values = self.recent.iter().map(|entry| get(entry)[axis]);
+        let span = |what: usize, axis: usize| {
+            let values = self.recent.iter().map(|entry| entry[what][axis]);
             let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
             high - low
         };
+        // The stage moves, and the distance changes by much, and not as a little lag would let it.
         let wrong = (0..3).any(|axis| {
-            span(axis, |entry| entry.0) > WRONG_MM && span(axis, |entry| entry.1) > WRONG_MM
+            let useless = WRONG_MM.max(USELESS * span(1, axis));
+            span(0, axis) > WRONG_MM && span(2, axis) > useless
         });
         if !wrong || self.is_over() {
             self.wrong = None;
@@ -290,7 +293,7 @@ impl Following {
         let far = (0..3).any(|axis| (self.plant.pins[axis] - from[axis]).abs() > UNSEEN_MM);
         let due = far || !matches!(self.sickness, Sickness::Stall(..));
         if self.sickness != Sickness::None && due && s - since > NAMED_WITHIN_S {
-            let spans = each(|axis| span(axis, |entry| entry.0));
+            let spans = each(|axis| span(0, axis));
             self.breaks(
                 Law::Sick,
                 format!("{:?}: moves by {spans:.1?} mm for 2 s", self.sickness),

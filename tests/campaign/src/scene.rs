@@ -171,8 +171,8 @@ pub enum Sickness {
     Scale(usize, f64),
     /// Stamps are off, ms.
     Stamps(f64),
-    /// From then on (s) an axis loses this share of its steps.
-    Stall(usize, f64, f64),
+    /// From then on (s) an axis loses its steps.
+    Stall(usize, f64),
 }
 
 impl Sickness {
@@ -187,14 +187,7 @@ impl Sickness {
                 true => -random.range(20.0, 70.0),
                 false => random.range(20.0, 60.0),
             }),
-            _ => {
-                let share = random.pick(&[1.0, 1.0, 0.7]);
-                Self::Stall(
-                    random.below(3) as usize,
-                    random.range(0.0, 0.4 * seconds),
-                    share,
-                )
-            }
+            _ => Self::Stall(random.below(3) as usize, random.range(0.0, 0.4 * seconds)),
         }
     }
 
