@@ -183,8 +183,8 @@ impl Law {
                  or anything else."
             }
             Self::Sick => {
-                "A stage that follows wrongly is stopped by a named fault within 2 s and 10 mm, or \
-                 comes to rest."
+                "A stage that follows wrongly is stopped by a named fault within 2 s of useless \
+                 motion, or comes to rest."
             }
             Self::Runaway => {
                 "No stage that follows wrongly goes farther than the unseen way and the way to \
