@@ -251,8 +251,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
-    // As a crash does: without a word.
-    drop(serial);
+    serial.abandon();
     let mut serial = start(&end.path);
     let stood = end.steps();
     assert!(stood[0] < 4_000, "{stood:?}");
@@ -264,7 +263,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
-    drop(serial);
+    serial.abandon();
     end.standing();
     assert_eq!(start(&end.path).cleared(), Some(Fault::Heartbeat));
 }

@@ -11,6 +11,7 @@ pub mod error;
 pub mod experiment;
 pub mod flow;
 pub mod images;
+pub mod interruption;
 pub mod mounting;
 pub mod notice;
 pub mod plant;

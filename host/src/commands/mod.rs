@@ -142,7 +142,7 @@ fn failed_at(port: Option<&str>, error: host::experiment::Error) -> Failure {
     }
 }
 
-/// A port that cannot be used is bad input; anything else is the station's doing.
+/// A port that cannot be used is bad input; anything else is the station's doing, or its other host's.
 fn station_failed(error: StationError) -> Failure {
     match error {
         StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),

@@ -22,7 +22,7 @@ pub struct Options {
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect_to_any(&options.port)?;
     hand.command("stop", Command::Stop)?;
-    let status = hand.wait_for_rest()?;
+    let (status, _) = hand.wait_for_rest(|_| {})?;
     writeln!(
         out,
         "{} at {}, position {}",
