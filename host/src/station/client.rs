@@ -123,7 +123,8 @@ impl Client {
                 outcome,
             } => {
                 self.answered_tick = Some(tick);
-                self.motion.answered(sequence, tick);
+                let is_denied = matches!(outcome, Outcome::Denied(_));
+                self.motion.answered(sequence, tick, is_denied);
                 if self.answers.len() == ANSWERS {
                     self.answers.pop_front();
                 }

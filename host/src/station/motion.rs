@@ -14,6 +14,8 @@ const STOPS: usize = 256;
 #[derive(Debug, Default)]
 pub(super) struct Motion {
     moving: Option<Moving>,
+    /// What moved before the latest command that moves: it goes on if that is denied.
+    before: Option<Moving>,
     /// Sequence numbers of the stops that were sent, the latest last.
     stops: std::collections::VecDeque<u16>,
     stopped_tick: Option<u32>,
@@ -46,10 +48,11 @@ impl Motion {
     /// Notes a command on its way.
     pub fn sent(&mut self, sequence: u16, command: &Command) {
         if moves(command) {
-            self.moving = Some(Moving {
+            let moving = Moving {
                 sequence,
                 answered: None,
-            });
+            };
+            self.before = self.moving.replace(moving);
         }
         if matches!(command, Command::Stop) {
             if self.stops.len() == STOPS {
@@ -62,26 +65,33 @@ impl Motion {
         }
     }
 
-    /// Notes an answer.
-    pub fn answered(&mut self, sequence: u16, tick: u32) {
+    /// Notes an answer, and whether it is a denial.
+    pub fn answered(&mut self, sequence: u16, tick: u32, is_denied: bool) {
         if self.stops.contains(&sequence) {
             self.stopped_tick.get_or_insert(tick);
-            self.moving = None;
+            self.ended();
         }
-        if let Some(moving) = &mut self.moving
-            && moving.sequence == sequence
-        {
-            moving.answered = Some(tick);
+        let is_latest = self
+            .moving
+            .is_some_and(|moving| moving.sequence == sequence);
+        if is_latest && is_denied {
+            self.moving = self.before.take();
+        } else if is_latest {
+            self.moving = Some(Moving {
+                sequence,
+                answered: Some(tick),
+            });
         }
     }
 
     /// Notes how the station is.
     pub fn told(&mut self, status: &Status) {
-        let is_later = |tick: u32| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
-        let answered = self.moving.and_then(|moving| moving.answered);
-        if answered.is_some_and(is_later) && !status.state.is_moving() {
-            self.moving = None;
-        }
+        let stands_since = |moving: &mut Moving| {
+            let is_later = |tick: u32| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+            moving.answered.is_some_and(is_later) && !status.state.is_moving()
+        };
+        self.moving.take_if(stands_since);
+        self.before.take_if(stands_since);
     }
 
     /// Returns whether the stage may move because of this conversation.
@@ -89,9 +99,10 @@ impl Motion {
         self.moving.is_some()
     }
 
-    /// The motion whose command was not answered turned out to be none.
+    /// Nothing moves any more, by other knowledge.
     pub fn ended(&mut self) {
         self.moving = None;
+        self.before = None;
     }
 
     /// Only answers to later stops count.

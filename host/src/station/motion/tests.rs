@@ -25,7 +25,7 @@ fn motion_ends_with_a_later_status_at_rest() {
     motion.sent(7, &JOG);
     motion.told(&status(100, State::Idle));
     assert!(motion.may_go_on(), "its answer has not come");
-    motion.answered(7, 200);
+    motion.answered(7, 200, false);
     motion.told(&status(199, State::Idle));
     assert!(motion.may_go_on(), "that was before the answer");
     motion.told(&status(200, State::Moving));
@@ -43,10 +43,10 @@ fn answer_to_any_stop_ends_a_motion() {
     for sequence in [8, 10, 12] {
         motion.sent(sequence, &Command::Stop);
     }
-    motion.answered(9, 100);
+    motion.answered(9, 100, false);
     assert!(motion.may_go_on() && motion.stopped_tick().is_none());
-    motion.answered(10, 101);
-    motion.answered(12, 102);
+    motion.answered(10, 101, false);
+    motion.answered(12, 102, false);
     assert!(!motion.may_go_on());
     assert_eq!(motion.stopped_tick(), Some(101));
 }
@@ -56,6 +56,21 @@ fn stop_before_a_command_does_not_count() {
     let mut motion = Motion::default();
     motion.sent(7, &Command::Stop);
     motion.sent(8, &JOG);
-    motion.answered(7, 100);
+    motion.answered(7, 100, false);
     assert!(motion.may_go_on() && motion.stopped_tick().is_none());
+}
+
+#[test]
+fn denied_command_leaves_what_was_before() {
+    let mut motion = Motion::default();
+    motion.sent(7, &JOG);
+    motion.answered(7, 100, true);
+    assert!(!motion.may_go_on(), "nothing moved");
+    motion.sent(8, &JOG);
+    motion.answered(8, 200, false);
+    motion.sent(9, &JOG);
+    motion.answered(9, 201, true);
+    assert!(motion.may_go_on(), "the first jog goes on");
+    motion.told(&status(300, State::Idle));
+    assert!(!motion.may_go_on());
 }

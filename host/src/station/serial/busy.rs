@@ -81,6 +81,6 @@ mod tests {
         let range = "6: POSIX  ADVISORY  WRITE 4713 00:18:12 0 EOF";
         assert_eq!(locker(range, &name), None);
         assert_eq!(locker("", &name), None);
-        assert_eq!(name_in_locks(0x0008_0102, 3), "01:8002:3");
+        assert_eq!(name_in_locks(0x0080_0102, 3), "01:802:3");
     }
 }
