@@ -10,7 +10,7 @@ use host::station::stage::{HEARTBEAT_MS, configuration};
 use host::station::{StationError, ports};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
-use shared::safety::State;
+use shared::safety::{Fault, State};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -134,7 +134,7 @@ impl Hand {
         self.serial.fresh_status(true)
     }
 
-    /// As [`Hand::command`], and once more while the stage still ramps down.
+    /// As [`Hand::command`], and once more while the stage still ramps down or a fault has not been told.
     pub fn command_at_rest(
         &mut self,
         name: &'static str,
@@ -146,7 +146,7 @@ impl Hand {
             let denied = matches!(
                 outcome,
                 Err(StationError::Denied {
-                    denial: Denial::Moving,
+                    denial: Denial::Moving | Denial::FaultUnread,
                     ..
                 })
             );
@@ -178,19 +178,8 @@ impl Hand {
 
     /// Starts the heartbeat, and waits until the station has heard it.
     pub fn start_heartbeat(&mut self) -> Result<(), Failure> {
-        self.serial.set_pings(true);
-        let heard = self
-            .serial
-            .wait_until(Instant::now() + REST_PATIENCE, |client| {
-                client.clock().offset_us(0)
-            });
-        match heard.map_err(|error| self.failed(error))? {
-            Some(_) => Ok(()),
-            None => Err(self.failed(StationError::Silent {
-                command: "ping",
-                waited_ms: REST_PATIENCE.as_millis() as u64,
-            })),
-        }
+        let heard = self.serial.start_heartbeat();
+        heard.map_err(|error| self.failed(error))
     }
 
     /// Waits until the stage stands; a signal stops it on a ramp. `watch` sees every status meanwhile. Also says whether a signal came.
@@ -290,14 +279,15 @@ pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
-/// State, trust and fault by name; the fault also by number.
+/// State, motors, trust and faults by name; the faults also by number, the worst first.
 pub fn condition(status: &Status) -> Value {
-    let fault = status
-        .fault
-        .map(|fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name}));
+    let named =
+        |fault: Fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name});
     json!({
         "state": diagnosis::state(status.state).name,
-        "fault": fault,
+        "fault": status.fault.map(named),
+        "faults": status.faults.iter().map(named).collect::<Vec<_>>(),
+        "motors": status.motors,
         "trust": diagnosis::trust(status.trust),
         "position_steps": status.position_steps,
         "target_steps": status.target_steps,

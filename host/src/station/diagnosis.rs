@@ -252,6 +252,9 @@ pub fn next_step(status: &Status) -> Option<String> {
     if status.state != State::Idle {
         return Some(state(status.state).action.to_owned());
     }
+    if !status.motors {
+        return Some("`motors on`, then `home` or `zero`".to_owned());
+    }
     match status.trust {
         Trust::Homed => None,
         Trust::Unknown => Some(

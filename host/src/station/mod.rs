@@ -139,7 +139,9 @@ fn mismatches(list: &[Mismatch]) -> String {
 fn in_use(holder: Option<&serial::Holder>) -> String {
     match holder {
         Some(serial::Holder { pid, command }) => {
-            format!("in use by `{command}` (process {pid}); end that program with Ctrl-C there")
+            format!(
+                "in use by `{command}` (process {pid}); press Ctrl-C there, or run `trinocular stop`, which does the same"
+            )
         }
         None => "in use by another program; end that program first".to_owned(),
     }

@@ -40,7 +40,8 @@ pub(super) fn moves(command: &Command) -> bool {
         | Command::Zero
         | Command::Stop
         | Command::Reset
-        | Command::Ping { .. } => false,
+        | Command::Ping { .. }
+        | Command::Motors { .. } => false,
     }
 }
 

@@ -13,7 +13,7 @@ mod repetition;
 mod sender;
 mod stop;
 
-pub use busy::Holder;
+pub use busy::{Holder, end_other_host};
 
 use super::StationError;
 use super::client::Client;
@@ -195,13 +195,13 @@ impl Serial {
         loop {
             match serial.command("reset", Command::Reset) {
                 Err(StationError::Denied {
-                    denial: Denial::Moving,
+                    denial: Denial::Moving | Denial::FaultUnread,
                     ..
                 }) if Instant::now() < end => std::thread::sleep(10 * LOOK),
                 outcome => break outcome?,
             }
         }
-        serial.set_pings(true);
+        serial.start_heartbeat()?;
         serial.command("config", Command::Config(configuration))?;
         serial.command("zero", Command::Zero)?;
         serial.shared.line().configured = true;
@@ -363,6 +363,20 @@ impl Serial {
     /// How long a lost line is looked for: 10 s unless set.
     pub fn set_reconnect_patience(&mut self, patience: Duration) {
         self.shared.line().patience = patience;
+    }
+
+    /// Starts the heartbeat and waits until the station has answered a ping: before that it takes no command to move.
+    ///
+    /// # Errors
+    /// [`StationError::Silent`] without an answer; as [`Serial::check`].
+    pub fn start_heartbeat(&mut self) -> Result<(), StationError> {
+        self.set_pings(true);
+        let end = Instant::now() + REST_PATIENCE;
+        let heard = self.wait_until(end, |client| client.clock().offset_us(0))?;
+        match heard {
+            Some(_) => Ok(()),
+            None => Err(self.silence("ping", REST_PATIENCE)),
+        }
     }
 
     /// Starts or stops the heartbeat.

@@ -3,6 +3,13 @@
 use super::super::StationError;
 use crate::printable::printable;
 use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How long another program may take to stop its stage and leave: a stop is repeated for 2 s, and a stage ramps down.
+const LEAVING_PATIENCE: Duration = Duration::from_secs(15);
+
+/// How often it is looked whether it has left.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// A running program.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,6 +32,44 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
         path,
         reason: format!("cannot open: {cause}"),
     }
+}
+
+/// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it has left the port; returns that program.
+/// It stops its stage before it ends. Does nothing where the system does not tell who has the port.
+pub fn end_other_host(path: &str) -> Option<Holder> {
+    let other = holder(Path::new(path)).filter(is_this_program)?;
+    interrupt(&other).then(|| {
+        let end = Instant::now() + LEAVING_PATIENCE;
+        while holder(Path::new(path)).as_ref() == Some(&other) && Instant::now() < end {
+            std::thread::sleep(LOOK);
+        }
+        other
+    })
+}
+
+#[cfg(target_os = "linux")]
+fn is_this_program(holder: &Holder) -> bool {
+    let file = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
+    let name = |pid: &str| Some(file(pid)?.file_name()?.to_owned());
+    let other = name(&holder.pid.to_string());
+    other.is_some() && other == name("self")
+}
+
+#[cfg(target_os = "linux")]
+fn interrupt(holder: &Holder) -> bool {
+    use rustix::process::{Pid, Signal, kill_process};
+    let pid = i32::try_from(holder.pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| kill_process(pid, Signal::INT).is_ok())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_this_program(_: &Holder) -> bool {
+    false
+}
+
+#[cfg(not(target_os = "linux"))]
+fn interrupt(_: &Holder) -> bool {
+    false
 }
 
 /// Returns the program that holds the lock on a port, where the system tells.

@@ -5,7 +5,7 @@
 //! number it has seen:
 //!
 //! * a stop: see [`stop`](super::stop);
-//! * a configuration, a zero and a position to go to: the second time changes nothing, because
+//! * a configuration, a zero, motors on or off, and a position to go to: the second time changes nothing, because
 //!   whatever is sent later also arrives later;
 //! * a reset: only while the station still says that it has the same fault or stop as before, or
 //!   the repetition might clear another one that has been latched since;
@@ -104,7 +104,10 @@ impl Serial {
 
 fn repetition(command: &Command, before: Option<&Status>) -> Repetition {
     match (command, before) {
-        (Command::Config(_) | Command::Zero | Command::Setpoint { .. }, _) => Repetition::Always,
+        (
+            Command::Config(_) | Command::Zero | Command::Setpoint { .. } | Command::Motors { .. },
+            _,
+        ) => Repetition::Always,
         (Command::Reset, Some(before)) => Repetition::While(before.state, before.fault),
         _ => Repetition::Never,
     }
