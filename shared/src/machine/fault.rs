@@ -12,20 +12,15 @@ impl Machine {
     }
 
     pub(super) fn check_switches(&mut self) {
-        if self.inputs.emergency_stop {
+        let glimpsed = core::mem::take(&mut self.glimpsed);
+        if self.inputs.emergency_stop || glimpsed.emergency_stop {
             self.fail(Fault::EmergencyStop);
         }
-        if self.inputs.driver_fault {
+        if self.inputs.driver_fault || glimpsed.driver_fault {
             self.fail(Fault::Driver);
         }
-        if let Some(planner) = &self.planner {
-            let towards = planner.speeds().into_iter().zip(self.switches_to_obey());
-            let met = |(v, [negative, positive]): (i64, [bool; 2])| {
-                (negative && v < 0) || (positive && v > 0)
-            };
-            if towards.into_iter().any(met) {
-                self.fail(Fault::Limit);
-            }
+        if self.runs_onto_a_switch() {
+            self.fail(Fault::Limit);
         }
         let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
         // In word periods times a million rather than in µs: no division.
@@ -34,6 +29,26 @@ impl Machine {
         if lag.saturating_mul(1_000_000) > most && !self.stands() {
             self.fail(Fault::Underrun);
         }
+    }
+
+    /// An axis moves towards a tripped switch, or makes a step towards it within the coming tick.
+    pub(super) fn runs_onto_a_switch(&self) -> bool {
+        let switches = self.switches_to_obey();
+        let Some(planner) = &self.planner else {
+            return false;
+        };
+        if switches == [[false; 2]; 3] || planner.has_arrived() {
+            return false;
+        }
+        let mut coming = planner.clone();
+        coming.plan_tick();
+        let steps = |planner: &Planner| planner.positions().map(|at| i64::from(at.whole_steps()));
+        let ways = steps(&coming).into_iter().zip(steps(planner));
+        let mut axes = ways.zip(planner.speeds()).zip(switches);
+        axes.any(|(((after, before), speed), [negative, positive])| {
+            let way = after - before;
+            (negative && (speed < 0 || way < 0)) || (positive && (speed > 0 || way > 0))
+        })
     }
 
     pub(super) fn check_heartbeat(&mut self) {
@@ -85,6 +100,7 @@ impl Machine {
         if !self.stands() {
             return;
         }
+        self.sought = None;
         if self.state == State::Moving {
             self.renew_limits();
         }
