@@ -151,6 +151,27 @@ fn unanswered_stop_ends_the_heartbeat() {
     assert_eq!(pings(&end), before);
 }
 
+/// Whoever looks at what the station said may take their time.
+#[test]
+fn heartbeat_goes_on_while_the_line_is_looked_at() {
+    let end = station();
+    let serial = start(&end);
+    let pings = || {
+        let is_ping = |p: &&Packet| matches!(p.command, Command::Ping { .. });
+        packets(&end).iter().filter(is_ping).count()
+    };
+    let client = serial.client();
+    let (before, patience) = (pings(), Instant::now() + PATIENCE);
+    while pings() < before + 10 {
+        assert!(
+            Instant::now() < patience,
+            "the heartbeat waits for the line"
+        );
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    drop(client);
+}
+
 #[test]
 fn dropped_connection_stops_the_stage() {
     let end = station_behind(first(0, is_stop), Some);

@@ -2,7 +2,7 @@
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
 //! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
-//! the station's time, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod bound;
 pub mod client;
@@ -84,7 +84,7 @@ pub enum StationError {
         reason: String,
     },
     /// Another program has the serial port.
-    #[error("cannot open {path}: {}", in_use(.holder.as_ref()))]
+    #[error("{path}: cannot open: {}", in_use(.holder.as_ref()))]
     Busy {
         /// The port.
         path: String,

@@ -91,6 +91,8 @@ impl Serial {
                 "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; `trinocular reset` lets it move again"
             ),
             Ok(_) => notice!("{path}: the run ended in motion; the stage stands"),
+            // The run ended for that very reason.
+            Err(StationError::Lost { .. } | StationError::Interrupted { .. }) => {}
             Err(error) => notice!("{path}: the run ended in motion: {error}"),
         }
     }
