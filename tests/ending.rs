@@ -17,7 +17,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_tests::binary::{signal, trinocular};
-use trinocular_tests::far_end::{FarEnd, station, station_behind};
+use trinocular_tests::emulator::{Emulator, pins};
+use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
 
 /// Long enough for any machine; a test that waits as long has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -173,6 +174,44 @@ fn lost_stop_after_a_signal_is_sent_again() {
         assert_eq!(code, Some(3), "{words}: {err}");
         stands_stopped(&end);
     }
+}
+
+#[test]
+#[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
+fn lost_stop_to_the_emulated_board_is_sent_again() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let folder = tempfile::tempdir().expect("a folder");
+    let trace = folder.path().join("trace");
+    let (emulator, path) = Emulator::live(&trace);
+    let is_moving = Arc::new(AtomicBool::new(false));
+    let (moves, mut lost) = (Arc::clone(&is_moving), 0);
+    let end = bridge(&path, move |packet| {
+        let is_jog = matches!(packet.command, StationCommand::Jog { .. });
+        moves.fetch_or(is_jog, Ordering::Relaxed);
+        let is_stop = matches!(packet.command, StationCommand::Stop);
+        lost += usize::from(is_stop);
+        is_stop && lost <= 2
+    });
+    let run = desk.start(&end, RUNS[0]);
+    let patience = Instant::now() + PATIENCE;
+    while !is_moving.load(Ordering::Relaxed) {
+        assert!(Instant::now() < patience, "no jog comes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    signal(&run, "INT");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    let serial = Serial::connect(&end.path).expect("it answers");
+    let status = serial.fresh_status(false).expect("it tells");
+    assert_eq!((status.state, status.fault), (State::Stopped, None));
+    // Its trace is written every 100 ms; two seconds are many of those on any machine.
+    std::thread::sleep(Duration::from_secs(2));
+    drop(emulator);
+    let (steps, _) = pins(&trace);
+    assert_eq!(steps, status.position_steps.map(i64::from));
+    assert!((1..4_000).contains(&steps[0]), "{steps:?}");
 }
 
 #[test]

@@ -198,15 +198,8 @@ pub fn station_behind(
     let mut station = machine(ResetCause::PowerOn, LastRun::UNKNOWN);
     let mut commands = Receiver::<Packet>::default();
     let mut reports = Receiver::<Report>::default();
-    far_end(move |shared, mut bytes| {
-        let mut passed = Vec::new();
-        while let Some(packet) = commands.next(&mut bytes) {
-            if let Ok(packet) = packet
-                && !lost(&packet)
-            {
-                passed.extend_from_slice(&encode(&packet).expect("it fitted before"));
-            }
-        }
+    far_end(move |shared, bytes| {
+        let passed = without_lost(&mut commands, bytes, &mut lost);
         let answer = station(shared, &passed);
         let (mut answer, mut heard) = (&answer[..], Vec::new());
         while let Some(report) = reports.next(&mut answer) {
@@ -217,6 +210,38 @@ pub fn station_behind(
         }
         heard
     })
+}
+
+/// The station on the port `path`, behind a line that loses packets from the host for which `lost` returns true.
+pub fn bridge(path: &str, mut lost: impl FnMut(&Packet) -> bool + Send + 'static) -> FarEnd {
+    let port = serialport::new(path, 921_600).timeout(Duration::from_secs(1));
+    let mut port = port.open().expect("the station's port opens");
+    let mut commands = Receiver::<Packet>::default();
+    far_end(move |_, bytes| {
+        let passed = without_lost(&mut commands, bytes, &mut lost);
+        port.write_all(&passed).expect("the station takes it");
+        let waiting = port.bytes_to_read().expect("it is open") as usize;
+        let mut answer = vec![0; waiting];
+        port.read_exact(&mut answer).expect("they are there");
+        answer
+    })
+}
+
+/// What is left of the bytes of a host when the packets that `lost` names are taken out.
+fn without_lost(
+    commands: &mut Receiver<Packet>,
+    mut bytes: &[u8],
+    lost: &mut impl FnMut(&Packet) -> bool,
+) -> Vec<u8> {
+    let mut passed = Vec::new();
+    while let Some(packet) = commands.next(&mut bytes) {
+        if let Ok(packet) = packet
+            && !lost(&packet)
+        {
+            passed.extend_from_slice(&encode(&packet).expect("it fitted before"));
+        }
+    }
+    passed
 }
 
 fn machine(
