@@ -1,4 +1,5 @@
-//! The host on a line that loses chosen packets, and at a station that sends numbers that cannot be true.
+//! The host on a line that loses chosen packets, and at a station that sends numbers that cannot be
+//! true.
 
 use host::experiment::follower::{Follower, Place};
 use host::station::StationError;
@@ -111,7 +112,7 @@ fn first_answer_to_any_stop_counts() {
             let is_answer = matches!(report, Report::Answer { .. }) && moves;
             answers += usize::from(is_answer);
             // The first answers the command to move.
-            (!is_answer || answers < 2 || answers > 4).then_some(report)
+            (!is_answer || !(2..=4).contains(&answers)).then_some(report)
         },
     );
     let mut serial = moving(&end);
@@ -291,7 +292,7 @@ fn unanswered_jog_is_not_repeated_but_explained() {
     );
     let text = explained(&end);
     assert!(
-        text.contains("where it was at 0 0 0 steps before"),
+        text.contains("it was at 0 0 0 steps before"),
         "{text}"
     );
     assert_eq!(end.steps(), [160, 0, 0]);

@@ -10,9 +10,10 @@ use shared::frame::message::Command;
 
 /// Switch the motors of the stage on or off
 ///
-/// Only at rest, and only a station that has its configuration. Motors that are off hold nothing: the stage can be moved by hand, and a vertical
-/// axis may sink. The station trusts its position less from then on: `home` or `zero` after `motors on`. With motors_off_after_s in the rig
-/// file the station switches them off by itself.
+/// Only at rest, and only a station that has its configuration. Motors that are off hold nothing:
+/// the stage can be moved by hand, and a vertical axis may sink. The station trusts its position
+/// less from then on: `home` or `zero` after `motors on`. With motors_off_after_s in the rig file
+/// the station switches them off by itself.
 #[derive(Debug, Args)]
 pub struct Options {
     /// What the motors are to be

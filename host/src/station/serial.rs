@@ -1,11 +1,15 @@
-//! A station at the end of a serial line: the board over USB or UART, or the emulated board behind a pseudo-terminal.
+//! A station at the end of a serial line: the board over USB or UART, or the emulated board behind
+//! a pseudo-terminal.
 //!
-//! The [`line`] is shared between the caller, who sends commands and waits for answers, and a thread that takes in what the station says and
-//! looks for a lost line. The caller hears of a lost line from the next call that can fail, and decides what to do when it is back. A second
-//! thread sends the heartbeat and does nothing else ([`sender`]). So the heartbeat goes on while the caller looks at pictures, and stops with the
-//! process: a host that crashed does not keep a stage moving.
+//! The [`line`] is shared between the caller, who sends commands and waits for answers, and a
+//! thread that takes in what the station says and looks for a lost line. The caller hears of a lost
+//! line from the next call that can fail, and decides what to do when it is back. A second thread
+//! sends the heartbeat and does nothing else ([`sender`]). So the heartbeat goes on while the
+//! caller looks at pictures, and stops with the process: a host that crashed does not keep a stage
+//! moving.
 //!
-//! *Invariant:* a stage that moves because of this program stops before the line is closed, whatever ends the run ([`stop`]).
+//! *Invariant:* a stage that moves because of this program stops before the line is closed,
+//! whatever ends the run ([`stop`]).
 
 mod busy;
 mod line;
@@ -34,7 +38,8 @@ const LOOK: Duration = Duration::from_millis(1);
 /// How long an answer may take.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// How long the first answer may take: some boards restart when their port is opened, and a pseudo-terminal takes a second to notice it.
+/// How long the first answer may take: some boards restart when their port is opened, and a
+/// pseudo-terminal takes a second to notice it.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 /// How often hello is repeated meanwhile.
@@ -70,7 +75,8 @@ impl Shared {
     }
 }
 
-/// The client of a [`Serial`], borrowed. While this lives nothing is taken in from the station; the heartbeat goes on.
+/// The client of a [`Serial`], borrowed. While this lives nothing is taken in from the station; the
+/// heartbeat goes on.
 pub struct ClientRef<'a>(MutexGuard<'a, Line>);
 
 impl std::ops::Deref for ClientRef<'_> {
@@ -81,7 +87,8 @@ impl std::ops::Deref for ClientRef<'_> {
     }
 }
 
-/// A station on a serial line. Dropping it stops what its commands have set in motion, ends the heartbeat and closes the line.
+/// A station on a serial line. Dropping it stops what its commands have set in motion, ends the
+/// heartbeat and closes the line.
 pub struct Serial {
     shared: Arc<Shared>,
     sender: Arc<Sender>,
@@ -107,13 +114,13 @@ impl Drop for Serial {
 }
 
 impl Serial {
-    /// Opens the line and asks who is there. Sends nothing but hello; no heartbeat yet. From now on the program watches for Ctrl-C and other
-    /// [signals](interruption).
+    /// Opens the line and asks who is there. Sends nothing but hello; no heartbeat yet. From now on
+    /// the program watches for Ctrl-C and other [signals](interruption).
     ///
     /// # Errors
-    /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program has it, [`StationError::Silent`] or
-    /// [`StationError::Garbled`] if no station answers.
-    /// A station with other firmware is no error here: see [`Hello::mismatches`].
+    /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
+    /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
+    /// station with other firmware is no error here: see [`Hello::mismatches`].
     pub fn connect(path: &str) -> Result<Self, StationError> {
         let failed = |what: &str, cause: std::io::Error| StationError::Port {
             path: path.to_owned(),
@@ -146,7 +153,8 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Closes the line without another word, as a crash does: a stage in motion goes on until its station misses the heartbeat.
+    /// Closes the line without another word, as a crash does: a stage in motion goes on until its
+    /// station misses the heartbeat.
     pub fn abandon(mut self) {
         self.close();
         self.shared.line().client.motion_mut().ended();
@@ -161,13 +169,13 @@ impl Serial {
         }
     }
 
-    /// Connects to the station, brings it to rest whatever the last host left behind, starts the heartbeat, configures the stage and declares
-    /// its present position to be zero.
+    /// Connects to the station, brings it to rest whatever the last host left behind, starts the
+    /// heartbeat, configures the stage and declares its present position to be zero.
     ///
     /// # Errors
-    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware; [`StationError::Faulted`] with [`Fault::Restart`], which wants to be
-    /// acknowledged by hand; if the stage does not fit the configuration or the station
-    /// refuses it.
+    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware;
+    /// [`StationError::Faulted`] with [`Fault::Restart`], which wants to be acknowledged by hand;
+    /// if the stage does not fit the configuration or the station refuses it.
     pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
         Self::start_as(path, configuration(stage, mounting)?)
     }
@@ -230,7 +238,8 @@ impl Serial {
     /// Waits for the client to know something; on a lost line, until it is found or given up.
     ///
     /// # Errors
-    /// If the line is or was lost; [`StationError::Cancelled`] after a signal, unless the caller has asked for a stop.
+    /// If the line is or was lost; [`StationError::Cancelled`] after a signal, unless the caller
+    /// has asked for a stop.
     pub fn wait_until<T>(
         &self,
         end: Instant,
@@ -291,7 +300,8 @@ impl Serial {
         self.client().hello().cloned()
     }
 
-    /// What the station remembers of the time before it started. `None` if it is of other firmware or did not say.
+    /// What the station remembers of the time before it started. `None` if it is of other firmware
+    /// or did not say.
     ///
     /// # Errors
     /// If the line is or was lost.
@@ -306,7 +316,8 @@ impl Serial {
         })
     }
 
-    /// A status from after the hello or, with `answered`, one that shows what the last answered command did. It comes within a tenth of a second.
+    /// A status from after the hello or, with `answered`, one that shows what the last answered
+    /// command did. It comes within a tenth of a second.
     ///
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
@@ -323,7 +334,8 @@ impl Serial {
         self.shared.line().path.clone()
     }
 
-    /// Sends a command without waiting; returns its sequence number. On a lost line it goes nowhere, which shows when the answer is waited for.
+    /// Sends a command without waiting; returns its sequence number. On a lost line it goes
+    /// nowhere, which shows when the answer is waited for.
     pub fn send(&mut self, command: Command) -> u16 {
         self.shared.line().send(command)
     }
@@ -338,7 +350,8 @@ impl Serial {
     /// Whether commands reach the station, and the run may go on.
     ///
     /// # Errors
-    /// As [`Serial::command`] on a line that is or was lost; [`StationError::Cancelled`] after a signal, unless the caller has asked for a stop.
+    /// As [`Serial::command`] on a line that is or was lost; [`StationError::Cancelled`] after a
+    /// signal, unless the caller has asked for a stop.
     pub fn check(&self) -> Result<(), StationError> {
         self.check_signals()?;
         self.shared.line().check()
@@ -351,11 +364,12 @@ impl Serial {
         }
     }
 
-    /// Goes on after the line was lost and is back: only with a station that lost nothing and has latched no fault. One that moved or followed
-    /// has, since its heartbeat failed.
+    /// Goes on after the line was lost and is back: only with a station that lost nothing and has
+    /// latched no fault. One that moved or followed has, since its heartbeat failed.
     ///
     /// # Errors
-    /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or the station is not the same.
+    /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or
+    /// the station is not the same.
     pub fn resume(&mut self) -> Result<(), StationError> {
         self.shared.line().resume()
     }
@@ -365,7 +379,8 @@ impl Serial {
         self.shared.line().patience = patience;
     }
 
-    /// Starts the heartbeat and waits until the station has answered a ping: before that it takes no command to move.
+    /// Starts the heartbeat and waits until the station has answered a ping: before that it takes
+    /// no command to move.
     ///
     /// # Errors
     /// [`StationError::Silent`] without an answer; as [`Serial::check`].
@@ -396,7 +411,8 @@ impl Serial {
         ClientRef(self.shared.line())
     }
 
-    /// Station time minus host time now, and the bound of its error, µs. `None` before the first heartbeat came back.
+    /// Station time minus host time now, and the bound of its error, µs. `None` before the first
+    /// heartbeat came back.
     pub fn offset_us(&self) -> Option<(i64, u64)> {
         let now_us = self.now_us();
         self.client().clock().offset_us(now_us)

@@ -5,7 +5,8 @@ use crate::printable::printable;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How long another program may take to stop its stage and leave: a stop is repeated for 2 s, and a stage ramps down.
+/// How long another program may take to stop its stage and leave: a stop is repeated for 2 s, and a
+/// stage ramps down.
 const LEAVING_PATIENCE: Duration = Duration::from_secs(15);
 
 /// How often it is looked whether it has left.
@@ -34,8 +35,9 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
     }
 }
 
-/// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it has left the port; returns that program.
-/// It stops its stage before it ends. Does nothing where the system does not tell who has the port.
+/// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it
+/// has left the port; returns that program. It stops its stage before it ends. Does nothing where
+/// the system does not tell who has the port.
 pub fn end_other_host(path: &str) -> Option<Holder> {
     let other = holder(Path::new(path)).filter(is_this_program)?;
     interrupt(&other).then(|| {

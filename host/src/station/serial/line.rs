@@ -1,10 +1,13 @@
 //! One serial line and the conversation on it: heartbeat, loss, and finding back.
 //!
-//! A line is up, down or given up. It goes down when the port fails or the station answers no ping for [`SILENCE`]. From then on the port is
-//! closed, and opened again and greeted every [`RETRY`], until a station answers or the patience ends. A line that came back is not used by
-//! itself: the interruption stays, without heartbeat, until somebody decides (`resume`). So no motion goes on because a plug was put back.
+//! A line is up, down or given up. It goes down when the port fails or the station answers no ping
+//! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
+//! until a station answers or the patience ends. A line that came back is not used by itself: the
+//! interruption stays, without heartbeat, until somebody decides (`resume`). So no motion goes on
+//! because a plug was put back.
 //!
-//! A stop is not left to its caller either: once begun it is repeated here, until it is answered or given up (`stop`).
+//! A stop is not left to its caller either: once begun it is repeated here, until it is answered or
+//! given up (`stop`).
 
 use super::super::StationError;
 use super::super::client::Client;
@@ -135,7 +138,8 @@ impl Line {
         }
     }
 
-    /// Numbers and writes a command. It goes nowhere, and its number is never answered, if the line is interrupted or the program is to end.
+    /// Numbers and writes a command. It goes nowhere, and its number is never answered, if the line
+    /// is interrupted or the program is to end.
     pub fn send(&mut self, command: Command) -> u16 {
         let is_ending = interruption::is_requested() && may_undo_a_stop(&command);
         if self.check().is_err() || is_ending {
@@ -154,7 +158,8 @@ impl Line {
         self.sender.greet();
     }
 
-    /// Begins to stop the stage, unless that is under way or done. Goes through an interrupted line, too.
+    /// Begins to stop the stage, unless that is under way or done. Goes through an interrupted
+    /// line, too.
     pub fn begin_stop(&mut self) {
         if matches!(self.stop, Stop::None) {
             self.client.motion_mut().forget_stops();
@@ -166,7 +171,8 @@ impl Line {
         }
     }
 
-    /// Sends the stop that is due. Each is a new packet: the station takes one that comes twice for one.
+    /// Sends the stop that is due. Each is a new packet: the station takes one that comes twice for
+    /// one.
     fn repeat_stop(&mut self) {
         let Stop::Asked { since, next, sent } = &mut self.stop else {
             return;
@@ -275,7 +281,8 @@ impl Line {
         }
     }
 
-    /// Who answered on a line that was lost. Its state is in the first status, which comes within a tenth of a second.
+    /// Who answered on a line that was lost. Its state is in the first status, which comes within a
+    /// tenth of a second.
     fn judge(&mut self, since: Instant, reason: &str) -> Option<Interruption> {
         let hello: &Hello = self.client.hello()?;
         let mismatches = hello.mismatches();

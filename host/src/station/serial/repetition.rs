@@ -5,11 +5,13 @@
 //! number it has seen:
 //!
 //! * a stop: see [`stop`](super::stop);
-//! * a configuration, a zero, motors on or off, and a position to go to: the second time changes nothing, because
+//! * a configuration, a zero, motors on or off, and a position to go to: the second time changes
+//! nothing, because
 //!   whatever is sent later also arrives later;
 //! * a reset: only while the station still says that it has the same fault or stop as before, or
 //!   the repetition might clear another one that has been latched since;
-//! * a jog, a homing or a frame: never. Twice is not once. When such an answer is lost, the error says
+//! * a jog, a homing or a frame: never. Twice is not once. When such an answer is lost, the error
+//! says
 //!   what the station's status tells of it.
 
 use super::super::{StationError, diagnosis};
@@ -33,9 +35,10 @@ impl Serial {
     /// Sends a command and waits for the answer; repeats it if that does no harm.
     ///
     /// # Errors
-    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] or [`StationError::Unanswered`] without an answer; on a line
-    /// that is or was lost [`StationError::Lost`], [`StationError::Interrupted`], [`StationError::Restarted`] or [`StationError::Mismatch`].
-    /// For a stop, as [`Serial::stop`].
+    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] or
+    /// [`StationError::Unanswered`] without an answer; on a line that is or was lost
+    /// [`StationError::Lost`], [`StationError::Interrupted`], [`StationError::Restarted`] or
+    /// [`StationError::Mismatch`]. For a stop, as [`Serial::stop`].
     pub fn command(&mut self, name: &'static str, command: Command) -> Result<(), StationError> {
         if matches!(command, Command::Stop) {
             return self.stop();
@@ -121,13 +124,15 @@ fn known(before: &Status, now: &Status) -> String {
     if now.state.is_moving() {
         let target = steps(now.target_steps);
         return format!(
-            "its status came: {state}, now at {is} on the way to {target}, so the command arrived and its answer was lost"
+            "its status came: {state}, now at {is} on the way to {target}, so the command arrived \
+             and its answer was lost"
         );
     }
     match before.position_steps == now.position_steps {
         true => format!("its status came: {state} at {is}, where it was before"),
         false => format!(
-            "its status came: {state} at {is}, where it was at {was} before, so the command arrived and its answer was lost"
+            "its status came: {state} at {is}, it was at {was} before, so the command arrived \
+             and its answer was lost"
         ),
     }
 }

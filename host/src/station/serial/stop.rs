@@ -36,11 +36,13 @@ pub(super) enum Stop {
 }
 
 impl Serial {
-    /// Stops the stage: sends stop every 30 ms until one is answered. From then on no signal is reported by the calls that wait.
+    /// Stops the stage: sends stop every 30 ms until one is answered. From then on no signal is
+    /// reported by the calls that wait.
     ///
     /// # Errors
-    /// [`StationError::Unstopped`] if none is answered within 2 s: then the heartbeat is ended, so that the station stops by itself.
-    /// [`StationError::Lost`] if the line is down; then no heartbeat gets through either.
+    /// [`StationError::Unstopped`] if none is answered within 2 s: then the heartbeat is ended, so
+    /// that the station stops by itself. [`StationError::Lost`] if the line is down; then no
+    /// heartbeat gets through either.
     pub fn stop(&mut self) -> Result<(), StationError> {
         self.stops = true;
         self.shared.line().begin_stop();
@@ -88,7 +90,8 @@ impl Serial {
         let path = self.path();
         match self.stop().and_then(|()| self.until_rest()) {
             Ok(State::Stopped) => notice!(
-                "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; `trinocular reset` lets it move again"
+                "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; \
+                 `trinocular reset` lets it move again"
             ),
             Ok(_) => notice!("{path}: the run ended in motion; the stage stands"),
             // The run ended for that very reason.
