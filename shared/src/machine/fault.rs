@@ -1,7 +1,7 @@
 //! Faults and stops: what is looked for at every tick, and how motion ends.
 
 use super::active::Active;
-use super::{MAX_LAG_US, Machine};
+use super::{MAX_LAG_US, Machine, SEGMENTS};
 use crate::motion::Planner;
 use crate::safety::{Fault, State};
 
@@ -40,14 +40,23 @@ impl Machine {
         if switches == [[false; 2]; 3] || planner.has_arrived() {
             return false;
         }
+        let onto = |ways: [i64; 3]| {
+            let mut axes = ways.into_iter().zip(switches);
+            axes.any(|(way, [negative, positive])| (negative && way < 0) || (positive && way > 0))
+        };
+        if onto(planner.speeds()) {
+            return true;
+        }
         let mut coming = planner.clone();
-        coming.plan_tick();
         let steps = |planner: &Planner| planner.positions().map(|at| i64::from(at.whole_steps()));
-        let ways = steps(&coming).into_iter().zip(steps(planner));
-        let mut axes = ways.zip(planner.speeds()).zip(switches);
-        axes.any(|(((after, before), speed), [negative, positive])| {
-            let way = after - before;
-            (negative && (speed < 0 || way < 0)) || (positive && (speed > 0 || way > 0))
+        let mut before = steps(planner);
+        // An axis keeps its direction within a segment.
+        (0..SEGMENTS).any(|_| {
+            coming.plan_segment();
+            let after = steps(&coming);
+            let [x, y, z] = core::mem::replace(&mut before, after);
+            let [a, b, c] = after;
+            onto([a - x, b - y, c - z])
         })
     }
 
