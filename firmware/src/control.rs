@@ -1,6 +1,6 @@
 //! The machine and its wires: bytes and switches in, bytes and segments out.
 
-use crate::{board, crash, engine, link, pins, switches, watch};
+use crate::{board, clock, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
 use shared::machine::{Board, Machine, Output};
@@ -35,10 +35,11 @@ pub async fn run(session: u32) {
             words_emitted = words_given.saturating_sub(queued).max(words_emitted);
         }
         machine.sense(switches::inputs(words_emitted));
-        while let Some(chunk) = link::received() {
-            machine.receive(chunk.at, &chunk.bytes);
+        while let Some(arrival) = link::received() {
+            machine.take(arrival.at, arrival.outcome);
         }
-        match machine.poll(now(), engine::room()) {
+        let now = clock::now();
+        match machine.poll(now, engine::room()) {
             Output::Send(bytes) => link::send(bytes),
             Output::Segment(segment) => {
                 words_given = words_given.saturating_add(u64::from(segment.slots()) * 2);
@@ -57,9 +58,11 @@ pub async fn run(session: u32) {
                 if !state.is_moving() {
                     engine::resume();
                 }
-                let wake = until
-                    .micros()
-                    .max(now().micros() + if until > now() { 0 } else { NO_ROOM_US });
+                let wake = if until > now {
+                    until.micros()
+                } else {
+                    now.micros() + NO_ROOM_US
+                };
                 select3(
                     Timer::at(Instant::from_micros(wake)),
                     link::wait(),
@@ -69,11 +72,6 @@ pub async fn run(session: u32) {
             }
         }
     }
-}
-
-/// The station's clock.
-pub fn now() -> shared::time::Instant {
-    shared::time::Instant::from_micros(Instant::now().as_micros())
 }
 
 /// The crate's version, as hello says it.

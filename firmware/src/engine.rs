@@ -20,6 +20,7 @@
 //! |---|---|
 //! | the refill stalls, interrupts stay masked, the processor hangs | the eraser; then the watchdog's reset |
 //! | panic, hard fault | the handler stops TIM8; if even that fails, the eraser |
+//! | the emergency stop's second contact opens | the gate stops TIM8 in hardware; `check` sees the stand and stops it for good |
 //! | a debugger halts the processor | TIM8 freezes with it (DBGMCU); without that, the eraser |
 //! | a stream dies (transfer error), or loses a request | `check` sees it at the next segment, 250 µs later, and stops TIM8 |
 //! | reset | the pins become inputs; the drivers' enable lines have their own pull-ups |
@@ -37,13 +38,13 @@
 //! that is the machine's `delay_us`. A segment that comes later than its block is an underrun: nothing more is played until the
 //! machine has noticed (it sees that words are not emitted), faulted, and stands.
 
-use crate::board::{STEP_PINS, STEP_PORT, WORD_RATE};
-use crate::pins::IDLE_WORD;
+use crate::board::{GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
+use crate::pins::{self, IDLE_WORD};
 use crate::watch;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed, fence};
+use embassy_stm32::pac;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
-use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, TIM8};
-use embassy_stm32::{Peri, pac};
+use embassy_stm32::pac::timer::vals::{Ckd, Etp, FilterValue, Sms, Ts};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::Instant;
@@ -117,17 +118,6 @@ pub enum Trouble {
     Stream = 4,
 }
 
-/// Timer and streams that the engine takes for itself: whoever has this knows that nobody else has them.
-#[expect(dead_code, reason = "the registers are used directly")]
-pub struct Hardware {
-    /// One overflow per word.
-    pub timer: Peri<'static, TIM8>,
-    /// DMA2 stream 1, which TIM8's update can request.
-    pub player: Peri<'static, DMA2_CH1>,
-    /// DMA2 stream 2, which TIM8's compare 1 can request.
-    pub eraser: Peri<'static, DMA2_CH2>,
-}
-
 fn player() -> pac::dma::St {
     pac::DMA2.st(1)
 }
@@ -154,7 +144,8 @@ pub async fn run(_hardware: Hardware) {
     engine.start();
     loop {
         let (segment, invert) = SEGMENTS.receive().await;
-        if RESTART.swap(false, Relaxed) {
+        // With the gate open the timer would not run, and each start would wait for it.
+        if !pins::gate_is_open() && RESTART.swap(false, Relaxed) {
             note!("step engine: restart after {}", TROUBLE.load(Relaxed));
             engine.start();
         }
@@ -235,21 +226,13 @@ impl Engine {
             self.fail(Trouble::Refused);
             return;
         }
-        let from = (block % BLOCKS) as usize * BLOCK;
-        let mut places = WORDS.get(from..from + BLOCK).unwrap_or_default();
-        let mut words = [0; 50];
-        loop {
-            let made = self.generator.fill(&mut words);
-            if made == 0 {
-                break;
-            }
-            let (filled, rest) = places.split_at(made.min(places.len()));
-            places = rest;
-            if !silent {
-                for (place, word) in filled.iter().zip(&words) {
-                    place.store(*word, Relaxed);
-                }
-            }
+        if silent {
+            // What is in the ring is idle words.
+            self.generator.skip();
+        } else {
+            let from = (block % BLOCKS) as usize * BLOCK;
+            let places = WORDS.get(from..from + BLOCK).unwrap_or_default();
+            self.generator.play(places);
         }
         // All words are in memory before the task goes to sleep.
         fence(core::sync::atomic::Ordering::SeqCst);
@@ -327,6 +310,19 @@ pub fn plays() -> bool {
 
 fn prepare_timer() {
     let timer = pac::TIM8;
+    if let Some(gate) = GATE {
+        // The slowest filter there is: 8 samples at 168 MHz / 4 / 32, 6 µs.
+        timer.cr1().modify(|w| w.set_ckd(Ckd::DIV4));
+        timer.smcr().write(|w| {
+            w.set_etf(FilterValue::FDTS_DIV32_N8);
+            w.set_etp(match gate.active_high {
+                true => Etp::NOT_INVERTED,
+                false => Etp::INVERTED,
+            });
+            w.set_ts(Ts::ETRF);
+            w.set_sms(Sms::GATED_MODE);
+        });
+    }
     timer.dier().write(|_| {});
     timer.psc().write_value(0);
     // PERIOD fits, by the assertion above.
@@ -352,6 +348,8 @@ fn prepare_streams() {
         while stream.cr().read().en() {}
         stream.fcr().write(|_| {}); // direct mode
         stream.ndtr().write(|w| w.set_ndt(RING as u16));
+        // In fact as unsafe as a raw pointer: the stream reads and writes RING words from here on, whatever the compiler thinks. It is sound because
+        // WORDS has that many, is static, and is made of atomics.
         stream.m0ar().write_value(WORDS.as_ptr() as u32);
     }
     // All flags of streams 0 to 3; 0 and 3 are nobody's.

@@ -3,10 +3,13 @@
 use crate::board;
 use crate::link::{self, PACKET, Port};
 use crate::vectors::Irqs;
+use crate::watch::{self, Task};
 use embassy_executor::Spawner;
+use embassy_futures::join::join;
 use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
 use embassy_stm32::usb::{Config, Driver};
 use embassy_stm32::{Peri, pac, uid};
+use embassy_time::Timer;
 use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::{Builder, Handler, UsbDevice};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -37,6 +40,9 @@ impl Handler for Reconnection {
         }
     }
 }
+
+/// How often the device's task says that it is alive: it has no work while nothing is plugged in.
+const ALIVE: embassy_time::Duration = embassy_time::Duration::from_millis(5);
 
 /// Endpoints of the controller each way.
 const ENDPOINTS: usize = 4;
@@ -73,13 +79,19 @@ pub fn start(
     );
     builder.handler(RECONNECTION.take());
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
-    let _ = device(builder.build()).map(|task| spawner.spawn(task));
-    let _ = serve(class).map(|task| spawner.spawn(task));
+    spawner.spawn(crate::spawned(device(builder.build())));
+    spawner.spawn(crate::spawned(serve(class)));
 }
 
 #[embassy_executor::task]
 async fn device(mut device: UsbDevice<'static, Otg>) {
-    device.run().await;
+    join(device.run(), async {
+        loop {
+            watch::alive(Task::Device);
+            Timer::after(ALIVE).await;
+        }
+    })
+    .await;
 }
 
 #[embassy_executor::task]

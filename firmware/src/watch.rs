@@ -26,16 +26,38 @@ pub enum Task {
     Usb,
     /// Looked for bytes on the UART.
     Uart,
+    /// Served the USB controller; a plug is not needed.
+    Device,
+    /// Looked at the emergency stop.
+    EmergencyStop,
+    /// Looked at the drivers' fault line.
+    DriverFault,
+    /// Looked at a limit switch, 0 to 5.
+    Limit(u8),
 }
 
-const EVERYONE: u32 = 0b1111;
+impl Task {
+    /// The task's bit in a set of tasks.
+    pub const fn bit(self) -> u32 {
+        1 << match self {
+            Self::Step => 0,
+            Self::Control => 1,
+            Self::Usb => 2,
+            Self::Uart => 3,
+            Self::Device => 4,
+            Self::EmergencyStop => 5,
+            Self::DriverFault => 6,
+            Self::Limit(number) => 8 + (number & 7) as u32,
+        }
+    }
+}
 
 static ALIVE: AtomicU32 = AtomicU32::new(0);
 static STATE: AtomicU8 = AtomicU8::new(0);
 
 /// Says that a task is alive: each at least every 10 ms, give or take a look.
 pub fn alive(task: Task) {
-    ALIVE.fetch_or(1 << task as u32, Relaxed);
+    ALIVE.fetch_or(task.bit(), Relaxed);
 }
 
 /// The state that the LED shows.
@@ -57,15 +79,16 @@ const COMMANDED: [u8; 3] = [
     State::Homing as u8,
 ];
 
-/// Feeds the watchdog while everyone is alive; blinks.
+/// Feeds the watchdog while everyone of the set `tasks` is alive; blinks.
 ///
 /// | LED | state |
 /// |---|---|
-/// | short flash every second | not configured |
+/// | one short flash every second | not configured |
 /// | on | at rest |
 /// | 2 Hz | moving, following or homing |
-/// | 8 Hz | stopped or faulted |
-pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
+/// | two short flashes every second | stopping, or stopped by command |
+/// | 8 Hz | faulted |
+pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>, tasks: u32) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(LOOK_MS));
     let mut seen = 0;
     let mut looks: u32 = 0;
@@ -73,7 +96,7 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
         ticker.next().await;
         // A task that comes round every 10 ms may miss one look; two such looks still leave time for a third.
         seen |= ALIVE.swap(0, Relaxed);
-        if seen == EVERYONE {
+        if seen & tasks == tasks {
             seen = 0;
             watchdog.pet();
         }
@@ -82,7 +105,8 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>) -> ! {
             state if state == State::Unconfigured as u8 => looks % 100 < 5,
             state if state == State::Idle as u8 => true,
             state if COMMANDED.contains(&state) => looks % 50 < 25,
-            _ => looks % 12 < 6,
+            state if state == State::Faulted as u8 => looks % 12 < 6,
+            _ => matches!(looks % 100, 0..5 | 15..20),
         };
         pins::set(LED, on);
     }

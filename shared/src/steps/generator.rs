@@ -1,4 +1,5 @@
 use core::fmt;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use super::{AXES, AxisMotion, Position, Segment};
 
@@ -215,11 +216,26 @@ impl Generator {
         let room = pairs.len().min(usize::from(self.left));
         let (pairs, _) = pairs.split_at_mut(room);
         let (first, rest) = pairs.split_at_mut(usize::from(self.careful).min(room));
-        for pair in first {
-            *pair = self.careful_slot();
-        }
-        self.run(rest);
+        self.emit(first.iter_mut(), rest.iter_mut());
         2 * room
+    }
+
+    /// [`Generator::fill`] for words that hardware reads meanwhile: each word is stored once, where it will be played from.
+    pub fn play(&mut self, words: &[AtomicU32]) -> usize {
+        let (pairs, _) = words.as_chunks::<2>();
+        let room = pairs.len().min(usize::from(self.left));
+        let (pairs, _) = pairs.split_at(room);
+        let (first, rest) = pairs.split_at(usize::from(self.careful).min(room));
+        self.emit(first.iter(), rest.iter());
+        2 * room
+    }
+
+    /// Makes the steps of the loaded segment without their words: for motion that must not reach the pins.
+    pub fn skip(&mut self) {
+        while self.careful > 0 && self.left > 0 {
+            self.careful_slot();
+        }
+        self.advance(self.left);
     }
 
     /// Forgets what is left of the segment, at once. The position stays true.
@@ -294,21 +310,33 @@ impl Generator {
         [steps | dirs, steps << 16]
     }
 
-    /// The slots after the careful ones. The loop makes the carries; the counts follow from the closed sum.
-    fn run(&mut self, pairs: &mut [[u32; 2]]) {
-        // `fill` never passes more than `left` slots.
-        let slots = u16::try_from(pairs.len()).unwrap_or(u16::MAX);
-        if self.axes.iter().all(Axis::is_rest) {
-            pairs.as_flattened_mut().fill(0);
-        } else {
-            let [x, y, z] = self.axes;
-            step_loop(
-                pairs,
-                &self.raise,
-                [x, y, z].map(|axis| [axis.phase, axis.increment, axis.change]),
-            );
+    /// Makes the words of careful slots, and of those after them, as many as there are places.
+    fn emit<S: Slot>(
+        &mut self,
+        careful: impl Iterator<Item = S>,
+        others: impl ExactSizeIterator<Item = S>,
+    ) {
+        for place in careful {
+            place.put(self.careful_slot());
         }
+        // Never more than `left` slots.
+        let slots = u16::try_from(others.len()).unwrap_or(u16::MAX);
+        let [x, y, z] = &self.axes;
+        if x.is_rest() && y.is_rest() && z.is_rest() {
+            others.for_each(|place| place.put([0, 0]));
+        } else {
+            let state = [x, y, z].map(|axis| [axis.phase, axis.increment, axis.change]);
+            step_loop(others, &self.raise, state);
+        }
+        self.advance(slots);
+    }
+
+    /// The counts after so many slots that are not careful ones: they follow from the closed sum.
+    fn advance(&mut self, slots: u16) {
         for axis in &mut self.axes {
+            if axis.is_rest() {
+                continue;
+            }
             let way = axis.motion_left().distance(slots);
             // A valid segment's distance is not negative.
             axis.advance(way.max(0).cast_unsigned());
@@ -320,11 +348,36 @@ impl Generator {
     }
 }
 
+/// Where the two words of a slot go.
+trait Slot {
+    fn put(self, words: [u32; 2]);
+}
+
+impl Slot for &mut [u32; 2] {
+    #[inline(always)]
+    fn put(self, words: [u32; 2]) {
+        *self = words;
+    }
+}
+
+impl Slot for &[AtomicU32; 2] {
+    #[inline(always)]
+    fn put(self, [first, second]: [u32; 2]) {
+        let [raise, lower] = self;
+        raise.store(first, Relaxed);
+        lower.store(second, Relaxed);
+    }
+}
+
 /// The inner loop: for each axis `[phase, increment, change]` add and collect the carry.
 ///
 /// Never inlined, so that its registers are its own and its instructions can be counted.
 #[inline(never)]
-fn step_loop(pairs: &mut [[u32; 2]], raise: &[u32; 1 << AXES], axes: [[u32; 3]; AXES]) {
+fn step_loop<S: Slot>(
+    places: impl Iterator<Item = S>,
+    raise: &[u32; 1 << AXES],
+    axes: [[u32; 3]; AXES],
+) {
     let [
         [mut px, mut ix, cx],
         [mut py, mut iy, cy],
@@ -332,7 +385,7 @@ fn step_loop(pairs: &mut [[u32; 2]], raise: &[u32; 1 << AXES], axes: [[u32; 3]; 
     ] = axes;
     // Old carries move up and out; only the lowest three bits, those of this slot, are looked at.
     let mut carries = 0;
-    for pair in pairs {
+    for place in places {
         // Axis 0 ends in bit 0.
         (carries, pz) = add_and_collect(carries, pz, iz);
         (carries, py) = add_and_collect(carries, py, iy);
@@ -341,7 +394,7 @@ fn step_loop(pairs: &mut [[u32; 2]], raise: &[u32; 1 << AXES], axes: [[u32; 3]; 
         iy = iy.wrapping_add(cy);
         iz = iz.wrapping_add(cz);
         let word = raise[(carries & 7) as usize];
-        *pair = [word, word << 16];
+        place.put([word, word << 16]);
     }
 }
 
