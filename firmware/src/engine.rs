@@ -187,6 +187,7 @@ impl Engine {
         self.began_us = began_us;
         self.next = LEAD;
         self.motion_end = 0;
+        self.generator.forget_directions();
         TROUBLE.store(0, Relaxed);
         self.publish();
     }
@@ -218,6 +219,10 @@ impl Engine {
         let silent = rest || TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed);
         if !silent {
             self.motion_end = self.next;
+        }
+        if TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed) {
+            // Erased words may have been the ones that turn an axis.
+            self.generator.forget_directions();
         }
         // The generator always runs, so that its count stays the sum of all segments.
         self.generator.set_invert(invert);

@@ -13,6 +13,7 @@ use crate::clock;
 use crate::watch::{self, Task};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
 use embassy_stm32::usart::BufferedUart;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -26,8 +27,8 @@ use shared::frame::receive::{Receiver, Reject};
 /// How long a write may take.
 const WRITE_LIMIT: Duration = Duration::from_millis(50);
 
-/// How long to wait for bytes before saying that the task is alive.
-const READ_LIMIT: Duration = Duration::from_millis(5);
+/// How long to wait after a read that failed: the cable is not plugged in.
+const PAUSE: Duration = Duration::from_millis(5);
 
 /// Time without a packet after which the other link may speak, ms.
 const SILENCE_MS: u32 = 500;
@@ -137,14 +138,14 @@ async fn receive(port: Port, mut rx: impl Read) {
     let mut receiver = Receiver::<Packet>::default();
     loop {
         watch::alive(port.task());
-        let count = match with_timeout(READ_LIMIT, rx.read(&mut buffer)).await {
-            Ok(Ok(count)) => count,
-            // Not plugged in, or a byte was lost: the packet's checksum tells.
-            Ok(Err(_)) => {
-                Timer::after(READ_LIMIT).await;
+        let read = select(rx.read(&mut buffer), watch::look(port.task())).await;
+        let count = match read {
+            Either::First(Ok(count)) => count,
+            Either::First(Err(_)) => {
+                Timer::after(PAUSE).await;
                 continue;
             }
-            Err(_) => continue,
+            Either::Second(()) => continue,
         };
         let at = clock::now();
         let mut bytes = buffer.get(..count).unwrap_or_default();

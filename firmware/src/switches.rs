@@ -2,7 +2,7 @@
 //!
 //! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does not stop the stage, and then holds the switch as open
 //! for at least two control ticks: so the machine, which looks once per tick, misses nothing that lasted 20 µs. Without an edge the task looks at
-//! the pin every 10 ms, so a lost edge costs no more than that, and tells the watchdog that it is alive.
+//! the pin whenever the watchdog looks at the task, every 10 ms: a lost edge costs no more than that.
 //!
 //! The emergency stop does not wait for the machine: its task runs beside the step engine and empties the ring. Its second contact, where the board
 //! has a [gate](crate::board::Gate), stops the step timer without any program; the machine sees that contact, too. Drivers stay energised,
@@ -11,12 +11,13 @@
 use crate::watch::{self, Task};
 use crate::{engine, pins};
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use embassy_futures::select::{Either, select};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Level;
 use embassy_stm32::mode::Async;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Timer, with_timeout};
+use embassy_time::Timer;
 use shared::safety::Inputs;
 
 /// A level must last this long, µs.
@@ -24,9 +25,6 @@ const SPARK_US: u64 = 20;
 
 /// An open switch is shown for at least this long, µs: two control ticks.
 const HOLD_US: u64 = 2_000;
-
-/// How often a pin is looked at without an edge.
-const LOOK: Duration = Duration::from_millis(10);
 
 const EMERGENCY_STOP: u8 = 1 << 6;
 const DRIVER_FAULT: u8 = 1 << 7;
@@ -105,10 +103,10 @@ async fn wait(pin: &mut ExtiInput<'static, Async>, task: Task, level: Level) {
     loop {
         watch::alive(task);
         let there = match level {
-            Level::High => with_timeout(LOOK, pin.wait_for_high()).await,
-            Level::Low => with_timeout(LOOK, pin.wait_for_low()).await,
+            Level::High => select(pin.wait_for_high(), watch::look(task)).await,
+            Level::Low => select(pin.wait_for_low(), watch::look(task)).await,
         };
-        if there.is_ok() {
+        if let Either::First(()) = there {
             return;
         }
     }

@@ -9,7 +9,6 @@ use embassy_futures::join::join;
 use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
 use embassy_stm32::usb::{Config, Driver};
 use embassy_stm32::{Peri, pac, uid};
-use embassy_time::Timer;
 use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::{Builder, Handler, UsbDevice};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -40,9 +39,6 @@ impl Handler for Reconnection {
         }
     }
 }
-
-/// How often the device's task says that it is alive: it has no work while nothing is plugged in.
-const ALIVE: embassy_time::Duration = embassy_time::Duration::from_millis(5);
 
 /// Endpoints of the controller each way.
 const ENDPOINTS: usize = 4;
@@ -85,10 +81,11 @@ pub fn start(
 
 #[embassy_executor::task]
 async fn device(mut device: UsbDevice<'static, Otg>) {
+    // The device may not be dropped in its work, and has none while nothing is plugged in.
     join(device.run(), async {
         loop {
             watch::alive(Task::Device);
-            Timer::after(ALIVE).await;
+            watch::look(Task::Device).await;
         }
     })
     .await;

@@ -6,6 +6,8 @@ use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker};
 use shared::safety::State;
 
@@ -52,8 +54,23 @@ impl Task {
     }
 }
 
+/// Every bit that a task may have.
+const BITS: usize = 14;
+
 static ALIVE: AtomicU32 = AtomicU32::new(0);
+
+/// Asks each task, by its bit, for a sign of life.
+static ASKED: [Signal<CriticalSectionRawMutex, ()>; BITS] = [const { Signal::new() }; BITS];
 static STATE: AtomicU8 = AtomicU8::new(0);
+
+/// Waits for the watchdog's next look at this task, for tasks that may have nothing else to wait for. What they say then, [`alive`], is
+/// seen at the look after it.
+pub async fn look(task: Task) {
+    match ASKED.get(task.bit().trailing_zeros() as usize) {
+        Some(asked) => asked.wait().await,
+        None => core::future::pending().await,
+    }
+}
 
 /// Says that a task is alive: each at least every 10 ms, give or take a look.
 pub fn alive(task: Task) {
@@ -99,6 +116,9 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>, tasks: u32) -
         if seen & tasks == tasks {
             seen = 0;
             watchdog.pet();
+        }
+        for asked in &ASKED {
+            asked.signal(());
         }
         looks = looks.wrapping_add(1);
         let on = match STATE.load(Relaxed) {

@@ -99,6 +99,53 @@ impl Axis {
             .saturating_add(if self.backward { -steps } else { steps });
     }
 
+    /// Steps in the next slots.
+    fn steps_in(&self, slots: u16) -> u32 {
+        if self.is_rest() {
+            return 0;
+        }
+        // A valid segment's distance is not negative.
+        let way = self.motion_left().distance(slots).max(0).cast_unsigned();
+        (u64::from(self.phase).saturating_add(way) >> 32) as u32
+    }
+
+    /// Writes STEP into the slots of the next `steps` steps, found one by one: phase `p` and increments of at most `i` make no carry in
+    /// `(2^32 - 1 - p) / i` slots, and these are passed in one go.
+    fn raise(&self, places: &[[AtomicU32; 2]], steps: u32) {
+        let change = self.change;
+        let nth = |increment: u32, n: u32| increment.wrapping_add(change.wrapping_mul(n));
+        let (mut phase, mut increment) = (self.phase, self.increment);
+        let mut rest = places;
+        for _ in 0..steps {
+            while let Some((place, others)) = rest.split_first() {
+                let last = nth(increment, others.len() as u32);
+                let most = increment.max(last);
+                let safe = (!phase).checked_div(most).unwrap_or(u32::MAX);
+                if safe == 0 {
+                    let (sum, carry) = phase.overflowing_add(increment);
+                    (phase, increment) = (sum, nth(increment, 1));
+                    rest = others;
+                    if carry {
+                        let [raise, _] = place;
+                        let others = raise.load(Relaxed) & 0xffff;
+                        raise.store(others | self.step_bit, Relaxed);
+                        break;
+                    }
+                    continue;
+                }
+                let (passed, others) = rest.split_at((safe as usize).min(rest.len()));
+                // At most 2^16 slots, whose distance is below 2^32.
+                let n = passed.len() as u32;
+                let pairs = n.wrapping_mul(n.wrapping_sub(1)) / 2;
+                phase = phase
+                    .wrapping_add(increment.wrapping_mul(n))
+                    .wrapping_add(change.wrapping_mul(pairs));
+                increment = nth(increment, n);
+                rest = others;
+            }
+        }
+    }
+
     fn motion_left(&self) -> AxisMotion {
         AxisMotion {
             first: self.increment,
@@ -220,14 +267,37 @@ impl Generator {
         2 * room
     }
 
-    /// [`Generator::fill`] for words that hardware reads meanwhile: each word is stored once, where it will be played from.
+    /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which lower STEP pins and do nothing else.
+    ///
+    /// Where few slots have a step only these are written. The idle word after a raise lowers the pin as [`Generator::fill`]'s word does, so the
+    /// edges are the same.
     pub fn play(&mut self, words: &[AtomicU32]) -> usize {
         let (pairs, _) = words.as_chunks::<2>();
         let room = pairs.len().min(usize::from(self.left));
         let (pairs, _) = pairs.split_at(room);
         let (first, rest) = pairs.split_at(usize::from(self.careful).min(room));
-        self.emit(first.iter(), rest.iter());
+        for place in first {
+            place.put(self.careful_slot());
+        }
+        let slots = u16::try_from(rest.len()).unwrap_or(u16::MAX);
+        let steps = self.axes.each_ref().map(|axis| axis.steps_in(slots));
+        // A step looked for costs as much as some eight slots of the loop over all.
+        if steps.iter().sum::<u32>() > u32::from(slots) / 8 {
+            self.emit(core::iter::empty(), rest.iter());
+        } else {
+            for (axis, steps) in self.axes.iter().zip(steps) {
+                axis.raise(rest, steps);
+            }
+            self.advance(slots);
+        }
         2 * room
+    }
+
+    /// Forgets which level the DIR pins have, since words that changed them may not have reached them. The next motion of each axis writes it.
+    pub fn forget_directions(&mut self) {
+        for axis in &mut self.axes {
+            axis.dir_written = false;
+        }
     }
 
     /// Makes the steps of the loaded segment without their words: for motion that must not reach the pins.
