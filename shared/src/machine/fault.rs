@@ -1,5 +1,6 @@
 //! Faults and stops: what is looked for at every tick, and how motion ends.
 
+use super::active::Active;
 use super::{MAX_LAG_US, Machine};
 use crate::motion::Planner;
 use crate::safety::{Fault, State};
@@ -36,19 +37,21 @@ impl Machine {
     }
 
     pub(super) fn check_heartbeat(&mut self) {
-        let Some(active) = &self.active else { return };
-        if self.state.is_commanded()
-            && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks()
-        {
+        if self.state.is_commanded() && !self.is_heard() {
             self.fail(Fault::Heartbeat);
         }
     }
 
-    /// Latches a fault and stops; the first one stays.
+    /// A ping came within the heartbeat time.
+    pub(super) fn is_heard(&self) -> bool {
+        let silence = self.tick.saturating_sub(self.heard);
+        let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
+        silence <= longest
+    }
+
+    /// Latches a fault beside those that are latched, and stops.
     pub(super) fn fail(&mut self, fault: Fault) {
-        if self.fault.is_none() {
-            self.fault = Some(fault);
-        }
+        self.faults.insert(fault);
         if fault.is_abrupt() {
             if !self.stands() {
                 self.lose_trust();
@@ -82,9 +85,12 @@ impl Machine {
         if !self.stands() {
             return;
         }
+        if self.state == State::Moving {
+            self.renew_limits();
+        }
         self.state = match self.state {
             State::Moving => State::Idle,
-            State::Stopping if self.fault.is_some() => State::Faulted,
+            State::Stopping if !self.faults.is_empty() => State::Faulted,
             State::Stopping => State::Stopped,
             state => state,
         };

@@ -204,11 +204,9 @@ impl Machine {
         Ok(())
     }
 
-    /// The search ends here; the stage goes on as it was told to.
+    /// Ends the search; the stage goes on as it was told to.
     pub(super) fn give_up_homing(&mut self) {
-        if self.homing.take().is_some() {
-            self.anchor = self.position();
-        }
+        self.homing = None;
     }
 
     /// The limit switches, without the one that is looked for.
@@ -265,13 +263,13 @@ impl Machine {
                     *by = shift_right_rounded(home.saturating_sub(place), 32);
                 }
                 self.move_origin(by);
+                self.window.found(axis, on_axis(self.position()));
                 self.found(axis);
                 if let Some(done) = homing.axes.get_mut(axis) {
                     *done = false;
                 }
                 self.homing = Homing::new(homing.axes, &homes);
                 if self.homing.is_none() {
-                    self.anchor = self.position();
                     self.use_limits();
                     self.state = State::Idle;
                 }
