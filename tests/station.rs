@@ -1,7 +1,15 @@
 //! The station as its host meets it: commands over the link, switches, frames, and what the pins do.
 
+#[path = "station/faults.rs"]
+mod faults;
 #[path = "station/frames.rs"]
 mod frames;
+#[path = "station/motors.rs"]
+mod motors;
+#[path = "station/moves.rs"]
+mod moves;
+#[path = "station/stops.rs"]
+mod stops;
 
 use host::rig_file::{Driver, Stage};
 use host::station::StationError;
@@ -206,7 +214,10 @@ fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
             "backlash_um of axis 2 must be at most 50006",
         ),
         (
-            with(|c| c.stage.largest_error_um = 1),
+            with(|c| {
+                c.stage.largest_error_um = 1;
+                c.stage.longest_error_ms = 0;
+            }),
             "longest_error_ms must be at least 1",
         ),
     ];
