@@ -51,9 +51,9 @@ pub async fn run(session: u32) {
                 let state = machine.state();
                 watch::show(state);
                 crash::keep_fault(machine.fault());
-                if !driven && machine.is_configured() {
-                    driven = true;
-                    pins::set_drivers(true);
+                if driven != machine.motors_on() {
+                    driven = !driven;
+                    pins::set_drivers(driven);
                 }
                 if !state.is_moving() {
                     engine::resume();
