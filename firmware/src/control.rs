@@ -3,6 +3,7 @@
 use crate::{board, clock, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
+use shared::frame::message::{LastRun, ResetCause};
 use shared::machine::{Board, Machine, Output};
 use static_cell::StaticCell;
 
@@ -11,10 +12,9 @@ const NO_ROOM_US: u64 = 50;
 
 /// Runs the machine for ever.
 #[embassy_executor::task]
-pub async fn run(session: u32) {
+pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
     static MACHINE: StaticCell<Machine> = StaticCell::new();
     let machine = MACHINE.init_with(|| {
-        let (reset_cause, last_run) = crash::begin();
         Machine::new(Board {
             name: board::NAME,
             version: VERSION,

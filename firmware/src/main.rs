@@ -47,6 +47,8 @@ use watch::Task;
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    // First, so that the record is open when the rest of the start fails.
+    let (reset_cause, last_run) = crash::begin();
     let chip = embassy_stm32::init(board::clocks());
     // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by the HAL, hide nearly all of them. The chip's
     // first revision, A, must do without prefetch (errata sheet ES0182). It is known by the device number of another chip, the STM32F2's, which
@@ -85,7 +87,7 @@ async fn main(spawner: Spawner) {
     let tick = vectors::executor(Level::Control);
     step.spawn(spawned(engine::run(parts.engine)));
     step.spawn(spawned(switches::emergency_stop(parts.emergency_stop)));
-    tick.spawn(spawned(control::run(session)));
+    tick.spawn(spawned(control::run(session, reset_cause, last_run)));
     for (number, switch) in (0..).zip(parts.limits.into_iter().flatten()) {
         tasks |= Task::Limit(number).bit();
         tick.spawn(spawned(switches::limit(number, switch)));

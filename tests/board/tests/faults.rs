@@ -164,6 +164,30 @@ fn hard_fault() {
 }
 
 #[test]
+fn stack_too_long() {
+    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, and not for its handler.
+    let mut station = moving();
+    station.board.deepen_stack(0x1000_0080);
+    let at = station.board.now();
+    station.run(MS);
+    assert!(!drivers_are_on(&mut station), "off at once");
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, 300);
+    assert_eq!(
+        (cause, last_run.end),
+        (ResetCause::Watchdog, End::HardFault)
+    );
+    let program = FLASH_BASE..FLASH_BASE + 0x2_0000;
+    assert!(program.contains(&last_run.places[0]), "{last_run:?}");
+    observed(
+        "stack too long",
+        "the stack pointer set to the end of its memory",
+        "no step after 300 µs; drivers off",
+        "watchdog: hello says watchdog, hard fault and the callers; fault 9, position unknown; nothing moves before a reset",
+    );
+}
+
+#[test]
 fn watchdog_expires() {
     let mut station = moving();
     while station.board.cpu().regs().in_handler() {

@@ -9,7 +9,7 @@ use station_board::order::jog;
 use station_board::station::Station;
 use station_board::time::{MS, US};
 use station_board::trial::{
-    configure, drivers_are_on, faulted, last_step, moving, recovers, restarted, rises_after, switch,
+    configure, drivers_are_on, faulted, last_step, moving, recovers, rises_after, switch,
 };
 use station_board::wiring::{self, C};
 
@@ -28,9 +28,16 @@ fn open_gate_stops_pulses_of_a_halted_processor() {
     station.board.hold(true);
     let at = station.board.now();
     gate(&mut station, true);
-    let (_, _) = restarted(&mut station, 80 * MS);
+    station.run(20 * MS);
     // Without the gate the ring's words would go on for a millisecond.
     last_step(&mut station, at, FILTER_US);
+    station.run(80 * MS);
+    gate(&mut station, false);
+    assert_eq!(station.board.last_reset().1, 1);
+    station.set_pings(false);
+    station.greet();
+    let status = station.status();
+    assert!(status.faults.contains(Fault::Restart), "{status:?}");
     observed(
         "emergency stop's second contact, processor halted",
         "its clock stopped, then the contact opens",

@@ -97,16 +97,16 @@ fn moves_as_without(link: Link) {
     run_with_noise(&mut station, other(link), MS, 6);
     station.greet();
     station.set_up(Driver::Tmc2209);
-    assert_eq!(station.command(jog([10_000, -8_000, 6_000])), Ok(()));
+    assert_eq!(station.command(jog([25_000, -20_000, 15_000])), Ok(()));
     run_with_noise(&mut station, other(link), 2 * MS, 60);
     assert_eq!(station.status().state, State::Moving);
-    run_with_noise(&mut station, other(link), 2 * MS, 60);
+    run_with_noise(&mut station, other(link), 2 * MS, 90);
     let status = station.status();
     assert_eq!(
         (status.state, status.drops.rejects.total()),
         (State::Idle, 0)
     );
-    assert_eq!(steps(&station.edges()).0, [800, -640, 480]);
+    assert_eq!(steps(&station.edges()).0, [2_000, -1_600, 1_200]);
     agreement(&mut station);
 }
 

@@ -92,7 +92,7 @@ fn task_without_a_place_ends_in_a_panic() {
     let image = Image::firmware();
     let pool = image.symbol("switches14emergency_stop4POOL");
     let mut station = Station::power_on(&image, Make::default());
-    // As if it had been spawned before: the pool's memory is cleared first, and its tasks are spawned some hundred µs later.
+    // As if it had been spawned before: memory is cleared before the watchdog starts, and tasks are spawned after it.
     while station.board.chip(|chip| !chip.iwdg.started()) {
         station.run(MS / 100);
     }
