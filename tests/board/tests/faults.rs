@@ -2,6 +2,7 @@
 //!
 //! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A line that is missing is printed.
 
+use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, End, ResetCause};
 use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
@@ -290,6 +291,48 @@ fn emergency_stop() {
         "opens for 100 µs",
         "no step after 100 µs",
         "fault 1, position degraded, drivers on; after reset and zero it moves exactly again",
+    );
+}
+
+/// What the emergency stop erases may be the very word that turns an axis: its next move must set DIR all the same.
+#[test]
+fn emergency_stop_in_a_turn_keeps_directions() {
+    let mut station = Station::power_on(&Image::firmware(), Make::default());
+    station.run(20 * MS);
+    station.greet();
+    station.set_up(Driver::Tmc2209);
+    for quarter in 0..12 {
+        assert_eq!(station.command(jog([500, 0, 0])), Ok(()));
+        station.run(80 * MS);
+        station.send(Command::Jog {
+            distance_um: [-500, 0, 0],
+        });
+        // From before its packet is there to after its first steps.
+        station.run(quarter * 250 * US);
+        switch(&mut station, wiring::EMERGENCY_STOP, true);
+        station.run(100 * US);
+        switch(&mut station, wiring::EMERGENCY_STOP, false);
+        faulted_at_any_trust(&mut station);
+        assert_eq!(station.command(Command::Reset), Ok(()));
+        assert_eq!(station.command(Command::Zero), Ok(()));
+        let before = wiring::steps(&station.edges()).0;
+        assert_eq!(station.command(jog([-500, 0, 0])), Ok(()));
+        station.run(80 * MS);
+        let after = wiring::steps(&station.edges()).0;
+        assert_eq!(
+            after[0] - before[0],
+            -40,
+            "stopped after {quarter} quarters"
+        );
+    }
+}
+
+fn faulted_at_any_trust(station: &mut Station) {
+    station.run(30 * MS);
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.fault),
+        (State::Faulted, Some(Fault::EmergencyStop))
     );
 }
 
