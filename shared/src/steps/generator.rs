@@ -160,7 +160,7 @@ impl Axis {
 /// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long as the hardware
 /// makes it.
 ///
-/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.9 instructions per word at opt-level s, loading
+/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3 instructions per word at opt-level s, loading
 /// the segments included (`tests/qemu/bench`).
 #[derive(Clone, Debug)]
 pub struct Generator {
@@ -269,9 +269,9 @@ impl Generator {
 
     /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which lower STEP pins and do nothing else.
     ///
-    /// Where few slots have a step only these are written. The idle word after a raise lowers the pin as [`Generator::fill`]'s word does, so the
-    /// edges are the same.
-    pub fn play(&mut self, words: &[AtomicU32]) -> usize {
+    /// Only words that raise a pin or turn an axis are written, where few slots have a step. The idle word after a raise lowers the pin as
+    /// [`Generator::fill`]'s word does, so the edges are the same.
+    pub fn play(&mut self, words: &[AtomicU32]) {
         let (pairs, _) = words.as_chunks::<2>();
         let room = pairs.len().min(usize::from(self.left));
         let (pairs, _) = pairs.split_at(room);
@@ -290,7 +290,6 @@ impl Generator {
             }
             self.advance(slots);
         }
-        2 * room
     }
 
     /// Forgets which level the DIR pins have, since words that changed them may not have reached them. The next motion of each axis writes it.
@@ -430,12 +429,12 @@ impl Slot for &mut [u32; 2] {
     }
 }
 
+/// The second word is an idle word already, which lowers what the first one raised.
 impl Slot for &[AtomicU32; 2] {
     #[inline(always)]
-    fn put(self, [first, second]: [u32; 2]) {
-        let [raise, lower] = self;
+    fn put(self, [first, _]: [u32; 2]) {
+        let [raise, _] = self;
         raise.store(first, Relaxed);
-        lower.store(second, Relaxed);
     }
 }
 
@@ -453,11 +452,10 @@ fn step_loop<S: Slot>(
         [mut py, mut iy, cy],
         [mut pz, mut iz, cz],
     ] = axes;
-    // Old carries move up and out; only the lowest three bits, those of this slot, are looked at.
-    let mut carries = 0;
     for place in places {
         // Axis 0 ends in bit 0.
-        (carries, pz) = add_and_collect(carries, pz, iz);
+        let mut carries;
+        (carries, pz) = add_and_collect(0, pz, iz);
         (carries, py) = add_and_collect(carries, py, iy);
         (carries, px) = add_and_collect(carries, px, ix);
         ix = ix.wrapping_add(cx);

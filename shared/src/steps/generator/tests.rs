@@ -153,7 +153,7 @@ proptest! {
                 [&mut filling, &mut playing].map(Generator::forget_directions);
                 unseen = DIRS;
             } else {
-                prop_assert_eq!(playing.play(&ring), words.len());
+                playing.play(&ring);
                 for (word, place) in words.iter().zip(&ring) {
                     filled = after(filled, *word);
                     played = after(played, place.load(Relaxed));
