@@ -7,6 +7,7 @@ use crate::fixed::times;
 use crate::frame::message::{Command, Config, Denial};
 use crate::safety::{Faults, State, Trust};
 use crate::steps::Position;
+use crate::track::Fine;
 
 impl Machine {
     pub(super) fn apply(&mut self, sequence: u16, command: &Command) -> Result<(), Denial> {
@@ -39,7 +40,15 @@ impl Machine {
         let first = self.active.is_none();
         self.rescale(config);
         self.active = Some(active);
+        let before = self.position();
         self.use_limits();
+        // Another lost motion can put the load at another place without a step of the motor.
+        let after = self.position();
+        let jump = core::array::from_fn(|axis| {
+            let of = |place: Fine| place.get(axis).copied().unwrap_or_default();
+            of(after).saturating_sub(of(before))
+        });
+        self.window.shift(jump);
         self.tracker.reset();
         if first {
             self.motors = true;

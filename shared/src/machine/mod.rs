@@ -94,6 +94,13 @@ pub enum Output {
     Idle(Instant),
 }
 
+/// Inputs that count at the next tick however short they are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Glimpsed {
+    emergency_stop: bool,
+    driver_fault: bool,
+}
+
 /// The station.
 #[derive(Clone, Debug)]
 pub struct Machine {
@@ -104,6 +111,8 @@ pub struct Machine {
     inbox: Inbox,
     outbox: Outbox,
     inputs: Inputs,
+    /// What forbids any motion and was sensed since the last tick.
+    glimpsed: Glimpsed,
 
     /// The next control tick.
     tick: u64,
@@ -137,6 +146,8 @@ pub struct Machine {
     /// The tick since which the stage rests.
     rests: u64,
     homing: Option<Homing>,
+    /// The home switch of a search that was given up, axis and end, until the stage stands.
+    sought: Option<(usize, usize)>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -157,6 +168,7 @@ impl Machine {
             inbox: Inbox::default(),
             outbox: Outbox::default(),
             inputs: Inputs::default(),
+            glimpsed: Glimpsed::default(),
             tick: 0,
             given: SEGMENTS,
             started: false,
@@ -179,6 +191,7 @@ impl Machine {
             motors: false,
             rests: 0,
             homing: None,
+            sought: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
@@ -202,8 +215,13 @@ impl Machine {
     }
 
     /// Takes the switches and the step engine's progress. They take effect at the next tick.
+    ///
+    /// An emergency stop or a driver's fault that is over before the next tick is not missed: it
+    /// counts there as if it were present.
     pub fn sense(&mut self, inputs: Inputs) {
         self.inputs = inputs;
+        self.glimpsed.emergency_stop |= inputs.emergency_stop;
+        self.glimpsed.driver_fault |= inputs.driver_fault;
     }
 
     /// What to do at `now`. Call again at once after anything but [`Output::Idle`].

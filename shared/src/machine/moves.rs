@@ -82,30 +82,25 @@ impl Machine {
         }
     }
 
-    /// Refuses to follow while an axis stands outside its travel: to come back is a motion to be
-    /// asked for.
+    /// Refuses to follow while an axis stands outside its travel, and while it still moves with the
+    /// limits that hold there: to come back is a motion to be asked for.
     pub(super) fn require_inside(&self) -> Result<(), Denial> {
-        match (0..3_u8).find(|axis| self.outside((*axis).into()) != 0) {
-            Some(axis) => Err(Denial::OutsideTravel { axis }),
-            None => Ok(()),
+        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
+        let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
+        let limits = planner.limits().axes().iter().zip(active.limits.axes());
+        for (axis, (now, limits)) in (0_u8..).zip(limits) {
+            if now != limits || self.outside(axis.into()) != 0 {
+                return Err(Denial::OutsideTravel { axis });
+            }
         }
+        Ok(())
     }
 
     pub(super) fn setpoint(&mut self, position_um: [i32; 3]) -> Result<(), Denial> {
         self.require_ready()?;
         self.require_homed()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
-        let rests = planner.is_at_rest();
-        let wanted = active.fine_from_um(position_um);
-        let mut goals: Goals = [None; 3];
-        for (goal, (wanted, load)) in goals
-            .iter_mut()
-            .zip(wanted.into_iter().zip(planner.loads()))
-        {
-            let elsewhere = to_centre(wanted).whole_steps() != load.whole_steps();
-            *goal = (elsewhere || !rests).then_some(wanted);
-        }
+        let goals = active.fine_from_um(position_um).map(Some);
         self.start_move(goals)
     }
 
@@ -136,17 +131,22 @@ impl Machine {
     }
 
     /// Sends the named axes to their goals, rounded to whole steps and clamped to the soft limits.
+    /// One that stands in its goal's step already is not moved.
     fn start_move(&mut self, goals: Goals) -> Result<(), Denial> {
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
-        let mut targets = match self.state {
-            State::Moving => planner.targets(),
-            _ => self.stopping_places(planner),
-        };
-        for ((number, target), goal) in (0_u8..).zip(&mut targets).zip(goals) {
-            if let Some(goal) = goal {
-                *target = to_centre(self.inwards(number, goal)?);
-                self.require_free_way(number.into(), *target)?;
+        let mut targets = [None; 3];
+        let axes = planner.loads().into_iter().zip(planner.resting());
+        for (((axis, target), goal), (load, rests)) in
+            (0_u8..).zip(&mut targets).zip(goals).zip(axes)
+        {
+            let Some(goal) = goal else { continue };
+            let stands = |goal| rests && to_centre(goal).whole_steps() == load.whole_steps();
+            if stands(goal) {
+                continue;
             }
+            let goal = self.inwards(axis, goal)?;
+            self.require_free_way(axis.into(), to_centre(goal))?;
+            *target = (!stands(goal)).then(|| to_centre(goal));
         }
         if let Some(planner) = &mut self.planner {
             planner.move_in_step(targets);
@@ -154,17 +154,6 @@ impl Machine {
         self.state = State::Moving;
         self.tracker.reset();
         Ok(())
-    }
-
-    /// Where each axis comes to rest if it is stopped now; where it stands if it is at rest.
-    fn stopping_places(&self, planner: &Planner) -> [Position; 3] {
-        let mut places = planner.loads();
-        if !planner.is_at_rest() {
-            for (place, way) in places.iter_mut().zip(planner.stopping_ways()) {
-                *place = place.saturating_add(way);
-            }
-        }
-        places
     }
 
     /// The goal of a named axis within its travel; while the position is unknown, any.

@@ -4,7 +4,7 @@
 //! came on, or where trust was lost. Nothing but a known position moves the window: no further
 //! loss of trust, no stop, and no configuration.
 
-use crate::track::Fine;
+use crate::track::{Fine, add};
 
 /// Where the position began to be unknown, 2⁻³² steps from zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,6 +23,11 @@ impl Window {
         if let Some(anchor) = self.anchor.get_mut(axis) {
             *anchor = place;
         }
+    }
+
+    /// Moves along with positions that changed without a motion, 2⁻³² steps.
+    pub fn shift(&mut self, by: Fine) {
+        self.anchor = add(self.anchor, by);
     }
 
     /// Keeps the distance from the anchor, in mm, when an axis that stands at `at` gets another
