@@ -53,11 +53,12 @@ extern "C" fn end_with_frame(stack: u32) -> ! {
     let bottom = &raw const _stack_end as u32;
     let top = &raw const _stack_start as u32;
     // A frame that lies outside the stack was not written, and says nothing.
-    let whole = stack >= bottom && stack <= top - FRAME && stack.is_multiple_of(4);
-    let above = if whole { stack + FRAME } else { bottom };
+    let above = stack.wrapping_add(FRAME);
+    let whole = stack >= bottom && above <= top && stack.is_multiple_of(4);
+    let above = if whole { above } else { bottom };
     // SAFETY: aligned words of the stack, from its exception frame or its lowest address on.
-    let words = (above..top)
-        .step_by(4)
+    let words = (above / 4..top / 4)
+        .map(|word| word << 2)
         .map(|address| unsafe { (address as *const u32).read() });
     let callers = words.filter(|word| word % 2 == 1 && CODE.contains(word));
     if !whole {
@@ -85,7 +86,7 @@ const DETECTOR: usize = 16;
 
 /// Watches the supply from now on. The watchdog must run already: it is what ends the wait for a supply that recovers.
 pub fn watch_supply() {
-    // Threshold 7 is 2.9 V (data sheet: 2.76 to 2.99 V with its tolerance).
+    // Threshold 7 is nominally 2.9 V (RM0090 5.4.1).
     pac::PWR.cr1().modify(|w| {
         w.set_pls(7);
         w.set_pvde(true);
