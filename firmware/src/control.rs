@@ -30,9 +30,8 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
     let mut driven = false;
     loop {
         if engine::plays() {
-            let queued =
-                u64::from(engine::queued_us()) * u64::from(board::WORD_RATE.hz()) / 1_000_000;
-            words_emitted = words_given.saturating_sub(queued).max(words_emitted);
+            let queued = engine::words(engine::queued_us());
+            words_emitted = words_given.saturating_sub(queued as u64).max(words_emitted);
         }
         machine.sense(switches::inputs(words_emitted));
         while let Some(arrival) = link::received() {

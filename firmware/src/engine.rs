@@ -138,6 +138,7 @@ pub async fn run(_hardware: Hardware) {
     let mut engine = Engine {
         generator,
         began_us: 0,
+        playing: Block::default(),
         next: 0,
         motion_end: 0,
     };
@@ -158,10 +159,40 @@ struct Engine {
     generator: Generator,
     /// When block 0 began, µs.
     began_us: u64,
+    /// The block that is being played.
+    playing: Block,
     /// The block that the next segment becomes.
     next: u64,
     /// One past the last block with motion.
     motion_end: u64,
+}
+
+/// A block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are dear.
+#[derive(Clone, Copy, Default)]
+struct Block {
+    number: u64,
+    /// Its first word in the ring.
+    place: usize,
+    /// When it begins, µs.
+    at_us: u64,
+}
+
+impl Block {
+    /// The block in which `now` lies.
+    fn at(self, now: u64) -> Self {
+        const SEGMENT: u32 = SEGMENT_US as u32;
+        let later = u32::try_from(now.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
+        self.after(later / SEGMENT)
+    }
+
+    /// The block so many blocks later.
+    fn after(self, blocks: u32) -> Self {
+        Self {
+            number: self.number.saturating_add(blocks.into()),
+            place: (self.place + (blocks % BLOCKS as u32) as usize * BLOCK) % RING,
+            at_us: self.at_us.saturating_add(u64::from(blocks) * SEGMENT_US),
+        }
+    }
 }
 
 impl Engine {
@@ -185,6 +216,10 @@ impl Engine {
             pac::TIM8.cr1().modify(|w| w.set_cen(true));
         });
         self.began_us = began_us;
+        self.playing = Block {
+            at_us: began_us,
+            ..Block::default()
+        };
         self.next = LEAD;
         self.motion_end = 0;
         self.generator.forget_directions();
@@ -200,8 +235,9 @@ impl Engine {
     /// Turns a segment into the words of its block.
     fn feed(&mut self, segment: &Segment, invert: [bool; 3]) {
         let now = Instant::now().as_micros();
-        let playing = now.saturating_sub(self.began_us) / SEGMENT_US;
-        if TROUBLE.load(Relaxed) == 0 && !check(self.began_us) {
+        self.playing = self.playing.at(now);
+        let playing = self.playing.number;
+        if TROUBLE.load(Relaxed) == 0 && !check(self.playing) {
             stop();
             TROUBLE.store(Trouble::Stream as u8, Relaxed);
         }
@@ -235,7 +271,11 @@ impl Engine {
             // What is in the ring is idle words.
             self.generator.skip();
         } else {
-            let from = (block % BLOCKS) as usize * BLOCK;
+            // Less than BLOCKS ahead, by the check above.
+            let from = self
+                .playing
+                .after(block.saturating_sub(playing) as u32)
+                .place;
             let places = WORDS.get(from..from + BLOCK).unwrap_or_default();
             self.generator.play(places);
         }
@@ -378,8 +418,15 @@ fn prepare_streams() {
     }
 }
 
+/// Words in a time of at most a second, µs.
+pub const fn words(us: u32) -> usize {
+    const PER_MS: u32 = WORD_RATE.hz() / 1_000;
+    let us = if us < 1_000_000 { us } else { 1_000_000 };
+    (us * PER_MS / 1_000) as usize
+}
+
 /// Both streams run, the player is where the time says, and the eraser is right behind it.
-fn check(began_us: u64) -> bool {
+fn check(playing: Block) -> bool {
     let (now, played, erased, running) = cortex_m::interrupt::free(|_| {
         (
             Instant::now().as_micros(),
@@ -390,11 +437,7 @@ fn check(began_us: u64) -> bool {
     });
     // A stream counts down; a count of 0 means the same as RING.
     let at = |left: u16| RING.saturating_sub(usize::from(left)) % RING;
-    let words = now
-        .saturating_sub(began_us)
-        .saturating_mul(u64::from(WORD_RATE.hz()))
-        / 1_000_000;
-    let expected = (words % RING as u64) as usize;
+    let expected = (playing.place + words(now.saturating_sub(playing.at_us) as u32)) % RING;
     let slip = (at(played) + RING + SLIP - expected) % RING;
     // The eraser follows within a word, and a word may pass between the two readings.
     let behind = (at(played) + RING + 1 - at(erased)) % RING;
