@@ -1,13 +1,16 @@
 //! What the last life of the program left behind.
 //!
-//! A panic, a hard fault or a supply that dips stops motion, writes a few words into memory that a reset does not clear, and waits for the
-//! watchdog. The next start reads them, together with the chip's own record of what reset it, and the machine tells every host. What an address
-//! means, `addr2line -fie station-b ADDRESS` says.
+//! A panic, a hard fault or a supply that dips stops motion, writes a few words into memory that a
+//! reset does not clear, and waits for the watchdog. The next start reads them, together with the
+//! chip's own record of what reset it, and the machine tells every host. What an address means,
+//! `addr2line -fie station-b ADDRESS` says.
 //!
 //! # Brown-out
-//! The chip's own detector of brown-outs is off unless somebody sets its option bytes, and its flag never comes alone. So a start counts as
-//! one after a brown-out when the record says that the supply was low, and when power came on with memory intact: then it was gone for
-//! less than the second or so that memory lasts. Whoever switches the station off and on again that quickly is told the same.
+//! The chip's own detector of brown-outs is off unless its option bytes are set, and its flag
+//! never comes alone. So a start counts as one after a brown-out when the record says that the
+//! supply was low, and when power came on with memory intact: then it was gone for less than the
+//! second or so that memory lasts. Whoever switches the station off and on again that quickly is
+//! told the same.
 
 use crate::vectors::{RETAINED, RETAINED_WORDS};
 use crate::{engine, pins};
@@ -49,8 +52,9 @@ pub fn begin() -> (ResetCause, LastRun) {
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     let valid = word(0).load(Relaxed) == SEAL;
     let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
-    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular to the general. The watchdog ends the wait after
-    // a dip, so its flag says less than the record.
+    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular
+    // to the general. The watchdog ends the wait after a dip, so its flag says less than the
+    // record.
     let powered = flags.porrstf() || flags.borrstf();
     let cause = if old(2) == SUPPLY || powered && valid {
         ResetCause::BrownOut

@@ -167,7 +167,8 @@ struct Engine {
     motion_end: u64,
 }
 
-/// A block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are dear.
+/// A block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are
+/// dear.
 #[derive(Clone, Copy, Default)]
 struct Block {
     number: u64,
@@ -393,8 +394,9 @@ fn prepare_streams() {
         while stream.cr().read().en() {}
         stream.fcr().write(|_| {}); // direct mode
         stream.ndtr().write(|w| w.set_ndt(RING as u16));
-        // In fact as unsafe as a raw pointer: the stream reads and writes RING words from here on, whatever the compiler thinks. It is sound because
-        // WORDS has that many, is static, and is made of atomics.
+        // In fact as unsafe as a raw pointer: the stream reads and writes RING words from here on,
+        // whatever the compiler thinks. It is sound because WORDS has that many, is static, and is
+        // made of atomics.
         stream.m0ar().write_value(WORDS.as_ptr() as u32);
     }
     // All flags of streams 0 to 3; 0 and 3 are nobody's.

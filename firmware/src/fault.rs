@@ -21,7 +21,8 @@ const CODE: core::ops::Range<u32> = 0x0800_0000..0x0810_0000;
 const FRAME: u32 = 32;
 
 unsafe extern "C" {
-    /// Where the stack begins: its highest address. Only the addresses of these three mean anything.
+    /// Where the stack begins: its highest address. Only the addresses of these three mean
+    /// anything.
     static _stack_start: u32;
     /// Where the stack must end: its lowest address.
     static _stack_end: u32;
@@ -29,11 +30,13 @@ unsafe extern "C" {
     static _ram_end: u32;
 }
 
-/// Takes a stack of its own before anything else, since a stack that is too long may be what is wrong.
+/// Takes a stack of its own before anything else, since a stack that is too long may be what is
+/// wrong.
 ///
 /// # Safety
 /// For the vector table only.
-// SAFETY: two loads, a move and a branch; no stack is used before there is one. RAM's last KiB is nobody's: static data grow from the other end.
+// SAFETY: two loads, a move and a branch; no stack is used before there is one. RAM's last KiB is
+// unused: static data grow from the other end.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 unsafe extern "C" fn hard_fault() -> ! {
@@ -47,7 +50,8 @@ unsafe extern "C" fn hard_fault() -> ! {
     )
 }
 
-/// The processor stopped itself, of its own accord or because of a panic. Return addresses are odd (Thumb).
+/// The processor stopped itself, of its own accord or because of a panic. Return addresses are odd
+/// (Thumb).
 extern "C" fn end_with_frame(stack: u32) -> ! {
     crash::silence();
     let bottom = &raw const _stack_end as u32;
@@ -84,7 +88,8 @@ extern "C" fn end_with_frame(stack: u32) -> ! {
 /// Line of the external interrupts to which the voltage detector is wired.
 const DETECTOR: usize = 16;
 
-/// Watches the supply from now on. The watchdog must run already: it is what ends the wait for a supply that recovers.
+/// Watches the supply from now on. The watchdog must run already: it is what ends the wait for a
+/// supply that recovers.
 pub fn watch_supply() {
     // Threshold 7 is nominally 2.9 V (RM0090 5.4.1).
     pac::PWR.cr1().modify(|w| {

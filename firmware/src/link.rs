@@ -1,12 +1,14 @@
 //! Bytes to and from the host, over USB or UART.
 //!
-//! Both links run the same code, each with its own receiver. The machine talks to one of them at a time, the *speaker*: the first that sent a
-//! packet with a right checksum, until it has sent none for half a second (a host sends a heartbeat every 20 ms). Noise on a link is no packet, so it
-//! neither makes a speaker nor keeps one, and it cannot break a packet of the other link. What the speaker's link garbles is counted by the
-//! machine; what the other link garbles is dropped.
+//! Both links run the same code, each with its own receiver. The machine talks to one of them at a
+//! time, the *speaker*: the first that sent a packet with a right checksum, until it has sent none
+//! for half a second (a host sends a heartbeat every 20 ms). Noise on a link is no packet, so it
+//! neither makes a speaker nor keeps one, and it cannot break a packet of the other link. What the
+//! speaker's link garbles is counted by the machine; what the other link garbles is dropped.
 //!
-//! A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to anybody else is dropped, so an absent or hanging
-//! host costs nothing. Every write has a time limit; a packet that was cut off is closed by a zero byte before the next one. So unplugging,
+//! A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to
+//! anybody else is dropped, so an absent or hanging host costs nothing. Every write has a time
+//! limit; a packet that was cut off is closed by a zero byte before the next one. So unplugging,
 //! plugging in again, and a host that died need no special case.
 
 use crate::clock;
@@ -82,7 +84,8 @@ impl Port {
         }
     }
 
-    /// Whether the machine is to have what came over this link. A packet with a right checksum makes the link the speaker, if the other is not.
+    /// Whether the machine is to have what came over this link. A packet with a right checksum
+    /// makes the link the speaker, if the other is not.
     fn speaks(self, outcome: &Result<Packet, Reject>) -> bool {
         let speaker = speaker();
         // A message of another protocol, too, comes from a host rather than from a motor's cable.

@@ -50,8 +50,9 @@ async fn main(spawner: Spawner) {
     // First, so that the record is open when the rest of the start fails.
     let (reset_cause, last_run) = crash::begin();
     let chip = embassy_stm32::init(board::clocks());
-    // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by the HAL, hide nearly all of them. The chip's
-    // first revision, A, must do without prefetch (errata sheet ES0182). It is known by the device number of another chip, the STM32F2's, which
+    // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by
+    // the HAL, hide nearly all of them. The chip's first revision, A, must do without prefetch
+    // (errata sheet ES0182). It is known by the device number of another chip, the STM32F2's, which
     // is an erratum, too.
     const REVISION_A: u16 = 0x411;
     let prefetch = pac::DBGMCU.idcode().read().dev_id() != REVISION_A;
@@ -103,7 +104,8 @@ async fn main(spawner: Spawner) {
     watch::run(watchdog, tasks).await
 }
 
-/// A task with its place. A station without one of its tasks must not run: a place that is missing is a panic at the start.
+/// A task with its place. A station without one of its tasks must not run: a place that is missing
+/// is a panic at the start.
 fn spawned<T>(task: Result<SpawnToken<T>, SpawnError>) -> SpawnToken<T> {
     match task {
         Ok(token) => token,

@@ -14,7 +14,8 @@ const GATE_PIN: usize = 0;
 /// Its alternate function (data sheet, "Alternate function mapping").
 const TIM8_FUNCTION: u8 = 3;
 
-/// Makes outputs of STEP, DIR, the drivers' enable lines and the LED: STEP low, drivers off, LED off. Gives the gate's pin to the step timer.
+/// Makes outputs of STEP, DIR, the drivers' enable lines and the LED: STEP low, drivers off, LED
+/// off. Gives the gate's pin to the step timer.
 pub fn prepare() {
     for line in DRIVERS.iter().chain([&LED]) {
         set(*line, false);

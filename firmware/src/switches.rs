@@ -1,12 +1,16 @@
 //! Limit switches, emergency stop and the drivers' fault line.
 //!
-//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does not stop the stage, and then holds the switch as open
-//! for at least two control ticks: so the machine, which looks once per tick, misses nothing that lasted 20 µs. Without an edge the task looks at
-//! the pin whenever the watchdog looks at the task, every 10 ms: a lost edge costs no more than that.
+//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does
+//! not stop the stage, and then holds the switch as open for at least two control ticks: so the
+//! machine, which looks once per tick, misses nothing that lasted 20 µs. Without an edge the task
+//! looks at the pin whenever the watchdog looks at the task, every 10 ms: a lost edge costs no more
+//! than that.
 //!
-//! The emergency stop does not wait for the machine: its task runs beside the step engine and empties the ring. Its second contact, where the board
-//! has a [gate](crate::board::Gate), stops the step timer without any program; the machine sees that contact, too. Drivers stay energised,
-//! since a stage without current may fall; who wants the current off takes a further contact for the motor supply.
+//! The emergency stop does not wait for the machine: its task runs beside the step engine and
+//! empties the ring. Its second contact, where the board has a [gate](crate::board::Gate), stops
+//! the step timer without any program; the machine sees that contact, too. Drivers stay energised,
+//! since a stage without current may fall; who wants the current off takes a further contact for
+//! the motor supply.
 
 use crate::watch::{self, Task};
 use crate::{engine, pins};

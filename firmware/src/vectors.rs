@@ -1,7 +1,7 @@
 //! Interrupts, executors and the memory that survives a reset.
 //!
-//! With [`fault`](crate::fault) the only file with unsafe code: whatever must be said to hardware, linker or vector table without the compiler's help
-//! is said in these two, in few lines.
+//! With [`fault`](crate::fault) the only file with unsafe code: whatever must be said to hardware,
+//! linker or vector table without the compiler's help is said in these two, in few lines.
 //!
 //! # Priorities
 //! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few dozen instructions.
@@ -84,7 +84,8 @@ fn UART4() {
 /// Words in [`RETAINED`].
 pub const RETAINED_WORDS: usize = 10;
 
-/// Words that a reset leaves as they are; what they mean is the business of [`crash`](crate::crash). After power-on they hold anything.
+/// Words that a reset leaves as they are; what they mean is the business of
+/// [`crash`](crate::crash). After power-on they hold anything.
 // SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
 // all accesses go through atomics, which the compiler may not fold into the initial value.
 #[unsafe(link_section = ".uninit.retained")]

@@ -63,8 +63,8 @@ static ALIVE: AtomicU32 = AtomicU32::new(0);
 static ASKED: [Signal<CriticalSectionRawMutex, ()>; BITS] = [const { Signal::new() }; BITS];
 static STATE: AtomicU8 = AtomicU8::new(0);
 
-/// Waits for the watchdog's next look at this task, for tasks that may have nothing else to wait for. What they say then, [`alive`], is
-/// seen at the look after it.
+/// Waits for the watchdog's next look at this task, for tasks that may have nothing else to wait
+/// for. What they say then, [`alive`], is seen at the look after it.
 pub async fn look(task: Task) {
     match ASKED.get(task.bit().trailing_zeros() as usize) {
         Some(asked) => asked.wait().await,

@@ -18,7 +18,8 @@ pub const STEP_PINS: PortMap = PortMap {
     invert: [false; 3],
 };
 
-/// The emergency stop's second contact, between PA0 and 3.3 V: the board's own push button has PA0 pulled down. Open, or cut, is low.
+/// The emergency stop's second contact, between PA0 and 3.3 V: the board's own push button has PA0
+/// pulled down. Open, or cut, is low.
 pub const GATE: Option<Gate> = Some(Gate { active_high: true });
 
 /// Status LED of the board, PC12, to the supply.

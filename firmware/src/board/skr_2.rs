@@ -54,7 +54,8 @@ pub const DRIVERS: &[Line] = &[
     },
 ];
 
-/// The emergency stop's second contact, between PA0 (header E1DET) and ground, as all others of this board. Open is high.
+/// The emergency stop's second contact, between PA0 (header E1DET) and ground, as all others of
+/// this board. Open is high.
 pub const GATE: Option<Gate> = Some(Gate { active_high: false });
 
 /// No LED of the board hangs on a pin: one may be put on PE13, header EXP1.

@@ -206,7 +206,8 @@ impl Machine {
         }
     }
 
-    /// Takes a packet, or the reason why bytes were none. For shells with several links, which have a [`Receiver`] for each.
+    /// Takes a packet, or the reason why bytes were none. For shells with several links, which have
+    /// a [`Receiver`] for each.
     pub fn take(&mut self, now: Instant, outcome: Result<Packet, Reject>) {
         match outcome {
             Ok(packet) => self.accept(now, packet),

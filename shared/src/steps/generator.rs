@@ -109,8 +109,9 @@ impl Axis {
         (u64::from(self.phase).saturating_add(way) >> 32) as u32
     }
 
-    /// Writes STEP into the slots of the next `steps` steps, found one by one: phase `p` and increments of at most `i` make no carry in
-    /// `(2^32 - 1 - p) / i` slots, and these are passed in one go.
+    /// Writes STEP into the slots of the next `steps` steps, found one by one: phase `p` and
+    /// increments of at most `i` make no carry in `(2^32 - 1 - p) / i` slots, and these are passed
+    /// in one go.
     fn raise(&self, places: &[[AtomicU32; 2]], steps: u32) {
         let change = self.change;
         let nth = |increment: u32, n: u32| increment.wrapping_add(change.wrapping_mul(n));
@@ -160,8 +161,8 @@ impl Axis {
 /// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long as the hardware
 /// makes it.
 ///
-/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3 instructions per word at opt-level s, loading
-/// the segments included (`tests/qemu/bench`).
+/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3
+/// instructions per word at opt-level s, loading the segments included (`tests/qemu/bench`).
 #[derive(Clone, Debug)]
 pub struct Generator {
     axes: [Axis; AXES],
@@ -267,10 +268,12 @@ impl Generator {
         2 * room
     }
 
-    /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which lower STEP pins and do nothing else.
+    /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which
+    /// lower STEP pins and do nothing else.
     ///
-    /// Only words that raise a pin or turn an axis are written, where few slots have a step. The idle word after a raise lowers the pin as
-    /// [`Generator::fill`]'s word does, so the edges are the same.
+    /// Only words that raise a pin or turn an axis are written, where few slots have a step. The
+    /// idle word after a raise lowers the pin as [`Generator::fill`]'s word does, so the edges are
+    /// the same.
     pub fn play(&mut self, words: &[AtomicU32]) {
         let (pairs, _) = words.as_chunks::<2>();
         let room = pairs.len().min(usize::from(self.left));
@@ -292,14 +295,16 @@ impl Generator {
         }
     }
 
-    /// Forgets which level the DIR pins have, since words that changed them may not have reached them. The next motion of each axis writes it.
+    /// Forgets which level the DIR pins have, since words that changed them may not have reached
+    /// them. The next motion of each axis writes it.
     pub fn forget_directions(&mut self) {
         for axis in &mut self.axes {
             axis.dir_written = false;
         }
     }
 
-    /// Makes the steps of the loaded segment without their words: for motion that must not reach the pins.
+    /// Makes the steps of the loaded segment without their words: for motion that must not reach
+    /// the pins.
     pub fn skip(&mut self) {
         while self.careful > 0 && self.left > 0 {
             self.careful_slot();

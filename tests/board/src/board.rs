@@ -144,7 +144,8 @@ pub struct Make {
     pub slowness: u64,
     /// Flash has its wait states, with the accelerator that hides most of them.
     pub flash_waits: bool,
-    /// The program was started by the boot loader's jump: address zero still is the boot loader's memory, with its vectors.
+    /// The program was started by the boot loader's jump: address zero still is the boot loader's
+    /// memory, with its vectors.
     pub boot_loader_at_zero: bool,
 }
 
@@ -370,8 +371,9 @@ impl Board {
         });
     }
 
-    /// Makes the executor believe that a waiting task waits in its queue already: it is never polled again. `pool` is the address of the task's
-    /// memory, whose header begins with a word that is 1 for a task that exists, and has a further bit while the task is queued.
+    /// Makes the executor believe that a waiting task waits in its queue already: it is never
+    /// polled again. `pool` is the address of the task's memory, whose header begins with a word
+    /// that is 1 for a task that exists, and has a further bit while the task is queued.
     ///
     /// # Panics
     /// If the task is not found waiting within a millisecond.
@@ -400,7 +402,8 @@ impl Board {
         stored.expect("it lies in memory");
     }
 
-    /// The supply falls below what the chip can live with and comes back so soon that memory is intact.
+    /// The supply falls below what the chip can live with and comes back so soon that memory is
+    /// intact.
     pub fn lose_power(&mut self) {
         self.chip(|chip| chip.set_supply(3_300));
         self.reset(rcc::flag::POWER_ON | rcc::flag::BROWN_OUT);
@@ -539,7 +542,8 @@ impl Board {
     }
 }
 
-/// What the boot loader of ST leaves at address zero when it jumps into flash, and its code: all vectors but the first two lead to a loop.
+/// What the boot loader of ST leaves at address zero when it jumps into flash, and its code: all
+/// vectors but the first two lead to a loop.
 fn boot_loader(image: &Image) -> [Vec<u8>; 2] {
     let handler = (BOOT_LOADER | 1).to_le_bytes();
     let vectors = [&image.flash[..8], &handler.repeat(96)].concat();

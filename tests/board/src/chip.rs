@@ -281,7 +281,8 @@ impl Chip {
         port.mode(0) == 2 && port.afr[0] & 0xf == 3 && port.levels() & 1 != 0
     }
 
-    /// The voltage detector's output: it is on, and the supply lies below its threshold (RM0090 5.4.1, data sheet).
+    /// The voltage detector's output: it is on, and the supply lies below its threshold (RM0090
+    /// 5.4.1, data sheet).
     fn supply_is_low(&self) -> bool {
         const THRESHOLDS_MV: [u32; 8] = [2_000, 2_100, 2_300, 2_500, 2_600, 2_700, 2_800, 2_900];
         let threshold = THRESHOLDS_MV[(self.pwr[0] >> 5 & 7) as usize];
@@ -299,7 +300,8 @@ impl Chip {
         result
     }
 
-    /// The supply changes, mV. The chip's reset at some 1.7 V is [`Board::lose_power`](crate::board::Board::lose_power).
+    /// The supply changes, mV. The chip's reset at some 1.7 V is
+    /// [`Board::lose_power`](crate::board::Board::lose_power).
     pub fn set_supply(&mut self, mv: u32) {
         self.detect(|chip| chip.supply_mv = mv);
         self.refresh();

@@ -24,9 +24,10 @@
 //! kept in units that every clock of the chip divides, and events happen in the order of their time, between two instructions.
 //!
 //! # What it cannot show
-//! The interpreter charges one cycle per instruction and access and knows no bus conflicts; flash takes its time only where a test asks for
-//! it ([`chip::flash`]). DMA transfers take no time. Nothing is analogue, no oscillator drifts unless a test says so, and the errata of real silicon are absent. The list of what
-//! that leaves to a bench is in firmware/README.md.
+//! The interpreter charges one cycle per instruction and access and knows no bus conflicts; flash
+//! takes its time only where a test asks for it ([`chip::flash`]). DMA transfers take no time.
+//! Nothing is analogue, no oscillator drifts unless a test says so, and the errata of real silicon
+//! are absent. The list of what that leaves to a bench is in firmware/README.md.
 
 pub mod board;
 pub mod chip;

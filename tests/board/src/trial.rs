@@ -1,4 +1,5 @@
-//! What trials of faults have in common: a station in a fast move of all axes, what its pins did, and what it says afterwards.
+//! What trials of faults have in common: a station in a fast move of all axes, what its pins did,
+//! and what it says afterwards.
 
 use crate::board::Make;
 use crate::image::Image;
@@ -51,7 +52,8 @@ pub fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
         .collect()
 }
 
-/// Asserts that no STEP pin rises later than so long after a moment, µs; prints when the last one did.
+/// Asserts that no STEP pin rises later than so long after a moment, µs; prints when the last one
+/// did.
 ///
 /// # Panics
 /// If one does.

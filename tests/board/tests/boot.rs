@@ -77,7 +77,8 @@ fn revision_a_runs_without_prefetch() {
     assert_eq!(acr >> 8 & 7, 6, "instruction cache, data cache");
 }
 
-/// As `dfu-util` does with `:leave`: interrupts must not go to the boot loader's vectors, which still lie at address zero.
+/// As `dfu-util` does with `:leave`: interrupts must not go to the boot loader's vectors, which
+/// still lie at address zero.
 #[test]
 fn boot_loaders_jump_is_a_start() {
     let make = Make {
@@ -145,7 +146,8 @@ fn the_pins_do_what_the_wiring_table_says() {
             let afr = ports[port].afr[pin as usize / 8] >> (4 * (pin % 8)) & 0xf;
             assert_eq!((ports[port].mode(pin), afr), (2, function), "pin {pin}");
         }
-        // The UART's input is pulled up, the gate of the step timer (TIM8_ETR, function 3) down: unconnected they are idle and open.
+        // The UART's input is pulled up, the gate of the step timer (TIM8_ETR, function 3) down:
+        // unconnected they are idle and open.
         assert_eq!(ports[B].pupdr >> 22 & 3, 1);
         assert_eq!((ports[A].mode(0), ports[A].afr[0] & 0xf), (2, 3));
         assert_eq!(ports[A].pupdr & 3, 2);

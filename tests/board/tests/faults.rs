@@ -166,7 +166,8 @@ fn hard_fault() {
 
 #[test]
 fn stack_too_long() {
-    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, and not for its handler.
+    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, and not for
+    // its handler.
     let mut station = moving();
     station.board.deepen_stack(0x1000_0080);
     let at = station.board.now();
@@ -294,7 +295,8 @@ fn emergency_stop() {
     );
 }
 
-/// What the emergency stop erases may be the very word that turns an axis: its next move must set DIR all the same.
+/// What the emergency stop erases may be the very word that turns an axis: its next move must set
+/// DIR all the same.
 #[test]
 fn emergency_stop_in_a_turn_keeps_directions() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());

@@ -1,7 +1,7 @@
 //! The line: who speaks, and what noise on either link can do.
 //!
-//! Noise is bytes that are no packet: single ones as a floating receiver picks them up, bursts, zeros, halves of packets, and packets whose checksum
-//! is wrong.
+//! Noise is bytes that are no packet: single ones as a floating receiver picks them up, bursts,
+//! zeros, halves of packets, and packets whose checksum is wrong.
 
 use host::random::Random;
 use host::rig_file::Driver;
@@ -91,7 +91,8 @@ fn noise_on_usb_leaves_the_uart_its_answers() {
     assert_eq!(answered(Link::Uart), 10);
 }
 
-/// Not a byte of the other link reaches the machine: reports, its counts of garbled packets among them, and edges are the twin's.
+/// Not a byte of the other link reaches the machine: reports, its counts of garbled packets among
+/// them, and edges are the twin's.
 fn moves_as_without(link: Link) {
     let mut station = station(link);
     run_with_noise(&mut station, other(link), MS, 6);
@@ -120,7 +121,8 @@ fn noise_on_usb_leaves_a_uart_move_alone() {
     moves_as_without(Link::Uart);
 }
 
-/// The speaker's own noise costs the packets that it hits; it is counted, and the next packet is understood.
+/// The speaker's own noise costs the packets that it hits; it is counted, and the next packet is
+/// understood.
 #[test]
 fn noise_on_the_speakers_link_is_counted() {
     for link in [Link::Uart, Link::Usb] {
@@ -134,7 +136,8 @@ fn noise_on_the_speakers_link_is_counted() {
     }
 }
 
-/// The speaker's host dies and its link goes on with noise, as one whose cable was pulled does: the other host is heard after half a second.
+/// The speaker's host dies and its link goes on with noise, as one whose cable was pulled does: the
+/// other host is heard after half a second.
 #[test]
 fn noise_does_not_keep_a_dead_speaker() {
     for link in [Link::Uart, Link::Usb] {

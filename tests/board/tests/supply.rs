@@ -62,7 +62,8 @@ fn low_supply_keeps_the_drivers_off() {
     assert_eq!(station.status().fault, Some(Fault::Restart));
 }
 
-/// So short that memory is intact, so deep that the chip was reset by its power-on detector, without a word of the program.
+/// So short that memory is intact, so deep that the chip was reset by its power-on detector,
+/// without a word of the program.
 #[test]
 fn short_loss_of_power_is_a_brown_out() {
     let mut station = moving();

@@ -10,7 +10,8 @@ use station_board::time::MS;
 use station_board::trial::{faulted, last_step, moving, restarted, switch};
 use station_board::wiring;
 
-/// A task that is never polled again, in the middle of a move: memory of the task, by part of its name, and its number in there.
+/// A task that is never polled again, in the middle of a move: memory of the task, by part of its
+/// name, and its number in there.
 fn dead_task(pool: &str, number: u32) {
     let image = Image::firmware();
     let mut station = moving();
@@ -68,7 +69,8 @@ fn dead_switch_tasks_reset_the_chip() {
     );
 }
 
-/// The external interrupt that carries the emergency stop is gone: the task's own look at the pin finds it open.
+/// The external interrupt that carries the emergency stop is gone: the task's own look at the pin
+/// finds it open.
 #[test]
 fn lost_edge_of_the_emergency_stop_is_found() {
     const EXTI15_10: u16 = 40;
@@ -86,13 +88,15 @@ fn lost_edge_of_the_emergency_stop_is_found() {
     );
 }
 
-/// A task that has no place is a panic at the start, so a station without one of its switches never runs.
+/// A task that has no place is a panic at the start, so a station without one of its switches never
+/// runs.
 #[test]
 fn task_without_a_place_ends_in_a_panic() {
     let image = Image::firmware();
     let pool = image.symbol("switches14emergency_stop4POOL");
     let mut station = Station::power_on(&image, Make::default());
-    // As if it had been spawned before: memory is cleared before the watchdog starts, and tasks are spawned after it.
+    // As if it had been spawned before: memory is cleared before the watchdog starts, and tasks are
+    // spawned after it.
     while station.board.chip(|chip| !chip.iwdg.started()) {
         station.run(MS / 100);
     }

@@ -180,7 +180,8 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     table.row("filter: where to go by now, three axes", aimed.per(1), None);
 }
 
-/// Words as the board's image makes them, into its ring. Also returns the tenths of instructions per word with three axes stepping in every slot.
+/// Words as the board's image makes them, into its ring. Also returns the tenths of instructions
+/// per word with three axes stepping in every slot.
 fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
     let slots = BOARD.word_rate.slots_per_segment();
     let moving = AxisMotion {
@@ -219,7 +220,8 @@ fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
         backward: false,
     };
     measure(&Segment::new(slots, [slow; 3]).map_err(|_| Failure("too fast"))?)?;
-    // 8,000 steps/s of 500,000 slots/s, all axes together 24,000: the default stage at its full speed.
+    // 8,000 steps/s of 500,000 slots/s, all axes together 24,000: the default stage at its full
+    // speed.
     let default_stage = AxisMotion {
         first: 68_719_476,
         change: 1 << 8,

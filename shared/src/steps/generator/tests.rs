@@ -148,7 +148,8 @@ proptest! {
             let words = all_words(&mut filling);
             if silent {
                 playing.skip();
-                // The filling one shows what the playing one does not: DIR must be written anew by both.
+                // The filling one shows what the playing one does not: DIR must be written anew by
+                // both.
                 filled = words.iter().fold(filled, |pins, word| after(pins, *word));
                 filling.forget_directions();
                 playing.forget_directions();

@@ -1,4 +1,5 @@
-//! External interrupts (RM0090 chapter 12): edges of pins, lines 0 to 15, and of the supply's detector, line 16, become pending bits.
+//! External interrupts (RM0090 chapter 12): edges of pins, lines 0 to 15, and of the supply's
+//! detector, line 16, become pending bits.
 
 /// Line 16.
 pub const DETECTOR: u32 = 1 << 16;

@@ -1,11 +1,15 @@
-//! The flash memory's timing: wait states, and the accelerator that hides most of them (RM0090 3.5.2).
+//! The flash memory's timing: wait states, and the accelerator that hides most of them (RM0090
+//! 3.5.2).
 //!
-//! What the manual says, in words. A read of the memory gives a line of 128 bits, and takes as many cycles more than one as FLASH_ACR has wait
-//! states. Lines of code that were read stay in an instruction cache of 64, lines of constants in a data cache of 8; when a cache is full the line
-//! that was used longest ago makes room. While a line is executed, the next one is read ahead into a buffer of one line, if the prefetch is
-//! on: straight code then waits only if it uses up a line faster than the memory delivers the next. Constants have priority over code.
+//! What the manual says, in words. A read of the memory gives a line of 128 bits, and takes as many
+//! cycles more than one as FLASH_ACR has wait states. Lines of code that were read stay in an
+//! instruction cache of 64, lines of constants in a data cache of 8; when a cache is full the line
+//! that was used longest ago makes room. While a line is executed, the next one is read ahead into
+//! a buffer of one line, if the prefetch is on: straight code then waits only if it uses up a line
+//! faster than the memory delivers the next. Constants have priority over code.
 //!
-//! Not in the manual, and assumed the slower way: a read ahead that was begun is finished before another read begins.
+//! Not in the manual, and assumed the slower way: a read ahead that was begun is finished before
+//! another read begins.
 
 /// log2 of a line's bytes.
 const LINE_BITS: u32 = 4;
@@ -141,7 +145,8 @@ impl Accelerator {
         }
     }
 
-    /// The processor used these cycles of its own for an instruction. Returns for how many it waited.
+    /// The processor used these cycles of its own for an instruction. Returns for how many it
+    /// waited.
     pub fn used(&mut self, cycles: u64) -> u64 {
         self.now += cycles;
         std::mem::take(&mut self.waits)

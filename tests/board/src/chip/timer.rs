@@ -91,13 +91,15 @@ impl Timer {
         self.cr1 & CEN != 0 && self.clock != 0 && self.arr != 0 && !self.is_gated_off()
     }
 
-    /// The gated mode (SMS 5) by the external trigger (TS 7), which is low, or high where ETP inverts it.
+    /// The gated mode (SMS 5) by the external trigger (TS 7), which is low, or high where ETP
+    /// inverts it.
     fn is_gated_off(&self) -> bool {
         let smcr = self.other[SMCR];
         smcr & 7 == 5 && smcr >> 4 & 7 == 7 && self.trigger == (smcr >> 15 & 1 != 0)
     }
 
-    /// How long the external trigger must keep a level: ETF's samples at its division of the dead-time clock, CKD (RM0090 17.4.3 and 17.4.1).
+    /// How long the external trigger must keep a level: ETF's samples at its division of the
+    /// dead-time clock, CKD (RM0090 17.4.3 and 17.4.1).
     fn filter_time(&self) -> Beats {
         const FILTERS: [(Beats, Beats); 16] = [
             (0, 0),
@@ -151,7 +153,8 @@ impl Timer {
         update.into_iter().chain(compares).min()
     }
 
-    /// When the next interrupt or DMA request comes, or the filter lets a level of the external trigger through.
+    /// When the next interrupt or DMA request comes, or the filter lets a level of the external
+    /// trigger through.
     pub fn next(&self) -> Option<Beats> {
         let filtered = self.filtered.map(|(at, _)| at);
         self.next_event().into_iter().chain(filtered).min()
