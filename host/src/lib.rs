@@ -8,6 +8,7 @@ pub mod error;
 pub mod experiment;
 pub mod flow;
 pub mod images;
+pub mod input;
 pub mod mounting;
 pub mod plant;
 pub mod points;
