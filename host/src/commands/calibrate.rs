@@ -10,6 +10,7 @@ use host::calibration::intrinsics::Verdict;
 use host::calibration::photographs::list;
 use host::calibration::rig::RigSolution;
 use host::error::{Failure, InputError};
+use host::notice;
 use host::rig_file::RigFile;
 use serde_json::{Value, json};
 
@@ -116,12 +117,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         print_text(&result, out)?;
     }
     for warning in &warnings {
-        eprintln!("warning: {warning}");
+        notice!("warning: {warning}");
     }
     if options.destination.is_some() {
         let rig = rig_file(options, &result)?;
         for path in options.destination.write(rig)? {
-            eprintln!("written: {}", path.display());
+            notice!("written: {}", path.display());
         }
     }
     out.flush()?;

@@ -8,6 +8,7 @@ use clap::Args;
 use host::calibration::exchange::CameraFile;
 use host::calibration::stand::{Stand, doubts, placed};
 use host::error::{Failure, InputError};
+use host::notice;
 use host::rig_file::RigFile;
 use shared::rig::{MAX_CAMERAS, Rig};
 
@@ -153,7 +154,7 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     let stands = placed(&motions);
     let known: Vec<&str> = names.iter().map(String::as_str).collect();
     for doubt in doubts(&known, &stands, &vec![Stand::default(); stands.len()]) {
-        eprintln!("warning: {doubt}");
+        notice!("warning: {doubt}");
     }
     let cameras = stands
         .iter()

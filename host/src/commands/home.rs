@@ -9,6 +9,7 @@ use super::by_hand::{
 use super::progress::Progress;
 use clap::Args;
 use host::error::Failure;
+use host::notice;
 use host::rig_file::Stage;
 use host::station::diagnosis;
 use serde_json::json;
@@ -67,7 +68,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     tell(options, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;
     if end.state == State::Idle && end.trust != Trust::Homed {
-        eprintln!(
+        notice!(
             "the axes without a home switch are not known yet: `zero` makes the present position zero, then `home` again"
         );
     }

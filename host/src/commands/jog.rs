@@ -8,6 +8,7 @@ use super::by_hand::{
 use super::progress::Progress;
 use clap::Args;
 use host::error::Failure;
+use host::notice;
 use host::rig_file::Stage;
 use host::station::diagnosis;
 use serde_json::json;
@@ -96,7 +97,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let interrupted = on_interrupt()?;
     let started = hand.command("jog", Command::Jog { distance_um })?;
     if started.trust != Trust::Homed {
-        eprintln!(
+        notice!(
             "the position is {}: slowly, and without soft limits",
             diagnosis::trust(started.trust)
         );
@@ -158,7 +159,7 @@ fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, sta
         if short_mm * stage.steps_per_mm[axis] > 1.0 {
             let name = ['x', 'y', 'z'][axis];
             let [least, greatest] = stage.travel_mm[axis];
-            eprintln!(
+            notice!(
                 "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to {greatest} mm"
             );
         }

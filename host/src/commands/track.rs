@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
 use host::experiment::follower::Follower;
 use host::experiment::path::Path;
+use host::notice;
 use host::rig_file::RigFile;
 use host::station::diagnosis::explain;
 use host::sums;
@@ -207,10 +208,10 @@ fn introduce(station: &Follower) {
     let Some(serial) = station.serial() else {
         return;
     };
-    eprintln!("station B is {}", station.name());
+    notice!("station B is {}", station.name());
     if let Some(fault) = serial.cleared() {
         let number = fault.number();
-        eprintln!("its fault {number} was cleared: {}", explain(fault));
+        notice!("its fault {number} was cleared: {}", explain(fault));
     }
 }
 

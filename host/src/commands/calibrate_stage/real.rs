@@ -5,6 +5,7 @@ use super::{Bench, Options};
 use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::notice;
 use host::rig_file::{RigFile, Stage};
 use host::station::stage::setpoint;
 use std::collections::BTreeSet;
@@ -79,7 +80,7 @@ impl Bench for Real {
     fn look(&mut self) -> Result<Capture, Failure> {
         let before = self.names();
         let [x, y, z] = self.position_mm()?;
-        eprintln!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
+        notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
         let end = Instant::now() + self.patience;
         loop {
             let folder = self.listed();

@@ -11,6 +11,7 @@ use host::experiment::pursuit::{Clock, Followed, Pursuit};
 use host::flow::Refusal;
 use host::images::Capture;
 use host::images::cameras::stamp::quickest;
+use host::notice;
 use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis;
 use serde_json::json;
@@ -100,7 +101,7 @@ impl<'a> Captures<'a> {
                 Some(steps) => format!(", {steps:?} steps"),
                 None => String::new(),
             };
-            eprintln!("the stage came to rest at {rest_mm:.4?} mm{steps}");
+            notice!("the stage came to rest at {rest_mm:.4?} mm{steps}");
         }
         let summary = outcome?;
         rest.map_err(|error| failed_at(self.port, error.into()))?;
@@ -128,7 +129,7 @@ impl<'a> Captures<'a> {
                         return Err(error.into());
                     }
                     if dark.is_none() {
-                        eprintln!("{}; waiting for a better one", error.reason);
+                        notice!("{}; waiting for a better one", error.reason);
                     }
                     dark = Some((since_us, error));
                     continue;
