@@ -14,6 +14,7 @@ pub mod images;
 pub mod input;
 pub mod mounting;
 pub mod notice;
+pub mod output;
 pub mod plant;
 pub mod points;
 pub mod printable;

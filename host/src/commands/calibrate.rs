@@ -11,6 +11,7 @@ use host::calibration::photographs::list;
 use host::calibration::rig::RigSolution;
 use host::error::{Failure, InputError};
 use host::notice;
+use host::printable::printable;
 use host::rig_file::RigFile;
 use serde_json::{Value, json};
 
@@ -96,7 +97,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .into_iter()
         .map(|series| series.name)
         .collect();
-    options.destination.check(&names)?;
+    let destination = options.destination.open(&names)?;
     let board = Board {
         corners: options.board.0,
         square_mm: options.square,
@@ -121,8 +122,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     if options.destination.is_some() {
         let rig = rig_file(options, &result)?;
-        for path in options.destination.write(rig)? {
-            notice!("written: {}", path.display());
+        for path in destination.write(rig)? {
+            notice!("written: {}", printable(path.display()));
         }
     }
     out.flush()?;
@@ -165,8 +166,13 @@ fn print_camera(camera: &CameraResult, out: &mut impl Write) -> Result<(), Failu
     )?;
     for (file, verdict) in camera.files.iter().zip(&intrinsics.verdicts) {
         match verdict {
-            Verdict::Used { rms_px } => writeln!(out, "  {file:<24} {rms_px:.3} px")?,
-            Verdict::Rejected(reason) => writeln!(out, "  {file:<24} rejected: {reason}")?,
+            Verdict::Used { rms_px } => {
+                writeln!(out, "  {:<24} {rms_px:.3} px", printable(file))?;
+            }
+            Verdict::Rejected(reason) => {
+                let (file, reason) = (printable(file), printable(reason));
+                writeln!(out, "  {file:<24} rejected: {reason}")?;
+            }
         }
     }
     let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());

@@ -23,6 +23,7 @@ mod jog;
 mod port;
 mod ports;
 mod progress;
+mod report;
 mod reset;
 mod robustness;
 mod scene;
