@@ -293,7 +293,7 @@ fn long_file_is_read_in_linear_time() {
 #[test]
 fn value_that_is_too_long_is_refused_in_short() {
     let long = "9".repeat(100_000);
-    let (number, key) = (format!("image_width: {long}x"), format!("{long}: 1\n{long}: 2"));
+    let (number, key) = (format!("image_width: {long}x"), format!("? {long}\n: 1\n? {long}\n: 2"));
     let list = format!("T: [{}1]", "1, ".repeat(2_000));
     for (line, reason) in [(number, "whole number"), (key, "given twice"), (list, "1000 values")] {
         let text = OPENCV.replacen("image_width: 640", &line, 1);
