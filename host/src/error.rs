@@ -168,8 +168,14 @@ mod tests {
         let (file, key) = (Path::new("a\x1b[2J.csv"), "k\u{202e}".repeat(1000));
         let error = InputError::field(file, 3, key, "`\u{7}` is not a number\nerror: forged");
         let text = error.to_string();
-        assert!(text.starts_with(r"a\u{1b}[2J.csv:3: field `k\u{202e}k"), "{text}");
-        assert!(text.ends_with(r"`\u{7}` is not a number\nerror: forged"), "{text}");
+        assert!(
+            text.starts_with(r"a\u{1b}[2J.csv:3: field `k\u{202e}k"),
+            "{text}"
+        );
+        assert!(
+            text.ends_with(r"`\u{7}` is not a number\nerror: forged"),
+            "{text}"
+        );
         assert!(text.len() < 1000, "{text}");
     }
 

@@ -28,7 +28,10 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     let unreadable = |cause| InputError::io(path, "read", &cause);
     let about = fs::metadata(path).map_err(unreadable)?;
     if let Some(kind) = unfit(path, &about) {
-        return Err(InputError::file(path, format!("is no regular file, but {kind}")));
+        return Err(InputError::file(
+            path,
+            format!("is no regular file, but {kind}"),
+        ));
     }
     if about.len() > limit.bytes {
         return Err(too_long(path, limit));
@@ -65,7 +68,10 @@ fn too_long(path: &Path, limit: Limit) -> InputError {
         0 => format!("{} kB", limit.bytes >> 10),
         megabytes => format!("{megabytes} MB"),
     };
-    InputError::file(path, format!("longer than {size}, the most that {} has", limit.what))
+    InputError::file(
+        path,
+        format!("longer than {size}, the most that {} has", limit.what),
+    )
 }
 
 /// What the path leads to, if that is not to be read.
@@ -116,7 +122,10 @@ mod tests {
         fs::write(&path, vec![b'x'; 2049]).unwrap();
         let error = bytes(&path, LIMIT).unwrap_err();
         assert_eq!(error.file, path);
-        assert_eq!(error.reason, "longer than 2 kB, the most that a test's file has");
+        assert_eq!(
+            error.reason,
+            "longer than 2 kB, the most that a test's file has"
+        );
     }
 
     #[test]
@@ -136,7 +145,10 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn devices_and_named_pipes_are_refused() {
-        assert_eq!(refused(Path::new("/dev/zero")), "is no regular file, but a device");
+        assert_eq!(
+            refused(Path::new("/dev/zero")),
+            "is no regular file, but a device"
+        );
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status();

@@ -66,7 +66,8 @@ impl Output {
                 Replace::Anything => {}
                 Replace::Own if is_own()? => {}
                 Replace::Own => {
-                    let reason = "exists, and this program did not write it; give --force to replace it";
+                    let reason =
+                        "exists, and this program did not write it; give --force to replace it";
                     return Err(InputError::file(path, reason));
                 }
                 Replace::Nothing => {
@@ -112,7 +113,10 @@ pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
     for (output, text) in &outputs {
         if let Place::File(target) = &output.place {
             let ready = Staged::write(target, text.as_bytes());
-            staged.push((&output.path, ready.map_err(|cause| unwritten(&output.path, &cause))?));
+            staged.push((
+                &output.path,
+                ready.map_err(|cause| unwritten(&output.path, &cause))?,
+            ));
         }
     }
     for (output, text) in &outputs {
@@ -158,9 +162,9 @@ impl NewFolders {
     /// # Errors
     /// If they cannot be made.
     pub fn make(&mut self, dir: &Path) -> Result<(), InputError> {
-        let missing = dir.ancestors().take_while(|folder| {
-            !folder.as_os_str().is_empty() && !folder.exists()
-        });
+        let missing = dir
+            .ancestors()
+            .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
         let missing: Vec<PathBuf> = missing.map(Path::to_owned).collect();
         self.0.splice(0..0, missing);
         fs::create_dir_all(dir).map_err(|cause| InputError::io(dir, "make the folder", &cause))

@@ -134,7 +134,12 @@ fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(
         writeln!(out, "{:>16}: {warning}", "warning")?;
     }
     if let Some(path) = &options.out {
-        writeln!(out, "{:>16}: {}", "corrected rig", printable(path.display()))?;
+        writeln!(
+            out,
+            "{:>16}: {}",
+            "corrected rig",
+            printable(path.display())
+        )?;
     }
     Ok(())
 }

@@ -7,8 +7,8 @@ use std::str::FromStr;
 use clap::Args;
 use host::calibration::exchange::{self, Assembled, CameraFile, Member};
 use host::error::Failure;
-use host::printable::printable;
 use host::notice;
+use host::printable::printable;
 use host::rig_file::RigFile;
 use shared::rig::MAX_CAMERAS;
 

@@ -108,7 +108,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         mm(run.worst_mm()),
         mm(tracking::paper_worst_mm())
     )?;
-    writeln!(out, "{:>22}: {}", "report", printable(options.report.display()))?;
+    writeln!(
+        out,
+        "{:>22}: {}",
+        "report",
+        printable(options.report.display())
+    )?;
     if run.succeeded() {
         return Ok(());
     }

@@ -79,20 +79,32 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, R
         Some(ImageFormat::Png) => {
             let file = png::without_metadata(bytes)?;
             let least = |size| png::least_bytes(bytes, size);
-            let judge = Judge { bytes, size_px, extra: file.len() as u64 };
+            let judge = Judge {
+                bytes,
+                size_px,
+                extra: file.len() as u64,
+            };
             judge.size(png::size_px(bytes)?, least)?;
             let limits = judge.limits();
             judge.decode(PngDecoder::with_limits(Cursor::new(&file[..]), limits)?)
         }
         Some(ImageFormat::Jpeg) => {
             let frame = jpeg::frame(bytes)?;
-            let judge = Judge { bytes, size_px, extra: frame.coefficient_bytes() };
+            let judge = Judge {
+                bytes,
+                size_px,
+                extra: frame.coefficient_bytes(),
+            };
             judge.size(frame.size_px, |_| frame.least_bytes())?;
             judge.decode(JpegDecoder::new(Cursor::new(bytes))?)
         }
         Some(ImageFormat::Pnm) => {
             let decoder = PnmDecoder::new(Cursor::new(bytes))?;
-            let judge = Judge { bytes, size_px, extra: 0 };
+            let judge = Judge {
+                bytes,
+                size_px,
+                extra: 0,
+            };
             let least = pnm::least_bytes(decoder.header());
             judge.size(decoder.dimensions().into(), |_| least)?;
             judge.decode(decoder)
@@ -114,11 +126,7 @@ struct Judge<'a> {
 
 impl Judge<'_> {
     /// Judges the claimed size. `least` is how many bytes a file of this size has at least.
-    fn size(
-        &self,
-        given: [u32; 2],
-        least: impl FnOnce([u64; 2]) -> u64,
-    ) -> Result<(), Refusal> {
+    fn size(&self, given: [u32; 2], least: impl FnOnce([u64; 2]) -> u64) -> Result<(), Refusal> {
         let [width, height] = given;
         if width == 0 || height == 0 {
             return Err(Refusal::Empty(width, height));

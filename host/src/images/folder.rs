@@ -181,7 +181,13 @@ pub fn read_any(path: &Path) -> Result<Image, InputError> {
 }
 
 fn bytes(path: &Path) -> Result<Vec<u8>, InputError> {
-    input::bytes(path, Limit { what: "an image", bytes: LARGEST_FILE })
+    input::bytes(
+        path,
+        Limit {
+            what: "an image",
+            bytes: LARGEST_FILE,
+        },
+    )
 }
 
 /// Writes one image as an 8-bit grey PNG.

@@ -45,9 +45,7 @@ impl Drop for Staged {
 ///
 /// # Errors
 /// With the path of the file that could not be put there.
-pub(super) fn commit(
-    staged: Vec<(&PathBuf, Staged)>,
-) -> Result<(), (PathBuf, io::Error)> {
+pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io::Error)> {
     let is_single = staged.len() == 1;
     let mut done: Vec<Undo> = Vec::new();
     for (path, file) in &staged {
@@ -58,7 +56,11 @@ pub(super) fn commit(
         let placed = backup.and_then(|backup| {
             let target = &file.target;
             // Made first, so that its backup is removed in any case.
-            let mut undo = Undo { target, backup, is_placed: false };
+            let mut undo = Undo {
+                target,
+                backup,
+                is_placed: false,
+            };
             let renamed = file.take_place();
             undo.is_placed = renamed.is_ok();
             done.push(undo);

@@ -31,9 +31,15 @@ fn foreign_file_is_kept_unless_forced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     fs::write(&path, "mine").unwrap();
-    for (replace, reason) in [(Replace::Nothing, "exists"), (Replace::Own, "did not write it")] {
+    for (replace, reason) in [
+        (Replace::Nothing, "exists"),
+        (Replace::Own, "did not write it"),
+    ] {
         let error = Output::open(&path, replace).unwrap_err();
-        assert!(error.reason.contains(reason) && error.reason.contains("--force"), "{error}");
+        assert!(
+            error.reason.contains(reason) && error.reason.contains("--force"),
+            "{error}"
+        );
         assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
         assert!(Output::open(&path, replace.or_forced(true)).is_ok());
     }
@@ -138,7 +144,10 @@ mod unix {
         symlink(path("link"), path("second")).unwrap();
         write(&path("second"), Replace::Anything, "new").unwrap();
         assert_eq!(fs::read_to_string(path("file")).unwrap(), "new");
-        assert_eq!(fs::metadata(path("file")).unwrap().permissions().mode() & 0o777, 0o640);
+        assert_eq!(
+            fs::metadata(path("file")).unwrap().permissions().mode() & 0o777,
+            0o640
+        );
         assert!(fs::symlink_metadata(path("link")).unwrap().is_symlink());
 
         // A link that leads nowhere yet.
@@ -152,12 +161,26 @@ mod unix {
     #[test]
     fn device_and_pipe_are_written_in_place() {
         write(Path::new("/dev/null"), Replace::Nothing, "text").unwrap();
-        assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+        assert!(
+            fs::metadata("/dev/null")
+                .unwrap()
+                .file_type()
+                .is_char_device()
+        );
 
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
-        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        let reader = Command::new("cat").arg(&pipe).stdout(std::process::Stdio::piped()).spawn();
+        assert!(
+            Command::new("mkfifo")
+                .arg(&pipe)
+                .status()
+                .unwrap()
+                .success()
+        );
+        let reader = Command::new("cat")
+            .arg(&pipe)
+            .stdout(std::process::Stdio::piped())
+            .spawn();
         let text = "text ".repeat(4_000);
         write(&pipe, Replace::Nothing, &text).unwrap();
         let read = reader.unwrap().wait_with_output().unwrap();

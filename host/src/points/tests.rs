@@ -168,7 +168,10 @@ fn row_that_is_too_long_is_refused_by_line() {
     for (end, reason) in [
         (",".repeat(1_000_000), "more than 16 columns"),
         ("x".repeat(1_000_000), "more than 4096 bytes"),
-        (format!("\"{}", "\n,".repeat(100_000)), "more than 4096 bytes"),
+        (
+            format!("\"{}", "\n,".repeat(100_000)),
+            "more than 4096 bytes",
+        ),
     ] {
         let error = row(&end);
         assert_eq!(error.line, Some(8), "{error}");

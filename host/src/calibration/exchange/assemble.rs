@@ -84,8 +84,7 @@ fn motion(member: &Member) -> Result<Isometry3<f64>, InputError> {
     let Some([x, y]) = member.offset_mm else {
         return known.ok_or_else(|| {
             let name = &member.name;
-            let reason =
-                format!("does not say where the camera is; give --offset {name}=X,Y (mm)");
+            let reason = format!("does not say where the camera is; give --offset {name}=X,Y (mm)");
             InputError::file(&member.path, reason)
         });
     };

@@ -293,9 +293,16 @@ fn long_file_is_read_in_linear_time() {
 #[test]
 fn value_that_is_too_long_is_refused_in_short() {
     let long = "9".repeat(100_000);
-    let (number, key) = (format!("image_width: {long}x"), format!("? {long}\n: 1\n? {long}\n: 2"));
+    let (number, key) = (
+        format!("image_width: {long}x"),
+        format!("? {long}\n: 1\n? {long}\n: 2"),
+    );
     let list = format!("T: [{}1]", "1, ".repeat(2_000));
-    for (line, reason) in [(number, "whole number"), (key, "given twice"), (list, "1000 values")] {
+    for (line, reason) in [
+        (number, "whole number"),
+        (key, "given twice"),
+        (list, "1000 values"),
+    ] {
         let text = OPENCV.replacen("image_width: 640", &line, 1);
         let error = parse(&text).unwrap_err().to_string();
         assert!(error.contains(reason) && error.len() < 500, "{error}");
@@ -346,13 +353,39 @@ fn broken_rule_of_a_rig_is_blamed_on_its_file() {
     blamed(&[left.clone(), same], "right.yml", Some("T"), "same place");
     let wrong_way = [left.clone(), straight("middle", 90.0), right.clone()];
     blamed(&wrong_way, "right.yml", Some("T"), "left < middle < right");
-    let named = |name: &str| Member { name: name.to_owned(), ..right.clone() };
-    blamed(&[left.clone(), named("a\nb")], "right.yml", None, "cannot name a folder");
-    blamed(&[left.clone(), named("LEFT")], "right.yml", None, "named `left` already");
-    let given = Member { offset_mm: Some([0.0; 2]), ..right.clone() };
-    blamed(&[left.clone(), given], "right.yml", None, "--offset right: ");
+    let named = |name: &str| Member {
+        name: name.to_owned(),
+        ..right.clone()
+    };
+    blamed(
+        &[left.clone(), named("a\nb")],
+        "right.yml",
+        None,
+        "cannot name a folder",
+    );
+    blamed(
+        &[left.clone(), named("LEFT")],
+        "right.yml",
+        None,
+        "named `left` already",
+    );
+    let given = Member {
+        offset_mm: Some([0.0; 2]),
+        ..right.clone()
+    };
+    blamed(
+        &[left.clone(), given],
+        "right.yml",
+        None,
+        "--offset right: ",
+    );
     let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 0.0]));
-    blamed(&[left.clone(), back], "right.yml", Some("R"), "rotation_deg");
+    blamed(
+        &[left.clone(), back],
+        "right.yml",
+        Some("R"),
+        "rotation_deg",
+    );
     // Whose axes have no mean.
     let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 5.0]));
     blamed(&[left, back], "left.yml", Some("R"), "no axes of a rig");

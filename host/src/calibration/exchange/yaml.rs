@@ -238,7 +238,12 @@ impl<'a> Reader<'a, '_> {
     }
 
     /// The value that begins with `event`, at the end of `way`.
-    fn tree(&mut self, event: Event<'a>, line: usize, way: &Way<'_>) -> Result<Tree<'a>, InputError> {
+    fn tree(
+        &mut self,
+        event: Event<'a>,
+        line: usize,
+        way: &Way<'_>,
+    ) -> Result<Tree<'a>, InputError> {
         let refuse = |reason: &str| Err(InputError::line(self.file, line, reason));
         if way.depth() > DEEPEST {
             return refuse("nested too deeply");
@@ -286,7 +291,12 @@ impl<'a> Reader<'a, '_> {
             };
             let own = Way::Name(way, &name);
             if names.contains(&name) {
-                return Err(InputError::field(self.file, line, own.path(), "given twice"));
+                return Err(InputError::field(
+                    self.file,
+                    line,
+                    own.path(),
+                    "given twice",
+                ));
             }
             let (event, value_line) = self.next()?;
             let value = self.tree(event, value_line, &own)?;

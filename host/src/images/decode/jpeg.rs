@@ -33,7 +33,10 @@ impl Frame {
         let [wide, high] = [0, 1].map(|side| u64::from(most(side).unwrap_or(1)));
         let [columns, rows] = self.size_px.map(u64::from);
         let units = columns.div_ceil(BLOCK * wide) * rows.div_ceil(BLOCK * high);
-        let blocks = self.sampling.iter().map(|[h, v]| u64::from(*h) * u64::from(*v));
+        let blocks = self
+            .sampling
+            .iter()
+            .map(|[h, v]| u64::from(*h) * u64::from(*v));
         units.saturating_mul(blocks.sum())
     }
 
@@ -53,7 +56,11 @@ impl Frame {
 
     /// Returns 0 if the compressed data can be a picture of this size, otherwise more than any file has.
     pub fn least_bytes(&self) -> u64 {
-        if self.data < self.least_data() { u64::MAX } else { 0 }
+        if self.data < self.least_data() {
+            u64::MAX
+        } else {
+            0
+        }
     }
 }
 
@@ -98,7 +105,11 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
         let reason = format!("{scans} scans; {MOST_SCANS} are read at most");
         return Err(Refusal::Malformed(reason));
     }
-    Ok(Frame { scans, data, ..frame })
+    Ok(Frame {
+        scans,
+        data,
+        ..frame
+    })
 }
 
 /// Returns how many bytes stand before the next marker, and its second byte.
@@ -121,7 +132,9 @@ fn segment(rest: &[u8]) -> Result<&[u8], Refusal> {
 
 fn of_header(segment: &[u8], marker: u8) -> Result<Frame, Refusal> {
     let &[_, _, _, h1, h0, w1, w0, _, ref components @ ..] = segment else {
-        return Err(Refusal::Malformed("the frame's header is too short".to_owned()));
+        return Err(Refusal::Malformed(
+            "the frame's header is too short".to_owned(),
+        ));
     };
     let [width, height] = [[w1, w0], [h1, h0]].map(u16::from_be_bytes);
     let sampling = components.chunks_exact(3).map(|c| [c[1] >> 4, c[1] & 15]);

@@ -39,7 +39,9 @@ fn small_png() -> Vec<u8> {
     let mut file = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(&mut file);
     let grey: Vec<u8> = (0..96).collect();
-    encoder.write_image(&grey, 12, 8, ExtendedColorType::L8).unwrap();
+    encoder
+        .write_image(&grey, 12, 8, ExtendedColorType::L8)
+        .unwrap();
     file
 }
 
@@ -59,13 +61,22 @@ fn refusal(bytes: &[u8]) -> Refusal {
 fn claimed_size_is_judged_before_decoding() {
     let huge = png(&[header(400_000, 400_000, [8, 0]), chunk(b"IEND", b"")]);
     assert_eq!(refusal(&huge), Refusal::TooLarge(400_000, 400_000));
-    assert_eq!(refusal(b"P5 70000 70000 255\n"), Refusal::TooLarge(70_000, 70_000));
+    assert_eq!(
+        refusal(b"P5 70000 70000 255\n"),
+        Refusal::TooLarge(70_000, 70_000)
+    );
     let mut jpeg = PHOTOGRAPH.to_vec();
-    let frame = jpeg.windows(2).position(|pair| pair == [0xFF, 0xC0]).unwrap();
+    let frame = jpeg
+        .windows(2)
+        .position(|pair| pair == [0xFF, 0xC0])
+        .unwrap();
     jpeg[frame + 5..frame + 9].fill(0xFF);
     assert_eq!(refusal(&jpeg), Refusal::TooLarge(65_535, 65_535));
     let (given, wanted) = ([12, 8], [8, 12]);
-    assert_eq!(decode(&small_png(), Some(wanted)), Err(Refusal::OtherSize { given, wanted }));
+    assert_eq!(
+        decode(&small_png(), Some(wanted)),
+        Err(Refusal::OtherSize { given, wanted })
+    );
 }
 
 #[test]
@@ -75,7 +86,10 @@ fn picture_of_no_pixels_is_refused() {
     let empty = png(&[header(0, 7, [8, 0]), chunk(b"IEND", b"")]);
     assert_eq!(refusal(&empty), Refusal::Empty(0, 7));
     let mut jpeg = PHOTOGRAPH.to_vec();
-    let frame = jpeg.windows(2).position(|pair| pair == [0xFF, 0xC0]).unwrap();
+    let frame = jpeg
+        .windows(2)
+        .position(|pair| pair == [0xFF, 0xC0])
+        .unwrap();
     jpeg[frame + 5..frame + 7].fill(0);
     assert_eq!(refusal(&jpeg), Refusal::Empty(640, 0));
 }
@@ -83,11 +97,23 @@ fn picture_of_no_pixels_is_refused() {
 #[test]
 fn file_too_short_for_its_size_is_refused() {
     let short = Refusal::CutOff("it is too short for a picture of its size");
-    for head in ["P5 8000 8000 255\n", "P6 5000 5000 65535\n1234", "P4 8000 8000\n", "P2 99 99 9\n"] {
+    for head in [
+        "P5 8000 8000 255\n",
+        "P6 5000 5000 65535\n1234",
+        "P4 8000 8000\n",
+        "P2 99 99 9\n",
+    ] {
         assert_eq!(refusal(head.as_bytes()), short, "{head}");
     }
     let grey = header(8_000, 8_000, [16, 0]);
-    assert_eq!(refusal(&png(&[grey, chunk(b"IDAT", &stored_zeros(9)), chunk(b"IEND", b"")])), short);
+    assert_eq!(
+        refusal(&png(&[
+            grey,
+            chunk(b"IDAT", &stored_zeros(9)),
+            chunk(b"IEND", b"")
+        ])),
+        short
+    );
     for file in [PHOTOGRAPH, PROGRESSIVE] {
         let mut jpeg = file.to_vec();
         let is_frame = |pair: &[u8]| matches!(pair, [0xFF, 0xC0 | 0xC2]);
@@ -101,7 +127,12 @@ fn file_too_short_for_its_size_is_refused() {
 fn memory_is_judged_before_decoding() {
     let pixels = stored_zeros(u16::MAX);
     let data: Vec<Vec<u8>> = (0..9).map(|_| chunk(b"IDAT", &pixels)).collect();
-    let chunks = [vec![header(8_192, 8_192, [16, 6])], data, vec![chunk(b"IEND", b"")]].concat();
+    let chunks = [
+        vec![header(8_192, 8_192, [16, 6])],
+        data,
+        vec![chunk(b"IEND", b"")],
+    ]
+    .concat();
     assert!(matches!(refusal(&png(&chunks)), Refusal::TooMuchMemory(_)));
 }
 
@@ -114,7 +145,10 @@ fn metadata_of_a_png_are_not_read() {
     let text = chunk(b"zTXt", b"key\0\0no deflate stream");
     let file = [head, &wrong, &text, tail].concat();
     assert_eq!(png::without_metadata(&file).unwrap(), plain);
-    assert!(matches!(png::without_metadata(&plain).unwrap(), std::borrow::Cow::Borrowed(_)));
+    assert!(matches!(
+        png::without_metadata(&plain).unwrap(),
+        std::borrow::Cow::Borrowed(_)
+    ));
     assert_eq!(decode(&file, None), decode(&plain, None));
 }
 
@@ -126,7 +160,11 @@ fn malformed_palette_is_refused() {
         chunk(b"IDAT", &stored_zeros(6)),
         chunk(b"IEND", b""),
     ]);
-    assert!(refusal(&file).to_string().contains("palette"), "{}", refusal(&file));
+    assert!(
+        refusal(&file).to_string().contains("palette"),
+        "{}",
+        refusal(&file)
+    );
 }
 
 #[track_caller]
@@ -137,7 +175,10 @@ fn whole_but_not_cut(file: &[u8], size_px: [u32; 2]) {
         assert!(decode(cut, Some(size_px)).is_err(), "{permille} per mille");
     }
     for lost in 1..40 {
-        assert!(decode(&file[..file.len() - lost], Some(size_px)).is_err(), "{lost} bytes");
+        assert!(
+            decode(&file[..file.len() - lost], Some(size_px)).is_err(),
+            "{lost} bytes"
+        );
     }
     let padded = [file, &[0; 5000], b"\xFF\xD8\xFF"].concat();
     assert_eq!(decode(&padded, Some(size_px)).unwrap(), whole);
@@ -150,7 +191,9 @@ fn jpeg_cut_off_anywhere_is_refused() {
     whole_but_not_cut(WITH_THUMBNAIL, [48, 40]);
     let mut grey = Vec::new();
     let pixels: Vec<u8> = (0..40 * 48).map(|i| (i * i % 251) as u8).collect();
-    JpegEncoder::new_with_quality(&mut grey, 95).encode(&pixels, 40, 48, ExtendedColorType::L8).unwrap();
+    JpegEncoder::new_with_quality(&mut grey, 95)
+        .encode(&pixels, 40, 48, ExtendedColorType::L8)
+        .unwrap();
     whole_but_not_cut(&grey, [40, 48]);
 }
 
@@ -159,16 +202,26 @@ fn jpeg_cut_off_before_the_next_is_refused() {
     let half = &PHOTOGRAPH[..PHOTOGRAPH.len() / 2];
     for rest in [PHOTOGRAPH, &[0; 40_000]] {
         let file = [half, rest].concat();
-        assert_eq!(refusal(&file), Refusal::CutOff("its end-of-image marker is missing"));
+        assert_eq!(
+            refusal(&file),
+            Refusal::CutOff("its end-of-image marker is missing")
+        );
     }
 }
 
 #[test]
 fn jpeg_of_endless_scans_is_refused() {
-    let scan = PROGRESSIVE.windows(2).rposition(|pair| pair == [0xFF, 0xDA]).unwrap();
+    let scan = PROGRESSIVE
+        .windows(2)
+        .rposition(|pair| pair == [0xFF, 0xDA])
+        .unwrap();
     let (file, end) = PROGRESSIVE.split_at(PROGRESSIVE.len() - 2);
     let file = [file, &file[scan..].repeat(100), end].concat();
-    assert!(refusal(&file).to_string().contains("scans"), "{}", refusal(&file));
+    assert!(
+        refusal(&file).to_string().contains("scans"),
+        "{}",
+        refusal(&file)
+    );
 }
 
 #[test]
@@ -187,6 +240,10 @@ fn png_and_pnm_cut_off_anywhere_are_refused() {
 #[test]
 fn other_formats_are_refused_by_name() {
     for bytes in [&b""[..], b"GIF89a", b"text", b"BM", b"II*\0"] {
-        assert!(refusal(bytes).to_string().contains("neither PNG nor JPEG nor PNM"));
+        assert!(
+            refusal(bytes)
+                .to_string()
+                .contains("neither PNG nor JPEG nor PNM")
+        );
     }
 }
