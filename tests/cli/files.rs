@@ -56,16 +56,16 @@ fn converted_files_are_all_written_or_none() {
     fs::remove_dir(desk.path("ros/right.yaml")).expect("ours");
     assert_eq!(convert(&[]).stdout.lines().count(), 7);
     assert_eq!(convert(&["--force"]).code, Some(0));
+    fs::create_dir(desk.path("other")).expect("ours");
     let twice = [
         "convert",
         "rig.toml",
         "--out",
-        "ros/left.yaml",
+        "other/left.yaml",
         "--ros",
-        "ros",
-        "--force",
+        "other",
     ];
-    run(desk.folder.path(), &twice).failed(2, &["ros/left.yaml", "twice"]);
+    run(desk.folder.path(), &twice).failed(2, &["other/left.yaml", "twice"]);
 }
 
 #[test]

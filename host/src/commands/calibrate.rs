@@ -159,7 +159,7 @@ fn print_text(result: &Calibration, out: &mut impl Write) -> Result<(), Failure>
 fn print_camera(camera: &CameraResult, out: &mut impl Write) -> Result<(), Failure> {
     let intrinsics = &camera.intrinsics;
     let ([width, height], used) = (camera.image_size_px, intrinsics.used());
-    let (name, given) = (&camera.name, camera.files.len());
+    let (name, given) = (printable(&camera.name), camera.files.len());
     writeln!(
         out,
         "{name}: {used} of {given} images used, {width} x {height} px"
@@ -205,10 +205,11 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
     )?;
     for (name, instant) in result.instants.iter().zip(&rig.instants) {
         if let Err(reason) = instant {
+            let (name, reason) = (printable(name), printable(reason));
             writeln!(out, "  {name:<24} left out: {reason}")?;
         }
     }
-    let origin = &result.cameras[rig.reference].name;
+    let origin = printable(&result.cameras[rig.reference].name);
     for (k, camera) in result
         .cameras
         .iter()
@@ -219,7 +220,7 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
         writeln!(
             out,
             "  {origin} - {}: {length:.3} ± {sigma:.3} mm",
-            camera.name
+            printable(&camera.name)
         )?;
     }
     for ((camera, stand), sigma) in result.cameras.iter().zip(&rig.stands).zip(&rig.sigma) {
@@ -234,7 +235,7 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
             };
             [0, 1, 2].map(one).join("  ")
         };
-        let name = &camera.name;
+        let name = printable(&camera.name);
         writeln!(
             out,
             "  {name:<10} offset   {} mm",

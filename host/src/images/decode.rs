@@ -23,8 +23,8 @@ mod pnm;
 
 /// Bytes of the largest file that is read.
 pub const LARGEST_FILE: u64 = 256 << 20;
-/// Pixels of the largest picture: 8192 x 8192.
-pub const MOST_PIXELS: u64 = 1 << 26;
+/// Pixels of the largest picture: 8192 x 6144. Whoever looks for corners in it needs 8 bytes for each.
+pub const MOST_PIXELS: u64 = 48 << 20;
 /// Bytes that one picture may take: the file, what the decoder needs, and the grey image.
 pub const MEMORY: u64 = 512 << 20;
 
@@ -43,7 +43,7 @@ pub enum Refusal {
     #[error("{0} x {1} px is no picture")]
     Empty(u32, u32),
     /// More than [`MOST_PIXELS`].
-    #[error("{0} x {1} px are too many; a picture has {MOST_PIXELS} pixels (8192 x 8192) at most")]
+    #[error("{0} x {1} px are too many; a picture has {MOST_PIXELS} pixels (8192 x 6144) at most")]
     TooLarge(u32, u32),
     /// More than [`MEMORY`].
     #[error("to read it takes {} MB; {} MB is the limit", .0 >> 20, MEMORY >> 20)]

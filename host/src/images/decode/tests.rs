@@ -125,15 +125,22 @@ fn file_too_short_for_its_size_is_refused() {
 
 #[test]
 fn memory_is_judged_before_decoding() {
-    let pixels = stored_zeros(u16::MAX);
-    let data: Vec<Vec<u8>> = (0..9).map(|_| chunk(b"IDAT", &pixels)).collect();
-    let chunks = [
-        vec![header(8_192, 8_192, [16, 6])],
-        data,
-        vec![chunk(b"IEND", b"")],
-    ]
-    .concat();
-    assert!(matches!(refusal(&png(&chunks)), Refusal::TooMuchMemory(_)));
+    let file = small_png();
+    for (extra, fits) in [(0, true), (MEMORY, false)] {
+        let judge = Judge {
+            bytes: &file,
+            size_px: None,
+            extra,
+        };
+        let decoder = PngDecoder::new(Cursor::new(&file)).unwrap();
+        let outcome = judge.decode(decoder);
+        assert_eq!(outcome.is_ok(), fits, "{outcome:?}");
+        assert_eq!(matches!(outcome, Err(Refusal::TooMuchMemory(_))), !fits);
+    }
+    // All coefficients of a progressive picture are kept: three blocks for each 8 x 8 px.
+    let frame = jpeg::frame(PROGRESSIVE).unwrap();
+    assert_eq!(frame.coefficient_bytes(), 3 * 48 * 40 * 2);
+    assert_eq!(jpeg::frame(PHOTOGRAPH).unwrap().coefficient_bytes(), 0);
 }
 
 #[test]
