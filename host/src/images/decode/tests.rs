@@ -98,14 +98,14 @@ fn picture_of_no_pixels_is_refused() {
 fn file_too_short_for_its_size_is_refused() {
     let short = Refusal::CutOff("it is too short for a picture of its size");
     for head in [
-        "P5 8000 8000 255\n",
+        "P5 6000 6000 255\n",
         "P6 5000 5000 65535\n1234",
-        "P4 8000 8000\n",
+        "P4 6000 6000\n",
         "P2 99 99 9\n",
     ] {
         assert_eq!(refusal(head.as_bytes()), short, "{head}");
     }
-    let grey = header(8_000, 8_000, [16, 0]);
+    let grey = header(6_000, 6_000, [16, 0]);
     assert_eq!(
         refusal(&png(&[
             grey,
@@ -118,7 +118,7 @@ fn file_too_short_for_its_size_is_refused() {
         let mut jpeg = file.to_vec();
         let is_frame = |pair: &[u8]| matches!(pair, [0xFF, 0xC0 | 0xC2]);
         let frame = jpeg.windows(2).position(is_frame).unwrap();
-        jpeg[frame + 5..frame + 9].copy_from_slice(&[0x1F, 0x40, 0x1F, 0x40]);
+        jpeg[frame + 5..frame + 9].copy_from_slice(&[0x17, 0x70, 0x17, 0x70]);
         assert_eq!(refusal(&jpeg), short);
     }
 }
