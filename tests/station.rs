@@ -1,7 +1,15 @@
 //! The station as its host meets it: commands over the link, switches, frames, and what the pins do.
 
+#[path = "station/faults.rs"]
+mod faults;
 #[path = "station/frames.rs"]
 mod frames;
+#[path = "station/motors.rs"]
+mod motors;
+#[path = "station/moves.rs"]
+mod moves;
+#[path = "station/stops.rs"]
+mod stops;
 
 use host::rig_file::{Driver, Stage};
 use host::station::StationError;
@@ -142,32 +150,81 @@ fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
         config
     };
     let cases = [
-        (with(|c| c.axes[1].steps_per_m = 0), ConfigField::Axis(1)),
+        (
+            with(|c| c.axes[1].steps_per_m = 0),
+            "steps_per_m of axis 1 must be at least 1",
+        ),
         (
             with(|c| c.axes[2].max_speed_um_s = u32::MAX),
-            ConfigField::Axis(2),
+            "max_speed_um_s of axis 2 must be at most 6250000",
+        ),
+        (
+            with(|c| c.axes[0].max_jerk_um_s3 = 1_000_000),
+            "max_jerk_um_s3 of axis 0 must be at least 1455192",
         ),
         (
             with(|c| c.axes[0].travel_um = [5, -5]),
-            ConfigField::Axis(0),
+            "travel_um[1] of axis 0 must be at least 13",
         ),
-        (with(|c| c.matrix = [[1 << 29; 3]; 3]), ConfigField::Matrix),
+        (
+            with(|c| c.matrix = [[1 << 29; 3]; 3]),
+            "the matrix is singular",
+        ),
         (
             with(|c| c.driver = shared::steps::DriverTiming::DRV8825),
-            ConfigField::Driver,
+            "the driver cannot take this board's word rate",
         ),
-        (with(|c| c.gate.max_displacement_nm = 0), ConfigField::Gate),
-        (with(|c| c.heartbeat_ms = 0), ConfigField::Heartbeat),
-        (with(|c| c.slow_speed_um_s = 0), ConfigField::SlowSpeed),
-        (with(|c| c.tracking.coast_ms = 0), ConfigField::Tracking),
-        (with(|c| c.tracking.coast_ms = 5_001), ConfigField::Tracking),
+        (
+            with(|c| c.gate.max_sigma_nm[1] = 0),
+            "max_sigma_nm of axis 1 must be at least 1",
+        ),
+        (
+            with(|c| c.gate.max_displacement_nm = 0),
+            "max_displacement_nm must be at least 1",
+        ),
+        (
+            with(|c| c.heartbeat_ms = 19),
+            "heartbeat_ms must be at least 20",
+        ),
+        (
+            with(|c| c.heartbeat_ms = 10_001),
+            "heartbeat_ms must be at most 10000",
+        ),
+        (
+            with(|c| c.slow_speed_um_s = 1),
+            "slow_speed_um_s of axis 0 must be at least 2",
+        ),
+        (
+            with(|c| c.tracking.coast_ms = 0),
+            "coast_ms must be at least 1",
+        ),
+        (
+            with(|c| c.tracking.coast_ms = 5_001),
+            "coast_ms must be at most 5000",
+        ),
+        (
+            with(|c| c.stage.window_um = 0),
+            "window_um must be at least 1",
+        ),
+        (
+            with(|c| {
+                c.axes[2].travel_um = [0, 50_000];
+                c.stage.backlash_um[2] = 65_000;
+            }),
+            "backlash_um of axis 2 must be at most 50006",
+        ),
+        (
+            with(|c| {
+                c.stage.largest_error_um = 1;
+                c.stage.longest_error_ms = 0;
+            }),
+            "longest_error_ms must be at least 1",
+        ),
     ];
-    for (config, field) in cases {
+    for (config, text) in cases {
         let mut twin = Twin::power_on(&stage, "twin").unwrap();
-        assert_eq!(
-            denial(twin.command("config", Command::Config(config))),
-            Denial::Config(field)
-        );
+        let denied = denial(twin.command("config", Command::Config(config)));
+        assert_eq!(denied.to_string(), format!("configuration: {text}"));
         assert_eq!(status(&mut twin).state, State::Unconfigured);
     }
 }

@@ -86,13 +86,17 @@ pub enum Fault {
     SwitchNotFound,
     /// 8: a home switch that does not release when backed off, or does not stay tripped. Ramped stop; where the axis is stays unknown.
     SwitchStuck,
-    /// 9: the program restarted by itself: watchdog, brown-out, panic. Nothing moves until somebody has taken note; the position is unknown.
+    /// 9: the program restarted by itself: watchdog, brown-out, panic. Nothing moves until a reset;
+    /// the position is unknown.
     Restart,
+    /// 10: following is unstable: the stage makes the target's distance larger, or swings around
+    /// it. Ramped stop; the position is still good.
+    Unstable,
 }
 
 impl Fault {
     /// Every fault, at its number.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Heartbeat,
         Self::EmergencyStop,
         Self::Limit,
@@ -103,6 +107,23 @@ impl Fault {
         Self::SwitchNotFound,
         Self::SwitchStuck,
         Self::Restart,
+        Self::Unstable,
+    ];
+
+    /// Every fault, the worst first: those that forbid any motion, those after which steps may be
+    /// missing, and those that leave the position good.
+    pub const RANKED: [Self; 11] = [
+        Self::EmergencyStop,
+        Self::Driver,
+        Self::Limit,
+        Self::Underrun,
+        Self::Restart,
+        Self::LostSteps,
+        Self::SwitchStuck,
+        Self::SwitchNotFound,
+        Self::Unstable,
+        Self::FollowingError,
+        Self::Heartbeat,
     ];
 
     /// The fault's number.
@@ -124,6 +145,60 @@ impl Fault {
     }
 }
 
+/// A set of faults: bit `n` stands for the fault with number `n`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Faults(u16);
+
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+
+    /// Adds a fault.
+    pub const fn insert(&mut self, fault: Fault) {
+        self.0 |= Self::bit(fault);
+    }
+
+    /// Returns whether the fault is in the set.
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & Self::bit(fault) != 0
+    }
+
+    /// Returns whether there is no fault in the set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Returns whether every fault of this set is in `other`, too.
+    pub const fn is_within(self, other: Self) -> bool {
+        self.0 & !other.0 == 0
+    }
+
+    /// The worst fault of the set, by [`Fault::RANKED`].
+    pub fn worst(self) -> Option<Fault> {
+        self.iter().next()
+    }
+
+    /// The faults of the set, the worst first.
+    pub fn iter(self) -> impl Iterator<Item = Fault> {
+        let all = Fault::RANKED.into_iter();
+        all.filter(move |fault| self.contains(*fault))
+    }
+
+    const fn bit(fault: Fault) -> u16 {
+        1 << fault.number()
+    }
+}
+
+impl FromIterator<Fault> for Faults {
+    fn from_iter<I: IntoIterator<Item = Fault>>(faults: I) -> Self {
+        let mut set = Self::NONE;
+        for fault in faults {
+            set.insert(fault);
+        }
+        set
+    }
+}
+
 /// The switches and what the step engine did, as sampled by the shell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
@@ -135,4 +210,32 @@ pub struct Inputs {
     pub driver_fault: bool,
     /// Port words emitted since the start.
     pub words_emitted: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_is_ranked_once() {
+        let ranked: Faults = Fault::RANKED.into_iter().collect();
+        assert!(Fault::ALL.into_iter().all(|fault| ranked.contains(fault)));
+        for (number, fault) in (0..).zip(Fault::ALL) {
+            assert_eq!(fault.number(), number);
+        }
+    }
+
+    #[test]
+    fn worst_fault_of_a_set_comes_first() {
+        let set: Faults = [Fault::Heartbeat, Fault::EmergencyStop, Fault::Limit]
+            .into_iter()
+            .collect();
+        assert_eq!(set.worst(), Some(Fault::EmergencyStop));
+        assert!(
+            set.iter()
+                .eq([Fault::EmergencyStop, Fault::Limit, Fault::Heartbeat])
+        );
+        assert_eq!(Faults::NONE.worst(), None);
+        assert!(Faults::NONE.is_within(set) && !set.is_within(Faults::NONE));
+    }
 }

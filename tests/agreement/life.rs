@@ -289,7 +289,7 @@ fn jog(um: i32) -> Command {
 }
 
 /// What happens between the frames.
-const EVENTS: [fn(&mut Life); 16] = [
+const EVENTS: [fn(&mut Life); 20] = [
     |life| life.send(Command::Stop),
     |life| {
         // Frames go on after a stop, and are refused.
@@ -403,5 +403,60 @@ const EVENTS: [fn(&mut Life); 16] = [
             axes: [false, true, false],
         });
         life.wait(1_500_000);
+    },
+    |life| {
+        // A stop is the last word: what came before it in one write is dropped.
+        life.send(Command::Stop);
+        life.wait(400_000);
+        for command in [Command::Reset, jog(9_000), Command::Zero, Command::Stop] {
+            life.twin.send(command);
+        }
+        life.wait(100_000);
+    },
+    |life| {
+        // The stop is pressed behind a silent host's fault; noise; a reset that must be denied.
+        life.twin.send(jog(9_000));
+        life.twin.set_pings(false);
+        life.wait(300_000);
+        life.twin.set_switches(Inputs {
+            emergency_stop: true,
+            ..Inputs::default()
+        });
+        life.wait(5_000);
+        life.twin.write(&[0x55]);
+        life.send(Command::Reset);
+    },
+    |life| {
+        // An axis outside its travel: others move, it comes back inwards only.
+        life.send(Command::Stop);
+        life.wait(400_000);
+        life.send(Command::Reset);
+        let mut stage = default_stage();
+        stage.travel_mm[1] = [3.0, 90.0];
+        let config = configuration(&stage, Mounting::OnStage).expect("it fits");
+        life.send(Command::Config(config));
+        life.send(Command::Zero);
+        for distance_um in [[400, 0, 0], [0, -100, 0], [0, 500, 300]] {
+            life.send(Command::Jog { distance_um });
+            life.wait(200_000);
+        }
+        life.follow(5);
+    },
+    |life| {
+        // Motors off, by command and after a rest.
+        life.send(Command::Stop);
+        life.wait(400_000);
+        life.send(Command::Reset);
+        let mut stage = default_stage();
+        stage.care.motors_off_after_s = 1;
+        let config = configuration(&stage, Mounting::OnStage).expect("it fits");
+        life.send(Command::Config(config));
+        life.send(Command::Motors { on: false });
+        life.send(jog(100));
+        life.send(Command::Motors { on: true });
+        life.wait(1_200_000);
+        life.send(Command::Motors { on: true });
+        let config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
+        life.send(Command::Config(config));
     },
 ];

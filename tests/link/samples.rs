@@ -48,6 +48,7 @@ fn config() -> Config {
             largest_error_um: 20_000,
             longest_error_ms: 1_000,
             unseen_um: 5_000,
+            motors_off_after_s: 600,
             ..StageConfig::DEFAULT
         },
     }
@@ -130,6 +131,7 @@ pub fn commands() -> Vec<(&'static str, Command)> {
                 axes: [true, false, true],
             },
         ),
+        ("motors", Command::Motors { on: true }),
     ]
 }
 
@@ -154,6 +156,7 @@ fn status() -> Status {
             duplicate: 5,
             stale: 6,
             overflow: 7,
+            answers: 8,
         },
         estimate: Some(EstimateReport {
             sequence: 77,
@@ -163,6 +166,8 @@ fn status() -> Status {
         }),
         sight: Sight::Coasting,
         seen_ms: 321,
+        faults: [Fault::Heartbeat, Fault::Limit].into_iter().collect(),
+        motors: true,
     }
 }
 

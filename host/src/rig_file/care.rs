@@ -11,6 +11,7 @@
 //! largest_error_mm = 20.0                    # target to stage while following, on any axis ...
 //! longest_error_s = 1.0                      # ... for longer than this is fault 5; never without largest_error_mm
 //! largest_unseen_mm = 10.0                   # so much motion towards the target that brings it no nearer is fault 6; 0 is never
+//! motors_off_after_s = 0                     # switch the motors off after this time at rest; 0 is never
 //! ```
 
 use std::fmt::Write as _;
@@ -50,6 +51,8 @@ pub struct Care {
     pub longest_error_s: f64,
     /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any. Only while prediction is on.
     pub largest_unseen_mm: Option<f64>,
+    /// Time at rest after which the motors are switched off, s; 0 is never.
+    pub motors_off_after_s: u16,
 }
 
 impl Default for Care {
@@ -65,6 +68,7 @@ impl Default for Care {
             largest_error_mm: None,
             longest_error_s: 1.0,
             largest_unseen_mm: Some(10.0),
+            motors_off_after_s: 0,
         }
     }
 }
@@ -104,6 +108,10 @@ impl Care {
             Some(field) => Some(from_zero(&field, LIMIT_MM)?).filter(|mm| *mm > 0.0),
             None => default.largest_unseen_mm,
         };
+        let motors_off_after_s = match section.optional("motors_off_after_s")? {
+            Some(field) => whole_seconds(&field)?,
+            None => default.motors_off_after_s,
+        };
         Ok(Self {
             backlash_mm,
             home: home(section)?,
@@ -114,6 +122,7 @@ impl Care {
             largest_error_mm: length("largest_error_mm")?,
             longest_error_s,
             largest_unseen_mm,
+            motors_off_after_s,
         })
     }
 
@@ -164,6 +173,17 @@ impl Care {
             let value = self.largest_unseen_mm.unwrap_or(0.0);
             let _ = writeln!(text, "largest_unseen_mm = {value:?}");
         }
+        if self.motors_off_after_s != default.motors_off_after_s {
+            let _ = writeln!(text, "motors_off_after_s = {}", self.motors_off_after_s);
+        }
+    }
+}
+
+fn whole_seconds(field: &Field<'_>) -> Result<u16, InputError> {
+    let value = from_zero(field, u16::MAX.into())?;
+    match value.fract() == 0.0 {
+        true => Ok(value as u16),
+        false => Err(field.fault(format!("{value} must be a whole number of seconds"))),
     }
 }
 

@@ -129,9 +129,14 @@ pub const fn fault(fault: Fault) -> FaultText {
             "the station's program started anew by itself: watchdog, brown-out or crash",
             "`hello` tells what is known; see that the stage stands right, then `reset`, and `home` or `zero`",
         ),
+        Fault::Unstable => (
+            "unstable_following",
+            "the stage drives the target away or swings around it: the matrix, the steps per mm or the delay of the cameras is wrong",
+            "measure them with `calibrate-stage` (matrix and --delay), then `reset`",
+        ),
     };
     let position = match fault {
-        Fault::Heartbeat | Fault::FollowingError => "good",
+        Fault::Heartbeat | Fault::FollowingError | Fault::Unstable => "good",
         Fault::LostSteps => "degraded: steps are lost",
         Fault::SwitchNotFound | Fault::SwitchStuck => {
             "as it was before `home`; unknown for an axis that never was homed"
@@ -221,6 +226,15 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
         Denial::CauseRemains => "release the emergency stop, or see to the driver, then again",
         Denial::Config(_) => "correct the [stage] of the rig file",
         Denial::LimitSwitch => "move the other way, off the switch",
+        Denial::Dropped => "`trinocular reset` lets it move again, then send it anew",
+        Denial::OutsideTravel { .. } => {
+            "`jog` that axis back into travel_mm; or correct travel_mm in the rig file"
+        }
+        Denial::NoHeartbeat => "send pings before and during a motion",
+        Denial::FaultUnread => {
+            "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
+        }
+        Denial::MotorsOff => "`trinocular motors on` switches them on",
         Denial::Estimate(_)
         | Denial::CaptureInFuture
         | Denial::CaptureTooOld

@@ -4,6 +4,7 @@
 //! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
 //! the station's time, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
+pub mod bound;
 pub mod client;
 pub mod clock;
 pub mod diagnosis;
@@ -32,7 +33,7 @@ pub enum StationError {
     #[error("the station's firmware does not fit this program: {}", mismatches(.0))]
     Mismatch(Vec<Mismatch>),
     /// It refused.
-    #[error("the station refused {command}: {denial}")]
+    #[error("the station refused {command}: {}", bound::denial(*.denial))]
     Denied {
         /// What was asked.
         command: &'static str,

@@ -146,6 +146,7 @@ fn treatment(care: &Care) -> Result<StageConfig, StationError> {
         largest_error_um: watched("largest_error_mm", care.largest_error_mm)?,
         longest_error_ms: micro("longest_error_s", care.longest_error_s)?,
         unseen_um: watched("largest_unseen_mm", care.largest_unseen_mm)?,
+        motors_off_after_s: care.motors_off_after_s,
     })
 }
 

@@ -10,11 +10,13 @@
 //! `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
 
 use serde::Serialize;
-use shared::frame::message::Mounting;
-use shared::motion::{AxisConfig, AxisLimits, Field, Limits};
+use shared::frame::message::{Config, ConfigField, Mounting};
+use shared::machine::{check, limit_field};
+use shared::motion::{AxisConfig, AxisLimits, ConfigFault, Limits};
 use shared::steps::{DriverTiming, WordRate};
 
 use crate::rig_file::Stage;
+use crate::station::bound::{Refused, refused};
 use crate::station::stage::{HEARTBEAT_MS, configuration, timing};
 
 /// The word rate of the firmware and the twin.
@@ -79,7 +81,7 @@ impl Drive {
         let config = configuration(stage, Mounting::OnStage);
         let heartbeat_ms = match &config {
             Ok(config) => {
-                faults.extend(refused_limits(&config.axes));
+                faults.extend(refusals(config));
                 config.heartbeat_ms
             }
             Err(error) => {
@@ -111,28 +113,27 @@ impl Drive {
     }
 }
 
-fn refused_limits(axes: &[AxisConfig; 3]) -> Vec<(String, String)> {
-    let checked = axes.iter().enumerate();
-    checked
-        .filter_map(|(axis, config)| {
-            let fault = AxisLimits::new(config, WORD_RATE).err()?;
-            let field = format!("stage.{}[{axis}]", rig_field(fault.field()));
-            let text = fault.to_string();
-            let reason = text.strip_prefix(fault.field().name()).unwrap_or(&text);
-            Some((field, reason.trim_start().to_owned()))
+/// The fields that the station would refuse: all limits of axes and, without one, its own first.
+fn refusals(config: &Config) -> Vec<(String, String)> {
+    let axes = config.axes.iter().enumerate();
+    let limits = axes.filter_map(|(axis, config)| {
+        let fault = AxisLimits::new(config, WORD_RATE).err()?;
+        Some(limit_field(ConfigFault { axis, fault }))
+    });
+    let limits: Vec<ConfigField> = limits.collect();
+    let first = match limits.is_empty() {
+        true => check(config, WORD_RATE).err(),
+        false => None,
+    };
+    let fields = limits.into_iter().chain(first);
+    // The driver's fault has words of its own.
+    let fields = fields.filter(|field| *field != ConfigField::Driver);
+    fields
+        .map(|field| {
+            let Refused { field, reason } = refused(&field);
+            (format!("stage.{field}"), reason)
         })
         .collect()
-}
-
-/// As the rig file calls a field of the station's configuration.
-const fn rig_field(field: Field) -> &'static str {
-    match field {
-        Field::StepsPerM => "steps_per_mm",
-        Field::MaxSpeed => "max_speed_mm_s",
-        Field::MaxAcceleration => "max_acceleration_mm_s2",
-        Field::MaxJerk => "max_jerk_mm_s3",
-        Field::Travel => "travel_mm",
-    }
 }
 
 /// Speed, acceleration and jerk of the three axes, mm/s, mm/s², mm/s³.
@@ -327,10 +328,21 @@ mod tests {
             .map(|(field, _)| field.as_str())
             .collect();
         assert_eq!(named, ["stage.max_speed_mm_s[1]", "stage.driver"]);
-        assert!(drive.faults[0].1.starts_with("needs 560000 steps/s"));
+        assert_eq!(drive.faults[0].1, "must be at most 6250");
         assert!(drive.faults[1].1.contains("step_high_ns"));
         let rate = drive.drivers.highest_word_rate_hz.unwrap();
         assert_eq!(rate, 520_000); // 1,900 ns are 526 kHz
+    }
+
+    /// What `verify` accepts the station accepts, and the other way round: one check for both.
+    #[test]
+    fn other_fields_are_checked_as_the_station_does() {
+        let mut stage = default_stage();
+        stage.care.slow_speed_mm_s = 0.001;
+        let drive = Drive::of(&stage);
+        let named = ("stage.slow_speed_mm_s", "must be at least 0.002");
+        assert_eq!(drive.faults.len(), 1);
+        assert_eq!((&*drive.faults[0].0, &*drive.faults[0].1), named);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use shared::estimate::Gate;
+use shared::frame::message::Side;
 
 use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;
@@ -10,7 +11,7 @@ use super::view::View;
 use super::{AtDepth, Verification};
 use crate::flow::geometry::Geometry;
 use crate::flow::stereo::matched_depths_mm;
-use crate::rig_file::RigFile;
+use crate::rig_file::{RigFile, Stage};
 
 /// How bad it is, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -224,6 +225,9 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
         add(Severity::Note, "stage.driver", text);
     }
     for (i, (axis, name)) in drive.axes.iter().zip(AXES).enumerate() {
+        if let Some(text) = outside_travel(stage, i) {
+            add(Severity::Warning, &format!("stage.travel_mm[{i}]"), text);
+        }
         if axis.full_speed_mm > axis.travel_mm {
             let text = format!(
                 "{} mm/s are never reached: that takes a move of {:.1} mm, the travel is {:.1} mm",
@@ -255,6 +259,27 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
         );
         add(Severity::Note, &format!("stage.steps_per_mm[{i}]"), text);
     }
+}
+
+/// Where an axis would stand outside its travel once its position is known, and what follows.
+fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
+    let [low, high] = stage.travel_mm[axis];
+    let outside = |mm: f64| mm < low || mm > high;
+    let (place, after) = match stage.care.home[axis] {
+        Some(home) => {
+            let back_off = match home.side {
+                Side::Negative => stage.care.back_off_mm,
+                Side::Positive => -stage.care.back_off_mm,
+            };
+            (home.position_mm + back_off, "home")
+        }
+        None => (0.0, "zero"),
+    };
+    outside(place).then(|| {
+        format!(
+            "excludes {place} mm, where the axis stands after `{after}`: from there it moves only inwards, slowly and when a jog names it, and no target is followed"
+        )
+    })
 }
 
 fn formats(found: &Verification, add: &mut Add<'_>) {

@@ -7,17 +7,18 @@ use serde::Serialize;
 /// A packet ready to be sent.
 pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 
-/// `message` as one packet: postcard, CRC-32, COBS, and the closing zero.
+/// Encodes `message` as one packet: a zero, then postcard and CRC-32 in COBS, and a zero.
 ///
 /// # Errors
 /// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test `every_message_fits`).
 pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
     let mut bytes = Bytes::new();
     bytes.resize(MAX_PACKET, 0).map_err(|_| TooLong)?;
-    let stuffed = Cobs::try_new(Slice::new(&mut bytes)).map_err(|_| TooLong)?;
+    let behind_zero = bytes.get_mut(1..).ok_or(TooLong)?;
+    let stuffed = Cobs::try_new(Slice::new(behind_zero)).map_err(|_| TooLong)?;
     let flavor = CrcModifier::new(stuffed, CRC.digest());
     let packet = postcard::serialize_with_flavor(message, flavor).map_err(|_| TooLong)?;
-    let length = packet.len();
+    let length = 1 + packet.len();
     bytes.truncate(length);
     Ok(bytes)
 }

@@ -2,8 +2,8 @@
 
 use super::{PROTOCOL, SCHEMA_HASH};
 use crate::estimate::{Gate, Refusal};
-use crate::motion::AxisConfig;
-use crate::safety::{Fault, State, Trust};
+use crate::motion::{AxisConfig, Bound};
+use crate::safety::{Fault, Faults, State, Trust};
 use crate::steps::DriverTiming;
 use crate::sums::centred::FixedCentredSums;
 use crate::sums::pair::FixedPairSums;
@@ -21,8 +21,8 @@ pub struct Packet {
     pub command: Command,
 }
 
-/// A request to the station. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A request to the station. The wire numbers are in [`super::command`]; append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
 pub enum Command {
     /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`] and [`Report::LastRun`].
@@ -57,10 +57,16 @@ pub enum Command {
         /// Which axes; each needs a home switch in the configuration.
         axes: [bool; 3],
     },
+    /// Switches the motors on or off. Only at rest; motors without current lose the position, so
+    /// that a known one is degraded.
+    Motors {
+        /// On.
+        on: bool,
+    },
 }
 
 /// One frame: the target's flow since the reference instant, as the cameras on the stage saw it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     /// When the images were taken, station time.
     pub capture: Instant,
@@ -70,8 +76,8 @@ pub struct Frame {
     pub sums: Sums,
 }
 
-/// The sums, which also choose the estimator. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// The sums, which also choose the estimator. On the wire each kind is a command of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sums {
     /// For the paper's closed form.
     ClosedForm(FixedPairSums),
@@ -121,6 +127,8 @@ pub struct StageConfig {
     pub longest_error_ms: u16,
     /// How far the stage may move towards the target without the cameras seeing it come nearer, on any axis, µm; 0 is any. Only with prediction.
     pub unseen_um: u32,
+    /// Time at rest after which the motors are switched off, s; 0 is never. Following is no rest.
+    pub motors_off_after_s: u16,
 }
 
 /// A limit switch that also says where the axis is.
@@ -142,7 +150,7 @@ pub enum Side {
 }
 
 impl StageConfig {
-    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10 mm while the position is unknown; nothing watched.
+    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10 mm while the position is unknown; nothing watched; the motors stay on.
     pub const DEFAULT: Self = Self {
         backlash_um: [0; 3],
         home: [None; 3],
@@ -152,6 +160,7 @@ impl StageConfig {
         largest_error_um: 0,
         longest_error_ms: 0,
         unseen_um: 0,
+        motors_off_after_s: 0,
     };
 }
 
@@ -311,7 +320,7 @@ pub struct Status {
     pub tick: u32,
     /// What it is doing.
     pub state: State,
-    /// The latched fault.
+    /// The worst of the latched faults.
     pub fault: Option<Fault>,
     /// Trust in `position_steps`.
     pub trust: Trust,
@@ -331,6 +340,10 @@ pub struct Status {
     pub sight: Sight,
     /// How long ago the target was seen, ms, saturating; 0 while nothing is followed.
     pub seen_ms: u16,
+    /// All latched faults; [`Status::fault`] is the worst of them.
+    pub faults: Faults,
+    /// The motors are on.
+    pub motors: bool,
 }
 
 /// Packets that changed nothing; the counts saturate.
@@ -342,8 +355,10 @@ pub struct Drops {
     pub duplicate: u16,
     /// Sequence number from behind.
     pub stale: u16,
-    /// More commands than one control tick takes.
+    /// Commands that were not done because there were more than one control tick takes.
     pub overflow: u16,
+    /// Answers and other reports that found no room.
+    pub answers: u16,
 }
 
 /// What the station made of one frame.
@@ -403,33 +418,130 @@ pub enum Denial {
     OutsideWindow,
     /// An axis that is to be homed has no home switch, or no axis was named.
     NoHomeSwitch,
+    /// A stop that was sent later came before it was done.
+    Dropped,
+    /// The axis stands outside its travel: it moves inwards only, and no target is followed.
+    OutsideTravel {
+        /// Number from 0.
+        axis: u8,
+    },
+    /// No ping came within the heartbeat time: the host must send pings before it moves the stage.
+    NoHeartbeat,
+    /// A fault appeared that no status has named so far: read the status, then reset.
+    FaultUnread,
+    /// The motors are off.
+    MotorsOff,
 }
 
 /// Which part of a configuration is impossible. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ConfigField {
-    /// An axis: number from 0.
-    Axis(u8),
-    /// The matrix is singular or not finite.
+    /// The matrix is singular: its determinant is below one thousandth.
     Matrix,
     /// The driver cannot take this board's word rate.
     Driver,
-    /// The gate lets nothing pass.
-    Gate,
-    /// The heartbeat is not within 20 to 10000 ms.
+    /// A number beyond a bound.
+    Value {
+        /// Which number.
+        setting: Setting,
+        /// Of which axis, from 0; `None` for one that belongs to no axis.
+        axis: Option<u8>,
+        /// What would do.
+        bound: Bound,
+    },
+}
+
+/// A number of the configuration. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Setting {
+    /// [`AxisConfig::steps_per_m`].
+    StepsPerM,
+    /// [`AxisConfig::max_speed_um_s`].
+    MaxSpeed,
+    /// [`AxisConfig::max_acceleration_um_s2`].
+    MaxAcceleration,
+    /// [`AxisConfig::max_jerk_um_s3`].
+    MaxJerk,
+    /// The low end of [`AxisConfig::travel_um`].
+    TravelLow,
+    /// The high end of [`AxisConfig::travel_um`].
+    TravelHigh,
+    /// [`Gate::max_sigma_nm`]; the axis is the camera's.
+    GateSigma,
+    /// [`Gate::max_displacement_nm`].
+    GateDisplacement,
+    /// [`Config::heartbeat_ms`].
     Heartbeat,
-    /// The slow speed is zero.
+    /// [`Config::slow_speed_um_s`].
     SlowSpeed,
-    /// The time to coast is zero or above 5000 ms.
-    Tracking,
-    /// The lost motion of an axis is more than its travel: number from 0.
-    Backlash(u8),
-    /// Home switches: a speed or the way to back off is zero, or a switch lies beyond the range of positions.
-    Homing,
-    /// The window for unknown positions is zero.
+    /// [`Settings::coast_ms`].
+    Coast,
+    /// [`StageConfig::backlash_um`].
+    Backlash,
+    /// The position of [`StageConfig::home`].
+    HomePosition,
+    /// The first of [`StageConfig::home_speed_um_s`].
+    HomeSpeedFirst,
+    /// The second of [`StageConfig::home_speed_um_s`].
+    HomeSpeedSecond,
+    /// [`StageConfig::back_off_um`].
+    BackOff,
+    /// [`StageConfig::window_um`].
     Window,
-    /// A time without a distance, or a distance beyond the range of positions.
-    Watch,
+    /// [`StageConfig::largest_error_um`].
+    LargestError,
+    /// [`StageConfig::longest_error_ms`].
+    LongestError,
+    /// [`StageConfig::unseen_um`].
+    Unseen,
+}
+
+impl Setting {
+    /// The field's name in the configuration.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::StepsPerM => "steps_per_m",
+            Self::MaxSpeed => "max_speed_um_s",
+            Self::MaxAcceleration => "max_acceleration_um_s2",
+            Self::MaxJerk => "max_jerk_um_s3",
+            Self::TravelLow => "travel_um[0]",
+            Self::TravelHigh => "travel_um[1]",
+            Self::GateSigma => "max_sigma_nm",
+            Self::GateDisplacement => "max_displacement_nm",
+            Self::Heartbeat => "heartbeat_ms",
+            Self::SlowSpeed => "slow_speed_um_s",
+            Self::Coast => "coast_ms",
+            Self::Backlash => "backlash_um",
+            Self::HomePosition => "home.position_um",
+            Self::HomeSpeedFirst => "home_speed_um_s[0]",
+            Self::HomeSpeedSecond => "home_speed_um_s[1]",
+            Self::BackOff => "back_off_um",
+            Self::Window => "window_um",
+            Self::LargestError => "largest_error_um",
+            Self::LongestError => "longest_error_ms",
+            Self::Unseen => "unseen_um",
+        }
+    }
+}
+
+impl core::fmt::Display for ConfigField {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Matrix => f.write_str("the matrix is singular"),
+            Self::Driver => f.write_str("the driver cannot take this board's word rate"),
+            Self::Value {
+                setting,
+                axis,
+                bound,
+            } => {
+                f.write_str(setting.name())?;
+                if let Some(axis) = axis {
+                    write!(f, " of axis {axis}")?;
+                }
+                write!(f, " {bound}")
+            }
+        }
+    }
 }
 
 impl core::fmt::Display for Denial {
@@ -441,34 +553,7 @@ impl core::fmt::Display for Denial {
             Self::Stopped => "stopped: reset first",
             Self::Faulted => "a fault is latched: reset first",
             Self::CauseRemains => "the cause of the fault is still there",
-            Self::Config(ConfigField::Axis(axis)) => {
-                return write!(f, "configuration: axis {axis} is impossible");
-            }
-            Self::Config(ConfigField::Matrix) => "configuration: the matrix is singular",
-            Self::Config(ConfigField::Driver) => {
-                "configuration: the driver cannot take this board's word rate"
-            }
-            Self::Config(ConfigField::Gate) => "configuration: the gate lets nothing pass",
-            Self::Config(ConfigField::Heartbeat) => {
-                "configuration: heartbeat_ms is not within 20 to 10000"
-            }
-            Self::Config(ConfigField::SlowSpeed) => "configuration: slow_speed_um_s is zero",
-            Self::Config(ConfigField::Tracking) => {
-                "configuration: coast_ms is not within 1 to 5000"
-            }
-            Self::Config(ConfigField::Backlash(axis)) => {
-                return write!(
-                    f,
-                    "configuration: the backlash of axis {axis} is more than its travel"
-                );
-            }
-            Self::Config(ConfigField::Homing) => {
-                "configuration: homing speeds and back-off must not be zero, nor a home switch out of reach"
-            }
-            Self::Config(ConfigField::Window) => "configuration: the window is zero",
-            Self::Config(ConfigField::Watch) => {
-                "configuration: a following error needs a distance and a time, both within reach"
-            }
+            Self::Config(field) => return write!(f, "configuration: {field}"),
             Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
             Self::CaptureInFuture => "the capture lies in the future",
             Self::CaptureTooOld => "the capture is too old",
@@ -482,6 +567,13 @@ impl core::fmt::Display for Denial {
             }
             Self::OutsideWindow => "the position is unknown: so far away the stage may not move",
             Self::NoHomeSwitch => "an axis to be homed has no home switch",
+            Self::Dropped => "dropped, because a stop came later",
+            Self::OutsideTravel { axis } => {
+                return write!(f, "axis {axis} stands outside its travel");
+            }
+            Self::NoHeartbeat => "no ping came within the heartbeat time",
+            Self::FaultUnread => "a new fault has appeared that no status has named yet",
+            Self::MotorsOff => "the motors are off",
         };
         f.write_str(text)
     }

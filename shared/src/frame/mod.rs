@@ -2,9 +2,11 @@
 //!
 //! # Format
 //! A *packet* is a message encoded by postcard (its stable format, version 1), followed by its CRC-32 (ISCSI, also
-//! known as CRC-32C, little-endian), the whole COBS-stuffed and ended by one zero byte. Empty packets are allowed and
-//! mean nothing: a sender may begin with a zero byte to flush what came before. A packet is at most [`MAX_PACKET`] bytes, a flow
-//! frame at most 64 (one full-speed USB packet), both with all framing.
+//! known as CRC-32C, little-endian), the whole COBS-stuffed, with one zero byte before it and one
+//! behind it. The first ends whatever noise stood on the line, so that noise never costs the packet
+//! that follows; the last makes the packet complete at once. Empty packets are allowed and mean
+//! nothing. A packet is at most [`MAX_PACKET`] bytes, a flow frame at most 64 (one full-speed USB
+//! packet), both with all framing.
 //!
 //! Every packet from the host is a [`message::Packet`]: a 16-bit sequence number and a [`message::Command`]. The station accepts a packet
 //! only if its number lies ahead of the last accepted one (serial number arithmetic, RFC 1982); a repeated number is a
@@ -18,6 +20,7 @@
 //! The file `schema.txt` beside this module lists messages and fields; its hash is in the station's hello, and the host refuses to move a
 //! station whose hash differs. Tests hold the list and the committed bytes of every message to the code.
 
+mod command;
 pub mod encode;
 pub mod message;
 pub mod receive;
@@ -26,7 +29,7 @@ pub mod receive;
 pub const MAX_PACKET: usize = 320;
 
 /// The protocol's number: changes when packets of the old one can no longer be understood.
-pub const PROTOCOL: u16 = 1;
+pub const PROTOCOL: u16 = 2;
 
 /// The messages and fields of this version, in words.
 pub const SCHEMA: &str = include_str!("schema.txt");

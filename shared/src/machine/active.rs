@@ -1,9 +1,9 @@
 //! A configuration that was checked, with what the control loop needs worked out once.
 
 use crate::estimate::{DisplacementNm, Gate};
-use crate::fixed::{multiply_shift, ratio, wide};
-use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting, StageConfig};
-use crate::motion::{AxisConfig, ConfigFault, Limits};
+use crate::fixed::{multiply_shift, ratio, times, wide};
+use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting, Setting};
+use crate::motion::{AxisConfig, Bound, ConfigFault, Field, Limits};
 use crate::steps::WordRate;
 use crate::track::Fine;
 use crate::track::filter::Reach;
@@ -17,8 +17,14 @@ const SCALE_BITS: u32 = 16;
 /// Smallest determinant of the camera-to-stage matrix, Q3·29: one thousandth.
 const MIN_DETERMINANT: u128 = (1 << (3 * MATRIX_BITS)) / 1000;
 
-/// A home switch lies within so many steps of zero: as far again is left to search.
-const FARTHEST_HOME: u64 = 1 << 28;
+/// A home switch lies within this many steps of zero: as far again is left to search.
+const FARTHEST_HOME: i64 = 1 << 28;
+
+/// Positions stay within this many steps of zero, and so do all distances of the configuration.
+const FARTHEST: i64 = 1 << 29;
+
+/// The longest displacement that the gate may let pass, steps.
+const FARTHEST_SIGHT: i64 = 1 << 29;
 
 /// The configuration in use.
 #[derive(Clone, Debug)]
@@ -40,46 +46,50 @@ pub(super) struct Active {
     variances: Matrix3<f32>,
 }
 
+/// Checks a configuration for a board with this word rate, as the station does.
+///
+/// # Errors
+/// The first impossible value, and the nearest one that would do.
+pub fn check(config: &Config, rate: WordRate) -> Result<(), ConfigField> {
+    Active::new(config, rate).map(|_| ())
+}
+
 impl Active {
     /// Checks every value; the first impossible one is named.
     pub fn new(config: &Config, rate: WordRate) -> Result<Self, ConfigField> {
-        config.driver.check(rate).map_err(|_| ConfigField::Driver)?;
         if determinant(&config.matrix).unsigned_abs() < MIN_DETERMINANT {
             return Err(ConfigField::Matrix);
         }
-        if config.gate.max_sigma_nm.contains(&0) || config.gate.max_displacement_nm == 0 {
-            return Err(ConfigField::Gate);
-        }
-        if !(20..=10_000).contains(&config.heartbeat_ms) {
-            return Err(ConfigField::Heartbeat);
-        }
-        if config.slow_speed_um_s == 0 {
-            return Err(ConfigField::SlowSpeed);
-        }
-        if !(1..=Settings::LONGEST_COAST_MS).contains(&config.tracking.coast_ms) {
-            return Err(ConfigField::Tracking);
-        }
-        let stage = &config.stage;
-        check(stage)?;
-        let axis_field = |fault: ConfigFault| ConfigField::Axis(fault.axis as u8);
-        let limits = Limits::new(&config.axes, rate).map_err(axis_field)?;
+        check_gate(config)?;
+        between(Setting::Heartbeat, config.heartbeat_ms.into(), 20..=10_000)?;
+        between(
+            Setting::Coast,
+            config.tracking.coast_ms.into(),
+            1..=Settings::LONGEST_COAST_MS.into(),
+        )?;
+        let limits = Limits::new(&config.axes, rate).map_err(limit_field)?;
+        check_stage(config)?;
         let backlash = backlash_steps(config, &limits)?;
         let limits = limits.with_backlash(backlash);
-        let slow = |speed| {
+        let slow = |setting, speed| {
             let axes = config.axes.map(|axis| slow_axis(axis, speed));
-            Ok(Limits::new(&axes, rate)?.with_backlash(backlash))
+            let limits = Limits::new(&axes, rate).map_err(|fault| on_axis(setting, fault))?;
+            Ok::<_, ConfigField>(limits.with_backlash(backlash))
         };
-        let [fast, second] = stage.home_speed_um_s;
+        let [fast, second] = config.stage.home_speed_um_s;
         // Without a home switch the speeds mean nothing.
-        let home = |speed| match stage.home {
+        let home = |setting, speed| match config.stage.home {
             [None, None, None] => Ok(limits),
-            _ => slow(speed).map_err(|_: ConfigFault| ConfigField::Homing),
+            _ => slow(setting, speed),
         };
         let mut active = Self {
             config: *config,
             limits,
-            slow: slow(config.slow_speed_um_s).map_err(axis_field)?,
-            home: [home(fast)?, home(second)?],
+            slow: slow(Setting::SlowSpeed, config.slow_speed_um_s)?,
+            home: [
+                home(Setting::HomeSpeedFirst, fast)?,
+                home(Setting::HomeSpeedSecond, second)?,
+            ],
             fine_per_nm: config.axes.map(|axis| {
                 // steps/m 2^32 2^16 / 10^9 nm/m: below 2^51.
                 ratio(u64::from(axis.steps_per_m) << SCALE_BITS, 1_000_000_000) as i64
@@ -89,6 +99,7 @@ impl Active {
             bounds: None,
         };
         active.bounds = active.bounds();
+        config.driver.check(rate).map_err(|_| ConfigField::Driver)?;
         Ok(active)
     }
 
@@ -180,44 +191,123 @@ fn variances(config: &Config) -> Matrix3<f32> {
     Matrix3::from_row_iterator(elements)
 }
 
-/// Whether the parts of `stage` are possible, as far as they need no axis.
-fn check(stage: &StageConfig) -> Result<(), ConfigField> {
-    let within = |um: u32| i32::try_from(um).is_ok();
-    if stage.window_um == 0 || !within(stage.window_um) {
-        return Err(ConfigField::Window);
+/// Checks what an estimate may be: something must pass, and no displacement may overflow.
+fn check_gate(config: &Config) -> Result<(), ConfigField> {
+    let gate = &config.gate;
+    for (axis, sigma) in (0..).zip(gate.max_sigma_nm) {
+        if sigma == 0 {
+            return Err(value(Setting::GateSigma, Some(axis), Bound::AtLeast(1)));
+        }
     }
-    let homes = stage.home.iter().flatten().next().is_some();
-    if homes && (stage.back_off_um == 0 || !within(stage.back_off_um)) {
-        return Err(ConfigField::Homing);
+    let displacement = i64::from(gate.max_displacement_nm);
+    // Each row of the matrix adds up three displacements; FARTHEST_SIGHT steps are far from overflow.
+    let mut most = i64::from(u32::MAX);
+    for (row, axis) in config.matrix.iter().zip(&config.axes) {
+        let gain = row.iter().map(|m| i64::from(m.unsigned_abs())).sum::<i64>();
+        // Q2.29 by steps/m: below 2^65, so in whole thousandths of the gain.
+        let scale = ((gain >> 19) + 1) * i64::from(axis.steps_per_m.max(1));
+        most = most.min(times(FARTHEST_SIGHT * 1_000_000_000 / scale, 1 << 10));
     }
-    let timed = stage.largest_error_um == 0 || stage.longest_error_ms > 0;
-    if !timed || !within(stage.largest_error_um) || !within(stage.unseen_um) {
-        return Err(ConfigField::Watch);
-    }
-    Ok(())
+    between(Setting::GateDisplacement, displacement, 1..=most.max(1))
 }
 
-/// Lost motion in whole steps, to the nearest; and no home switch is out of reach.
+/// Checks the parts of the stage that depend on no limit of an axis.
+fn check_stage(config: &Config) -> Result<(), ConfigField> {
+    let stage = &config.stage;
+    // The farthest distance that every axis can express.
+    let finest = config.axes.iter().map(|axis| axis.steps_per_m).max();
+    let farthest = farthest_um(FARTHEST, finest.unwrap_or(1));
+    between(Setting::Window, stage.window_um.into(), 1..=farthest)?;
+    if stage.home.iter().any(Option::is_some) {
+        between(Setting::BackOff, stage.back_off_um.into(), 1..=farthest)?;
+    }
+    let watched = i64::from(stage.largest_error_um);
+    between(Setting::LargestError, watched, 0..=farthest)?;
+    if watched > 0 {
+        let longest = stage.longest_error_ms.into();
+        between(Setting::LongestError, longest, 1..=u16::MAX.into())?;
+    }
+    between(Setting::Unseen, stage.unseen_um.into(), 0..=farthest)
+}
+
+/// Converts lost motion to whole steps, to the nearest; checks that home switches are within reach.
 fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigField> {
     let mut backlash = [0; 3];
     let axes = config.axes.iter().zip(limits.axes());
     let stage = config.stage.backlash_um.into_iter().zip(config.stage.home);
-    for (number, ((axis, limits), (um, home))) in axes.zip(stage).enumerate() {
+    for (number, ((axis, limits), (um, home))) in (0_u8..).zip(axes.zip(stage)) {
         let scale = u64::from(axis.steps_per_m);
         let steps = (u64::from(um) * scale + 500_000) / 1_000_000;
         let [low, high] = limits.range();
-        if steps > u64::from(high.abs_diff(low)) {
-            return Err(ConfigField::Backlash(number as u8));
+        let travel = u64::from(high.abs_diff(low));
+        if steps > travel {
+            // The largest that still rounds down to the travel.
+            let most = (travel * 1_000_000 + 499_999) / scale;
+            let bound = Bound::AtMost(most.cast_signed());
+            return Err(value(Setting::Backlash, Some(number), bound));
         }
-        let home_um = home.map_or(0, |home| home.position_um.unsigned_abs());
-        if u64::from(home_um) * scale / 1_000_000 > FARTHEST_HOME {
-            return Err(ConfigField::Homing);
+        let most = farthest_um(FARTHEST_HOME, axis.steps_per_m);
+        let position = home.map_or(0, |home| i64::from(home.position_um));
+        if position > most {
+            let bound = Bound::AtMost(most);
+            return Err(value(Setting::HomePosition, Some(number), bound));
         }
-        if let Some(slot) = backlash.get_mut(number) {
+        if position < -most {
+            let bound = Bound::AtLeast(-most);
+            return Err(value(Setting::HomePosition, Some(number), bound));
+        }
+        if let Some(slot) = backlash.get_mut(usize::from(number)) {
             *slot = steps as u32;
         }
     }
     Ok(backlash)
+}
+
+/// The longest way of at most `steps`, µm, that an `i32` holds.
+fn farthest_um(steps: i64, steps_per_m: u32) -> i64 {
+    let um = steps * 1_000_000 / i64::from(steps_per_m.max(1));
+    um.min(i32::MAX.into())
+}
+
+/// The fault of a number that is not within `range`.
+fn between(
+    setting: Setting,
+    number: i64,
+    range: core::ops::RangeInclusive<i64>,
+) -> Result<(), ConfigField> {
+    if number < *range.start() {
+        return Err(value(setting, None, Bound::AtLeast(*range.start())));
+    }
+    if number > *range.end() {
+        return Err(value(setting, None, Bound::AtMost(*range.end())));
+    }
+    Ok(())
+}
+
+const fn value(setting: Setting, axis: Option<u8>, bound: Bound) -> ConfigField {
+    ConfigField::Value {
+        setting,
+        axis,
+        bound,
+    }
+}
+
+/// A limit that the planner cannot use, as a field of the configuration.
+pub fn limit_field(fault: ConfigFault) -> ConfigField {
+    let setting = match fault.fault.field {
+        Field::StepsPerM => Setting::StepsPerM,
+        Field::MaxSpeed => Setting::MaxSpeed,
+        Field::MaxAcceleration => Setting::MaxAcceleration,
+        Field::MaxJerk => Setting::MaxJerk,
+        Field::TravelLow => Setting::TravelLow,
+        Field::TravelHigh => Setting::TravelHigh,
+    };
+    on_axis(setting, fault)
+}
+
+/// A fault of an axis's limits, as one of `setting`, from which the limit comes.
+fn on_axis(setting: Setting, fault: ConfigFault) -> ConfigField {
+    value(setting, Some(fault.axis as u8), fault.fault.bound)
 }
 
 /// The axis at `speed_um_s`, with the widest travel there is.

@@ -2,12 +2,12 @@
 
 use super::Machine;
 use super::active::Active;
-use crate::fixed::{narrow, times};
+use super::window::Window;
+use crate::fixed::times;
 use crate::frame::message::{Command, Config, Denial};
-use crate::motion::{Limits, Planner};
-use crate::safety::{Fault, State, Trust};
+use crate::safety::{Faults, State, Trust};
 use crate::steps::Position;
-use crate::track::{Fine, add};
+use crate::track::Fine;
 
 impl Machine {
     pub(super) fn apply(&mut self, sequence: u16, command: &Command) -> Result<(), Denial> {
@@ -28,6 +28,7 @@ impl Machine {
             Command::Zero => self.zero(),
             Command::Reset => self.reset(),
             Command::Home { axes } => self.home(*axes),
+            Command::Motors { on } => self.switch_motors(*on),
             // Handled on arrival.
             Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
         }
@@ -36,94 +37,75 @@ impl Machine {
     fn configure(&mut self, config: &Config) -> Result<(), Denial> {
         self.require_rest()?;
         let active = Active::new(config, self.board.word_rate).map_err(Denial::Config)?;
-        let same_scale = self.active.as_ref().is_some_and(|old| {
-            let scale = |config: &Config| config.axes.map(|axis| (axis.steps_per_m, axis.invert));
-            scale(&old.config) == scale(config)
-        });
+        let first = self.active.is_none();
+        self.rescale(config);
         self.active = Some(active);
-        if !same_scale {
-            self.lose_trust();
-        }
+        let before = self.position();
         self.use_limits();
+        // Another lost motion can put the load at another place without a step of the motor.
+        let after = self.position();
+        let jump = core::array::from_fn(|axis| {
+            let of = |place: Fine| place.get(axis).copied().unwrap_or_default();
+            of(after).saturating_sub(of(before))
+        });
+        self.window.shift(jump);
         self.tracker.reset();
-        if self.state == State::Unconfigured {
+        if first {
+            self.motors = true;
+            self.rests = self.tick;
+        }
+        if matches!(self.state, State::Unconfigured | State::Following) {
             self.state = State::Idle;
         }
         Ok(())
     }
 
-    /// Plans anew from where the stage stands, with the limits that go with the present trust.
-    pub(super) fn use_limits(&mut self) {
-        let Some(active) = &self.active else { return };
-        let limits = if self.trust == Trust::Homed {
-            active.limits
-        } else {
-            active.slow
-        };
-        self.limit_to(limits);
-    }
-
-    /// Plans anew from where the stage stands, with these limits.
-    pub(super) fn limit_to(&mut self, limits: Limits) {
-        self.planner = Some(match &self.planner {
-            Some(planner) => planner.relimited(limits),
-            None => Planner::new(limits, [Position::centre(0); 3]),
-        });
+    /// Counts in the steps of a new configuration: a known position is lost with its scale.
+    fn rescale(&mut self, new: &Config) {
+        let old = self.active.as_ref().map(|active| active.config.axes);
+        let Some(old) = old else { return };
+        let at = self.position();
+        let mut changed = false;
+        for (axis, ((old, new), at)) in old.iter().zip(&new.axes).zip(at).enumerate() {
+            let scales = [old.steps_per_m, new.steps_per_m];
+            let turned = old.invert != new.invert;
+            if scales[0] != scales[1] || turned {
+                changed = true;
+                self.window.rescale(axis, at, scales, turned);
+            }
+        }
+        if changed {
+            self.lose_trust();
+        }
     }
 
     /// What is known of the position holds no more.
     pub(super) fn lose_trust(&mut self) {
         if self.trust == Trust::Homed {
             self.trust = Trust::Degraded;
+            self.window = Window::around(self.position());
         }
         self.referenced = [false; 3];
-        self.anchor = self.position();
-    }
-
-    fn setpoint(&mut self, position_um: [i32; 3]) -> Result<(), Denial> {
-        self.require_ready()?;
-        self.require_homed()?;
-        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let target = active.fine_from_um(position_um);
-        self.go(target, State::Moving)?;
-        self.tracker.reset();
-        Ok(())
-    }
-
-    fn jog(&mut self, distance_um: [i32; 3]) -> Result<(), Denial> {
-        self.require_ready()?;
-        let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
-        let distance = active.fine_from_um(distance_um);
-        let window = active.fine_from_um([narrow(active.config.stage.window_um.into()); 3]);
-        let from = self.position();
-        let target = add(from, distance);
-        if self.trust != Trust::Homed && !is_near(self.anchor, from, target, window) {
-            return Err(Denial::OutsideWindow);
-        }
-        self.go(target, State::Moving)?;
-        self.tracker.reset();
-        Ok(())
-    }
-
-    /// Sends the stage to `target`, 2⁻³² steps from zero, rounded to whole steps and clamped to the soft limits.
-    pub(super) fn go(&mut self, target: Fine, state: State) -> Result<(), Denial> {
-        let target = target.map(to_centre);
-        self.require_free_way(target)?;
-        let planner = self.planner.as_mut().ok_or(Denial::Unconfigured)?;
-        planner.move_in_step(target);
-        self.state = state;
-        Ok(())
     }
 
     fn zero(&mut self) -> Result<(), Denial> {
         self.require_rest()?;
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
+        if self.state == State::Faulted {
+            return Err(Denial::Faulted);
+        }
+        if !self.motors {
+            return Err(Denial::MotorsOff);
+        }
         let by = planner.loads().map(|p| -i64::from(p.whole_steps()));
         self.move_origin(by);
         self.referenced = [true; 3];
         self.trust = Trust::Homed;
         self.use_limits();
         self.tracker.reset();
+        if self.state == State::Following {
+            self.state = State::Idle;
+        }
         Ok(())
     }
 
@@ -138,15 +120,13 @@ impl Machine {
 
     fn reset(&mut self) -> Result<(), Denial> {
         self.require_rest()?;
-        let remains = match self.fault {
-            Some(Fault::EmergencyStop) => self.inputs.emergency_stop,
-            Some(Fault::Driver) => self.inputs.driver_fault,
-            _ => false,
-        };
-        if remains {
+        if self.inputs.emergency_stop || self.inputs.driver_fault {
             return Err(Denial::CauseRemains);
         }
-        self.fault = None;
+        if !self.faults.is_within(self.read) {
+            return Err(Denial::FaultUnread);
+        }
+        self.faults = Faults::NONE;
         // Homing may have left others.
         self.use_limits();
         self.tracker.reset();
@@ -171,7 +151,17 @@ impl Machine {
             State::Stopping | State::Stopped => Err(Denial::Stopped),
             State::Faulted => Err(Denial::Faulted),
             State::Homing => Err(Denial::Moving),
-            State::Idle | State::Moving | State::Following => Ok(()),
+            State::Idle | State::Moving | State::Following if !self.motors => {
+                Err(Denial::MotorsOff)
+            }
+            State::Idle | State::Moving | State::Following => self.require_heartbeat(),
+        }
+    }
+
+    fn require_heartbeat(&self) -> Result<(), Denial> {
+        match self.is_heard() {
+            true => Ok(()),
+            false => Err(Denial::NoHeartbeat),
         }
     }
 
@@ -181,16 +171,6 @@ impl Machine {
             Trust::Unknown | Trust::Degraded => Err(Denial::PositionUnknown),
         }
     }
-}
-
-/// Whether no axis goes more than half a step farther than `window` from `anchor`. The way back to it is always open.
-fn is_near(anchor: Fine, from: Fine, to: Fine, window: Fine) -> bool {
-    let ends = from.into_iter().zip(to);
-    let mut axes = ends.zip(anchor.into_iter().zip(window));
-    axes.all(|((from, to), (anchor, window))| {
-        let far = to.abs_diff(anchor);
-        far <= window.unsigned_abs().saturating_add(1 << 31) || far <= from.abs_diff(anchor)
-    })
 }
 
 /// The resting position nearest to a distance from zero.

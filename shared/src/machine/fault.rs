@@ -1,6 +1,7 @@
 //! Faults and stops: what is looked for at every tick, and how motion ends.
 
-use super::{MAX_LAG_US, Machine};
+use super::active::Active;
+use super::{MAX_LAG_US, Machine, SEGMENTS};
 use crate::motion::Planner;
 use crate::safety::{Fault, State};
 
@@ -11,20 +12,15 @@ impl Machine {
     }
 
     pub(super) fn check_switches(&mut self) {
-        if self.inputs.emergency_stop {
+        let glimpsed = core::mem::take(&mut self.glimpsed);
+        if self.inputs.emergency_stop || glimpsed.emergency_stop {
             self.fail(Fault::EmergencyStop);
         }
-        if self.inputs.driver_fault {
+        if self.inputs.driver_fault || glimpsed.driver_fault {
             self.fail(Fault::Driver);
         }
-        if let Some(planner) = &self.planner {
-            let towards = planner.speeds().into_iter().zip(self.switches_to_obey());
-            let met = |(v, [negative, positive]): (i64, [bool; 2])| {
-                (negative && v < 0) || (positive && v > 0)
-            };
-            if towards.into_iter().any(met) {
-                self.fail(Fault::Limit);
-            }
+        if self.runs_onto_a_switch() {
+            self.fail(Fault::Limit);
         }
         let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
         // In word periods times a million rather than in µs: no division.
@@ -35,20 +31,51 @@ impl Machine {
         }
     }
 
+    /// An axis moves towards a tripped switch, or makes a step towards it within the coming tick.
+    pub(super) fn runs_onto_a_switch(&self) -> bool {
+        let switches = self.switches_to_obey();
+        let Some(planner) = &self.planner else {
+            return false;
+        };
+        if switches == [[false; 2]; 3] || planner.has_arrived() {
+            return false;
+        }
+        let onto = |ways: [i64; 3]| {
+            let mut axes = ways.into_iter().zip(switches);
+            axes.any(|(way, [negative, positive])| (negative && way < 0) || (positive && way > 0))
+        };
+        if onto(planner.speeds()) {
+            return true;
+        }
+        let mut coming = planner.clone();
+        let steps = |planner: &Planner| planner.positions().map(|at| i64::from(at.whole_steps()));
+        let mut before = steps(planner);
+        // An axis keeps its direction within a segment.
+        (0..SEGMENTS).any(|_| {
+            coming.plan_segment();
+            let after = steps(&coming);
+            let [x, y, z] = core::mem::replace(&mut before, after);
+            let [a, b, c] = after;
+            onto([a - x, b - y, c - z])
+        })
+    }
+
     pub(super) fn check_heartbeat(&mut self) {
-        let Some(active) = &self.active else { return };
-        if self.state.is_commanded()
-            && self.tick.saturating_sub(self.heard) > active.heartbeat_ticks()
-        {
+        if self.state.is_commanded() && !self.is_heard() {
             self.fail(Fault::Heartbeat);
         }
     }
 
-    /// Latches a fault and stops; the first one stays.
+    /// A ping came within the heartbeat time.
+    pub(super) fn is_heard(&self) -> bool {
+        let silence = self.tick.saturating_sub(self.heard);
+        let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
+        silence <= longest
+    }
+
+    /// Latches a fault beside those that are latched, and stops.
     pub(super) fn fail(&mut self, fault: Fault) {
-        if self.fault.is_none() {
-            self.fault = Some(fault);
-        }
+        self.faults.insert(fault);
         if fault.is_abrupt() {
             if !self.stands() {
                 self.lose_trust();
@@ -82,9 +109,13 @@ impl Machine {
         if !self.stands() {
             return;
         }
+        self.sought = None;
+        if self.state == State::Moving {
+            self.renew_limits();
+        }
         self.state = match self.state {
             State::Moving => State::Idle,
-            State::Stopping if self.fault.is_some() => State::Faulted,
+            State::Stopping if !self.faults.is_empty() => State::Faulted,
             State::Stopping => State::Stopped,
             state => state,
         };

@@ -18,6 +18,7 @@ impl Machine {
     pub(super) fn follow(&mut self, sequence: u16, frame: &Frame) -> Result<(), Denial> {
         self.require_ready()?;
         self.require_homed()?;
+        self.require_inside()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let (displacement_nm, sigma_nm) = match estimate(&frame.sums, active.gate()) {
             Ok(estimate) => estimate,
@@ -40,9 +41,9 @@ impl Machine {
         let reference = self.tracker.reference(frame.reference, frame.capture)?;
         let view = reference.moved(frame.capture, displacement);
         let position = view.target(stage);
-        // By components: `map` copies arrays three times over.
-        let [x, y, z] = position;
-        self.require_free_way([to_centre(x), to_centre(y), to_centre(z)])?;
+        for (axis, target) in position.into_iter().enumerate() {
+            self.require_free_way(axis, to_centre(target))?;
+        }
         let unstated = || active.gate().max_sigma_nm.map(|most| most / UNSTATED);
         let measurement = Measurement {
             capture: frame.capture,
@@ -120,20 +121,6 @@ impl Machine {
             }
         }
         planner.follow(targets, speeds);
-    }
-
-    /// Refuses a way that leads onto a tripped limit switch.
-    pub(super) fn require_free_way(&self, targets: [Position; 3]) -> Result<(), Denial> {
-        let positions = self.planner.as_ref().ok_or(Denial::Unconfigured)?.loads();
-        let ways = targets.into_iter().zip(positions).zip(self.inputs.limits);
-        let onto =
-            |((target, position), [negative, positive]): ((Position, Position), [bool; 2])| {
-                (negative && target < position) || (positive && target > position)
-            };
-        match ways.into_iter().any(onto) {
-            true => Err(Denial::LimitSwitch),
-            false => Ok(()),
-        }
     }
 
     /// When the first word of the coming tick is on the pins.

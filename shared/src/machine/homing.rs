@@ -204,17 +204,18 @@ impl Machine {
         Ok(())
     }
 
-    /// The search ends here; the stage goes on as it was told to.
+    /// Ends the search; the stage goes on as it was told to. The switch that was looked for is no
+    /// fault until the stage stands, so that a stop on the way onto it keeps the position.
     pub(super) fn give_up_homing(&mut self) {
-        if self.homing.take().is_some() {
-            self.anchor = self.position();
+        if let Some(homing) = self.homing.take() {
+            self.sought = Some(homing.switch());
         }
     }
 
     /// The limit switches, without the one that is looked for.
     pub(super) fn switches_to_obey(&self) -> [[bool; 2]; 3] {
         let mut limits = self.inputs.limits;
-        let sought = self.homing.as_ref().map(Homing::switch);
+        let sought = self.homing.as_ref().map(Homing::switch).or(self.sought);
         let sought = sought.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
         if let Some(switch) = sought {
             *switch = false;
@@ -257,6 +258,9 @@ impl Machine {
             Deed::Go(place, second) => {
                 let [fast, slow] = limits;
                 self.send_axis(axis, place, if second { slow } else { fast });
+                if self.runs_onto_a_switch() {
+                    self.fail(Fault::Limit);
+                }
             }
             Deed::Fail(fault) => self.fail(fault),
             Deed::Done(place) => {
@@ -265,13 +269,13 @@ impl Machine {
                     *by = shift_right_rounded(home.saturating_sub(place), 32);
                 }
                 self.move_origin(by);
+                self.window.found(axis, on_axis(self.position()));
                 self.found(axis);
                 if let Some(done) = homing.axes.get_mut(axis) {
                     *done = false;
                 }
                 self.homing = Homing::new(homing.axes, &homes);
                 if self.homing.is_none() {
-                    self.anchor = self.position();
                     self.use_limits();
                     self.state = State::Idle;
                 }
@@ -294,12 +298,11 @@ impl Machine {
         let Some(planner) = &mut self.planner else {
             return;
         };
-        // The others stay between two steps if an abrupt stop left them there: one may stand on a switch.
-        let mut targets = planner.loads();
+        let mut targets = [None; 3];
         if let Some(target) = targets.get_mut(axis) {
-            *target = to_centre(place);
+            *target = Some(to_centre(place));
         }
-        planner.set_target(targets);
+        planner.set_targets_of(targets);
     }
 }
 

@@ -12,13 +12,20 @@
 //! plans four segments of 250 µs, which `poll` gives out one after the other as their time comes.
 //!
 //! # Order within a tick
-//! Switches and heartbeat, then a stop, then the other commands in the order they came, then motion. A stop never waits in the queue.
+//! Switches and heartbeat, then a stop, then the commands that came after it in their order, then
+//! motion. A stop is the last word: commands that came before it and were not done yet are dropped,
+//! and answered as such.
 
 mod active;
 mod command;
 mod fault;
 mod follow;
 mod homing;
+mod inbox;
+mod motors;
+mod moves;
+mod outbox;
+mod window;
 
 use crate::frame::encode::{Bytes, encode};
 use crate::frame::message::{
@@ -28,13 +35,18 @@ use crate::frame::message::{
 use crate::frame::receive::Receiver;
 use crate::frame::{PROTOCOL, SCHEMA_HASH};
 use crate::motion::Planner;
-use crate::safety::{Fault, Inputs, State, Trust};
+use crate::safety::{Fault, Faults, Inputs, State, Trust};
 use crate::steps::{Position, Segment, WordRate};
 use crate::time::Instant;
 use crate::track::history::History;
 use crate::track::{Fine, Tracker};
 use active::Active;
 use homing::Homing;
+use inbox::Inbox;
+use outbox::{Answer, Outbox};
+use window::Window;
+
+pub use active::{check, limit_field};
 
 /// A control tick, µs.
 pub const TICK_US: u64 = 1000;
@@ -50,12 +62,6 @@ const STATUS_TICKS: u64 = 100;
 
 /// How far the shell may fall behind before motion is stopped, µs.
 const MAX_LAG_US: u64 = 2_000;
-
-/// Commands that may wait for one tick.
-const INBOX: usize = 8;
-
-/// Reports that may wait to be sent.
-const OUTBOX: usize = 8;
 
 /// What the shell knows about the board.
 #[derive(Clone, Copy, Debug)]
@@ -88,6 +94,13 @@ pub enum Output {
     Idle(Instant),
 }
 
+/// Inputs that count at the next tick however short they are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Glimpsed {
+    emergency_stop: bool,
+    driver_fault: bool,
+}
+
 /// The station.
 #[derive(Clone, Debug)]
 pub struct Machine {
@@ -95,10 +108,11 @@ pub struct Machine {
     receiver: Receiver<Packet>,
     /// The last accepted sequence number; `None` before the first hello.
     sequence: Option<u16>,
-    inbox: heapless::Deque<Packet, INBOX>,
-    stop: Option<u16>,
-    outbox: heapless::Deque<Report, OUTBOX>,
+    inbox: Inbox,
+    outbox: Outbox,
     inputs: Inputs,
+    /// What forbids any motion and was sensed since the last tick.
+    glimpsed: Glimpsed,
 
     /// The next control tick.
     tick: u64,
@@ -117,14 +131,23 @@ pub struct Machine {
     history: History,
     tracker: Tracker,
     state: State,
-    /// While there is one, the state is `Stopping` or `Faulted`.
-    fault: Option<Fault>,
+    /// All that were latched since the last reset. While there is one, the state is `Stopping` or
+    /// `Faulted`.
+    faults: Faults,
+    /// The faults that the last status named.
+    read: Faults,
     trust: Trust,
     /// Axes whose zero is known; all of them when the trust is `Homed`.
     referenced: [bool; 3],
-    /// Where the position began to be unknown.
-    anchor: Fine,
+    /// Where the stage may go while the position is unknown.
+    window: Window,
+    /// The drivers hold the motors.
+    motors: bool,
+    /// The tick since which the stage rests.
+    rests: u64,
     homing: Option<Homing>,
+    /// The home switch of a search that was given up, axis and end, until the stage stands.
+    sought: Option<(usize, usize)>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -142,10 +165,10 @@ impl Machine {
             board,
             receiver: Receiver::default(),
             sequence: None,
-            inbox: heapless::Deque::new(),
-            stop: None,
-            outbox: heapless::Deque::new(),
+            inbox: Inbox::default(),
+            outbox: Outbox::default(),
             inputs: Inputs::default(),
+            glimpsed: Glimpsed::default(),
             tick: 0,
             given: SEGMENTS,
             started: false,
@@ -160,11 +183,15 @@ impl Machine {
                 true => State::Faulted,
                 false => State::default(),
             },
-            fault: unexpected.then_some(Fault::Restart),
+            faults: unexpected.then_some(Fault::Restart).into_iter().collect(),
+            read: Faults::NONE,
             trust: Trust::default(),
             referenced: [false; 3],
-            anchor: [0; 3],
+            window: Window::default(),
+            motors: false,
+            rests: 0,
             homing: None,
+            sought: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
@@ -183,15 +210,20 @@ impl Machine {
     }
 
     /// Takes the switches and the step engine's progress. They take effect at the next tick.
+    ///
+    /// An emergency stop or a driver's fault that is over before the next tick is not missed: it
+    /// counts there as if it were present.
     pub fn sense(&mut self, inputs: Inputs) {
         self.inputs = inputs;
+        self.glimpsed.emergency_stop |= inputs.emergency_stop;
+        self.glimpsed.driver_fault |= inputs.driver_fault;
     }
 
     /// What to do at `now`. Call again at once after anything but [`Output::Idle`].
     ///
     /// `room` is how many port words the shell can still queue; without room for a segment none is given out.
     pub fn poll(&mut self, now: Instant, room: usize) -> Output {
-        let report = self.outbox.pop_front();
+        let report = self.outbox.next();
         if let Some(Ok(bytes)) = report.map(|report| encode(&stamped(report, now))) {
             return Output::Send(bytes);
         }
@@ -237,9 +269,14 @@ impl Machine {
         self.active.is_some()
     }
 
-    /// The latched fault, for shells that keep it across a restart.
+    /// The worst of the latched faults, for shells that keep it across a restart.
     pub fn fault(&self) -> Option<Fault> {
-        self.fault
+        self.faults.worst()
+    }
+
+    /// Whether the drivers are to hold the motors.
+    pub fn motors_on(&self) -> bool {
+        self.motors
     }
 
     /// Which axes count against their motor: the shell hands this to the step generator before each segment.
@@ -307,7 +344,6 @@ impl Machine {
         let sequence = packet.sequence;
         if matches!(packet.command, Command::Hello) {
             self.sequence = Some(sequence);
-            self.heard = self.tick;
             self.greet();
             return;
         }
@@ -331,9 +367,13 @@ impl Machine {
                     sent: now,
                 });
             }
-            Command::Stop => self.stop = Some(packet.sequence),
+            Command::Stop => {
+                let dropped = self.inbox.stop(packet.sequence);
+                self.frames_refused = self.frames_refused.wrapping_add(dropped.frames);
+                self.drops.answers = self.drops.answers.saturating_add(dropped.unanswered);
+            }
             _ => {
-                if self.inbox.push_back(packet).is_err() {
+                if self.inbox.push(packet).is_err() {
                     self.drops.overflow = self.drops.overflow.saturating_add(1);
                 }
             }
@@ -364,35 +404,35 @@ impl Machine {
         }
     }
 
-    /// Queues a report. The link being slow must never stop motion: when the queue is full the oldest is dropped.
+    /// Queues a report; counts it if there is no room.
     fn report(&mut self, report: Report) {
-        if self.outbox.is_full() {
-            self.outbox.pop_front();
+        if self.outbox.report(report).is_err() {
+            self.drops.answers = self.drops.answers.saturating_add(1);
         }
-        let _ = self.outbox.push_back(report);
     }
 
     fn answer(&mut self, sequence: u16, outcome: Result<(), Denial>) {
-        let outcome = outcome.map_or_else(Outcome::Denied, |()| Outcome::Accepted);
-        self.report(Report::Answer {
+        let answer = Answer {
             sequence,
             tick: self.tick as u32,
-            outcome,
-        });
+            outcome: outcome.map_or_else(Outcome::Denied, |()| Outcome::Accepted),
+        };
+        if self.outbox.answer(answer).is_err() {
+            self.drops.answers = self.drops.answers.saturating_add(1);
+        }
     }
 
     /// One control tick.
     fn control(&mut self) {
-        let before = (self.state, self.fault);
+        let before = (self.state, self.faults, self.motors);
         self.check_switches();
         self.check_heartbeat();
-        if let Some(sequence) = self.stop.take() {
-            self.halt_on_ramp();
-            self.answer(sequence, Ok(()));
+        if self.inbox.take_stop() {
+            self.stop();
         }
         let mut followed = false;
         // By reference: a command is large, and each copy costs a flow frame hundreds of instructions.
-        while let Some(packet) = self.inbox.pop_front() {
+        while let Some(packet) = self.inbox.next() {
             followed |= matches!(packet.command, Command::Frame(_));
             let outcome = self.apply(packet.sequence, &packet.command);
             self.answer(packet.sequence, outcome);
@@ -400,10 +440,26 @@ impl Machine {
         self.check_sight();
         self.go_on_homing();
         self.settle();
-        let changed = before != (self.state, self.fault);
-        if followed || changed || self.tick.saturating_sub(self.told) >= STATUS_TICKS {
+        self.rest_motors();
+        let changed = before != (self.state, self.faults, self.motors);
+        let unread = !self.faults.is_within(self.read);
+        let due = self.tick.saturating_sub(self.told) >= STATUS_TICKS;
+        if followed || changed || unread || due {
             self.told = self.tick;
-            self.report(Report::Status(self.status()));
+            self.read = self.faults;
+            let status = self.status();
+            self.outbox.status(status);
+        }
+    }
+
+    /// Stops on a ramp, and answers the stops and the commands that they dropped.
+    fn stop(&mut self) {
+        self.halt_on_ramp();
+        while let Some(sequence) = self.inbox.next_dropped() {
+            self.answer(sequence, Err(Denial::Dropped));
+        }
+        while let Some(sequence) = self.inbox.next_stop() {
+            self.answer(sequence, Ok(()));
         }
     }
 
@@ -416,7 +472,7 @@ impl Machine {
             time: self.now(),
             tick: self.tick as u32,
             state: self.state,
-            fault: self.fault,
+            fault: self.faults.worst(),
             trust: self.trust,
             position_steps: of(Planner::loads),
             target_steps: of(Planner::targets),
@@ -426,6 +482,8 @@ impl Machine {
             estimate: self.estimate,
             sight: self.tracker.pursuit.sight(self.now()),
             seen_ms: milliseconds(self.tracker.pursuit.age_us(self.now())),
+            faults: self.faults,
+            motors: self.motors,
         }
     }
 }

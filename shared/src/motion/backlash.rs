@@ -95,6 +95,12 @@ impl Play {
     /// The motor comes to rest wherever it does.
     pub(super) fn hold(&mut self) {
         self.held = true;
+        self.follows = false;
+    }
+
+    /// The goal is a target that is followed.
+    pub(super) const fn is_following(&self) -> bool {
+        self.follows
     }
 
     /// Where the load is to be when the motor has come to `target`.

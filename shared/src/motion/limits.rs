@@ -2,7 +2,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::fixed::ratio;
+use crate::fixed::{ratio, wide};
 use crate::steps::{AXES, Position, WordRate};
 
 /// One axis of the stage as the host describes it: physical units, integers only.
@@ -33,66 +33,72 @@ pub enum Field {
     MaxAcceleration,
     /// `max_jerk_um_s3`
     MaxJerk,
-    /// `travel_um`
-    Travel,
+    /// `travel_um[0]`
+    TravelLow,
+    /// `travel_um[1]`
+    TravelHigh,
 }
 
 impl Field {
-    /// As the configuration calls it.
+    /// The field's name in the configuration.
     pub const fn name(self) -> &'static str {
         match self {
             Self::StepsPerM => "steps_per_m",
             Self::MaxSpeed => "max_speed_um_s",
             Self::MaxAcceleration => "max_acceleration_um_s2",
             Self::MaxJerk => "max_jerk_um_s3",
-            Self::Travel => "travel_um",
+            Self::TravelLow => "travel_um[0]",
+            Self::TravelHigh => "travel_um[1]",
         }
     }
 }
 
-/// What is wrong with an [`AxisConfig`].
+/// The nearest value that a refused number may have, in the unit of its field. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Bound {
+    /// This or more.
+    AtLeast(i64),
+    /// This or less.
+    AtMost(i64),
+}
+
+impl fmt::Display for Bound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::AtLeast(least) => write!(f, "must be at least {least}"),
+            Self::AtMost(most) => write!(f, "must be at most {most}"),
+        }
+    }
+}
+
+/// A value of an [`AxisConfig`] that the planner cannot use, and the nearest one that it can.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LimitFault {
-    /// The field must not be zero.
-    Zero(Field),
-    /// The field is below one quantum of the planner's grid: the axis could not move.
-    TooSmall(Field),
-    /// The speed asks for more steps per second than the word rate can make.
-    TooFast {
-        /// Asked for, steps/s, rounded down.
-        steps_per_s: u64,
-        /// The most there is, steps/s.
-        most: u32,
-    },
-    /// The travel's low end is not below its high end.
-    NoTravel,
-    /// The travel reaches beyond ±2²⁹ steps.
-    TravelTooFar,
+pub struct LimitFault {
+    /// The field at fault.
+    pub field: Field,
+    /// What would do.
+    pub bound: Bound,
 }
 
 impl LimitFault {
-    /// The field at fault.
-    pub const fn field(self) -> Field {
-        match self {
-            Self::Zero(field) | Self::TooSmall(field) => field,
-            Self::TooFast { .. } => Field::MaxSpeed,
-            Self::NoTravel | Self::TravelTooFar => Field::Travel,
+    const fn at_least(field: Field, least: i64) -> Self {
+        Self {
+            field,
+            bound: Bound::AtLeast(least),
+        }
+    }
+
+    const fn at_most(field: Field, most: i64) -> Self {
+        Self {
+            field,
+            bound: Bound::AtMost(most),
         }
     }
 }
 
 impl fmt::Display for LimitFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ", self.field().name())?;
-        match self {
-            Self::Zero(_) => write!(f, "must not be zero"),
-            Self::TooSmall(_) => write!(f, "is below what the step generator can resolve"),
-            Self::TooFast { steps_per_s, most } => {
-                write!(f, "needs {steps_per_s} steps/s, the word rate gives {most}")
-            }
-            Self::NoTravel => write!(f, "must go from low to high"),
-            Self::TravelTooFar => write!(f, "reaches beyond 2^29 steps"),
-        }
+        write!(f, "{} {}", self.field.name(), self.bound)
     }
 }
 
@@ -136,19 +142,8 @@ const FARTHEST: i64 = 1 << 29;
 impl AxisLimits {
     /// The largest multiples of the grid's quanta that exceed nothing in `config`.
     pub fn new(config: &AxisConfig, rate: WordRate) -> Result<Self, LimitFault> {
-        let fields = [
-            (u64::from(config.steps_per_m), Field::StepsPerM),
-            (u64::from(config.max_speed_um_s), Field::MaxSpeed),
-            (
-                u64::from(config.max_acceleration_um_s2),
-                Field::MaxAcceleration,
-            ),
-            (u64::from(config.max_jerk_um_s3), Field::MaxJerk),
-        ];
-        for (value, field) in fields {
-            if value == 0 {
-                return Err(LimitFault::Zero(field));
-            }
+        if config.steps_per_m == 0 {
+            return Err(LimitFault::at_least(Field::StepsPerM, 1));
         }
         // µm per second to fine units per slot, then to the grid: speed quanta, and these per tick, and per tick again.
         // Dividing by one factor after the other rounds down just as dividing by the product does.
@@ -157,21 +152,36 @@ impl AxisLimits {
         let quantum = 2 * u64::from(rate.slots_per_tick());
         let fine_per_slot = ratio(um(config.max_speed_um_s), um_slots);
         if fine_per_slot > 1 << 32 {
-            return Err(LimitFault::TooFast {
-                steps_per_s: um(config.max_speed_um_s) / 1_000_000,
-                most: rate.slots_per_s(),
-            });
+            let most = um_slots / u64::from(config.steps_per_m);
+            return Err(LimitFault::at_most(Field::MaxSpeed, most.cast_signed()));
         }
         // Exactly one step per slot is one fine unit more than an increment can hold.
         let speed = (fine_per_slot.min(u64::from(u32::MAX)) / quantum) as u32;
+        // The smallest number that comes to one quantum. `ticks` is how many ticks of a second come in.
+        let too_small = |field, ticks: u64| {
+            let product = wide((um_slots * quantum).cast_signed(), ticks.cast_signed());
+            // One quantum is 2^32 of these; below 2^46.
+            let least = ((product + i128::from(u32::MAX)) >> 32) as u64;
+            let scale = u64::from(config.steps_per_m);
+            match least.div_ceil(scale) {
+                value if value <= u64::from(u32::MAX) => {
+                    LimitFault::at_least(field, value.cast_signed())
+                }
+                // So coarse an axis has no value of this field that would do.
+                _ => LimitFault::at_least(
+                    Field::StepsPerM,
+                    least.div_ceil(u64::from(u32::MAX)).cast_signed(),
+                ),
+            }
+        };
         if speed == 0 {
-            return Err(LimitFault::TooSmall(Field::MaxSpeed));
+            return Err(too_small(Field::MaxSpeed, 1));
         }
-        // `ticks` is how many ticks of a second come in. More than the whole speed in one tick is no use.
+        // More than the whole speed in one tick is no use.
         let quantise = |per_s: u32, ticks: u64, field| {
             let value = ratio(um(per_s), um_slots * quantum) / ticks;
             match value.min(u64::from(speed)) as u32 {
-                0 => Err(LimitFault::TooSmall(field)),
+                0 => Err(too_small(field, ticks)),
                 value => Ok(value),
             }
         };
@@ -217,20 +227,23 @@ impl AxisLimits {
 
 /// The travel in steps, rounded inwards.
 fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
-    let [low, high] = config.travel_um;
-    if low >= high {
-        return Err(LimitFault::NoTravel);
-    }
+    let [low_um, high_um] = config.travel_um.map(i64::from);
+    let scale = i64::from(config.steps_per_m);
     // Below 2^63 in size.
-    let micro_steps = |um: i32| i64::from(um) * i64::from(config.steps_per_m);
-    let floor = |value: i64| value.div_euclid(1_000_000);
-    let (low, high) = (-floor(-micro_steps(low)), floor(micro_steps(high)));
-    if low < -FARTHEST || high > FARTHEST {
-        return Err(LimitFault::TravelTooFar);
+    let floor = |um: i64| (um * scale).div_euclid(1_000_000);
+    let (low, high) = (-floor(-low_um), floor(high_um));
+    let farthest_um = FARTHEST * 1_000_000 / scale;
+    if low < -FARTHEST {
+        return Err(LimitFault::at_least(Field::TravelLow, -farthest_um));
     }
-    if low > high {
-        // Not one whole step lies within.
-        return Err(LimitFault::TooSmall(Field::Travel));
+    if high > FARTHEST {
+        return Err(LimitFault::at_most(Field::TravelHigh, farthest_um));
+    }
+    if low_um >= high_um || low > high {
+        // At least one whole step lies within.
+        let first_um = -(-low * 1_000_000).div_euclid(scale);
+        let least = first_um.max(low_um + 1);
+        return Err(LimitFault::at_least(Field::TravelHigh, least));
     }
     Ok([low as i32, high as i32])
 }
@@ -259,6 +272,14 @@ impl Limits {
     pub fn with_backlash(mut self, steps: [u32; AXES]) -> Self {
         for (axis, steps) in self.axes.iter_mut().zip(steps) {
             axis.backlash = steps.min(FARTHEST as u32);
+        }
+        self
+    }
+
+    /// The same, with `axis` limited as in `other`, which was worked out for the same word rate.
+    pub fn with_axis_of(mut self, axis: usize, other: &Self) -> Self {
+        if let (Some(own), Some(limits)) = (self.axes.get_mut(axis), other.axes.get(axis)) {
+            *own = *limits;
         }
         self
     }
@@ -312,108 +333,116 @@ mod tests {
         AxisLimits::new(&config, WordRate::MHZ_1).unwrap_err()
     }
 
+    /// A configuration with `value` in one field.
+    fn with(field: Field, value: i64) -> AxisConfig {
+        let mut config = CONFIG;
+        match field {
+            Field::StepsPerM => config.steps_per_m = value as u32,
+            Field::MaxSpeed => config.max_speed_um_s = value as u32,
+            Field::MaxAcceleration => config.max_acceleration_um_s2 = value as u32,
+            Field::MaxJerk => config.max_jerk_um_s3 = value as u32,
+            Field::TravelLow => config.travel_um[0] = value as i32,
+            Field::TravelHigh => config.travel_um[1] = value as i32,
+        }
+        config
+    }
+
+    /// The bound that is named is the edge: the value itself does, its neighbour does not.
     #[test]
-    fn every_fault_names_its_field() {
-        let zero = [
+    fn named_bound_is_the_edge() {
+        let wrong = [
+            (Field::StepsPerM, 0),
+            (Field::MaxSpeed, 0),
+            (Field::MaxSpeed, 1),
+            (Field::MaxSpeed, 6_250_013),
+            (Field::MaxAcceleration, 0),
+            (Field::MaxAcceleration, 1_000),
+            (Field::MaxJerk, 0),
+            (Field::MaxJerk, 1_000_000),
+            (Field::TravelHigh, -150_001),
+            (Field::TravelHigh, -150_000),
+        ];
+        for hz in [64_000, 1_000_000, 16_000_000] {
+            let rate = WordRate::from_hz(hz).unwrap();
+            let check = |config: &AxisConfig| AxisLimits::new(config, rate);
+            for (field, value) in wrong {
+                // Only the slowest words forbid the speed of `CONFIG` itself.
+                let Err(fault) = check(&with(field, value)) else {
+                    continue;
+                };
+                if fault.field != field {
+                    continue;
+                }
+                let (edge, beyond) = match fault.bound {
+                    Bound::AtLeast(least) => (least, least - 1),
+                    Bound::AtMost(most) => (most, most + 1),
+                };
+                let other = |outcome: Result<AxisLimits, LimitFault>| {
+                    outcome.map_or_else(|fault| fault.field != field, |_| true)
+                };
+                assert!(other(check(&with(field, edge))), "{hz} {field:?} {edge}");
+                assert!(
+                    !other(check(&with(field, beyond))),
+                    "{hz} {field:?} {beyond}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_fault_names_field_and_bound() {
+        let text = |config| std::format!("{}", fault(config));
+        let cases = [
+            (Field::StepsPerM, 0, "steps_per_m must be at least 1"),
+            (Field::MaxSpeed, 0, "max_speed_um_s must be at least 2"),
             (
-                AxisConfig {
-                    steps_per_m: 0,
-                    ..CONFIG
-                },
-                Field::StepsPerM,
-            ),
-            (
-                AxisConfig {
-                    max_speed_um_s: 0,
-                    ..CONFIG
-                },
                 Field::MaxSpeed,
+                6_250_013,
+                "max_speed_um_s must be at most 6250000",
             ),
             (
-                AxisConfig {
-                    max_acceleration_um_s2: 0,
-                    ..CONFIG
-                },
                 Field::MaxAcceleration,
+                1_000,
+                "max_acceleration_um_s2 must be at least 1456",
             ),
             (
-                AxisConfig {
-                    max_jerk_um_s3: 0,
-                    ..CONFIG
-                },
                 Field::MaxJerk,
+                1_000_000,
+                "max_jerk_um_s3 must be at least 1455192",
+            ),
+            (
+                Field::TravelHigh,
+                -150_001,
+                "travel_um[1] must be at least -150000",
             ),
         ];
-        for (config, field) in zero {
-            assert_eq!(fault(config), LimitFault::Zero(field));
+        for (field, value, wanted) in cases {
+            assert_eq!(text(with(field, value)), wanted);
         }
-        let small = [
-            (
-                AxisConfig {
-                    max_speed_um_s: 1,
-                    ..CONFIG
-                },
-                Field::MaxSpeed,
-            ),
-            (
-                AxisConfig {
-                    max_acceleration_um_s2: 1_000,
-                    ..CONFIG
-                },
-                Field::MaxAcceleration,
-            ),
-            (
-                AxisConfig {
-                    max_jerk_um_s3: 1_000_000,
-                    ..CONFIG
-                },
-                Field::MaxJerk,
-            ),
-            (
-                AxisConfig {
-                    travel_um: [1, 12],
-                    ..CONFIG
-                },
-                Field::Travel,
-            ),
-        ];
-        for (config, field) in small {
-            assert_eq!(fault(config), LimitFault::TooSmall(field));
-            assert_eq!(fault(config).field(), field);
-        }
-        assert_eq!(
-            fault(AxisConfig {
-                travel_um: [5, 5],
-                ..CONFIG
-            }),
-            LimitFault::NoTravel
-        );
-        let far = AxisConfig {
+        let far = |travel_um| AxisConfig {
             steps_per_m: 2_000_000,
             max_speed_um_s: 1_000,
-            travel_um: [0, 300_000_000],
+            travel_um,
             ..CONFIG
         };
-        assert_eq!(fault(far), LimitFault::TravelTooFar);
-        let fast = AxisConfig {
-            max_speed_um_s: 6_250_013,
-            ..CONFIG
-        };
-        let limits = Limits::new(&[CONFIG, CONFIG, fast], WordRate::MHZ_1);
         assert_eq!(
-            std::format!("{}", limits.unwrap_err()),
-            "axis 2: max_speed_um_s needs 500001 steps/s, the word rate gives 500000"
+            text(far([0, 300_000_000])),
+            "travel_um[1] must be at most 268435456"
         );
-        // Exactly one step per slot is allowed.
-        assert!(
-            AxisLimits::new(
-                &AxisConfig {
-                    max_speed_um_s: 6_250_000,
-                    ..CONFIG
-                },
-                WordRate::MHZ_1
-            )
-            .is_ok()
+        assert_eq!(
+            text(far([-300_000_000, 0])),
+            "travel_um[0] must be at least -268435456"
+        );
+        assert!(AxisLimits::new(&far([-268_435_456, 268_435_456]), WordRate::MHZ_1).is_ok());
+        let coarse = AxisConfig {
+            steps_per_m: 1,
+            ..with(Field::MaxJerk, 1_000_000)
+        };
+        assert_eq!(fault(coarse).field, Field::MaxSpeed);
+        let third = Limits::new(&[CONFIG, CONFIG, with(Field::MaxSpeed, 0)], WordRate::MHZ_1);
+        assert_eq!(
+            std::format!("{}", third.unwrap_err()),
+            "axis 2: max_speed_um_s must be at least 2"
         );
     }
 

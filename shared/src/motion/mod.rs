@@ -31,5 +31,5 @@ mod limits;
 mod planner;
 mod stopping;
 
-pub use limits::{AxisConfig, AxisLimits, ConfigFault, Field, LimitFault, Limits};
+pub use limits::{AxisConfig, AxisLimits, Bound, ConfigFault, Field, LimitFault, Limits};
 pub use planner::Planner;

@@ -101,6 +101,28 @@ impl Planner {
         self.aim(targets, [0; AXES], false);
     }
 
+    /// As [`Planner::set_target`] for the axes that have a target. An axis without one goes on to where
+    /// it was sent; if it followed a moving target it brakes to rest. At rest it makes no step, not
+    /// even to take up lost motion.
+    pub fn set_targets_of(&mut self, targets: [Option<Position>; AXES]) {
+        let quantum = self.distance_quantum();
+        self.line = None;
+        let axes = self.axes.iter_mut().zip(&mut self.plays);
+        for ((axis, play), target) in axes.zip(targets) {
+            match target {
+                Some(target) => {
+                    let target = axis.limits.clamp(target);
+                    axis.aim(play.aim(target, false), 0);
+                }
+                None if play.is_following() => {
+                    axis.aim(axis.stop(quantum), 0);
+                    play.hold();
+                }
+                None => axis.aim(axis.target, 0),
+            }
+        }
+    }
+
     /// Follows a moving target without lag: `targets` is where it is at the start of the next tick planned, `speeds`
     /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like this
     /// until the next call; the axes stay within the soft limits whatever it does.
@@ -144,8 +166,9 @@ impl Planner {
 
     /// Like [`Planner::set_target`], but when all axes are at rest they go in step: on the straight line, starting and
     /// arriving together, as fast as the limits of all allow. In mid-move each axis goes on its own.
-    pub fn move_in_step(&mut self, targets: [Position; AXES]) {
-        self.set_target(targets);
+    /// Axes without a target are treated as [`Planner::set_targets_of`] does.
+    pub fn move_in_step(&mut self, targets: [Option<Position>; AXES]) {
+        self.set_targets_of(targets);
         if self.is_at_rest() {
             self.take_up();
             self.line = Line::through(&self.axes);
@@ -163,9 +186,7 @@ impl Planner {
         let quantum = self.distance_quantum();
         self.line = None;
         for (axis, play) in self.axes.iter_mut().zip(&mut self.plays) {
-            axis.pace = axis.own;
-            axis.target = axis.position.saturating_add(axis.stopping_way(quantum));
-            axis.drift = 0;
+            axis.aim(axis.stop(quantum), 0);
             play.hold();
         }
     }
@@ -258,6 +279,11 @@ impl Planner {
     pub fn stopping_ways(&self) -> [i64; AXES] {
         let quantum = self.distance_quantum();
         self.axes.each_ref().map(|axis| axis.stopping_way(quantum))
+    }
+
+    /// Which axes do not move in the present tick, nor have speed left after it.
+    pub fn resting(&self) -> [bool; AXES] {
+        self.axes.each_ref().map(Axis::is_at_rest)
     }
 
     /// No axis moves in the present tick, nor has speed left after it.

@@ -195,6 +195,7 @@ impl Settings {
             largest_error_um,
             longest_error_ms,
             unseen_um,
+            motors_off_after_s: usual.motors_off_after_s,
         }
     }
 }

@@ -145,6 +145,11 @@ impl Axis {
         self.acceleration = acceleration;
     }
 
+    /// Where full braking ends.
+    pub(super) fn stop(&self, quantum: i64) -> Position {
+        self.position.saturating_add(self.stopping_way(quantum))
+    }
+
     /// The way to rest at full braking, fine units.
     pub(super) fn stopping_way(&self, quantum: i64) -> i64 {
         let way = self.own.stopping_way(self.speed, self.acceleration);

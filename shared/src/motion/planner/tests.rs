@@ -106,7 +106,7 @@ proptest! {
         let targets = targets.map(i32::from);
         if in_step {
             judge.quanta = 4;
-            planner.move_in_step(centres(targets));
+            planner.move_in_step(centres(targets).map(Some));
         } else {
             planner.set_target(centres(targets));
         }
@@ -167,7 +167,7 @@ proptest! {
             match kind {
                 0 => planner.set_target(targets),
                 1 => planner.follow(targets, speeds),
-                2 => planner.move_in_step(targets),
+                2 => planner.move_in_step(targets.map(Some)),
                 3 => planner.stop(),
                 _ => planner = Planner::new(*planner.limits(), targets),
             }
@@ -386,7 +386,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
     let targets = [4_000, -3_000, 1_000];
-    planner.move_in_step(centres(targets));
+    planner.move_in_step(centres(targets).map(Some));
     let mut arrival = [0; AXES];
     let mut worst: f64 = 0.0;
     let mut n = 0;
@@ -412,9 +412,9 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     assert!(worst < 0.01, "{worst}");
     assert_eq!(planner.positions().map(Position::whole_steps), targets);
     // Once moving, each goes on its own.
-    planner.move_in_step(centres([0, 0, 0]));
+    planner.move_in_step(centres([0, 0, 0]).map(Some));
     judge.tick(&mut planner);
-    planner.move_in_step(centres([0, -2_000, 0]));
+    planner.move_in_step(centres([0, -2_000, 0]).map(Some));
     run(&mut planner, &mut judge);
     assert_eq!(judge.position.map(Position::whole_steps), [0, -2_000, 0]);
 }

@@ -116,6 +116,8 @@ pub fn status() -> Report {
         }),
         sight: Sight::Tracking,
         seen_ms: 25,
+        faults: [Fault::Heartbeat].into_iter().collect(),
+        motors: true,
     })
 }
 

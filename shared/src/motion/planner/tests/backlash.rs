@@ -89,7 +89,7 @@ proptest! {
         judge.quanta = 4; // shares of lines are rounded
         for (targets, ticks, line) in moves {
             if line {
-                planner.move_in_step(centres(targets));
+                planner.move_in_step(centres(targets).map(Some));
             } else {
                 planner.set_target(centres(targets));
             }

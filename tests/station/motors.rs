@@ -1,0 +1,83 @@
+//! Motors are switched on and off as asked, and never while the stage moves.
+
+use super::{denial, setpoint, status, twin, wait};
+use host::station::stage::default_stage;
+use host::station::twin::Twin;
+use shared::frame::message::{Command, Denial, Mounting};
+use shared::safety::{Inputs, Trust};
+
+const OFF: Command = Command::Motors { on: false };
+const ON: Command = Command::Motors { on: true };
+
+#[test]
+fn motors_go_on_with_the_first_configuration() {
+    let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
+    assert!(!status(&mut twin).motors);
+    assert_eq!(denial(twin.command("motors", ON)), Denial::Unconfigured);
+    let config = host::station::stage::configuration(&default_stage(), Mounting::OnStage);
+    let config = Command::Config(config.unwrap());
+    twin.command("config", config).unwrap();
+    assert!(status(&mut twin).motors);
+    // Switched off by command they stay off, whatever is configured.
+    twin.command("motors", OFF).unwrap();
+    twin.command("config", config).unwrap();
+    assert!(!status(&mut twin).motors);
+}
+
+#[test]
+fn nothing_moves_while_the_motors_are_off() {
+    let mut twin = twin();
+    twin.command("motors", OFF).unwrap();
+    let off = status(&mut twin);
+    assert!(!off.motors);
+    assert_eq!(off.trust, Trust::Degraded, "they can be moved by hand");
+    let jog = Command::Jog {
+        distance_um: [1_000, 0, 0],
+    };
+    for command in [jog, setpoint([1, 1, 1]), Command::Zero] {
+        assert_eq!(denial(twin.command("move", command)), Denial::MotorsOff);
+    }
+    assert_eq!(twin.steps(), [0; 3]);
+    twin.command("motors", ON).unwrap();
+    twin.command("zero", Command::Zero).unwrap();
+    twin.command("jog", jog).unwrap();
+    wait(&mut twin, 200);
+    assert_eq!(twin.steps(), [80, 0, 0]);
+}
+
+#[test]
+fn motors_are_not_switched_in_motion() {
+    let mut twin = twin();
+    twin.command("setpoint", setpoint([20, 0, 0])).unwrap();
+    wait(&mut twin, 50);
+    assert_eq!(denial(twin.command("motors", OFF)), Denial::Moving);
+    wait(&mut twin, 1_000);
+    assert_eq!(twin.steps(), [1_600, 0, 0]);
+}
+
+#[test]
+fn motors_stay_off_while_the_stop_is_pressed() {
+    let mut twin = twin();
+    twin.set_switches(Inputs {
+        emergency_stop: true,
+        ..Inputs::default()
+    });
+    wait(&mut twin, 5);
+    twin.command("motors", OFF).unwrap();
+    assert_eq!(denial(twin.command("motors", ON)), Denial::CauseRemains);
+}
+
+#[test]
+fn motors_go_off_after_the_time_at_rest() {
+    let mut stage = default_stage();
+    stage.care.motors_off_after_s = 2;
+    let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
+    wait(&mut twin, 1_500);
+    twin.command("setpoint", setpoint([1, 0, 0])).unwrap();
+    // The move took 0.13 s at most; the time runs from its end.
+    wait(&mut twin, 1_900);
+    assert!(status(&mut twin).motors);
+    wait(&mut twin, 300);
+    let off = status(&mut twin);
+    assert_eq!((off.motors, off.trust), (false, Trust::Degraded));
+}
