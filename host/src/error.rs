@@ -5,7 +5,7 @@
 //! | 0 | done |
 //! | 1 | the input was bad: the message names file, line and field |
 //! | 2 | the command line was wrong |
-//! | 3 | the station refused or faulted |
+//! | 3 | the station refused, faulted or is in use, or a signal ended the run |
 
 use std::error::Error;
 use std::fmt;

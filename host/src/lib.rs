@@ -12,6 +12,7 @@ pub mod experiment;
 pub mod flow;
 pub mod images;
 pub mod input;
+pub mod interruption;
 pub mod mounting;
 pub mod notice;
 pub mod output;

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::by_hand::{
-    Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
+    Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
 use super::progress::Progress;
 use clap::Args;
@@ -94,7 +94,6 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let before = hand.ready_to_move("jog", stage.is_some())?;
     hand.configure(stage.as_ref(), &options.stage)?;
     hand.start_heartbeat()?;
-    let interrupted = on_interrupt()?;
     let started = hand.command("jog", Command::Jog { distance_um })?;
     if started.trust != Trust::Homed {
         notice!(
@@ -104,7 +103,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let mut progress = Progress::new("moving");
     let watch = |status: &Status| progress.at(share(&before, status));
-    let (end, stopping) = hand.wait_for_rest_or(&interrupted, watch)?;
+    let (end, stopping) = hand.wait_for_rest(watch)?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

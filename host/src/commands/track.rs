@@ -278,7 +278,20 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "--port goes with --sim and --cameras: images from files are followed by the twin";
         return Err(Failure::Usage(reason.to_owned()));
     }
-    match (source, &options.rig) {
+    let outcome = follow(options, out);
+    if options.station.is_given()
+        && let Err(Failure::Output(cause)) = &outcome
+        && cause.kind() == std::io::ErrorKind::BrokenPipe
+    {
+        // Elsewhere a reader who has seen enough is no failure; here the stage was stopped for it.
+        let reason = "the run ended early: standard output was closed";
+        return Err(Failure::Station(reason.to_owned()));
+    }
+    outcome
+}
+
+fn follow(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    match (&options.source, &options.rig) {
         (
             Source {
                 images: Some(folder),

@@ -13,7 +13,7 @@ use host::images::Capture;
 use host::images::cameras::stamp::quickest;
 use host::notice;
 use host::rig_file::{RigFile, Stage};
-use host::station::diagnosis;
+use host::station::{StationError, diagnosis};
 use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
@@ -134,6 +134,8 @@ impl<'a> Captures<'a> {
                     dark = Some((since_us, error));
                     continue;
                 }
+                // A signal is the usual end of live pictures.
+                Err(Error::Station(StationError::Cancelled)) if self.is_live => break,
                 followed => followed.map_err(|error| failed_at(self.port, error))?,
             };
             dark = None;
