@@ -24,6 +24,7 @@ mod motors;
 mod port;
 mod ports;
 mod progress;
+mod report;
 mod reset;
 mod robustness;
 mod scene;
