@@ -440,7 +440,8 @@ mod tests {
             stage.max_speed_mm_s = [5.0; 3];
             stage
         };
-        let cases: [(&str, f64, fn(&mut Stage, f64)); 5] = [
+        type Set = fn(&mut Stage, f64);
+        let cases: [(&str, f64, Set); 5] = [
             ("travel", 10_000.0, |stage, mm| {
                 stage.travel_mm[0] = [0.0, mm]
             }),
