@@ -12,8 +12,15 @@ pub fn trinocular() -> Command {
 
 /// Ctrl-C for a program that runs.
 pub fn interrupt(program: &Child) {
+    signal(program, "INT");
+}
+
+/// The signal of this name, without `SIG`, for a program that runs.
+pub fn signal(program: &Child, name: &str) {
     let mut kill = Command::new("kill");
-    let sent = kill.args(["-INT", &program.id().to_string()]).status();
+    let sent = kill
+        .args([&format!("-{name}"), &program.id().to_string()])
+        .status();
     assert!(sent.expect("kill runs").success());
 }
 

@@ -8,6 +8,8 @@ mod bad_input;
 mod bench;
 #[path = "cli/cameras.rs"]
 mod cameras;
+#[path = "cli/files.rs"]
+mod files;
 #[path = "cli/folder.rs"]
 mod folder;
 #[path = "cli/points.rs"]

@@ -6,7 +6,9 @@ use host::plant::Plant;
 use host::station::stage::{configuration, default_stage};
 use host::station::twin::{PORT, RING_WORDS};
 use serialport::{SerialPort as _, TTYPort};
-use shared::frame::message::{Config, LastRun, Mounting, ResetCause};
+use shared::frame::encode::encode;
+use shared::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};
+use shared::frame::receive::Receiver;
 use shared::machine::Board;
 use shared::replay::{Event, Station};
 use shared::safety::Inputs;
@@ -184,12 +186,74 @@ pub fn station() -> FarEnd {
 
 /// As [`station`], with something to remember.
 pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
+    far_end(machine(reset_cause, last_run))
+}
+
+/// As [`station`], behind a line that loses packets from the host for which `lost` returns true, and on which `told` changes what the station
+/// says, or loses it.
+pub fn station_behind(
+    mut lost: impl FnMut(&Packet) -> bool + Send + 'static,
+    mut told: impl FnMut(Report) -> Option<Report> + Send + 'static,
+) -> FarEnd {
+    let mut station = machine(ResetCause::PowerOn, LastRun::UNKNOWN);
+    let mut commands = Receiver::<Packet>::default();
+    let mut reports = Receiver::<Report>::default();
+    far_end(move |shared, bytes| {
+        let passed = without_lost(&mut commands, bytes, &mut lost);
+        let answer = station(shared, &passed);
+        let (mut answer, mut heard) = (&answer[..], Vec::new());
+        while let Some(report) = reports.next(&mut answer) {
+            let report = report.expect("a station speaks clearly");
+            if let Some(report) = told(report) {
+                heard.extend_from_slice(&encode(&report).expect("it fits"));
+            }
+        }
+        heard
+    })
+}
+
+/// The station on the port `path`, behind a line that loses packets from the host for which `lost` returns true.
+pub fn bridge(path: &str, mut lost: impl FnMut(&Packet) -> bool + Send + 'static) -> FarEnd {
+    let port = serialport::new(path, 921_600).timeout(Duration::from_secs(1));
+    let mut port = port.open().expect("the station's port opens");
+    let mut commands = Receiver::<Packet>::default();
+    far_end(move |_, bytes| {
+        let passed = without_lost(&mut commands, bytes, &mut lost);
+        port.write_all(&passed).expect("the station takes it");
+        let waiting = port.bytes_to_read().expect("it is open") as usize;
+        let mut answer = vec![0; waiting];
+        port.read_exact(&mut answer).expect("they are there");
+        answer
+    })
+}
+
+/// What is left of the bytes of a host when the packets that `lost` names are taken out.
+fn without_lost(
+    commands: &mut Receiver<Packet>,
+    mut bytes: &[u8],
+    lost: &mut impl FnMut(&Packet) -> bool,
+) -> Vec<u8> {
+    let mut passed = Vec::new();
+    while let Some(packet) = commands.next(&mut bytes) {
+        if let Ok(packet) = packet
+            && !lost(&packet)
+        {
+            passed.extend_from_slice(&encode(&packet).expect("it fitted before"));
+        }
+    }
+    passed
+}
+
+fn machine(
+    reset_cause: ResetCause,
+    last_run: LastRun,
+) -> impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static {
     let mut station = switched_on(1, reset_cause, last_run);
     let mut plant = Plant::new(PORT, default_stage().steps_per_mm);
     let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
     let mut last = Instant::now();
     let mut restarts = 0;
-    far_end(move |shared, bytes| {
+    move |shared, bytes| {
         let wanted = shared.restarts.load(Ordering::Relaxed);
         if restarts != wanted {
             restarts = wanted;
@@ -218,7 +282,7 @@ pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
                 }
             }
         }
-    })
+    }
 }
 
 /// Somebody who answers everything with the same bytes.

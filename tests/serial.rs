@@ -128,7 +128,8 @@ fn other_firmware_is_named_field_by_field_and_never_moved() {
     let (code, out, err) = hello(&stranger().path, &[]);
     assert_eq!(code, Some(3));
     assert!(out.contains("elsewhere") && out.contains("9.8.7"), "{out}");
-    for field in ["protocol is 2 there and 1 here", "schema is"] {
+    let protocol = format!("protocol is {} there and {PROTOCOL} here", PROTOCOL + 1);
+    for field in [&*protocol, "schema is"] {
         assert!(err.contains(field), "{err}");
     }
     let (code, out, _) = hello(&stranger().path, &["--json"]);
@@ -146,7 +147,13 @@ fn silence_and_noise_are_told_apart() {
         other => panic!("{other:?}"),
     }
     match Serial::connect(&saying(b"login: \0\0login: \0".to_vec()).path) {
-        Err(StationError::Garbled(rejects)) => assert!(rejects.total() > 0),
+        Err(error @ StationError::Garbled(_)) => {
+            let text = error.to_string();
+            assert!(
+                text.contains("packets that are") && !text.contains('{'),
+                "{text}"
+            );
+        }
         other => panic!("{other:?}"),
     }
 }
@@ -251,8 +258,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
-    // As a crash does: without a word.
-    drop(serial);
+    serial.abandon();
     let mut serial = start(&end.path);
     let stood = end.steps();
     assert!(stood[0] < 4_000, "{stood:?}");
@@ -264,7 +270,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
-    drop(serial);
+    serial.abandon();
     end.standing();
     assert_eq!(start(&end.path).cleared(), Some(Fault::Heartbeat));
 }

@@ -5,12 +5,18 @@
 //! | 0 | done |
 //! | 1 | the input was bad: the message names file, line and field |
 //! | 2 | the command line was wrong |
-//! | 3 | the station refused or faulted |
+//! | 3 | the station refused, faulted or is in use, or a signal ended the run |
 
 use std::error::Error;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
+
+use crate::printable::{printable, printable_up_to};
+
+/// Characters of a field's name and of a reason that are printed.
+const LONGEST_FIELD: usize = 120;
+const LONGEST_REASON: usize = 4_000;
 
 /// A fault in a file the user gave: where it is and what is wrong there.
 ///
@@ -64,27 +70,21 @@ impl InputError {
     pub fn io(file: &Path, action: &str, cause: &io::Error) -> Self {
         Self::file(file, format!("cannot {action}: {cause}"))
     }
-
-    /// A file that [`write_atomically`](crate::report::write_atomically) could not write; named once.
-    pub fn unwritten(file: &Path, error: crate::report::Error) -> Self {
-        match error {
-            crate::report::Error::Write { source, .. } => Self::io(file, "write", &source),
-            other => Self::file(file, other.to_string()),
-        }
-    }
 }
 
+/// Names of files and what is in them come from others: they are printed without control characters,
+/// and not at any length.
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.file.display())?;
+        f.write_str(&printable(self.file.display()))?;
         if let Some(line) = self.line {
             write!(f, ":{line}")?;
         }
         f.write_str(": ")?;
         if let Some(field) = &self.field {
-            write!(f, "field `{field}`: ")?;
+            write!(f, "field `{}`: ", printable_up_to(LONGEST_FIELD, field))?;
         }
-        f.write_str(&self.reason)
+        f.write_str(&printable_up_to(LONGEST_REASON, &self.reason))
     }
 }
 
@@ -97,7 +97,7 @@ pub enum Failure {
     #[error(transparent)]
     Input(#[from] InputError),
     /// The input was read, but some of its frames allow no estimate; each has been reported where it stood.
-    #[error("{}: {refused} of {frames} frames refused", .file.display())]
+    #[error("{}: {refused} of {frames} frames refused", printable(.file.display()))]
     Refused {
         /// The file or folder the frames came from.
         file: PathBuf,
@@ -144,7 +144,7 @@ impl Failure {
             text.push_str(&inner.to_string());
             cause = inner.source();
         }
-        text.replace(['\n', '\r'], " ")
+        printable_up_to(LONGEST_REASON, text.replace(['\n', '\r'], " "))
     }
 }
 
@@ -161,6 +161,22 @@ mod tests {
         );
         let error = InputError::file(Path::new("views"), "no such folder");
         assert_eq!(error.to_string(), "views: no such folder");
+    }
+
+    #[test]
+    fn foreign_text_in_an_error_is_printable() {
+        let (file, key) = (Path::new("a\x1b[2J.csv"), "k\u{202e}".repeat(1000));
+        let error = InputError::field(file, 3, key, "`\u{7}` is not a number\nerror: forged");
+        let text = error.to_string();
+        assert!(
+            text.starts_with(r"a\u{1b}[2J.csv:3: field `k\u{202e}k"),
+            "{text}"
+        );
+        assert!(
+            text.ends_with(r"`\u{7}` is not a number\nerror: forged"),
+            "{text}"
+        );
+        assert!(text.len() < 1000, "{text}");
     }
 
     #[test]

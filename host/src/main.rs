@@ -3,21 +3,48 @@
 //! `main` only turns the outcome into an exit code and one line on standard error; every command is a file
 //! under `commands`.
 
-use std::io;
+#![deny(clippy::print_stderr, clippy::print_stdout)]
+
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use host::error::Failure;
+use host::notice;
 
 mod commands;
 
 fn main() -> ExitCode {
-    let arguments = commands::Arguments::parse();
-    match commands::run(arguments, &mut io::stdout().lock()) {
-        Ok(()) => ExitCode::SUCCESS,
+    match run() {
+        Ok(code) => code,
         Err(failure) if failure.is_closed_output() => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {}", failure.chain());
+            notice!("error: {}", failure.chain());
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+fn run() -> Result<ExitCode, Failure> {
+    let arguments = match commands::Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return explain(&error),
+    };
+    let mut out = io::stdout().lock();
+    commands::run(arguments, &mut out)?;
+    // What is still in the buffer may be what does not fit the disk.
+    out.flush()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints help, version, or what is wrong with the arguments.
+fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
+    let printed = error.print();
+    if error.use_stderr() {
+        // The exit code says it all if standard error cannot be written.
+        return Ok(ExitCode::from(2));
+    }
+    printed?;
+    io::stdout().flush()?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -17,15 +17,29 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::fs;
 use std::path::Path;
 
 use crate::error::InputError;
 use crate::flow::Track;
+use crate::input::{self, Limit};
+use crate::printable::printable_up_to;
 use crate::rig_file::RigFile;
 
 /// The columns, in this order.
 pub const HEADER: [&str; 6] = ["id", "camera", "x0", "y0", "x1", "y1"];
+
+/// What a file may hold: each point of each camera takes some 60 bytes.
+const LIMIT: Limit = Limit {
+    what: "a CSV file of points",
+    bytes: 32 << 20,
+};
+/// Points of one file at most.
+const MOST_POINTS: usize = 500_000;
+/// Bytes of one row, and columns that are looked at.
+const LONGEST_ROW: usize = 4_096;
+const MOST_COLUMNS: usize = 16;
+/// Characters of a field that a message quotes.
+const QUOTED: usize = 60;
 
 /// The points of one file.
 #[derive(Clone, Debug)]
@@ -38,8 +52,7 @@ pub struct Points {
 
 /// Reads the CSV file at `path`, whose cameras are those of `rig`.
 pub fn read(path: &Path, rig: &RigFile) -> Result<Points, InputError> {
-    let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-    parse(path, &bytes, rig)
+    parse(path, &input::bytes(path, LIMIT)?, rig)
 }
 
 /// Reads the content of a CSV file; `file` is what errors name.
@@ -51,21 +64,14 @@ pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputEr
     let mut points = Collector::new(rig);
     let mut header_seen = false;
     let mut lines = LineCounter::new(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .from_reader(text.as_bytes());
-    let mut record = csv::StringRecord::new();
+    let mut rows = Rows::new(text);
     loop {
-        let more = reader.read_record(&mut record).map_err(|error| {
-            InputError::line(file, lines.current, format!("not valid CSV: {error}"))
-        })?;
-        if !more {
+        let start = rows.start;
+        let Some(row) = rows.next() else {
             break;
-        }
-        let start = record.position().map_or(0, csv::Position::byte);
-        let line = lines.at(usize::try_from(start).unwrap_or(usize::MAX));
-        let fields: Vec<&str> = record.iter().map(str::trim).collect();
+        };
+        let line = lines.at(start);
+        let fields = row.map_err(|reason| InputError::line(file, line, reason))?;
         if fields == [""] {
             continue;
         }
@@ -97,6 +103,68 @@ fn not_utf8(file: &Path, before: &[u8]) -> InputError {
         Some(field) => InputError::field(file, line, *field, reason),
         None => InputError::line(file, line, reason),
     }
+}
+
+/// The rows of a CSV text, in memory that does not grow with them.
+struct Rows<'a> {
+    text: &'a [u8],
+    /// Where the next row begins.
+    start: usize,
+    reader: csv_core::Reader,
+    content: [u8; LONGEST_ROW],
+    ends: [usize; MOST_COLUMNS],
+}
+
+impl<'a> Rows<'a> {
+    fn new(text: &'a str) -> Self {
+        Self {
+            text: text.as_bytes(),
+            start: 0,
+            reader: csv_core::Reader::new(),
+            content: [0; LONGEST_ROW],
+            ends: [0; MOST_COLUMNS],
+        }
+    }
+
+    /// The next row's fields without the spaces around them, or why it cannot be one.
+    fn next(&mut self) -> Option<Result<Vec<&str>, String>> {
+        use csv_core::ReadRecordResult as Outcome;
+        let (mut length, mut count) = (0, 0);
+        loop {
+            let rest = self.text.get(self.start..).unwrap_or_default();
+            let (content, ends) = (&mut self.content[length..], &mut self.ends[count..]);
+            let (outcome, read, written, ended) = self.reader.read_record(rest, content, ends);
+            self.start += read;
+            length += written;
+            count += ended;
+            match outcome {
+                // Asked once more, the reader learns that this is the end of the text.
+                Outcome::InputEmpty => {}
+                Outcome::OutputFull => {
+                    let reason = format!("a row of more than {LONGEST_ROW} bytes");
+                    return Some(Err(reason));
+                }
+                Outcome::OutputEndsFull => {
+                    let reason = format!("a row of more than {MOST_COLUMNS} columns");
+                    return Some(Err(reason));
+                }
+                Outcome::Record => break,
+                Outcome::End => return None,
+            }
+        }
+        let mut from = 0;
+        let fields = self.ends[..count].iter().map(|&end| {
+            let field = self.content.get(from..end).unwrap_or_default();
+            from = end;
+            std::str::from_utf8(field).unwrap_or_default().trim()
+        });
+        Some(Ok(fields.collect()))
+    }
+}
+
+/// A field for a message.
+fn quoted(text: &str) -> String {
+    printable_up_to(QUOTED, text)
 }
 
 /// Lines of the text by byte offset. The reader's own count stands before the blank lines it skips.
@@ -139,7 +207,7 @@ fn header(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
     for (i, expected) in HEADER.iter().enumerate() {
         if fields.get(i) != Some(expected) {
             let found = match fields.get(i) {
-                Some(found) => format!("found `{}`", found.escape_debug()),
+                Some(found) => format!("found `{}`", quoted(found)),
                 None => "found the end of the line".to_owned(),
             };
             let header = HEADER.join(",");
@@ -157,7 +225,7 @@ fn too_many(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
         None => Ok(()),
         Some(extra) => Err(refuse(
             &format!("column {}", HEADER.len() + 1),
-            format!("`{}` is one column too many", extra.escape_debug()),
+            format!("`{}` is one column too many", quoted(extra)),
         )),
     }
 }
@@ -203,6 +271,7 @@ impl<'a> Collector<'a> {
         let camera = self.rig.names.iter().position(|known| known == name);
         let camera = camera.ok_or_else(|| {
             let known = self.rig.names.join(", ");
+            let name = quoted(name);
             let reason = format!("`{name}` is none of the rig's cameras ({known})");
             refuse("camera", reason)
         })?;
@@ -216,6 +285,9 @@ impl<'a> Collector<'a> {
         ];
         let place = match self.places.entry(id.to_owned()) {
             Entry::Occupied(entry) => *entry.get(),
+            Entry::Vacant(_) if self.seen.len() == MOST_POINTS => {
+                return Err(refuse("id", format!("more than {MOST_POINTS} points")));
+            }
             Entry::Vacant(entry) => {
                 self.seen.push(vec![None; self.rig.names.len()]);
                 *entry.insert(self.seen.len() - 1)
@@ -223,6 +295,7 @@ impl<'a> Collector<'a> {
         };
         let slot = &mut self.seen[place][camera];
         if let Some(Sighting { line: first, .. }) = slot {
+            let id = quoted(id);
             let reason = format!("point `{id}` of camera `{name}` stands in line {first} already");
             return Err(refuse("id", reason));
         }
@@ -263,16 +336,17 @@ fn coordinate(text: &str, size_px: u32) -> Result<f64, String> {
     }
     let value: f64 = text
         .parse()
-        .map_err(|_| format!("`{}` is not a number", text.escape_debug()))?;
+        .map_err(|_| format!("`{}` is not a number", quoted(text)))?;
     if !value.is_finite() {
-        return Err(format!("`{text}` is not a finite number"));
+        return Err(format!("`{}` is not a finite number", quoted(text)));
     }
     let size = f64::from(size_px);
     if (-size..=2.0 * size).contains(&value) {
         Ok(value)
     } else {
         Err(format!(
-            "{text} is farther outside the image than its own size ({size_px} px)"
+            "{} is farther outside the image than its own size ({size_px} px)",
+            quoted(text)
         ))
     }
 }

@@ -24,14 +24,14 @@
 //! its fields, and cameras named left, middle and right stand in this order.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
 use shared::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotation};
 use toml::de::{DeTable, DeValue};
 
 use crate::error::InputError;
-use crate::report::write_atomically;
+use crate::input::{self, Limit};
+use crate::output::{Output, Replace};
 use field::{Field, Source};
 
 mod care;
@@ -45,6 +45,11 @@ pub use stage::{Driver, Stage};
 /// The paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
 
+/// A rig file has a few hundred lines; its numbers are read in linear time up to here.
+pub(crate) const LIMIT: Limit = Limit {
+    what: "a rig file",
+    bytes: 1 << 20,
+};
 /// Sides of an image that could be one, px.
 const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
 /// Longer focal lengths than this belong to telescopes.
@@ -105,7 +110,7 @@ impl RigFile {
 
     /// As [`RigFile::read`], with the text it was read from, whose comments are the user's.
     pub fn read_with_text(path: &Path) -> Result<(Self, String), InputError> {
-        let text = read_text(path)?;
+        let text = input::text(path, LIMIT)?;
         Ok((Self::parse(path, &text)?, text))
     }
 
@@ -116,7 +121,7 @@ impl RigFile {
     }
 
     fn read_as(path: &Path, shape: Shape) -> Result<Self, InputError> {
-        Self::parse_as(path, &read_text(path)?, shape)
+        Self::parse_as(path, &input::text(path, LIMIT)?, shape)
     }
 
     /// Checks the text of a rig file; `file` is what errors name.
@@ -173,19 +178,8 @@ impl RigFile {
 
     /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        write_atomically(path, &self.to_toml()).map_err(|error| InputError::unwritten(path, error))
+        Output::open(path, Replace::Anything)?.write(&self.to_toml())
     }
-}
-
-/// The text of a TOML file.
-pub(crate) fn read_text(path: &Path) -> Result<String, InputError> {
-    let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-    String::from_utf8(bytes).map_err(|error| {
-        let valid = error.utf8_error().valid_up_to();
-        let before = error.as_bytes().get(..valid).unwrap_or_default();
-        let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-        InputError::line(path, line, "not UTF-8 text")
-    })
 }
 
 /// The `[[camera]]` tables: each by itself, then the rules between them, then their order.

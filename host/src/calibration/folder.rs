@@ -10,6 +10,7 @@ use super::photographs::{self, Series};
 use super::rig::{self, Eye, Instant, RigSolution};
 use super::stand::doubts;
 use crate::error::InputError;
+use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
 /// How many times as large as the worst camera's own residual the rig's may be before it is worth a warning, and before there is no rig. Images that
@@ -281,7 +282,7 @@ fn file_name(path: &Path) -> String {
 
 /// The board in one file; `size` is that of the camera's images, once one has been read.
 fn corners(path: &Path, settings: &Settings, size: &mut Option<[u32; 2]>) -> Result<Found, String> {
-    let image = photographs::read(path).map_err(|error| error.reason)?;
+    let image = read_any(path).map_err(|error| error.reason)?;
     let own = [image.width, image.height].map(|side| side as u32);
     let [width, height] = *size.get_or_insert(own);
     if own != [width, height] {

@@ -12,7 +12,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::InputError;
-use crate::images::Image;
 use crate::images::folder;
 use crate::rig_file::TRINOCULAR;
 
@@ -119,16 +118,6 @@ fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series>
         .into_iter()
         .map(|(name, files)| Series { name, files })
         .collect()
-}
-
-/// Reads an image whose size is not known before.
-pub fn read(path: &Path) -> Result<Image, InputError> {
-    let (width, height) = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|cause| InputError::io(path, "read", &cause))?
-        .into_dimensions()
-        .map_err(|cause| InputError::file(path, format!("cannot read the image: {cause}")))?;
-    folder::read(path, [width, height])
 }
 
 #[cfg(test)]

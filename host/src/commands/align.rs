@@ -8,7 +8,8 @@ use host::alignment::{Alignment, Settings, present, rewrite};
 use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::report::write_atomically;
+use host::output::{Output, Replace};
+use host::printable::printable;
 use host::rig_file::RigFile;
 use serde_json::json;
 
@@ -73,15 +74,14 @@ Examples:
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
-    if let Some(path) = &options.out {
-        // Before the work: it would be for nothing.
-        super::destination::refuse_existing(path, options.force)?;
-    }
+    let replace = Replace::Nothing.or_forced(options.force);
+    let open = |path: &PathBuf| Output::open(path, replace);
+    let output = options.out.as_ref().map(open).transpose()?;
     let captures = captures(options, &rig)?;
     let found = Alignment::of(&rig, &captures, &settings)
         .map_err(|refusal| InputError::file(&options.captures, refusal.to_string()))?;
-    if let Some(path) = &options.out {
-        write(&options.rig, &text, path, &found)?;
+    if let Some(output) = output {
+        write(&options.rig, &text, output, &found)?;
     }
     if options.json {
         writeln!(out, "{}", json!(found))?;
@@ -119,10 +119,10 @@ fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError
         .collect()
 }
 
-fn write(rig: &Path, text: &str, to: &Path, found: &Alignment) -> Result<(), Failure> {
+fn write(rig: &Path, text: &str, to: Output, found: &Alignment) -> Result<(), InputError> {
     let corrections: Vec<_> = found.cameras.iter().map(Into::into).collect();
     let text = rewrite::corrected(rig, text, &corrections)?;
-    write_atomically(to, &text).map_err(super::unwritable)
+    to.write(&text)
 }
 
 fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {
@@ -134,7 +134,12 @@ fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(
         writeln!(out, "{:>16}: {warning}", "warning")?;
     }
     if let Some(path) = &options.out {
-        writeln!(out, "{:>16}: {}", "corrected rig", path.display())?;
+        writeln!(
+            out,
+            "{:>16}: {}",
+            "corrected rig",
+            printable(path.display())
+        )?;
     }
     Ok(())
 }

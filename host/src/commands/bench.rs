@@ -11,7 +11,7 @@ use host::flow::frame_set::{FrameSet, frame_set, keyframe};
 use host::flow::laps::{Laps, Stage};
 use host::flow::{Flow, Refusal, Settings};
 use host::images::Capture;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::images::folder::{DEFAULT_PERIOD_US, Folder, list, read_any};
 use host::rig_file::RigFile;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -137,23 +137,20 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
     Ok((rig, captures))
 }
 
-/// Width and height of any image in a camera's folder.
+/// Width and height of the first image in a camera's folder that can be read.
 fn first_size(camera: &Path) -> Result<[u32; 2], InputError> {
     if !camera.is_dir() {
         let reason = "no such folder; without --rig the cameras are left, middle and right";
         return Err(InputError::file(camera, reason));
     }
-    let listing =
-        std::fs::read_dir(camera).map_err(|cause| InputError::io(camera, "list", &cause))?;
-    let mut paths: Vec<PathBuf> = listing
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .collect();
-    paths.sort();
-    let sizes = paths
-        .iter()
-        .filter_map(|path| image::image_dimensions(path).ok());
-    let first = sizes.map(|(width, height)| [width, height]).next();
-    first.ok_or_else(|| InputError::file(camera, "holds no image"))
+    let mut fault = None;
+    for name in list(camera)? {
+        match read_any(&camera.join(name)) {
+            Ok(image) => return Ok([image.width, image.height].map(|side| side as u32)),
+            Err(error) => fault = fault.or(Some(error)),
+        }
+    }
+    Err(fault.unwrap_or_else(|| InputError::file(camera, "holds no image")))
 }
 
 /// Everything that was timed.

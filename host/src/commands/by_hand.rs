@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
+use host::interruption;
 use host::rig_file::{RigFile, Stage};
 use host::station::diagnosis::{self, remedy};
 use host::station::serial::Serial;
@@ -9,14 +10,17 @@ use host::station::stage::{HEARTBEAT_MS, configuration};
 use host::station::{StationError, ports};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
-use shared::safety::State;
+use shared::safety::{Fault, State};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// How long a stage may take to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long a station in motion may say nothing of itself: twenty statuses come in that time.
+const STATUS_PATIENCE: Duration = Duration::from_secs(2);
 
 /// How often a stage in motion is looked at.
 const LOOK: Duration = Duration::from_millis(10);
@@ -130,7 +134,7 @@ impl Hand {
         self.serial.fresh_status(true)
     }
 
-    /// As [`Hand::command`], and once more while the stage still ramps down.
+    /// As [`Hand::command`], and once more while the stage still ramps down or a fault has not been told.
     pub fn command_at_rest(
         &mut self,
         name: &'static str,
@@ -142,7 +146,7 @@ impl Hand {
             let denied = matches!(
                 outcome,
                 Err(StationError::Denied {
-                    denial: Denial::Moving,
+                    denial: Denial::Moving | Denial::FaultUnread,
                     ..
                 })
             );
@@ -174,46 +178,37 @@ impl Hand {
 
     /// Starts the heartbeat, and waits until the station has heard it.
     pub fn start_heartbeat(&mut self) -> Result<(), Failure> {
-        self.serial.set_pings(true);
-        let heard = self
-            .serial
-            .wait_until(Instant::now() + REST_PATIENCE, |client| {
-                client.clock().offset_us(0)
-            });
-        match heard.map_err(|error| self.failed(error))? {
-            Some(_) => Ok(()),
-            None => Err(self.failed(StationError::Silent {
-                command: "ping",
-                waited_ms: REST_PATIENCE.as_millis() as u64,
-            })),
-        }
+        let heard = self.serial.start_heartbeat();
+        heard.map_err(|error| self.failed(error))
     }
 
-    /// Waits until the stage stands.
-    pub fn wait_for_rest(&mut self) -> Result<Status, Failure> {
-        let never = AtomicBool::new(false);
-        self.wait_for_rest_or(&never, |_| {}).map(|(end, _)| end)
-    }
-
-    /// As [`Hand::wait_for_rest`]; `interrupted` stops the stage on a ramp, and `watch` sees every status meanwhile. Also says whether it was interrupted.
-    pub fn wait_for_rest_or(
+    /// Waits until the stage stands; a signal stops it on a ramp. `watch` sees every status meanwhile. Also says whether a signal came.
+    pub fn wait_for_rest(
         &mut self,
-        interrupted: &AtomicBool,
         mut watch: impl FnMut(&Status),
     ) -> Result<(Status, bool), Failure> {
-        let mut stopping = false;
+        let mut interrupted = false;
+        let (mut last, mut heard) = (None, Instant::now());
         loop {
-            self.serial.check().map_err(|error| self.failed(error))?;
-            let status = self.serial.client().status_since_answer().copied();
-            if let Some(status) = status {
-                if !status.state.is_moving() {
-                    return Ok((status, stopping));
-                }
-                watch(&status);
-                if interrupted.load(Relaxed) && !stopping {
-                    stopping = true;
-                    self.command("stop", Command::Stop)?;
-                }
+            if interruption::is_requested() && !interrupted {
+                interrupted = true;
+                self.serial.stop().map_err(|error| self.failed(error))?;
+            }
+            let status = match self.serial.fresh_status(true) {
+                Err(StationError::Cancelled) => continue,
+                status => status.map_err(|error| self.failed(error))?,
+            };
+            if !status.state.is_moving() {
+                return Ok((status, interrupted));
+            }
+            watch(&status);
+            if last.replace(status.tick) != Some(status.tick) {
+                heard = Instant::now();
+            } else if heard.elapsed() > STATUS_PATIENCE {
+                return Err(self.failed(StationError::Silent {
+                    command: "status",
+                    waited_ms: STATUS_PATIENCE.as_millis() as u64,
+                }));
             }
             std::thread::sleep(LOOK);
         }
@@ -248,17 +243,9 @@ impl Hand {
     }
 }
 
-/// Set by Ctrl-C, or a polite end; the second time the program ends at once, and the station stops without its heartbeat.
+/// The flag that a signal sets. A second signal ends the program at once, and the station stops without its heartbeat.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let set = Arc::clone(&flag);
-    ctrlc::set_handler(move || {
-        if set.swap(true, Relaxed) {
-            std::process::exit(3);
-        }
-    })
-    .map_err(|cause| Failure::Scene(format!("cannot watch for Ctrl-C: {cause}")))?;
-    Ok(flag)
+    interruption::watch().map_err(|cause| Failure::Scene(cause.to_string()))
 }
 
 /// The failure behind a motion that did not end by itself.
@@ -292,14 +279,15 @@ pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
-/// State, trust and fault by name; the fault also by number.
+/// State, motors, trust and faults by name; the faults also by number, the worst first.
 pub fn condition(status: &Status) -> Value {
-    let fault = status
-        .fault
-        .map(|fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name}));
+    let named =
+        |fault: Fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name});
     json!({
         "state": diagnosis::state(status.state).name,
-        "fault": fault,
+        "fault": status.fault.map(named),
+        "faults": status.faults.iter().map(named).collect::<Vec<_>>(),
+        "motors": status.motors,
         "trust": diagnosis::trust(status.trust),
         "position_steps": status.position_steps,
         "target_steps": status.target_steps,

@@ -10,6 +10,8 @@ use host::calibration::intrinsics::Verdict;
 use host::calibration::photographs::list;
 use host::calibration::rig::RigSolution;
 use host::error::{Failure, InputError};
+use host::notice;
+use host::printable::printable;
 use host::rig_file::RigFile;
 use serde_json::{Value, json};
 
@@ -95,7 +97,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .into_iter()
         .map(|series| series.name)
         .collect();
-    options.destination.check(&names)?;
+    let destination = options.destination.open(&names)?;
     let board = Board {
         corners: options.board.0,
         square_mm: options.square,
@@ -116,12 +118,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         print_text(&result, out)?;
     }
     for warning in &warnings {
-        eprintln!("warning: {warning}");
+        notice!("warning: {warning}");
     }
     if options.destination.is_some() {
         let rig = rig_file(options, &result)?;
-        for path in options.destination.write(rig)? {
-            eprintln!("written: {}", path.display());
+        for path in destination.write(rig)? {
+            notice!("written: {}", printable(path.display()));
         }
     }
     out.flush()?;
@@ -157,15 +159,20 @@ fn print_text(result: &Calibration, out: &mut impl Write) -> Result<(), Failure>
 fn print_camera(camera: &CameraResult, out: &mut impl Write) -> Result<(), Failure> {
     let intrinsics = &camera.intrinsics;
     let ([width, height], used) = (camera.image_size_px, intrinsics.used());
-    let (name, given) = (&camera.name, camera.files.len());
+    let (name, given) = (printable(&camera.name), camera.files.len());
     writeln!(
         out,
         "{name}: {used} of {given} images used, {width} x {height} px"
     )?;
     for (file, verdict) in camera.files.iter().zip(&intrinsics.verdicts) {
         match verdict {
-            Verdict::Used { rms_px } => writeln!(out, "  {file:<24} {rms_px:.3} px")?,
-            Verdict::Rejected(reason) => writeln!(out, "  {file:<24} rejected: {reason}")?,
+            Verdict::Used { rms_px } => {
+                writeln!(out, "  {:<24} {rms_px:.3} px", printable(file))?;
+            }
+            Verdict::Rejected(reason) => {
+                let (file, reason) = (printable(file), printable(reason));
+                writeln!(out, "  {file:<24} rejected: {reason}")?;
+            }
         }
     }
     let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
@@ -198,10 +205,11 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
     )?;
     for (name, instant) in result.instants.iter().zip(&rig.instants) {
         if let Err(reason) = instant {
+            let (name, reason) = (printable(name), printable(reason));
             writeln!(out, "  {name:<24} left out: {reason}")?;
         }
     }
-    let origin = &result.cameras[rig.reference].name;
+    let origin = printable(&result.cameras[rig.reference].name);
     for (k, camera) in result
         .cameras
         .iter()
@@ -212,7 +220,7 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
         writeln!(
             out,
             "  {origin} - {}: {length:.3} ± {sigma:.3} mm",
-            camera.name
+            printable(&camera.name)
         )?;
     }
     for ((camera, stand), sigma) in result.cameras.iter().zip(&rig.stands).zip(&rig.sigma) {
@@ -227,7 +235,7 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
             };
             [0, 1, 2].map(one).join("  ")
         };
-        let name = &camera.name;
+        let name = printable(&camera.name);
         writeln!(
             out,
             "  {name:<10} offset   {} mm",

@@ -15,6 +15,7 @@ use host::mounting::fit::{Fit, Sample, fit};
 use host::mounting::plan::{FARTHEST, Stop, stops};
 use host::mounting::rewrite::with_matrix;
 use host::mounting::watch::Watch;
+use host::notice;
 use host::report::write_atomically;
 use host::report::{Cell, Table};
 use host::rig_file::{RigFile, Stage};
@@ -162,7 +163,7 @@ fn measure(
         };
         match watch.look(stands_mm, &capture) {
             Ok(sample) => samples.push(sample),
-            Err(refusal) => eprintln!("at {stands_mm:.3?} mm: {refusal}"),
+            Err(refusal) => notice!("at {stands_mm:.3?} mm: {refusal}"),
         }
     }
     // The reference is no sample: it is what the others are measured against.

@@ -1,15 +1,16 @@
 //! `trinocular convert`: rigs from and to the files of other programs.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
-use host::calibration::exchange::CameraFile;
-use host::calibration::stand::{Stand, doubts, placed};
-use host::error::{Failure, InputError};
+use host::calibration::exchange::{self, Assembled, CameraFile, Member};
+use host::error::Failure;
+use host::notice;
+use host::printable::printable;
 use host::rig_file::RigFile;
-use shared::rig::{MAX_CAMERAS, Rig};
+use shared::rig::MAX_CAMERAS;
 
 use super::destination::Destination;
 
@@ -94,8 +95,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         out.flush()?;
         return Ok(());
     }
-    for path in options.destination.write(rig)? {
-        writeln!(out, "{}", path.display())?;
+    let destination = options.destination.open(&rig.names)?;
+    for path in destination.write(rig)? {
+        writeln!(out, "{}", printable(path.display()))?;
     }
     out.flush()?;
     Ok(())
@@ -129,69 +131,19 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
         );
         return Err(Failure::Usage(reason));
     }
-    let mut image_size_px = None;
-    let (mut lenses, mut motions) = (Vec::new(), Vec::new());
+    let mut members = Vec::new();
     for (path, name) in files.iter().zip(&names) {
-        let file = CameraFile::read(path)?;
-        let size = *image_size_px.get_or_insert(file.image_size_px);
-        if file.image_size_px != size {
-            let ([w, h], [width, height]) = (file.image_size_px, size);
-            let reason = format!(
-                "its images are {w} x {h} px, those of `{}` {width} x {height} px",
-                names[0]
-            );
-            return Err(InputError::file(path, reason).into());
-        }
-        let given = offsets
-            .iter()
-            .rev()
-            .find(|offset| offset.camera == *name)
-            .map(|offset| offset.mm);
-        motions.push(motion(path, name, &file, given)?);
-        lenses.push(file.lens);
-    }
-    let stands = placed(&motions);
-    let known: Vec<&str> = names.iter().map(String::as_str).collect();
-    for doubt in doubts(&known, &stands, &vec![Stand::default(); stands.len()]) {
-        eprintln!("warning: {doubt}");
-    }
-    let cameras = stands
-        .iter()
-        .zip(&lenses)
-        .map(|(stand, lens)| stand.camera(lens));
-    let rig = Rig {
-        image_size_px: image_size_px.unwrap_or_default(),
-        cameras: cameras.collect(),
-    };
-    let rig = RigFile {
-        names,
-        rig,
-        stage: None,
-    };
-    // Every rule of a rig file holds for rigs that come from elsewhere.
-    RigFile::parse(Path::new("the cameras as a rig file"), &rig.to_toml()).map_err(Failure::from)
-}
-
-fn motion(
-    path: &Path,
-    name: &str,
-    file: &CameraFile,
-    offset_mm: Option<[f64; 2]>,
-) -> Result<nalgebra::Isometry3<f64>, InputError> {
-    let Some([x, y]) = offset_mm else {
-        return file.motion.ok_or_else(|| {
-            InputError::file(
-                path,
-                format!("does not say where the camera is; give --offset {name}=X,Y (mm)"),
-            )
+        let given = offsets.iter().rev().find(|offset| offset.camera == *name);
+        members.push(Member {
+            path: path.clone(),
+            name: name.clone(),
+            file: CameraFile::read(path)?,
+            offset_mm: given.map(|offset| offset.mm),
         });
-    };
-    let turn = file
-        .motion
-        .map(|motion| motion.rotation)
-        .unwrap_or_default();
-    Ok(nalgebra::Isometry3::from_parts(
-        (turn * -nalgebra::Vector3::new(x, y, 0.0)).into(),
-        turn,
-    ))
+    }
+    let Assembled { rig, doubts } = exchange::assemble(&members)?;
+    for doubt in doubts {
+        notice!("warning: {doubt}");
+    }
+    Ok(rig)
 }

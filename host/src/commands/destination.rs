@@ -1,13 +1,12 @@
 //! Where a rig is written to: our rig file, OpenCV's or ROS's files. Nothing that exists is overwritten unasked.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use host::calibration::exchange;
 use host::error::{Failure, InputError};
-use host::report::write_atomically;
-use host::rig_file::RigFile;
+use host::output::{NewFolders, Output, Replace, write_all};
+use host::rig_file::{RigFile, Stage};
 
 /// Files to write.
 #[derive(Debug, Args)]
@@ -31,9 +30,20 @@ pub struct Destination {
 
     /// Overwrite files that exist
     ///
-    /// A rig file's stage section is kept even so; a rig file that cannot be read is not overwritten.
+    /// A rig file's stage section is kept even so; a rig file that cannot be read is not overwritten. All files are written, or
+    /// none if one of them cannot be.
     #[arg(long)]
     force: bool,
+}
+
+/// The files, opened before the work whose result they take.
+pub struct Opened {
+    out: Option<(Output, Option<Stage>)>,
+    /// Per camera.
+    opencv: Vec<(String, Output)>,
+    ros: Vec<(String, Output)>,
+    /// Removed again if no file comes into them.
+    _folders: NewFolders,
 }
 
 impl Destination {
@@ -42,79 +52,88 @@ impl Destination {
         self.out.is_some() || self.opencv.is_some() || self.ros.is_some()
     }
 
-    /// Refuses what would overwrite a file, before any work is done.
-    pub fn check(&self, names: &[String]) -> Result<(), Failure> {
-        let files = self
-            .out
-            .iter()
-            .cloned()
-            .chain(names.iter().flat_map(|name| self.per_camera(name)));
-        if let Some(folder) = self.out.as_ref().and_then(|path| path.parent()) {
-            // The parent of a bare name is the empty path: the current folder.
-            if !folder.as_os_str().is_empty() && !folder.is_dir() {
-                return Err(InputError::file(folder, "no such folder").into());
+    /// Opens the files for cameras of these names; refuses what would overwrite a file.
+    pub fn open(&self, names: &[String]) -> Result<Opened, Failure> {
+        let replace = Replace::Nothing.or_forced(self.force);
+        let out = self.out.as_ref().map(|path| rig_file(path, replace));
+        let mut folders = NewFolders::default();
+        let mut per_camera = |folder: &Option<PathBuf>, ending: &str| {
+            let Some(folder) = folder else {
+                return Ok(Vec::new());
+            };
+            folders.make(folder)?;
+            let file = |name: &String| folder.join(format!("{name}.{ending}"));
+            let open = |name| Ok((String::clone(name), Output::open(&file(name), replace)?));
+            names.iter().map(open).collect::<Result<_, InputError>>()
+        };
+        let opened = Opened {
+            out: out.transpose()?,
+            opencv: per_camera(&self.opencv, "yml")?,
+            ros: per_camera(&self.ros, "yaml")?,
+            _folders: folders,
+        };
+        opened.check_distinct()?;
+        Ok(opened)
+    }
+}
+
+/// The rig file, and the stage that it keeps.
+fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Stage>), InputError> {
+    let output = Output::open(path, replace)?;
+    let stage = match output.replaces_file() {
+        true => RigFile::read(path)?.stage,
+        false => None,
+    };
+    Ok((output, stage))
+}
+
+impl Opened {
+    fn outputs(&self) -> impl Iterator<Item = &Output> {
+        let per_camera = self.opencv.iter().chain(&self.ros);
+        let out = self.out.iter().map(|(output, _)| output);
+        out.chain(per_camera.map(|(_, output)| output))
+    }
+
+    fn check_distinct(&self) -> Result<(), Failure> {
+        for (index, output) in self.outputs().enumerate() {
+            if self.outputs().take(index).any(|o| o.is_same_file(output)) {
+                let path = output.path().display();
+                return Err(Failure::Usage(format!("{path} would be written twice")));
             }
-        }
-        for file in files {
-            refuse_existing(&file, self.force)?;
         }
         Ok(())
     }
 
-    fn per_camera(&self, name: &str) -> impl Iterator<Item = PathBuf> {
-        let opencv = self
-            .opencv
-            .as_ref()
-            .map(|dir| dir.join(format!("{name}.yml")));
-        let ros = self
-            .ros
-            .as_ref()
-            .map(|dir| dir.join(format!("{name}.yaml")));
-        opencv.into_iter().chain(ros)
-    }
-
     /// Writes the rig. Returns the files that have been written.
-    pub fn write(&self, mut rig: RigFile) -> Result<Vec<PathBuf>, Failure> {
-        self.check(&rig.names)?;
-        let mut written = Vec::new();
-        if let Some(path) = &self.out {
-            if path.exists() {
-                rig.stage = RigFile::read(path)?.stage.or(rig.stage);
-            }
-            rig.write(path)?;
-            written.push(path.clone());
-        }
-        let cameras = || rig.names.iter().zip(&rig.rig.cameras);
-        if let Some(dir) = &self.opencv {
-            for (name, camera) in cameras() {
-                let text = exchange::opencv(camera, rig.rig.image_size_px);
-                written.push(save(dir, &format!("{name}.yml"), &text)?);
+    pub fn write(self, mut rig: RigFile) -> Result<Vec<PathBuf>, Failure> {
+        let paths = self.outputs().map(|output| output.path().to_owned());
+        let paths = paths.collect();
+        let mut files = Vec::new();
+        let camera = |rig: &RigFile, name: &str| {
+            let named = rig.names.iter().position(|known| known == name);
+            named.and_then(|index| rig.rig.cameras.get(index).copied())
+        };
+        for (name, output) in self.opencv {
+            if let Some(camera) = camera(&rig, &name) {
+                let text = exchange::opencv(&camera, rig.rig.image_size_px);
+                files.push((output, text));
             }
         }
-        if let Some(dir) = &self.ros {
-            for (name, camera) in cameras() {
-                let text = exchange::ros(name, camera, &rig.rig);
-                written.push(save(dir, &format!("{name}.yaml"), &text)?);
+        for (name, output) in self.ros {
+            if let Some(camera) = camera(&rig, &name) {
+                files.push((output, exchange::ros(&name, &camera, &rig.rig)));
             }
         }
-        Ok(written)
+        if let Some((output, stage)) = self.out {
+            rig.stage = stage.or(rig.stage);
+            files.push((output, rig.to_toml()));
+        }
+        write_all(files)?;
+        Ok(paths)
     }
 }
 
-/// Refuses a file that exists, unless it may be overwritten.
+/// Refuses a file that exists, unless it may be overwritten, and a place that cannot be written.
 pub fn refuse_existing(path: &Path, force: bool) -> Result<(), InputError> {
-    if path.exists() && !force {
-        return Err(InputError::file(
-            path,
-            "exists; give --force to overwrite it",
-        ));
-    }
-    Ok(())
-}
-
-fn save(dir: &Path, name: &str, text: &str) -> Result<PathBuf, Failure> {
-    fs::create_dir_all(dir).map_err(|cause| InputError::io(dir, "make the folder", &cause))?;
-    let path = dir.join(name);
-    write_atomically(&path, text).map_err(|error| InputError::unwritten(&path, error))?;
-    Ok(path)
+    Output::open(path, Replace::Nothing.or_forced(force)).map(drop)
 }

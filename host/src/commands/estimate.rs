@@ -8,6 +8,7 @@ use host::error::{Failure, InputError};
 use host::flow::{Flow, Settings};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::notice;
 use host::points;
 use host::rig_file::RigFile;
 use host::sums::Sums;
@@ -251,7 +252,7 @@ impl<W: Write> Printer<'_, W> {
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
         for warning in &line.warnings {
-            eprintln!("frame {}: {warning}", line.frame);
+            notice!("frame {}: {warning}", line.frame);
         }
         if self.options.json {
             return self.json(line);

@@ -6,7 +6,8 @@ use super::scene::SceneOptions;
 use clap::Args;
 use host::error::{Failure, InputError};
 use host::experiment::{present, tracking};
-use host::report::write_atomically;
+use host::output::{Output, Replace, marked};
+use host::printable::printable;
 use host::rig_file::{RigFile, Stage};
 use host::station::stage::default_stage;
 use std::io::Write;
@@ -17,6 +18,8 @@ use std::path::PathBuf;
 #[command(next_help_heading = "Options of the experiment (without a command)")]
 pub struct Options {
     /// Where the HTML report goes
+    ///
+    /// An earlier report of this program is replaced, and no other file without --force.
     #[arg(
         long,
         value_name = "FILE.html",
@@ -27,6 +30,10 @@ pub struct Options {
     /// Also write the tracking path (Fig. 7) as a picture
     #[arg(long, value_name = "FILE.svg")]
     figure: Option<PathBuf>,
+
+    /// Replace the files of --report and --figure even if this program did not write them
+    #[arg(long)]
+    force: bool,
 
     /// A rig file (TOML) whose `[stage]` station B moves; the cameras stay the paper's
     ///
@@ -51,6 +58,19 @@ fn stage(options: &Options) -> Result<Stage, InputError> {
     stage.ok_or_else(|| InputError::file(path, reason))
 }
 
+/// The files of the report and of the figure.
+fn outputs(options: &Options) -> Result<(Output, Option<Output>), Failure> {
+    let open = |path: &PathBuf| Output::open(path, Replace::Own.or_forced(options.force));
+    let report = open(&options.report)?;
+    let figure = options.figure.as_ref().map(open).transpose()?;
+    match &figure {
+        Some(figure) if figure.is_same_file(&report) => Err(Failure::Usage(
+            "--report and --figure must be two files".to_owned(),
+        )),
+        _ => Ok((report, figure)),
+    }
+}
+
 /// Runs the experiment.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = tracking::Settings {
@@ -60,6 +80,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         ..tracking::Settings::default()
     };
     let stage = stage(options)?;
+    let (report, figure) = outputs(options)?;
     let port = options.station.resolve()?;
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
@@ -71,12 +92,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         writeln!(out, "{name:>22}: {value}")?;
     }
     present::page(&settings, &run)
-        .write(&options.report)
+        .write(report)
         .map_err(super::unwritable)?;
-    if let Some(path) = &options.figure {
+    if let Some(output) = figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
         picture
-            .and_then(|svg| write_atomically(path, &svg))
+            .and_then(|svg| Ok(output.write(&marked(&svg))?))
             .map_err(super::unwritable)?;
     }
     let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
@@ -87,7 +108,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         mm(run.worst_mm()),
         mm(tracking::paper_worst_mm())
     )?;
-    writeln!(out, "{:>22}: {}", "report", options.report.display())?;
+    writeln!(
+        out,
+        "{:>22}: {}",
+        "report",
+        printable(options.report.display())
+    )?;
     if run.succeeded() {
         return Ok(());
     }

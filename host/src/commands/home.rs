@@ -3,12 +3,12 @@
 use std::io::Write;
 
 use super::by_hand::{
-    Axis, Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position,
-    why_it_stands,
+    Axis, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
 use super::progress::Progress;
 use clap::Args;
 use host::error::Failure;
+use host::notice;
 use host::rig_file::Stage;
 use host::station::diagnosis;
 use serde_json::json;
@@ -59,15 +59,14 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     hand.ready_to_move("home", stage.is_some())?;
     hand.configure(stage.as_ref(), &options.stage)?;
     hand.start_heartbeat()?;
-    let interrupted = on_interrupt()?;
     hand.command("home", Command::Home { axes })?;
     let progress = Progress::new("homing");
-    let (end, stopping) = hand.wait_for_rest_or(&interrupted, |_| {})?;
+    let (end, stopping) = hand.wait_for_rest(|_| {})?;
     drop(progress);
     tell(options, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;
     if end.state == State::Idle && end.trust != Trust::Homed {
-        eprintln!(
+        notice!(
             "the axes without a home switch are not known yet: `zero` makes the present position zero, then `home` again"
         );
     }

@@ -3,11 +3,12 @@
 use std::io::Write;
 
 use super::by_hand::{
-    Hand, PortArgument, StageArgument, condition, in_mm, on_interrupt, position, why_it_stands,
+    Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
 use super::progress::Progress;
 use clap::Args;
 use host::error::Failure;
+use host::notice;
 use host::rig_file::Stage;
 use host::station::diagnosis;
 use serde_json::json;
@@ -93,17 +94,16 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let before = hand.ready_to_move("jog", stage.is_some())?;
     hand.configure(stage.as_ref(), &options.stage)?;
     hand.start_heartbeat()?;
-    let interrupted = on_interrupt()?;
     let started = hand.command("jog", Command::Jog { distance_um })?;
     if started.trust != Trust::Homed {
-        eprintln!(
+        notice!(
             "the position is {}: slowly, and without soft limits",
             diagnosis::trust(started.trust)
         );
     }
     let mut progress = Progress::new("moving");
     let watch = |status: &Status| progress.at(share(&before, status));
-    let (end, stopping) = hand.wait_for_rest_or(&interrupted, watch)?;
+    let (end, stopping) = hand.wait_for_rest(watch)?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;
@@ -158,7 +158,7 @@ fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, sta
         if short_mm * stage.steps_per_mm[axis] > 1.0 {
             let name = ['x', 'y', 'z'][axis];
             let [least, greatest] = stage.travel_mm[axis];
-            eprintln!(
+            notice!(
                 "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to {greatest} mm"
             );
         }

@@ -20,9 +20,11 @@ mod experiment;
 mod hello;
 mod home;
 mod jog;
+mod motors;
 mod port;
 mod ports;
 mod progress;
+mod report;
 mod reset;
 mod robustness;
 mod scene;
@@ -71,7 +73,7 @@ Exit codes:
   0  done
   1  the input was bad (the message names file, line and field), or frames were refused
   2  the command line was wrong
-  3  the station refused or faulted";
+  3  the station refused, faulted or is in use, or a signal ended the run";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -85,6 +87,7 @@ enum Command {
     Hello(hello::Options),
     Home(home::Options),
     Jog(jog::Options),
+    Motors(motors::Options),
     Ports(ports::Options),
     Reset(reset::Options),
     Simulate(simulate::Options),
@@ -110,6 +113,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
+        Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),
@@ -142,7 +146,7 @@ fn failed_at(port: Option<&str>, error: host::experiment::Error) -> Failure {
     }
 }
 
-/// A port that cannot be used is bad input; anything else is the station's doing.
+/// A port that cannot be used is bad input; anything else is the station's doing, or its other host's.
 fn station_failed(error: StationError) -> Failure {
     match error {
         StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),

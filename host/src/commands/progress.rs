@@ -1,5 +1,6 @@
 //! How far a long command is, on standard error.
 
+use host::notice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal as _;
 
@@ -32,7 +33,7 @@ impl Progress {
                 let tenth = (share * 10.0) as u32;
                 if tenth > self.told {
                     self.told = tenth;
-                    eprintln!("{}: {} %", self.what, (tenth * 10).min(100));
+                    notice!("{}: {} %", self.what, (tenth * 10).min(100));
                 }
             }
         }
@@ -73,7 +74,7 @@ impl Count {
             bar.set_message(format!("{count} {}", self.what));
             bar.tick();
         } else if self.is_told && count.is_multiple_of(100) {
-            eprintln!("{count} {}", self.what);
+            notice!("{count} {}", self.what);
         }
     }
 }

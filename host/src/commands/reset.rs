@@ -22,7 +22,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?;
     let status = hand.command_at_rest("reset", Command::Reset)?;
-    if let Some(fault) = before.fault {
+    for fault in before.faults.iter() {
         let cause = diagnosis::fault(fault).cause;
         writeln!(out, "cleared fault {}: {cause}", fault.number())?;
     }

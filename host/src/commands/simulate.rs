@@ -1,6 +1,7 @@
 //! `trinocular simulate`: scenarios on the twin, and whether what must come of them did.
 
 use super::progress::Progress;
+use super::report::ReportOption;
 use clap::Args;
 use host::error::{Failure, InputError};
 use host::simulation::figures::Figures;
@@ -35,9 +36,8 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
-    /// Also write an HTML page with the plots
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportOption,
 }
 
 const EXAMPLES: &str = "\
@@ -66,6 +66,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         })
     });
     let scenarios: Vec<Scenario> = read.collect::<Result<_, InputError>>()?;
+    let report = options.report.open()?;
     let mut work = Work::of(&scenarios, options);
     let mut outcomes = Vec::with_capacity(scenarios.len());
     for (path, scenario) in options.scenarios.iter().zip(scenarios) {
@@ -79,11 +80,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if !options.json {
         print(&outcomes, out)?;
     }
-    if let Some(path) = &options.report {
-        present::page(&outcomes)
-            .write(path)
-            .map_err(super::unwritable)?;
-    }
+    report.write(|| present::page(&outcomes))?;
     out.flush()?;
     let failed = options.scenarios.iter().zip(&outcomes);
     let mut failed = failed.filter(|(_, outcome)| !outcome.missed.is_empty());

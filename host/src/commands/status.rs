@@ -65,10 +65,13 @@ pub fn lines(
     let state = diagnosis::state(status.state);
     let steps = |[x, y, z]: [i32; 3]| format!("{x} {y} {z} steps");
     let mut lines = vec![("state", format!("{}: {}", state.name, state.meaning))];
-    if let Some(fault) = status.fault {
+    for (rank, fault) in status.faults.iter().enumerate() {
         let cause = diagnosis::fault(fault).cause;
-        lines.push(("fault", format!("{}: {cause}", fault.number())));
+        let name = if rank == 0 { "fault" } else { "also fault" };
+        lines.push((name, format!("{}: {cause}", fault.number())));
     }
+    let motors = if status.motors { "on" } else { "off" };
+    lines.push(("motors", motors.to_owned()));
     let trust = diagnosis::trust(status.trust);
     let position = format!("{}, {trust}", steps(status.position_steps));
     lines.push(("position", position));
@@ -123,7 +126,7 @@ fn last_frame(estimate: &EstimateReport) -> String {
     )
 }
 
-fn drops(drops: &Drops) -> [(&'static str, u16); 7] {
+fn drops(drops: &Drops) -> [(&'static str, u16); 8] {
     [
         ("too_long", drops.rejects.too_long),
         ("framing", drops.rejects.framing),
@@ -132,6 +135,7 @@ fn drops(drops: &Drops) -> [(&'static str, u16); 7] {
         ("duplicate", drops.duplicate),
         ("stale", drops.stale),
         ("overflow", drops.overflow),
+        ("answers_lost", drops.answers),
     ]
 }
 

@@ -5,13 +5,15 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument, position};
 use clap::Args;
 use host::error::Failure;
-use host::station::diagnosis;
+use host::notice;
+use host::station::serial::{Holder, end_other_host};
+use host::station::{diagnosis, ports};
 use shared::frame::message::Command;
 
 /// Stop the stage on a ramp; it stays stopped until `reset`
 ///
 /// Goes before everything else at the station, keeps the position, and is sent to a station of other firmware, too. It is no emergency stop: that is a
-/// button.
+/// button. Another run of this program that has the port is told to end, as Ctrl-C does, and stops its stage.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
@@ -20,9 +22,14 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let path = ports::resolve(&options.port.port).map_err(super::station_failed)?;
+    if let Some(other) = end_other_host(&path) {
+        let Holder { pid, command } = other;
+        notice!("`{command}` (process {pid}) had the port and was told to end");
+    }
     let mut hand = Hand::connect_to_any(&options.port)?;
     hand.command("stop", Command::Stop)?;
-    let status = hand.wait_for_rest()?;
+    let (status, _) = hand.wait_for_rest(|_| {})?;
     writeln!(
         out,
         "{} at {}, position {}",

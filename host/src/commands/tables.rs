@@ -1,6 +1,7 @@
 //! `trinocular tables`: the paper's tables and figures, ours beside the printed values.
 
 use super::progress::Progress;
+use super::report::ReportOption;
 use super::scene::SceneOptions;
 use clap::Args;
 use host::error::Failure;
@@ -14,7 +15,6 @@ use host::validation::Validation;
 use host::validation::recovery::Row;
 use serde_json::{Value, json};
 use std::io::Write;
-use std::path::PathBuf;
 
 /// Print the paper's Tables 1, 2, 5 and 6, ours beside the printed values
 ///
@@ -27,9 +27,8 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
-    /// Also write an HTML page with the tables and Figs. 3, 4, 7 and 8
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportOption,
 
     #[command(flatten)]
     scene: SceneOptions,
@@ -43,6 +42,7 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let report = options.report.open()?;
     let scene = options.scene.settings();
     let (texture, seed) = (options.scene.texture, options.scene.seed);
     let validation = Validation::run().map_err(|refusal| Failure::Station(refusal.to_string()))?;
@@ -70,7 +70,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     .map_err(super::failed)?;
     drop(progress);
 
-    if let Some(path) = &options.report {
+    report.write(|| {
         let subtitle =
             "every table and figure of the paper that has numbers, ours beside the printed ones";
         let page = validation.add_to(Page::new("Trinocular: the paper's tables", subtitle));
@@ -80,17 +80,15 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 "Rendered pictures, the whole vision path.",
             )
             .table(present::moves(&rows));
-        let page = page
-            .section("Tracking (section 4.3)", "In closed loop on the twin.")
+        page.section("Tracking (section 4.3)", "In closed loop on the twin.")
             .table(present::stops("midpoint", &run.stops))
             .table(present::stops("closed form", &closed_form.stops))
             .facts(&present::facts(&settings, &run))
             .plots([
                 present::path(&run, Some(&closed_form)).into(),
                 present::laser(&run).into(),
-            ]);
-        page.write(path).map_err(super::unwritable)?;
-    }
+            ])
+    })?;
     if options.json {
         let of = |table: u8| -> Vec<Value> {
             let rows = validation

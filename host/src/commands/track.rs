@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
 use host::experiment::follower::Follower;
 use host::experiment::path::Path;
+use host::notice;
 use host::rig_file::RigFile;
 use host::station::diagnosis::explain;
 use host::sums;
@@ -207,10 +208,10 @@ fn introduce(station: &Follower) {
     let Some(serial) = station.serial() else {
         return;
     };
-    eprintln!("station B is {}", station.name());
+    notice!("station B is {}", station.name());
     if let Some(fault) = serial.cleared() {
         let number = fault.number();
-        eprintln!("its fault {number} was cleared: {}", explain(fault));
+        notice!("its fault {number} was cleared: {}", explain(fault));
     }
 }
 
@@ -277,7 +278,20 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "--port goes with --sim and --cameras: images from files are followed by the twin";
         return Err(Failure::Usage(reason.to_owned()));
     }
-    match (source, &options.rig) {
+    let outcome = follow(options, out);
+    if options.station.is_given()
+        && let Err(Failure::Output(cause)) = &outcome
+        && cause.kind() == std::io::ErrorKind::BrokenPipe
+    {
+        // Elsewhere a reader who has seen enough is no failure; here the stage was stopped for it.
+        let reason = "the run ended early: standard output was closed";
+        return Err(Failure::Station(reason.to_owned()));
+    }
+    outcome
+}
+
+fn follow(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    match (&options.source, &options.rig) {
         (
             Source {
                 images: Some(folder),

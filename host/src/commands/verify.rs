@@ -10,6 +10,8 @@ use host::verification::limitation::Severity;
 use host::verification::{Settings, Verification, present};
 use serde_json::json;
 
+use super::report::ReportOption;
+
 /// Predict what a rig can do, and name what limits it
 ///
 /// From the rig file alone: the standard deviation of a displacement per axis over depth and number of points, the space that the cameras see, step rates
@@ -41,9 +43,8 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
-    /// Also write an HTML page with tables and plots
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportOption,
 }
 
 const EXAMPLES: &str = "\
@@ -58,12 +59,9 @@ The exit code is 1 if the station would refuse the rig's stage.";
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let rig = RigFile::read(&options.rig)?;
+    let report = options.report.open()?;
     let found = Verification::of(&rig, settings);
-    if let Some(path) = &options.report {
-        present::page(&options.rig.display().to_string(), &found)
-            .write(path)
-            .map_err(super::unwritable)?;
-    }
+    report.write(|| present::page(&options.rig.display().to_string(), &found))?;
     if options.json {
         writeln!(out, "{}", json!(found))?;
     } else {

@@ -6,10 +6,10 @@
 //! the pins stand there. Nothing is interpolated or guessed.
 
 use crate::rig_file::Stage;
-use crate::station::StationError;
 use crate::station::serial::Serial;
 use crate::station::stage::configuration;
 use crate::station::twin::Twin;
+use crate::station::{StationError, plausible};
 use shared::frame::message::{Command, Config, Denial, EstimateReport, Frame, Mounting, Status};
 use shared::time::Instant;
 use std::thread::sleep;
@@ -336,7 +336,10 @@ impl Live {
                 camera_mm: self.position_mm(status),
             })
         })?;
-        found.ok_or(SILENT)
+        let moment: Moment = found.ok_or(SILENT)?;
+        // The world is run forward to it.
+        plausible::check_moment(moment.at.micros(), self.serial.now_us())?;
+        Ok(moment)
     }
 
     fn position_mm(&self, status: &Status) -> [f64; 3] {

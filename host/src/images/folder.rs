@@ -16,10 +16,12 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader};
+use image::{ExtendedColorType, ImageFormat};
 
+use super::decode::{LARGEST_FILE, Refusal, decode};
 use super::{Capture, Image};
 use crate::error::InputError;
+use crate::input::{self, Limit};
 
 pub mod watch;
 
@@ -161,27 +163,31 @@ pub fn save(
 
 /// Reads one image file as grey. `size_px` (width, height) is the size it must have.
 pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
-    let unreadable = |cause: &dyn std::fmt::Display| {
-        InputError::file(path, format!("cannot read the image: {cause}"))
-    };
-    let decoder = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .map_err(|cause| InputError::io(path, "read", &cause))?
-        .into_decoder()
-        .map_err(|cause| unreadable(&cause))?;
-    // Before decoding: a file that claims a huge size must not cost its memory.
-    let (width, height) = decoder.dimensions();
-    if [width, height] != size_px {
-        let [w, h] = size_px;
-        let reason = format!("{width} x {height} px, but the rig's images are {w} x {h} px");
-        return Err(InputError::file(path, reason));
-    }
-    let picture = DynamicImage::from_decoder(decoder).map_err(|cause| unreadable(&cause))?;
-    Ok(Image {
-        width: width as usize,
-        height: height as usize,
-        grey: picture.into_luma8().into_raw(),
+    decode(&bytes(path)?, Some(size_px)).map_err(|refusal| {
+        let reason = match refusal {
+            Refusal::OtherSize {
+                given: [width, height],
+                wanted: [w, h],
+            } => format!("{width} x {height} px, but the rig's images are {w} x {h} px"),
+            other => other.to_string(),
+        };
+        InputError::file(path, reason)
     })
+}
+
+/// Reads one image file as grey, whatever its size.
+pub fn read_any(path: &Path) -> Result<Image, InputError> {
+    decode(&bytes(path)?, None).map_err(|refusal| InputError::file(path, refusal.to_string()))
+}
+
+fn bytes(path: &Path) -> Result<Vec<u8>, InputError> {
+    input::bytes(
+        path,
+        Limit {
+            what: "an image",
+            bytes: LARGEST_FILE,
+        },
+    )
 }
 
 /// Writes one image as an 8-bit grey PNG.
@@ -199,7 +205,7 @@ pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
 }
 
 /// Names of the image files in one camera's folder.
-pub(crate) fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
+pub fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
     if !camera.is_dir() {
         let reason = "no such folder; every camera of the rig needs one of its name";
         return Err(InputError::file(camera, reason));

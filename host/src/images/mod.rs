@@ -2,6 +2,7 @@
 //! captures, one view per camera in the rig's order.
 
 pub mod cameras;
+pub mod decode;
 pub mod folder;
 pub mod render;
 mod spline;

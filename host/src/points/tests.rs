@@ -161,3 +161,25 @@ fn a_file_of_garbage_is_refused_not_panicked_over() {
         }
     }
 }
+
+#[test]
+fn row_that_is_too_long_is_refused_by_line() {
+    let row = |end: &str| parse_bytes(format!("{GOOD}{end}").as_bytes()).unwrap_err();
+    for (end, reason) in [
+        (",".repeat(1_000_000), "more than 16 columns"),
+        ("x".repeat(1_000_000), "more than 4096 bytes"),
+        (
+            format!("\"{}", "\n,".repeat(100_000)),
+            "more than 4096 bytes",
+        ),
+    ] {
+        let error = row(&end);
+        assert_eq!(error.line, Some(8), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+    let error = row(&format!("{},left,1,1,1,1{}", "i".repeat(2000), ",1"));
+    assert!(error.to_string().len() < 300, "{error}");
+    let camera = "\u{1b}".repeat(2000);
+    let error = row(&format!("c,{camera},1,1,1,1"));
+    assert!(error.to_string().len() < 1000, "{error}");
+}

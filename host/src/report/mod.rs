@@ -44,7 +44,7 @@ pub use stroke::Style;
 pub use table::{Cell, Emphasis, Table};
 pub use write::write_atomically;
 
-use std::path::PathBuf;
+use crate::error::InputError;
 
 /// Why a report could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -57,14 +57,9 @@ pub enum Error {
         /// What the drawing library said.
         reason: String,
     },
-    /// The file system refused the file.
-    #[error("{}: {source}", path.display())]
-    Write {
-        /// The file that was to be written.
-        path: PathBuf,
-        /// What the file system said.
-        source: std::io::Error,
-    },
+    /// The file cannot be written.
+    #[error(transparent)]
+    Write(#[from] InputError),
 }
 
 /// Any of the drawings a page can hold.

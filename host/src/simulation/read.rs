@@ -4,8 +4,9 @@ use super::expect::{Checkpoint, Expect};
 use super::motion::{Leg, Motion};
 use super::scenario::{self, Cameras, Event, Happening, Measure, Scenario};
 use crate::error::InputError;
+use crate::input::{self, Limit};
+use crate::rig_file::Stage;
 use crate::rig_file::field::{Field, Source};
-use crate::rig_file::{Stage, read_text};
 use crate::station::diagnosis;
 use crate::station::stage::default_stage;
 use shared::safety::{Fault, State};
@@ -13,6 +14,11 @@ use shared::track::pursuit::Sight;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
+/// What a scenario file may hold.
+const LIMIT: Limit = Limit {
+    what: "a scenario",
+    bytes: 1 << 20,
+};
 /// Nothing in a scenario lasts longer, s.
 const LONGEST_S: f64 = 3_600.0;
 /// A target farther away than this is a slip of the unit, mm.
@@ -26,7 +32,7 @@ impl Scenario {
     /// # Errors
     /// The first thing that is wrong with it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        Self::parse(path, &read_text(path)?)
+        Self::parse(path, &input::text(path, LIMIT)?)
     }
 
     /// Checks the text of a scenario file; `file` is what errors name.

@@ -1,18 +1,41 @@
 //! The host's half of the protocol: numbers packets, understands reports, keeps the latest status. No input or output.
 
 use super::clock::Clock;
+use super::motion::Motion;
+use super::plausible::{self, Implausible, Known};
 use shared::frame::encode::{Bytes, encode};
 use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
 use shared::frame::receive::{Receiver, Rejects};
 use std::collections::VecDeque;
 
-/// Answers kept until somebody asks for them.
+/// Answers kept until they are asked for.
 const ANSWERS: usize = 64;
+
+/// Stands for a control character in a board's name. No longer than what it replaces.
+const UNPRINTABLE: char = '?';
+
+/// Sequence numbers of the packets to a station.
+#[derive(Debug, Default)]
+pub struct Numbering(u16);
+
+impl Numbering {
+    /// Returns the next packet and its sequence number.
+    pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
+        self.0 = self.0.wrapping_add(1);
+        let packet = Packet {
+            sequence: self.0,
+            command,
+        };
+        let bytes = encode(&packet)
+            .expect("every command fits a packet (tests/link.rs: every_message_fits)");
+        (self.0, bytes)
+    }
+}
 
 /// A conversation with one station.
 #[derive(Debug, Default)]
 pub struct Client {
-    sequence: u16,
+    numbering: Numbering,
     receiver: Receiver<Report>,
     hello: Option<Hello>,
     last_run: Option<LastRun>,
@@ -23,34 +46,57 @@ pub struct Client {
     answered_tick: Option<u32>,
     clock: Clock,
     rejects: Rejects,
+    motion: Motion,
+    implausible: Option<Implausible>,
 }
 
 impl Client {
     /// The next packet, with its sequence number.
     pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
-        self.sequence = self.sequence.wrapping_add(1);
-        let packet = Packet {
-            sequence: self.sequence,
-            command,
-        };
-        let bytes = encode(&packet)
-            .expect("every command fits a packet (tests/link.rs: every_message_fits)");
-        (self.sequence, bytes)
+        self.numbering.packet(command)
     }
 
     /// Takes bytes from the station, in any chunking. `host_us` is the host's clock.
     pub fn feed(&mut self, host_us: u64, mut bytes: &[u8]) {
         while let Some(outcome) = self.receiver.next(&mut bytes) {
             match outcome {
-                Ok(report) => self.take(host_us, report),
+                Ok(report) => self.judge(host_us, report),
                 Err(reject) => self.rejects.count(reject),
+            }
+        }
+    }
+
+    /// Takes a report whose numbers are plausible, and keeps the first that are not.
+    fn judge(&mut self, host_us: u64, report: Report) {
+        if self.hello.is_none() && matches!(report, Report::Pong { .. }) {
+            // The line may still hold a reply to the ping of an earlier host.
+            return;
+        }
+        let known = Known {
+            host_us,
+            station_us: self.clock.station_us(host_us),
+            tick: self.status_since_hello().map(|status| status.tick),
+        };
+        match plausible::check(&report, known) {
+            Ok(()) => self.take(host_us, report),
+            Err(implausible) => {
+                self.implausible.get_or_insert(implausible);
             }
         }
     }
 
     fn take(&mut self, now_us: u64, report: Report) {
         match report {
-            Report::Hello(hello) => {
+            Report::Hello(mut hello) => {
+                // It goes to terminals and logs.
+                let name = hello.board.clone();
+                hello.board.clear();
+                for letter in name.chars() {
+                    let is_control = letter.is_control();
+                    let _ = hello
+                        .board
+                        .push(if is_control { UNPRINTABLE } else { letter });
+                }
                 self.hello = Some(hello);
                 // A line may have kept what the station told somebody else: of that, only what comes after our hello is for us.
                 self.status_is_fresh = false;
@@ -59,6 +105,7 @@ impl Client {
             }
             Report::LastRun(last_run) => self.last_run = Some(last_run),
             Report::Status(status) => {
+                self.motion.told(&status);
                 self.status = Some(status);
                 self.status_is_fresh = true;
             }
@@ -76,6 +123,8 @@ impl Client {
                 outcome,
             } => {
                 self.answered_tick = Some(tick);
+                let is_denied = matches!(outcome, Outcome::Denied(_));
+                self.motion.answered(sequence, tick, is_denied);
                 if self.answers.len() == ANSWERS {
                     self.answers.pop_front();
                 }
@@ -96,6 +145,28 @@ impl Client {
         self.status = None;
         self.answers.clear();
         self.answered_tick = None;
+        self.implausible = None;
+    }
+
+    /// Notes a command that has been sent with this sequence number by other means than
+    /// [`Client::packet`].
+    pub(super) fn sent(&mut self, sequence: u16, command: &Command) {
+        self.motion.sent(sequence, command);
+    }
+
+    /// What the commands of this conversation have set in motion.
+    pub(super) fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// As [`Client::motion`], to change it.
+    pub(super) fn motion_mut(&mut self) -> &mut Motion {
+        &mut self.motion
+    }
+
+    /// The first number of the station that cannot be true; its report was not taken.
+    pub fn implausible(&self) -> Option<Implausible> {
+        self.implausible
     }
 
     /// Another station, or the same after a restart: its clock began anew.

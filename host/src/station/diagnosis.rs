@@ -157,9 +157,9 @@ pub const fn fault(fault: Fault) -> FaultText {
 /// Every state and fault with its number: what `trinocular diagnose --list` prints, and `FAULTS.md` holds.
 pub fn table() -> String {
     let lines = |number: u8, name: &str, first: &str, others: &[(&str, &str)]| {
-        let mut lines = format!("  {number} {name:<16}  {first}\n");
+        let mut lines = format!("  {number} {name:<18}  {first}\n");
         for (label, value) in others {
-            lines.push_str(&format!("{:22}{label}: {value}\n", ""));
+            lines.push_str(&format!("{:24}{label}: {value}\n", ""));
         }
         lines
     };
@@ -251,6 +251,9 @@ pub fn next_step(status: &Status) -> Option<String> {
     }
     if status.state != State::Idle {
         return Some(state(status.state).action.to_owned());
+    }
+    if !status.motors {
+        return Some("`motors on`, then `home` or `zero`".to_owned());
     }
     match status.trust {
         Trust::Homed => None,

@@ -2,12 +2,14 @@
 //!
 //! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
 //! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
-//! the station's time, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod bound;
 pub mod client;
 pub mod clock;
 pub mod diagnosis;
+mod motion;
+pub mod plausible;
 pub mod ports;
 pub mod serial;
 pub mod stage;
@@ -29,6 +31,30 @@ pub enum StationError {
         /// How long was waited, ms.
         waited_ms: u64,
     },
+    /// It did not answer a command, but told how it is.
+    #[error("the station did not answer {command} within {waited_ms} ms; {known}")]
+    Unanswered {
+        /// What was asked.
+        command: &'static str,
+        /// How long was waited, ms.
+        waited_ms: u64,
+        /// What its status says of the command.
+        known: String,
+    },
+    /// It answered none of the stops.
+    #[error(
+        "the station answered none of {sent} stops; the heartbeat has been ended, so it stops by itself if it still hears this computer: see that the stage stands"
+    )]
+    Unstopped {
+        /// How many were sent.
+        sent: u32,
+    },
+    /// A signal came: the program is to end.
+    #[error("interrupted")]
+    Cancelled,
+    /// A number that cannot be true.
+    #[error(transparent)]
+    Implausible(#[from] plausible::Implausible),
     /// It speaks another protocol.
     #[error("the station's firmware does not fit this program: {}", mismatches(.0))]
     Mismatch(Vec<Mismatch>),
@@ -44,7 +70,10 @@ pub enum StationError {
     #[error("the station stopped with fault {}: {}", .0.number(), diagnosis::explain(*.0))]
     Faulted(Fault),
     /// Its bytes were not understood.
-    #[error("the link to the station garbles: {0:?}")]
+    #[error(
+        "what comes from the line is no station's or is garbled: {}; see that it is the right port, and the cable",
+        rejects(.0)
+    )]
     Garbled(Rejects),
     /// The serial port cannot be used.
     #[error("{path}: {reason}")]
@@ -53,6 +82,14 @@ pub enum StationError {
         path: String,
         /// What happened.
         reason: String,
+    },
+    /// Another program has the serial port.
+    #[error("{path}: cannot open: {}", in_use(.holder.as_ref()))]
+    Busy {
+        /// The port.
+        path: String,
+        /// That program, if the system tells.
+        holder: Option<serial::Holder>,
     },
     /// The line broke, and nobody answered on it since.
     #[error(
@@ -97,6 +134,35 @@ pub enum StationError {
 fn mismatches(list: &[Mismatch]) -> String {
     let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
     list.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn in_use(holder: Option<&serial::Holder>) -> String {
+    match holder {
+        Some(serial::Holder { pid, command }) => {
+            format!(
+                "in use by `{command}` (process {pid}); press Ctrl-C there, or run `trinocular stop`, which does the same"
+            )
+        }
+        None => "in use by another program; end that program first".to_owned(),
+    }
+}
+
+/// Bytes that were no report, in words.
+pub fn rejects(rejects: &Rejects) -> String {
+    let kinds = [
+        (rejects.framing, "broken"),
+        (rejects.checksum, "with a wrong checksum"),
+        (rejects.malformed, "of no known kind"),
+        (rejects.too_long, "too long"),
+    ];
+    let seen = kinds.iter().filter(|(count, _)| *count > 0);
+    let seen: Vec<String> = seen
+        .map(|(count, kind)| format!("{count} {kind}"))
+        .collect();
+    match seen.is_empty() {
+        true => "no packet at all".to_owned(),
+        false => format!("packets that are {}", seen.join(", ")),
+    }
 }
 
 /// Why a station started, in words.

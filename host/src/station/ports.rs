@@ -1,6 +1,7 @@
 //! The serial ports of this computer, and which of them a station is on. Opens none, hence writes to none.
 
 use super::StationError;
+use crate::printable::printable;
 use serialport::SerialPortType;
 
 /// USB vendor and product of our boards.
@@ -16,7 +17,7 @@ pub struct Candidate {
     pub path: String,
     /// USB vendor and product, if it is a USB port.
     pub usb: Option<(u16, u16)>,
-    /// What the device calls itself.
+    /// What the device calls itself, fit for printing.
     pub product: Option<String>,
     /// Its serial number.
     pub serial_number: Option<String>,
@@ -43,8 +44,8 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
             path: port.port_name,
             usb: ids,
             is_station: ids == Some(USB_IDS),
-            product: usb.as_ref().and_then(|usb| usb.product.clone()),
-            serial_number: usb.and_then(|usb| usb.serial_number),
+            product: (usb.as_ref()).and_then(|usb| usb.product.as_ref().map(printable)),
+            serial_number: usb.and_then(|usb| usb.serial_number).map(printable),
         }
     };
     let mut list: Vec<Candidate> = ports.into_iter().map(candidate).collect();

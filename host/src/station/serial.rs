@@ -1,17 +1,31 @@
-//! A station at the end of a serial line: the board over USB or UART, or the emulated board behind a pseudo-terminal.
+//! A station at the end of a serial line: the board over USB or UART, or the emulated board behind
+//! a pseudo-terminal.
 //!
-//! The [`line`] is shared between the caller, who sends commands and waits for answers, and one thread, which sends the heartbeat and takes
-//! in what the station says. So the heartbeat goes on while the caller looks at pictures, and stops with the process: a host that crashed
-//! does not keep a stage moving. A lost line is looked for by the same thread; the caller hears of it from the next call that can fail, and
-//! decides what to do when it is back.
+//! The [`line`] is shared between the caller, who sends commands and waits for answers, and a
+//! thread that takes in what the station says and looks for a lost line. The caller hears of a lost
+//! line from the next call that can fail, and decides what to do when it is back. A second thread
+//! sends the heartbeat and does nothing else ([`sender`]). So the heartbeat goes on while the
+//! caller looks at pictures, and stops with the process: a host that crashed does not keep a stage
+//! moving.
+//!
+//! *Invariant:* a stage that moves because of this program stops before the line is closed,
+//! whatever ends the run ([`stop`]).
 
+mod busy;
 mod line;
+mod repetition;
+mod sender;
+mod stop;
+
+pub use busy::{Holder, end_other_host};
 
 use super::StationError;
 use super::client::Client;
 use super::stage::configuration;
+use crate::interruption;
 use crate::rig_file::Stage;
 use line::Line;
+use sender::Sender;
 use shared::frame::message::{Command, Config, Denial, Hello, LastRun, Mounting, Status};
 use shared::safety::Fault;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -24,14 +38,12 @@ const LOOK: Duration = Duration::from_millis(1);
 /// How long an answer may take.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// How long the first answer may take: some boards restart when their port is opened, and a pseudo-terminal takes a second to notice it.
+/// How long the first answer may take: some boards restart when their port is opened, and a
+/// pseudo-terminal takes a second to notice it.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 /// How often hello is repeated meanwhile.
 const HELLO_PERIOD: Duration = Duration::from_millis(250);
-
-/// How long a lost line is looked for.
-pub const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
 /// How long a stage may take to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
@@ -63,7 +75,8 @@ impl Shared {
     }
 }
 
-/// The client of a [`Serial`], borrowed. While this lives the heartbeat waits: use it and let it go.
+/// The client of a [`Serial`], borrowed. While this lives nothing is taken in from the station; the
+/// heartbeat goes on.
 pub struct ClientRef<'a>(MutexGuard<'a, Line>);
 
 impl std::ops::Deref for ClientRef<'_> {
@@ -74,11 +87,15 @@ impl std::ops::Deref for ClientRef<'_> {
     }
 }
 
-/// A station on a serial line. Dropping it ends the heartbeat and closes the line.
+/// A station on a serial line. Dropping it stops what its commands have set in motion, ends the
+/// heartbeat and closes the line.
 pub struct Serial {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    sender: Arc<Sender>,
+    threads: Vec<JoinHandle<()>>,
     cleared: Option<Fault>,
+    /// The caller has asked for a stop: a signal is no news any more.
+    stops: bool,
 }
 
 impl std::fmt::Debug for Serial {
@@ -91,51 +108,74 @@ impl std::fmt::Debug for Serial {
 
 impl Drop for Serial {
     fn drop(&mut self) {
-        self.shared.line().closed = true;
-        self.shared.ending.notify_all();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.end_motion();
+        self.close();
     }
 }
 
 impl Serial {
-    /// Opens the line and asks who is there. Sends nothing but hello; no heartbeat yet.
+    /// Opens the line and asks who is there. Sends nothing but hello; no heartbeat yet. From now on
+    /// the program watches for Ctrl-C and other [signals](interruption).
     ///
     /// # Errors
-    /// [`StationError::Port`] if the port cannot be used, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers.
-    /// A station with other firmware is no error here: see [`Hello::mismatches`].
+    /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
+    /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
+    /// station with other firmware is no error here: see [`Hello::mismatches`].
     pub fn connect(path: &str) -> Result<Self, StationError> {
-        let line = Line::open(path, RECONNECT_PATIENCE)?;
+        let failed = |what: &str, cause: std::io::Error| StationError::Port {
+            path: path.to_owned(),
+            reason: format!("{what}: {cause}"),
+        };
+        interruption::watch().map_err(|cause| failed("signals", cause))?;
+        let sender = Arc::new(Sender::new(Instant::now()));
+        let line = Line::open(path, Arc::clone(&sender))?;
         let shared = Arc::new(Shared {
             line: Mutex::new(line),
             ending: Condvar::new(),
         });
-        let attendant = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("station".to_owned())
-            .spawn(move || attendant.attend())
-            .map_err(|cause| StationError::Port {
-                path: path.to_owned(),
-                reason: format!("cannot start its thread: {cause}"),
-            })?;
-        let serial = Self {
+        let mut serial = Self {
             shared,
-            thread: Some(thread),
+            sender,
+            threads: Vec::new(),
             cleared: None,
+            stops: false,
         };
+        let attendant = Arc::clone(&serial.shared);
+        let attendant = std::thread::Builder::new()
+            .name("station".to_owned())
+            .spawn(move || attendant.attend());
+        for thread in [attendant, serial.sender.start_heartbeat()] {
+            let thread = thread.map_err(|cause| failed("cannot start its threads", cause))?;
+            serial.threads.push(thread);
+        }
         serial.hello()?;
         serial.shared.line().begin_session();
         Ok(serial)
     }
 
-    /// Connects to the station, brings it to rest whatever the last host left behind, starts the heartbeat, configures the stage and declares
-    /// its present position to be zero.
+    /// Closes the line without another word, as a crash does: a stage in motion goes on until its
+    /// station misses the heartbeat.
+    pub fn abandon(mut self) {
+        self.close();
+        self.shared.line().client.motion_mut().ended();
+    }
+
+    fn close(&mut self) {
+        self.sender.close();
+        self.shared.line().closed = true;
+        self.shared.ending.notify_all();
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+
+    /// Connects to the station, brings it to rest whatever the last host left behind, starts the
+    /// heartbeat, configures the stage and declares its present position to be zero.
     ///
     /// # Errors
-    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware; [`StationError::Faulted`] with [`Fault::Restart`], which wants to be
-    /// acknowledged by hand; if the stage does not fit the configuration or the station
-    /// refuses it.
+    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware;
+    /// [`StationError::Faulted`] with [`Fault::Restart`], which wants to be acknowledged by hand;
+    /// if the stage does not fit the configuration or the station refuses it.
     pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
         Self::start_as(path, configuration(stage, mounting)?)
     }
@@ -152,7 +192,8 @@ impl Serial {
             return Err(StationError::Mismatch(mismatches.to_vec()));
         }
         // Without the heartbeat: what a host that crashed set moving must not live on by ours.
-        serial.command("stop", Command::Stop)?;
+        serial.stop()?;
+        serial.stops = false;
         serial.cleared = serial.fresh_status(true)?.fault;
         if let Some(fault @ Fault::Restart) = serial.cleared {
             // Somebody has to look at it first.
@@ -162,13 +203,13 @@ impl Serial {
         loop {
             match serial.command("reset", Command::Reset) {
                 Err(StationError::Denied {
-                    denial: Denial::Moving,
+                    denial: Denial::Moving | Denial::FaultUnread,
                     ..
                 }) if Instant::now() < end => std::thread::sleep(10 * LOOK),
                 outcome => break outcome?,
             }
         }
-        serial.set_pings(true);
+        serial.start_heartbeat()?;
         serial.command("config", Command::Config(configuration))?;
         serial.command("zero", Command::Zero)?;
         serial.shared.line().configured = true;
@@ -197,13 +238,33 @@ impl Serial {
     /// Waits for the client to know something; on a lost line, until it is found or given up.
     ///
     /// # Errors
-    /// If the line is or was lost.
+    /// If the line is or was lost; [`StationError::Cancelled`] after a signal, unless the caller
+    /// has asked for a stop.
     pub fn wait_until<T>(
         &self,
         end: Instant,
         mut got: impl FnMut(&mut Client) -> Option<T>,
     ) -> Result<Option<T>, StationError> {
+        self.wait_or_break(end, || self.check_signals(), &mut got)
+    }
+
+    /// As [`Serial::wait_until`], whatever signals come.
+    fn wait_through<T>(
+        &self,
+        end: Instant,
+        mut got: impl FnMut(&mut Client) -> Option<T>,
+    ) -> Result<Option<T>, StationError> {
+        self.wait_or_break(end, || Ok(()), &mut got)
+    }
+
+    fn wait_or_break<T>(
+        &self,
+        end: Instant,
+        check: impl Fn() -> Result<(), StationError>,
+        got: &mut dyn FnMut(&mut Client) -> Option<T>,
+    ) -> Result<Option<T>, StationError> {
         loop {
+            check()?;
             {
                 let mut line = self.shared.line();
                 line.attend();
@@ -239,7 +300,8 @@ impl Serial {
         self.client().hello().cloned()
     }
 
-    /// What the station remembers of the time before it started. `None` if it is of other firmware or did not say.
+    /// What the station remembers of the time before it started. `None` if it is of other firmware
+    /// or did not say.
     ///
     /// # Errors
     /// If the line is or was lost.
@@ -254,7 +316,8 @@ impl Serial {
         })
     }
 
-    /// A status from after the hello or, with `answered`, one that shows what the last answered command did. It comes within a tenth of a second.
+    /// A status from after the hello or, with `answered`, one that shows what the last answered
+    /// command did. It comes within a tenth of a second.
     ///
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
@@ -271,27 +334,10 @@ impl Serial {
         self.shared.line().path.clone()
     }
 
-    /// Sends a command without waiting; returns its sequence number. On a lost line it goes nowhere, which shows when the answer is waited for.
+    /// Sends a command without waiting; returns its sequence number. On a lost line it goes
+    /// nowhere, which shows when the answer is waited for.
     pub fn send(&mut self, command: Command) -> u16 {
         self.shared.line().send(command)
-    }
-
-    /// Sends a command and waits for the answer.
-    ///
-    /// # Errors
-    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] without an answer; on a line that is or was lost
-    /// [`StationError::Lost`], [`StationError::Interrupted`], [`StationError::Restarted`] or [`StationError::Mismatch`].
-    pub fn command(&mut self, name: &'static str, command: Command) -> Result<(), StationError> {
-        let sequence = self.send(command);
-        let end = Instant::now() + PATIENCE;
-        match self.wait_until(end, |client| client.answer(sequence))? {
-            Some(Ok(())) => Ok(()),
-            Some(Err(denial)) => Err(StationError::Denied {
-                command: name,
-                denial,
-            }),
-            None => Err(self.silence(name, PATIENCE)),
-        }
     }
 
     /// The station's answer to a sent command, if it has come.
@@ -301,26 +347,51 @@ impl Serial {
         line.client.answer(sequence)
     }
 
-    /// Whether commands reach the station.
+    /// Whether commands reach the station, and the run may go on.
     ///
     /// # Errors
-    /// As [`Serial::command`] on a line that is or was lost.
+    /// As [`Serial::command`] on a line that is or was lost; [`StationError::Cancelled`] after a
+    /// signal, unless the caller has asked for a stop.
     pub fn check(&self) -> Result<(), StationError> {
+        self.check_signals()?;
         self.shared.line().check()
     }
 
-    /// Goes on after the line was lost and is back: only with a station that lost nothing and has latched no fault. One that moved or followed
-    /// has, since its heartbeat failed.
+    fn check_signals(&self) -> Result<(), StationError> {
+        match interruption::is_requested() && !self.stops {
+            true => Err(StationError::Cancelled),
+            false => Ok(()),
+        }
+    }
+
+    /// Goes on after the line was lost and is back: only with a station that lost nothing and has
+    /// latched no fault. One that moved or followed has, since its heartbeat failed.
     ///
     /// # Errors
-    /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or the station is not the same.
+    /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or
+    /// the station is not the same.
     pub fn resume(&mut self) -> Result<(), StationError> {
         self.shared.line().resume()
     }
 
-    /// How long a lost line is looked for: [`RECONNECT_PATIENCE`] unless set.
+    /// How long a lost line is looked for: 10 s unless set.
     pub fn set_reconnect_patience(&mut self, patience: Duration) {
         self.shared.line().patience = patience;
+    }
+
+    /// Starts the heartbeat and waits until the station has answered a ping: before that it takes
+    /// no command to move.
+    ///
+    /// # Errors
+    /// [`StationError::Silent`] without an answer; as [`Serial::check`].
+    pub fn start_heartbeat(&mut self) -> Result<(), StationError> {
+        self.set_pings(true);
+        let end = Instant::now() + REST_PATIENCE;
+        let heard = self.wait_until(end, |client| client.clock().offset_us(0))?;
+        match heard {
+            Some(_) => Ok(()),
+            None => Err(self.silence("ping", REST_PATIENCE)),
+        }
     }
 
     /// Starts or stops the heartbeat.
@@ -335,19 +406,20 @@ impl Serial {
         line.client.status().copied()
     }
 
-    /// The conversation. Let it go at once: the heartbeat waits for it.
+    /// The conversation. Let it go at once: meanwhile nothing is taken in.
     pub fn client(&self) -> ClientRef<'_> {
         ClientRef(self.shared.line())
     }
 
-    /// Station time minus host time now, and the bound of its error, µs. `None` before the first heartbeat came back.
+    /// Station time minus host time now, and the bound of its error, µs. `None` before the first
+    /// heartbeat came back.
     pub fn offset_us(&self) -> Option<(i64, u64)> {
-        let line = self.shared.line();
-        line.client.clock().offset_us(line.now_us())
+        let now_us = self.now_us();
+        self.client().clock().offset_us(now_us)
     }
 
     /// The host's clock that the time sync uses, µs since the line was opened.
     pub fn now_us(&self) -> u64 {
-        self.shared.line().now_us()
+        self.sender.now_us()
     }
 }

@@ -1,4 +1,7 @@
 //! What the fuzz targets are made of. `tests/fuzz/run` builds and runs them.
 
 pub mod command;
+pub mod edit;
+pub mod law;
 pub mod life;
+pub mod picture;

@@ -10,7 +10,6 @@
 //! impossible one is refused with file, line and name. Both kinds are read alike, by what they hold.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -18,10 +17,15 @@ use shared::rig::{Camera, Rig};
 
 use super::lens::Lens;
 use crate::error::InputError;
+use crate::input::{self, Limit, not_utf8};
 use crate::rig_file::{LIMIT_FOCAL_PX, NOT_A_LENS, can_undistort};
-use yaml::Node;
+use yaml::{Document, Node, quoted};
 
+mod assemble;
 mod yaml;
+
+pub use assemble::{Assembled, Member, assemble};
+pub use yaml::Place;
 
 #[cfg(test)]
 mod tests;
@@ -31,6 +35,27 @@ const KNOWN: usize = 5;
 /// How far a matrix may be from a rotation: files of four digits are.
 const NOT_A_ROTATION: f64 = 1e-3;
 const MM_PER_M: f64 = 1e3;
+/// A camera farther than 1 km from where it counts from is a slip of the unit.
+const LIMIT_SHIFT_MM: f64 = 1e6;
+/// Of a file that also holds the corners of all photographs.
+const LIMIT: Limit = Limit {
+    what: "a camera's YAML file",
+    bytes: 4 << 20,
+};
+/// The names that are read.
+const KEYS: [&str; 11] = [
+    "image_width",
+    "image_height",
+    "camera_name",
+    "camera_matrix",
+    "distortion_coefficients",
+    "distortion_model",
+    "fisheye_model",
+    "R",
+    "T",
+    "rectification_matrix",
+    "projection_matrix",
+];
 
 /// One camera's file.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,23 +66,36 @@ pub struct CameraFile {
     pub lens: Lens,
     /// From the rig's axes to the camera's, mm, if the file says.
     pub motion: Option<Isometry3<f64>>,
+    /// Where the file says so.
+    pub places: Places,
+}
+
+/// Where a camera's file says what.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Places {
+    /// Focal lengths and principal point.
+    pub matrix: Place,
+    /// The lens's distortion.
+    pub distortion: Place,
+    /// How the camera is turned.
+    pub turn: Option<Place>,
+    /// Where the camera is.
+    pub shift: Option<Place>,
 }
 
 impl CameraFile {
     /// Reads an OpenCV or ROS file.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = fs::read(path).map_err(|cause| InputError::io(path, "read", &cause))?;
-        Self::parse(path, &bytes)
+        Self::parse(path, &input::bytes(path, LIMIT)?)
     }
 
     /// Reads the content of such a file; `file` is what errors name.
     pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
         let text = std::str::from_utf8(bytes).map_err(|error| {
-            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
-            let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-            InputError::line(file, line, "not UTF-8 text")
+            not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
         })?;
-        let root = Node::parse(file, text)?;
+        let document = Document::parse(file, text, &KEYS)?;
+        let root = document.root();
         let side = |key: &str| root.required(key)?.whole(8..=65_535);
         let image_size_px = [side("image_width")?, side("image_height")?];
         if let Some(model) = root.optional("distortion_model")?
@@ -65,7 +103,7 @@ impl CameraFile {
         {
             let reason = format!(
                 "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read",
-                model.text()?.escape_debug()
+                quoted(model.text()?)
             );
             return Err(model.fault(reason));
         }
@@ -76,29 +114,39 @@ impl CameraFile {
             let reason = "a fisheye's coefficients mean something else: calibrate with the model k1 k2 p1 p2 k3";
             return Err(flag.fault(reason));
         }
-        let [fx, fy, cx, cy] = camera_matrix(root.required("camera_matrix")?, image_size_px)?;
+        let matrix = root.required("camera_matrix")?;
+        let [fx, fy, cx, cy] = camera_matrix(&matrix, image_size_px)?;
         let coefficients = root.required("distortion_coefficients")?;
-        let [k1, k2, p1, p2, k3] = distortion(coefficients)?;
+        let [k1, k2, p1, p2, k3] = distortion(&coefficients)?;
         let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
         if !can_undistort(&lens.camera(), image_size_px) {
             return Err(coefficients.fault(NOT_A_LENS));
         }
-        let motion = match (root.optional("projection_matrix")?, root.optional("R")?) {
+        let (turn, shift, motion);
+        match (root.optional("projection_matrix")?, root.optional("R")?) {
             (Some(projection), _) => {
                 let rectification = root.required("rectification_matrix")?;
-                Some(ros_motion(rectification, projection)?)
+                motion = Some(ros_motion(&rectification, &projection)?);
+                (turn, shift) = (Some(rectification), Some(projection));
             }
-            (None, Some(turn)) => {
-                let shift: [f64; 3] = numbers(root.required("T")?)?;
-                let turn = rotation(turn)?;
-                Some(Isometry3::from_parts(Vector3::from(shift).into(), turn))
+            (None, Some(matrix)) => {
+                let place = root.required("T")?;
+                motion = Some(opencv_motion(&matrix, &place)?);
+                (turn, shift) = (Some(matrix), Some(place));
             }
-            (None, None) => None,
+            (None, None) => (turn, shift, motion) = (None, None, None),
+        }
+        let places = Places {
+            matrix: matrix.place(),
+            distortion: coefficients.place(),
+            turn: turn.map(|turn| turn.place()),
+            shift: shift.map(|shift| shift.place()),
         };
         Ok(Self {
             image_size_px,
             lens,
             motion,
+            places,
         })
     }
 }
@@ -175,6 +223,19 @@ fn rotation(field: &Node<'_>) -> Result<UnitQuaternion<f64>, InputError> {
     ))
 }
 
+fn opencv_motion(turn: &Node<'_>, shift: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
+    let place_mm = Vector3::from(numbers::<3>(shift)?);
+    check_distance(shift, &place_mm)?;
+    Ok(Isometry3::from_parts(place_mm.into(), rotation(turn)?))
+}
+
+fn check_distance(field: &Node<'_>, place_mm: &Vector3<f64>) -> Result<(), InputError> {
+    if place_mm.iter().all(|mm| mm.abs() <= LIMIT_SHIFT_MM) {
+        return Ok(());
+    }
+    Err(field.fault("puts the camera more than 1 km away"))
+}
+
 fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
     // From the camera's axes to the rig's: the other way round than ours.
     let turn = rotation(turn)?.inverse();
@@ -186,6 +247,7 @@ fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, 
         return Err(projection.fault("the last number must be 0: rectified cameras share a plane"));
     }
     let place_mm = Vector3::new(-x / fx, -y / fy, 0.0) * MM_PER_M;
+    check_distance(projection, &place_mm)?;
     Ok(Isometry3::from_parts((turn * -place_mm).into(), turn))
 }
 

@@ -118,7 +118,8 @@ fn a_name_stays_a_name_whatever_it_looks_like() {
     ] {
         let text = ros(name, &rig.cameras[0], &rig);
         assert!(parse(&text).is_ok(), "{text}");
-        let root = Node::parse(Path::new("camera.yaml"), &text).unwrap();
+        let document = Document::parse(Path::new("camera.yaml"), &text, &KEYS).unwrap();
+        let root = document.root();
         assert_eq!(root.required("camera_name").unwrap().text().unwrap(), name);
     }
 }
@@ -274,4 +275,127 @@ fn what_is_no_such_file_is_refused() {
     assert!(parse(&deep).is_err());
     let error = CameraFile::parse(Path::new("a.yml"), b"a: 1\nb: \xff").unwrap_err();
     assert_eq!(error.line, Some(2), "{error}");
+}
+
+#[test]
+fn long_file_is_read_in_linear_time() {
+    let mut text = OPENCV.to_owned();
+    for key in 0..200_000 {
+        text += &format!("k{key}: 1\n");
+    }
+    text += &format!("corners: [{}0]\n", "1.5, ".repeat(200_000));
+    assert!(text.len() > 2_000_000 && text.len() < LIMIT.bytes as usize);
+    assert_eq!(parse(&text).unwrap().lens, parse(OPENCV).unwrap().lens);
+    let error = parse(&(text + "k77: 2\n")).unwrap_err();
+    assert_eq!(error.field.as_deref(), Some("k77"), "{error}");
+}
+
+#[test]
+fn value_that_is_too_long_is_refused_in_short() {
+    let long = "9".repeat(100_000);
+    let (number, key) = (
+        format!("image_width: {long}x"),
+        format!("? {long}\n: 1\n? {long}\n: 2"),
+    );
+    let list = format!("T: [{}1]", "1, ".repeat(2_000));
+    for (line, reason) in [
+        (number, "whole number"),
+        (key, "given twice"),
+        (list, "1000 values"),
+    ] {
+        let text = OPENCV.replacen("image_width: 640", &line, 1);
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains(reason) && error.len() < 500, "{error}");
+    }
+}
+
+fn member(name: &str, text: &str) -> Member {
+    let path = format!("{name}.yml").into();
+    let file = CameraFile::parse(Path::new("unused"), text.as_bytes()).unwrap();
+    Member {
+        path,
+        name: name.to_owned(),
+        file,
+        offset_mm: None,
+    }
+}
+
+/// A file with these rows of R, and T.
+fn turned(rows: [[f64; 3]; 3], shift: [f64; 3]) -> String {
+    let rows = list(rows.as_flattened());
+    let shift = list(&shift);
+    format!(
+        "{OPENCV}R: {{rows: 3, cols: 3, data: [{rows}]}}\nT: {{rows: 3, cols: 1, data: [{shift}]}}\n"
+    )
+}
+
+const STRAIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+const BACKWARDS: [[f64; 3]; 3] = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
+
+#[track_caller]
+fn blamed(members: &[Member], file: &str, field: Option<&str>, reason: &str) {
+    let error = assemble(members).unwrap_err();
+    assert_eq!(error.file, Path::new(file), "{error}");
+    assert_eq!(error.field.as_deref(), field, "{error}");
+    assert_eq!(error.line.is_some(), field.is_some(), "{error}");
+    assert!(error.reason.contains(reason), "{error}");
+}
+
+#[test]
+fn broken_rule_of_a_rig_is_blamed_on_its_file() {
+    let straight = |name: &str, x: f64| member(name, &turned(STRAIGHT, [-x, 0.0, 0.0]));
+    let [left, right] = [straight("left", 0.0), straight("right", 80.0)];
+    assert!(assemble(&[left.clone(), right.clone()]).is_ok());
+
+    let far = straight("right", 500_000.0);
+    blamed(&[left.clone(), far], "right.yml", Some("T"), "out of range");
+    let same = straight("right", 0.0);
+    blamed(&[left.clone(), same], "right.yml", Some("T"), "same place");
+    let wrong_way = [left.clone(), straight("middle", 90.0), right.clone()];
+    blamed(&wrong_way, "right.yml", Some("T"), "left < middle < right");
+    let named = |name: &str| Member {
+        name: name.to_owned(),
+        ..right.clone()
+    };
+    blamed(
+        &[left.clone(), named("a\nb")],
+        "right.yml",
+        None,
+        "cannot name a folder",
+    );
+    blamed(
+        &[left.clone(), named("LEFT")],
+        "right.yml",
+        None,
+        "named `left` already",
+    );
+    let given = Member {
+        offset_mm: Some([0.0; 2]),
+        ..right.clone()
+    };
+    blamed(
+        &[left.clone(), given],
+        "right.yml",
+        None,
+        "--offset right: ",
+    );
+    let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 0.0]));
+    blamed(
+        &[left.clone(), back],
+        "right.yml",
+        Some("R"),
+        "rotation_deg",
+    );
+    // Whose axes have no mean.
+    let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 5.0]));
+    blamed(&[left, back], "left.yml", Some("R"), "no axes of a rig");
+}
+
+#[test]
+fn shift_beyond_all_measure_is_refused() {
+    for shift in [[1e9, 0.0, 0.0], [0.0, 0.0, -1e300]] {
+        let error = parse(&turned(STRAIGHT, shift)).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some("T"), "{error}");
+        assert!(error.reason.contains("1 km"), "{error}");
+    }
 }

@@ -5,6 +5,7 @@ use super::{Bench, Options};
 use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
+use host::notice;
 use host::rig_file::{RigFile, Stage};
 use host::station::stage::setpoint;
 use std::collections::BTreeSet;
@@ -70,8 +71,8 @@ impl Bench for Real {
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
         self.hand.command("setpoint", setpoint(position_mm))?;
-        let end = self.hand.wait_for_rest()?;
-        why_it_stands(&self.hand, &end, false)?;
+        let (end, interrupted) = self.hand.wait_for_rest(|_| {})?;
+        why_it_stands(&self.hand, &end, interrupted)?;
         Ok(in_mm(end.position_steps, &self.stage))
     }
 
@@ -79,9 +80,11 @@ impl Bench for Real {
     fn look(&mut self) -> Result<Capture, Failure> {
         let before = self.names();
         let [x, y, z] = self.position_mm()?;
-        eprintln!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
+        notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
         let end = Instant::now() + self.patience;
         loop {
+            let line = self.hand.serial().check();
+            line.map_err(|error| self.hand.failed(error))?;
             let folder = self.listed();
             let newest = folder.as_ref().and_then(|folder| {
                 let names = folder.names().iter().enumerate();

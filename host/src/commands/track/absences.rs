@@ -1,6 +1,7 @@
 //! What a row says of cameras that did not take part, and what is said once.
 
 use host::flow::team::{Absence, remarks};
+use host::notice;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::mem::{Discriminant, discriminant};
@@ -24,7 +25,7 @@ impl Absences {
     pub fn warn(&mut self, absent: &[(usize, Absence)]) {
         for (each, remark) in absent.iter().zip(remarks(absent, &self.names)) {
             if self.said.insert((each.0, discriminant(&each.1))) {
-                eprintln!("warning: {remark}");
+                notice!("warning: {remark}");
             }
         }
     }

@@ -11,8 +11,9 @@ use host::experiment::pursuit::{Clock, Followed, Pursuit};
 use host::flow::Refusal;
 use host::images::Capture;
 use host::images::cameras::stamp::quickest;
+use host::notice;
 use host::rig_file::{RigFile, Stage};
-use host::station::diagnosis;
+use host::station::{StationError, diagnosis};
 use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
@@ -100,7 +101,7 @@ impl<'a> Captures<'a> {
                 Some(steps) => format!(", {steps:?} steps"),
                 None => String::new(),
             };
-            eprintln!("the stage came to rest at {rest_mm:.4?} mm{steps}");
+            notice!("the stage came to rest at {rest_mm:.4?} mm{steps}");
         }
         let summary = outcome?;
         rest.map_err(|error| failed_at(self.port, error.into()))?;
@@ -128,11 +129,13 @@ impl<'a> Captures<'a> {
                         return Err(error.into());
                     }
                     if dark.is_none() {
-                        eprintln!("{}; waiting for a better one", error.reason);
+                        notice!("{}; waiting for a better one", error.reason);
                     }
                     dark = Some((since_us, error));
                     continue;
                 }
+                // A signal is the usual end of live pictures.
+                Err(Error::Station(StationError::Cancelled)) if self.is_live => break,
                 followed => followed.map_err(|error| failed_at(self.port, error))?,
             };
             dark = None;

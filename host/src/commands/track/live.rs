@@ -80,6 +80,7 @@ fn follow(
     use host::images::cameras::device::V4l2;
     use host::images::cameras::live::Live;
     use host::images::cameras::stamp::Source;
+    use host::notice;
     use std::time::Duration;
 
     let port = options.station.resolve()?;
@@ -91,19 +92,19 @@ fn follow(
         .map(|(device, name)| {
             let who = format!("{name} ({})", device.display());
             let notice = Box::new(move |source: Source| match source {
-                Source::Driver(_) => eprintln!("{who}: {source}"),
-                Source::Arrival(_) => eprintln!("warning: {who}: {source}"),
+                Source::Driver(_) => notice!("{who}: {source}"),
+                Source::Arrival(_) => notice!("warning: {who}: {source}"),
             });
             V4l2::open(device, size_px, options.fps, notice)
         })
         .collect::<Result<Vec<_>, _>>()?;
     for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
-        eprintln!("{name} is {}, {:?}", device.display(), camera.format());
+        notice!("{name} is {}, {:?}", device.display(), camera.format());
     }
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
-    let tell = |loss: &InputError| eprintln!("warning: {loss}; the others carry on");
+    let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
     let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
@@ -126,7 +127,7 @@ fn follow(
     let outcome = captures.follow(live.by_ref().take_while(is_in_time), out);
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
-        eprintln!(
+        notice!(
             "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners within {} ms, {} stale, {} damaged, {} out of order; \
              its driver lost {}",
             device.display(),
@@ -142,9 +143,10 @@ fn follow(
         );
     }
     let summary = outcome?;
-    eprintln!(
+    notice!(
         "{} of {} captures not used",
-        summary.refused, summary.frames
+        summary.refused,
+        summary.frames
     );
     Ok(())
 }

@@ -7,6 +7,7 @@ use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::Folder;
 use host::images::folder::watch::{Settings, Watch};
+use host::notice;
 use host::rig_file::RigFile;
 use host::station::stage::default_stage;
 use shared::frame::message::Mounting;
@@ -48,10 +49,10 @@ pub fn watch(
         idle: options.idle.map(Duration::from_secs_f64),
         stop,
     };
-    let tell = |passed_over: &InputError| eprintln!("{passed_over}");
+    let tell = |passed_over: &InputError| notice!("{passed_over}");
     let size_px = rig.rig.image_size_px;
     let captures = Watch::open(folder, &rig.names, size_px, settings, tell)?;
-    eprintln!(
+    notice!(
         "waiting for images in the folders {} of {}; Ctrl-C ends",
         rig.names.join(", "),
         folder.display()
@@ -74,7 +75,7 @@ fn readable(
     let mut has_reference = false;
     captures.filter(move |capture| match capture {
         Err(error) if has_reference => {
-            eprintln!("refused: {error}");
+            notice!("refused: {error}");
             unread.set(unread.get() + 1);
             false
         }

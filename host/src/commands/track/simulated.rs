@@ -8,6 +8,7 @@ use host::error::Failure;
 use host::experiment::servo::{Outcome, Servo, Step, Timing};
 use host::experiment::world::World;
 use host::images::Texture;
+use host::notice;
 use host::rig_file::RigFile;
 use host::station::diagnosis;
 use host::station::serial::Serial;
@@ -84,7 +85,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .map_err(|error| failed(error.into()))?;
     let rms = squares.map(|sum| (sum / f64::from(count.max(1))).sqrt());
     if let Some((_, bound_us)) = world.b.serial().and_then(Serial::offset_us) {
-        eprintln!("the station's clock was known to {bound_us} us");
+        notice!("the station's clock was known to {bound_us} us");
     }
     let error = match count {
         0 => "no picture after the first second, which is for catching up".to_owned(),
@@ -94,7 +95,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             )
         }
     };
-    eprintln!("{error}; {unused} pictures not used");
+    notice!("{error}; {unused} pictures not used");
     Ok(())
 }
 

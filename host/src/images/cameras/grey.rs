@@ -3,13 +3,13 @@
 //! Most formats carry the luminance by itself; then it is taken as it is, studio range (16 to 235) or full: the flow knows contrasts, no absolute
 //! brightness. Red, green and blue become luminance by the weights of ITU-R BT.709, as they do for image files.
 
-use std::io::Cursor;
 use std::sync::OnceLock;
 
-use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder as _};
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
 
 use crate::images::Image;
+use crate::images::decode::{Refusal, decode};
 
 /// How a camera lays out its pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,21 +136,19 @@ fn bt709([red, green, blue]: [u8; 3]) -> u8 {
 }
 
 fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
-    let unreadable = |cause: image::ImageError| Unreadable::Jpeg(cause.to_string());
-    let bytes = with_tables(bytes);
-    let decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(unreadable)?;
-    let (width, height) = decoder.dimensions();
-    let [wanted_width, wanted_height] = size;
-    if [width as usize, height as usize] != size {
-        return Err(Unreadable::Jpeg(format!(
-            "a JPEG of {width} x {height} px, not {wanted_width} x {wanted_height}"
-        )));
+    // What begins otherwise is another format to the common reader.
+    if !bytes.starts_with(&[0xFF, 0xD8]) {
+        return Err(Unreadable::Jpeg("no JPEG".to_owned()));
     }
-    let picture = DynamicImage::from_decoder(decoder).map_err(unreadable)?;
-    Ok(Image {
-        width: wanted_width,
-        height: wanted_height,
-        grey: picture.into_luma8().into_raw(),
+    let size_px = size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+    decode(&with_tables(bytes), Some(size_px)).map_err(|refusal| {
+        Unreadable::Jpeg(match refusal {
+            Refusal::OtherSize {
+                given: [width, height],
+                wanted: [w, h],
+            } => format!("a JPEG of {width} x {height} px, not {w} x {h}"),
+            other => other.to_string(),
+        })
     })
 }
 
@@ -254,7 +252,7 @@ mod tests {
         let colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [12, 200, 77]];
         for [r, g, b] in colours {
             let file = RgbImage::from_pixel(1, 1, image::Rgb([r, g, b]));
-            let expected = DynamicImage::from(file).into_luma8().into_raw();
+            let expected = image::DynamicImage::from(file).into_luma8().into_raw();
             let rgb = Format::Rgb.to_grey(&[r, g, b], [1, 1], 0).unwrap();
             let bgr = Format::Bgr.to_grey(&[b, g, r], [1, 1], 0).unwrap();
             assert_eq!((&rgb.grey, &bgr.grey), (&expected, &expected));

@@ -2,8 +2,9 @@
 //!
 //! Nothing tells a reader that a writer has finished a file, so it is told from what does not happen: a file counts as written when its size and its time
 //! of change have stayed for [`SETTLE`], and are still the same when it has been read. What cannot be read even then, because its writer paused, is tried
-//! again until it has stayed for [`PATIENCE`]; then it is an error, and the next capture's turn. PNG and PNM files that are cut off are always noticed, JPEG
-//! files not always: a program that may pause in the middle of one should write it under a hidden name (`.000001.jpg`) and rename it.
+//! again until it has stayed for [`PATIENCE`]; then it is an error, and the next capture's turn. Files that are cut off are always noticed
+//! ([`decode`](crate::images::decode)); a program that may pause for longer in the middle of one should write it under a hidden name
+//! (`.000001.jpg`) and rename it.
 //!
 //! Captures come in the order of their names. One that lacks a camera's file holds up those behind it for [`PATIENCE`]; it comes without that view when a
 //! later one is whole, or the camera, which has sent pictures before, has been silent for as long. A camera that has sent none is told, once, and waited

@@ -1,22 +1,30 @@
 //! One serial line and the conversation on it: heartbeat, loss, and finding back.
 //!
-//! A line is up, down or given up. It goes down when the port fails or the station answers no ping for [`SILENCE`]. From then on the port is
-//! closed, and opened again and greeted every [`RETRY`], until a station answers or the patience ends. A line that came back is not used by
-//! itself: the interruption stays, without heartbeat, until somebody decides (`resume`). So no motion goes on because a plug was put back.
+//! A line is up, down or given up. It goes down when the port fails or the station answers no ping
+//! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
+//! until a station answers or the patience ends. A line that came back is not used by itself: the
+//! interruption stays, without heartbeat, until somebody decides (`resume`). So no motion goes on
+//! because a plug was put back.
+//!
+//! A stop is not left to its caller either: once begun it is repeated here, until it is answered or
+//! given up (`stop`).
 
 use super::super::StationError;
 use super::super::client::Client;
+use super::super::motion::moves;
+use super::busy;
+use super::sender::Sender;
+use super::stop::{STOP_PATIENCE, Stop};
+use crate::interruption;
 use serialport::SerialPort;
 use shared::frame::message::{Command, Hello, Mismatch};
 use shared::safety::State;
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Speed of the line, baud. USB has none; a UART link is wired for this one.
 const BAUD: u32 = 921_600;
-
-/// The heartbeat.
-const PING: Duration = Duration::from_millis(20);
 
 /// How long a write may take.
 const WRITE_PATIENCE: Duration = Duration::from_millis(100);
@@ -26,6 +34,12 @@ const SILENCE: Duration = Duration::from_secs(2);
 
 /// How often a lost port is opened again, and hello repeated.
 const RETRY: Duration = Duration::from_millis(250);
+
+/// How long a lost line is looked for.
+pub(super) const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Time between two stops, until one is answered. An answer comes within a few ms.
+const STOP_PERIOD: Duration = Duration::from_millis(30);
 
 /// Whether the line can be used.
 enum Link {
@@ -53,13 +67,14 @@ enum Interruption {
 
 /// One line.
 pub(super) struct Line {
-    /// `None` while the line is down.
+    /// The reading half; `None` while the line is down.
     port: Option<Box<dyn SerialPort>>,
+    /// The writing half, with the heartbeat.
+    sender: Arc<Sender>,
     pub path: String,
     pub client: Client,
-    epoch: Instant,
     pings: bool,
-    next_ping: Instant,
+    pub stop: Stop,
     /// When the station last said something.
     heard: Instant,
     link: Link,
@@ -75,37 +90,31 @@ pub(super) struct Line {
 }
 
 impl Line {
-    pub fn open(path: &str, patience: Duration) -> Result<Self, StationError> {
-        let port = open(path).map_err(|cause| StationError::Port {
-            path: path.to_owned(),
-            reason: format!("cannot open: {cause}"),
-        })?;
-        let now = Instant::now();
+    pub fn open(path: &str, sender: Arc<Sender>) -> Result<Self, StationError> {
+        let (reader, writer) = open(path).map_err(|cause| busy::explain(path, &cause))?;
+        sender.set_port(Some(writer));
         Ok(Self {
-            port: Some(port),
+            port: Some(reader),
+            sender,
             path: path.to_owned(),
             client: Client::default(),
-            epoch: now,
             pings: false,
-            next_ping: now,
-            heard: now,
+            stop: Stop::default(),
+            heard: Instant::now(),
             link: Link::Up,
             interruption: None,
             session: None,
             configured: false,
-            patience,
+            patience: RECONNECT_PATIENCE,
             closed: false,
         })
     }
 
-    pub fn now_us(&self) -> u64 {
-        u64::try_from(self.epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
-    }
-
     pub fn set_pings(&mut self, on: bool) {
         self.pings = on;
-        self.next_ping = Instant::now();
-        self.heard = self.next_ping;
+        self.heard = Instant::now();
+        let is_usable = matches!(self.link, Link::Up) && self.interruption.is_none();
+        self.sender.set_pings(on && is_usable);
     }
 
     /// Whether there is anything left to attend to.
@@ -118,39 +127,74 @@ impl Line {
         match self.link {
             Link::Up => {
                 self.take_in();
-                self.beat();
+                self.listen();
+                if interruption::is_requested() && self.client.motion().may_go_on() {
+                    self.begin_stop();
+                }
+                self.repeat_stop();
             }
             Link::Down { .. } => self.look_for(),
             Link::Over(_) => {}
         }
     }
 
-    /// Numbers and writes a command, unless the line is interrupted: then it goes nowhere, and the number is never answered.
+    /// Numbers and writes a command. It goes nowhere, and its number is never answered, if the line
+    /// is interrupted or the program is to end.
     pub fn send(&mut self, command: Command) -> u16 {
-        let (sequence, bytes) = self.client.packet(command);
-        if self.check().is_ok() {
-            self.write(&bytes);
+        let is_ending = interruption::is_requested() && may_undo_a_stop(&command);
+        if self.check().is_err() || is_ending {
+            return self.sender.skip();
         }
+        if may_undo_a_stop(&command) {
+            self.stop = Stop::None;
+        }
+        let sequence = self.sender.send(command);
+        self.client.sent(sequence, &command);
         sequence
     }
 
-    /// Says hello. A closing zero first: the line may hold half a packet.
+    /// Says hello.
     pub fn greet(&mut self) {
-        let (_, bytes) = self.client.packet(Command::Hello);
-        self.write(&[0]);
-        self.write(&bytes);
+        self.sender.greet();
+    }
+
+    /// Begins to stop the stage, unless that is under way or done. Goes through an interrupted
+    /// line, too.
+    pub fn begin_stop(&mut self) {
+        if matches!(self.stop, Stop::None) {
+            self.client.motion_mut().forget_stops();
+            self.stop = Stop::Asked {
+                since: Instant::now(),
+                next: Instant::now(),
+                sent: 0,
+            };
+        }
+    }
+
+    /// Sends the stop that is due. Each is a new packet: the station takes one that comes twice for
+    /// one.
+    fn repeat_stop(&mut self) {
+        let Stop::Asked { since, next, sent } = &mut self.stop else {
+            return;
+        };
+        let now = Instant::now();
+        if self.client.motion().stopped_tick().is_some() {
+            self.stop = Stop::Answered;
+        } else if now.duration_since(*since) > STOP_PATIENCE {
+            // Without a heartbeat the station stops by itself.
+            self.stop = Stop::Unanswered { sent: *sent };
+            self.set_pings(false);
+        } else if now >= *next {
+            *next = now + STOP_PERIOD;
+            *sent += 1;
+            let sequence = self.sender.send(Command::Stop);
+            self.client.sent(sequence, &Command::Stop);
+        }
     }
 
     /// Remembers whom commands are for.
     pub fn begin_session(&mut self) {
         self.session = self.client.hello().map(|hello| hello.session);
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        let Some(port) = &mut self.port else { return };
-        if let Err(cause) = port.write_all(bytes) {
-            self.lose(format!("cannot write: {cause}"));
-        }
     }
 
     /// Takes in what has arrived, without waiting.
@@ -165,7 +209,7 @@ impl Line {
             match port.read(&mut buffer[..waiting]) {
                 Ok(count) => {
                     self.heard = Instant::now();
-                    let now_us = self.now_us();
+                    let now_us = self.sender.now_us();
                     self.client.feed(now_us, &buffer[..count]);
                 }
                 Err(cause) if is_pause(&cause) => return,
@@ -174,23 +218,21 @@ impl Line {
         }
     }
 
-    fn beat(&mut self) {
-        let now = Instant::now();
-        if !self.pings || self.interruption.is_some() || now < self.next_ping {
-            return;
+    /// Notices a line that does not work.
+    fn listen(&mut self) {
+        if let Some(reason) = self.sender.broken() {
+            return self.lose(reason);
         }
-        if now.duration_since(self.heard) > SILENCE {
-            return self.lose(format!("no answer for {} s", SILENCE.as_secs()));
+        let is_pinged = self.pings && self.interruption.is_none();
+        if is_pinged && self.heard.elapsed() > SILENCE {
+            self.lose(format!("no answer for {} s", SILENCE.as_secs()));
         }
-        let host_us = self.now_us();
-        self.send(Command::Ping { host_us });
-        // After a pause of this process one ping is enough.
-        self.next_ping = (self.next_ping + PING).max(now);
     }
 
     fn lose(&mut self, reason: String) {
-        self.port = None;
+        self.set_port(None);
         if matches!(self.link, Link::Up) {
+            self.sender.set_pings(false);
             let since = Instant::now();
             self.client.begin_again();
             self.link = Link::Down {
@@ -199,6 +241,12 @@ impl Line {
                 next_try: since,
             };
         }
+    }
+
+    fn set_port(&mut self, halves: Option<Halves>) {
+        let (reader, writer) = halves.unzip();
+        self.port = reader;
+        self.sender.set_port(writer);
     }
 
     /// Opens and greets; judges what answers.
@@ -222,17 +270,19 @@ impl Line {
             self.interruption = Some(interruption);
             self.link = Link::Up;
         } else if now.duration_since(since) > self.patience || self.session.is_none() {
-            self.port = None;
+            self.set_port(None);
             self.link = Link::Over(cause);
         } else if due {
-            if self.port.is_none() {
-                self.port = open(&self.path).ok();
+            if self.port.is_none() || self.sender.broken().is_some() {
+                let halves = open(&self.path).ok();
+                self.set_port(halves);
             }
             self.greet();
         }
     }
 
-    /// Who answered on a line that was lost. Its state is in the first status, which comes within a tenth of a second.
+    /// Who answered on a line that was lost. Its state is in the first status, which comes within a
+    /// tenth of a second.
     fn judge(&mut self, since: Instant, reason: &str) -> Option<Interruption> {
         let hello: &Hello = self.client.hello()?;
         let mismatches = hello.mismatches();
@@ -257,8 +307,16 @@ impl Line {
         matches!(self.link, Link::Down { .. })
     }
 
-    /// Whether commands reach the station.
+    /// Whether a stop reaches the station, however it is.
+    pub fn is_up(&self) -> bool {
+        matches!(self.link, Link::Up)
+    }
+
+    /// Whether commands reach the station, and its numbers can be true.
     pub fn check(&self) -> Result<(), StationError> {
+        if let Some(implausible) = self.client.implausible() {
+            return Err(implausible.into());
+        }
         let path = || self.path.clone();
         match (&self.link, &self.interruption) {
             (Link::Up, None) => Ok(()),
@@ -296,11 +354,20 @@ impl Line {
     }
 }
 
-fn open(path: &str) -> serialport::Result<Box<dyn SerialPort>> {
+/// A port to read from and a port to write to, which are the same one.
+type Halves = (Box<dyn SerialPort>, Box<dyn SerialPort>);
+
+fn open(path: &str) -> serialport::Result<Halves> {
     let mut port = serialport::new(path, BAUD).timeout(WRITE_PATIENCE).open()?;
     // Tells a board with USB that somebody listens. A pseudo-terminal has no such line and says so.
     let _ = port.write_data_terminal_ready(true);
-    Ok(port)
+    let writer = port.try_clone()?;
+    Ok((port, writer))
+}
+
+/// Whether a stage that was stopped might move because of this command, at once or later.
+fn may_undo_a_stop(command: &Command) -> bool {
+    moves(command) || matches!(command, Command::Reset)
 }
 
 fn is_pause(cause: &io::Error) -> bool {

@@ -1,0 +1,48 @@
+//! `trinocular motors`: switches the motors on or off.
+
+use std::io::Write;
+
+use super::by_hand::{Hand, PortArgument};
+use clap::{Args, ValueEnum};
+use host::error::Failure;
+use host::station::diagnosis;
+use shared::frame::message::Command;
+
+/// Switch the motors of the stage on or off
+///
+/// Only at rest, and only a station that has its configuration. Motors that are off hold nothing:
+/// the stage can be moved by hand, and a vertical axis may sink. The station trusts its position
+/// less from then on: `home` or `zero` after `motors on`. With motors_off_after_s in the rig file
+/// the station switches them off by itself.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// What the motors are to be
+    #[arg(value_enum, ignore_case = true)]
+    motors: Motors,
+
+    #[command(flatten)]
+    port: PortArgument,
+}
+
+/// What the motors are to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Motors {
+    /// Holding the stage, ready to move it
+    On,
+    /// Without current
+    Off,
+}
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let mut hand = Hand::connect(&options.port)?;
+    let on = options.motors == Motors::On;
+    let status = hand.command_at_rest("motors", Command::Motors { on })?;
+    let motors = if status.motors { "on" } else { "off" };
+    let trust = diagnosis::trust(status.trust);
+    writeln!(out, "the motors are {motors}; the position is {trust}")?;
+    if let Some(next) = diagnosis::next_step(&status) {
+        writeln!(out, "next: {next}")?;
+    }
+    Ok(())
+}

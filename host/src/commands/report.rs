@@ -1,0 +1,44 @@
+//! `--report`: an HTML page beside what a command prints.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use host::error::{Failure, InputError};
+use host::output::{Output, Replace};
+use host::report::Page;
+
+/// Where a page goes.
+#[derive(Debug, Args)]
+pub struct ReportOption {
+    /// Also write an HTML page with all tables and figures
+    ///
+    /// An earlier report of this program is replaced, and no other file without --force.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+
+    /// Replace the file of --report even if this program did not write it
+    #[arg(long, requires = "report")]
+    force: bool,
+}
+
+/// A page's file, opened before the work whose results it takes.
+pub struct Report(Option<Output>);
+
+impl ReportOption {
+    /// Opens the file.
+    pub fn open(&self) -> Result<Report, InputError> {
+        let replace = Replace::Own.or_forced(self.force);
+        let open = |path: &PathBuf| Output::open(path, replace);
+        self.report.as_ref().map(open).transpose().map(Report)
+    }
+}
+
+impl Report {
+    /// Writes the page, if one is wanted.
+    pub fn write(self, page: impl FnOnce() -> Page) -> Result<(), Failure> {
+        match self.0 {
+            Some(output) => page().write(output).map_err(super::unwritable),
+            None => Ok(()),
+        }
+    }
+}

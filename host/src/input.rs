@@ -1,0 +1,162 @@
+//! Files that the user names to be read: never more than a stated number of bytes, and never from a
+//! device.
+//!
+//! A regular file is read, and so is the pipe of a process substitution (`<(command)`) or of
+//! `/dev/stdin`. Directories, devices and named pipes are refused before they are opened: to open a
+//! named pipe waits for its writer, which may never come.
+
+use std::fs::{self, File};
+use std::io::Read as _;
+use std::path::Path;
+
+use crate::error::InputError;
+
+/// How long a kind of file may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limit {
+    /// What the file is, with its article: `a rig file`.
+    pub what: &'static str,
+    /// Bytes it has at most.
+    pub bytes: u64,
+}
+
+/// Reads the file at `path`.
+///
+/// # Errors
+/// If it cannot be read, is no regular file, or is longer than `limit`.
+pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
+    let unreadable = |cause| InputError::io(path, "read", &cause);
+    let about = fs::metadata(path).map_err(unreadable)?;
+    if let Some(kind) = unfit(path, &about) {
+        return Err(InputError::file(
+            path,
+            format!("is no regular file, but {kind}"),
+        ));
+    }
+    if about.len() > limit.bytes {
+        return Err(too_long(path, limit));
+    }
+    let mut bytes = Vec::with_capacity(about.len() as usize);
+    let file = File::open(path).map_err(unreadable)?;
+    let mut file = file.take(limit.bytes + 1);
+    file.read_to_end(&mut bytes).map_err(unreadable)?;
+    match bytes.len() as u64 > limit.bytes {
+        true => Err(too_long(path, limit)),
+        false => Ok(bytes),
+    }
+}
+
+/// Reads the text file at `path`.
+///
+/// # Errors
+/// As [`bytes`], and with the line of what is not UTF-8.
+pub fn text(path: &Path, limit: Limit) -> Result<String, InputError> {
+    String::from_utf8(bytes(path, limit)?).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        not_utf8(path, error.as_bytes().get(..valid).unwrap_or_default())
+    })
+}
+
+/// Returns the error of a file that is UTF-8 only as far as `before` goes.
+pub(crate) fn not_utf8(file: &Path, before: &[u8]) -> InputError {
+    let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
+    InputError::line(file, line, "not UTF-8 text")
+}
+
+fn too_long(path: &Path, limit: Limit) -> InputError {
+    let size = match limit.bytes >> 20 {
+        0 => format!("{} kB", limit.bytes >> 10),
+        megabytes => format!("{megabytes} MB"),
+    };
+    InputError::file(
+        path,
+        format!("longer than {size}, the most that {} has", limit.what),
+    )
+}
+
+/// What the path leads to, if that is not to be read.
+fn unfit(path: &Path, about: &fs::Metadata) -> Option<&'static str> {
+    if about.is_dir() {
+        return Some("a folder");
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt as _;
+        let kind = about.file_type();
+        // A pipe without a name has no path of its own: its link in /dev/fd leads nowhere.
+        let has_name = || !path.starts_with("/dev/") && fs::canonicalize(path).is_ok();
+        if kind.is_fifo() && has_name() {
+            return Some("a named pipe");
+        }
+        if kind.is_char_device() || kind.is_block_device() {
+            return Some("a device");
+        }
+        if kind.is_socket() {
+            return Some("a socket");
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = path;
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT: Limit = Limit {
+        what: "a test's file",
+        bytes: 2048,
+    };
+
+    fn refused(path: &Path) -> String {
+        bytes(path, LIMIT).unwrap_err().reason
+    }
+
+    #[test]
+    fn file_is_read_up_to_its_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, vec![b'x'; 2048]).unwrap();
+        assert_eq!(text(&path, LIMIT).unwrap().len(), 2048);
+        fs::write(&path, vec![b'x'; 2049]).unwrap();
+        let error = bytes(&path, LIMIT).unwrap_err();
+        assert_eq!(error.file, path);
+        assert_eq!(
+            error.reason,
+            "longer than 2 kB, the most that a test's file has"
+        );
+    }
+
+    #[test]
+    fn text_that_is_no_utf8_is_named_with_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        fs::write(&path, b"a\nb\xff").unwrap();
+        assert_eq!(text(&path, LIMIT).unwrap_err().line, Some(2));
+    }
+
+    #[test]
+    fn folder_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(refused(folder.path()), "is no regular file, but a folder");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_and_named_pipes_are_refused() {
+        assert_eq!(
+            refused(Path::new("/dev/zero")),
+            "is no regular file, but a device"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&pipe, &link).unwrap();
+        for path in [pipe, link] {
+            assert_eq!(refused(&path), "is no regular file, but a named pipe");
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Files that the user names to be written: whole or not at all, and nothing else is replaced.
+//!
+//! An [`Output`] is opened before the work whose result it takes, so that a place that cannot be
+//! written is refused at once.
+//!
+//! | What is there | What happens |
+//! |---|---|
+//! | nothing | a new file, written beside its place and then renamed into it |
+//! | a regular file | the same, if [`Replace`] allows it; owner and mode stay |
+//! | a symbolic link | what it leads to is written, the link stays |
+//! | a pipe, a terminal, `/dev/null`, `/dev/stdout` | written in place |
+//! | a folder, a disk, a socket | refused |
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use crate::error::InputError;
+
+mod place;
+mod staged;
+
+use place::Place;
+use staged::Staged;
+
+/// Which of the files that exist may be replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Replace {
+    /// None.
+    Nothing,
+    /// Reports and figures of this program, and empty files.
+    Own,
+    /// All.
+    Anything,
+}
+
+impl Replace {
+    /// What `--force` makes of it.
+    #[must_use]
+    pub fn or_forced(self, force: bool) -> Self {
+        if force { Self::Anything } else { self }
+    }
+}
+
+/// A file that will be written.
+#[derive(Debug)]
+pub struct Output {
+    /// As the user has named it.
+    path: PathBuf,
+    place: Place,
+}
+
+impl Output {
+    /// Opens the file at `path`; nothing is changed yet.
+    ///
+    /// # Errors
+    /// If it cannot be written, or exists and may not be replaced.
+    pub fn open(path: &Path, replace: Replace) -> Result<Self, InputError> {
+        let unwritable = |cause: io::Error| InputError::io(path, "write", &cause);
+        let place = Place::open(path).map_err(unwritable)?;
+        if let Place::File(target) = &place
+            && target.exists()
+        {
+            let is_own = || is_own(target).map_err(unwritable);
+            match replace {
+                Replace::Anything => {}
+                Replace::Own if is_own()? => {}
+                Replace::Own => {
+                    let reason =
+                        "exists, and this program did not write it; give --force to replace it";
+                    return Err(InputError::file(path, reason));
+                }
+                Replace::Nothing => {
+                    let reason = "exists; give --force to overwrite it";
+                    return Err(InputError::file(path, reason));
+                }
+            }
+        }
+        let path = path.to_owned();
+        Ok(Self { path, place })
+    }
+
+    /// Whether writing replaces a file.
+    pub fn replaces_file(&self) -> bool {
+        matches!(&self.place, Place::File(target) if target.exists())
+    }
+
+    /// Whether both lead to the same file, of which one text would be lost.
+    pub fn is_same_file(&self, other: &Self) -> bool {
+        matches!((&self.place, &other.place), (Place::File(a), Place::File(b)) if a == b)
+    }
+
+    /// The path as the user has named it.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// If it cannot be written; then it is as it was.
+    pub fn write(self, text: &str) -> Result<(), InputError> {
+        write_all(vec![(self, text.to_owned())])
+    }
+}
+
+/// Writes all of these files or, on any error, none. What is written in place cannot be taken back.
+///
+/// # Errors
+/// If one of them cannot be written.
+pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
+    let mut staged = Vec::new();
+    for (output, text) in &outputs {
+        if let Place::File(target) = &output.place {
+            let ready = Staged::write(target, text.as_bytes());
+            staged.push((
+                &output.path,
+                ready.map_err(|cause| unwritten(&output.path, &cause))?,
+            ));
+        }
+    }
+    for (output, text) in &outputs {
+        let written = output.place.write_in_place(text.as_bytes());
+        written.map_err(|cause| unwritten(&output.path, &cause))?;
+    }
+    staged::commit(staged).map_err(|(path, cause)| unwritten(&path, &cause))
+}
+
+fn unwritten(path: &Path, cause: &io::Error) -> InputError {
+    InputError::io(path, "write", cause)
+}
+
+/// Texts near the end of what this program writes: pages close with the first, figures with the second.
+const MARKS: [&str; 2] = ["<footer>Trinocular ", FIGURE_MARK];
+const FIGURE_MARK: &str = "<!-- Trinocular ";
+
+/// Returns a figure that says which program has written it.
+pub fn marked(svg: &str) -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!("{}\n{FIGURE_MARK}{version} -->\n", svg.trim_end())
+}
+
+/// Whether this program wrote the file, or nothing is lost with it.
+fn is_own(path: &Path) -> io::Result<bool> {
+    const END: u64 = 256;
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
+    let mut end = Vec::new();
+    file.take(END).read_to_end(&mut end)?;
+    let end = String::from_utf8_lossy(&end);
+    Ok(length == 0 || MARKS.iter().any(|mark| end.contains(mark)))
+}
+
+/// Makes the folders that `dir` lacks.
+#[derive(Debug, Default)]
+pub struct NewFolders(Vec<PathBuf>);
+
+impl NewFolders {
+    /// Makes `dir` and the folders above it that do not exist.
+    ///
+    /// # Errors
+    /// If they cannot be made.
+    pub fn make(&mut self, dir: &Path) -> Result<(), InputError> {
+        let missing = dir
+            .ancestors()
+            .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+        let missing: Vec<PathBuf> = missing.map(Path::to_owned).collect();
+        self.0.splice(0..0, missing);
+        fs::create_dir_all(dir).map_err(|cause| InputError::io(dir, "make the folder", &cause))
+    }
+}
+
+impl Drop for NewFolders {
+    /// Removes the folders that have stayed empty.
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// Opens what exists for writing; a file that is read-only stays so.
+fn open_existing(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).open(path)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,177 @@
+//! A file's successor, complete and beside it, until it takes its place.
+
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use super::place::folder;
+
+/// A written file under a temporary name, which is removed with this value.
+pub(super) struct Staged {
+    target: PathBuf,
+    temporary: PathBuf,
+}
+
+impl Staged {
+    /// Writes what will be `target`, with the owner and the mode of a file that is there.
+    pub fn write(target: &Path, bytes: &[u8]) -> io::Result<Self> {
+        fits_limit(bytes.len())?;
+        let before = fs::metadata(target).ok();
+        let (mut file, temporary) = create_beside(target, before.is_some())?;
+        let target = target.to_owned();
+        // From here on an error removes the file.
+        let staged = Self { target, temporary };
+        if let Some(before) = before {
+            keep_access(&file, &before)?;
+        }
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        Ok(staged)
+    }
+
+    fn take_place(&self) -> io::Result<()> {
+        fs::rename(&self.temporary, &self.target)
+    }
+}
+
+impl Drop for Staged {
+    fn drop(&mut self) {
+        // After the rename there is nothing to remove, before it an error is not worth telling.
+        let _ = fs::remove_file(&self.temporary);
+    }
+}
+
+/// Puts all files in their places or, on any error, none.
+///
+/// # Errors
+/// With the path of the file that could not be put there.
+pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io::Error)> {
+    let is_single = staged.len() == 1;
+    let mut done: Vec<Undo> = Vec::new();
+    for (path, file) in &staged {
+        let backup = match is_single {
+            true => Ok(None),
+            false => backup(&file.target),
+        };
+        let placed = backup.and_then(|backup| {
+            let target = &file.target;
+            // Made first, so that its backup is removed in any case.
+            let mut undo = Undo {
+                target,
+                backup,
+                is_placed: false,
+            };
+            let renamed = file.take_place();
+            undo.is_placed = renamed.is_ok();
+            done.push(undo);
+            renamed
+        });
+        if let Err(cause) = placed {
+            done.iter().rev().for_each(Undo::restore);
+            return Err(((*path).clone(), cause));
+        }
+    }
+    Ok(())
+}
+
+/// How a file gets what it had.
+struct Undo<'a> {
+    target: &'a Path,
+    /// A second name of the file that was replaced.
+    backup: Option<PathBuf>,
+    is_placed: bool,
+}
+
+impl Undo<'_> {
+    fn restore(&self) {
+        let _ = match &self.backup {
+            _ if !self.is_placed => Ok(()),
+            Some(backup) => fs::rename(backup, self.target),
+            None => fs::remove_file(self.target),
+        };
+    }
+}
+
+impl Drop for Undo<'_> {
+    fn drop(&mut self) {
+        if let Some(backup) = &self.backup {
+            let _ = fs::remove_file(backup);
+        }
+    }
+}
+
+/// Gives the file a second name, if it exists.
+fn backup(target: &Path) -> io::Result<Option<PathBuf>> {
+    if !target.exists() {
+        return Ok(None);
+    }
+    unused(target, |backup| fs::hard_link(target, backup)).map(|((), backup)| Some(backup))
+}
+
+/// A file that did not exist before, in the folder of `path` so that renaming stays on one file system.
+/// If it `is_private`, only its owner may read it for now.
+fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
+    if path.file_name().is_none() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "names no file"));
+    }
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if is_private {
+        use std::os::unix::fs::OpenOptionsExt as _;
+        options.mode(0o600);
+    }
+    #[cfg(not(unix))]
+    let _ = is_private;
+    unused(path, |temporary| options.open(temporary))
+}
+
+/// What `make` makes, and its name: beside `path`, and not used before.
+fn unused<T>(path: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
+    for attempt in 0..100_u32 {
+        // Not made of the file's own name, which may be as long as a name can be.
+        let name = format!(".trinocular-{}-{attempt}.tmp", std::process::id());
+        let beside = folder(path).join(name);
+        match make(&beside) {
+            Ok(made) => return Ok((made, beside)),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let reason = "a hundred temporary files of this program are in the way";
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, reason))
+}
+
+#[cfg(unix)]
+fn keep_access(file: &File, before: &Metadata) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt as _, fchown};
+    let now = file.metadata()?;
+    if [now.uid(), now.gid()] != [before.uid(), before.gid()] {
+        // Only the superuser may give files away; whoever may write the folder may replace them.
+        let _ = fchown(file, Some(before.uid()), Some(before.gid()));
+    }
+    file.set_permissions(before.permissions())
+}
+
+#[cfg(not(unix))]
+fn keep_access(file: &File, before: &Metadata) -> io::Result<()> {
+    file.set_permissions(before.permissions())
+}
+
+/// Refuses what is longer than this process may write: the system would end it in the middle.
+#[cfg(unix)]
+fn fits_limit(length: usize) -> io::Result<()> {
+    let limit = rustix::process::getrlimit(rustix::process::Resource::Fsize).current;
+    match limit {
+        Some(limit) if length as u64 > limit => Err(io::Error::new(
+            io::ErrorKind::FileTooLarge,
+            format!("{length} bytes, but this process may write {limit} (ulimit -f)"),
+        )),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(not(unix))]
+fn fits_limit(_: usize) -> io::Result<()> {
+    Ok(())
+}

@@ -1,0 +1,99 @@
+//! Text from outside, made fit for a terminal and a log.
+//!
+//! File names, keys of files and the name that a station gives itself are chosen by others. Printed
+//! as they are, control characters in them move the cursor, clear the screen or forge a line of
+//! output. [`printable`] writes such characters as escapes (`\u{1b}`) and cuts what is too long.
+//!
+//! Use it wherever a message or a table quotes foreign text:
+//!
+//! ```
+//! use host::printable::printable;
+//! use std::path::Path;
+//!
+//! assert_eq!(printable(Path::new("a\nb.png").display()), r"a\nb.png");
+//! assert_eq!(printable("\u{1b}[2J"), r"\u{1b}[2J");
+//! ```
+
+use std::fmt::{self, Display, Write as _};
+
+/// Longest foreign text that is quoted in full, characters.
+pub const LONGEST: usize = 1_000;
+
+/// Returns the text without control characters and at most [`LONGEST`] characters long.
+///
+/// Control characters, line separators and the marks that change the direction of writing become
+/// escapes as in Rust's string literals. All else stays, backslashes too, so that a path of Windows
+/// reads as usual; hence the result is for people and cannot be turned back. A longer text is cut
+/// and ends with `...`.
+pub fn printable(text: impl Display) -> String {
+    printable_up_to(LONGEST, text)
+}
+
+/// Returns the text as [`printable`] does, at most `longest` characters long.
+pub fn printable_up_to(longest: usize, text: impl Display) -> String {
+    let mut kept = Kept {
+        text: String::new(),
+        left: longest,
+    };
+    // An error says that the text was cut: formatting it further would be for nothing.
+    if write!(kept, "{text}").is_err() {
+        kept.text.push_str("...");
+    }
+    kept.text
+}
+
+struct Kept {
+    text: String,
+    left: usize,
+}
+
+impl fmt::Write for Kept {
+    fn write_str(&mut self, part: &str) -> fmt::Result {
+        for letter in part.chars() {
+            self.left = self.left.checked_sub(1).ok_or(fmt::Error)?;
+            if is_printable(letter) {
+                self.text.push(letter);
+            } else {
+                self.text.extend(letter.escape_default());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns whether a character appears as a glyph or a blank, and changes nothing around it.
+fn is_printable(letter: char) -> bool {
+    let is_separator = matches!(letter, '\u{2028}' | '\u{2029}');
+    let is_direction = matches!(letter,
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    !(letter.is_control() || is_separator || is_direction)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_become_escapes() {
+        for (foreign, shown) in [
+            ("rig.toml", "rig.toml"),
+            (r"C:\rigs\two words.toml", r"C:\rigs\two words.toml"),
+            ("größe µ 目", "größe µ 目"),
+            ("a\tb\r\nc\0", r"a\tb\r\nc\u{0}"),
+            ("\u{1b}]0;title\u{7}", r"\u{1b}]0;title\u{7}"),
+            ("\u{7f}\u{9b}2J", r"\u{7f}\u{9b}2J"),
+            ("gnp.\u{202e}exe\u{2028}", r"gnp.\u{202e}exe\u{2028}"),
+        ] {
+            assert_eq!(printable(foreign), shown);
+        }
+    }
+
+    #[test]
+    fn long_text_is_cut_and_says_so() {
+        let exact = "x".repeat(LONGEST);
+        assert_eq!(printable(&exact), exact);
+        let long = "x".repeat(100 * LONGEST);
+        assert_eq!(printable(long), format!("{exact}..."));
+        assert_eq!(printable_up_to(2, "\n\n\n"), r"\n\n...");
+    }
+}

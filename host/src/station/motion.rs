@@ -1,0 +1,122 @@
+//! Whether the commands of this conversation may still keep a stage in motion.
+//!
+//! What a host sets in motion it must also end: whoever closes the line asks [`Motion::may_go_on`]
+//! first. The answer is on the safe side. A motion counts as ended when its command was answered
+//! and a status from that control tick or later says that the stage stands, or when a stop was
+//! answered; until then it goes on.
+
+use shared::frame::message::{Command, Status};
+
+/// Stops whose answers are recognised: more than are sent before the patience ends.
+const STOPS: usize = 256;
+
+/// The latest command that moves, and the stops since.
+#[derive(Debug, Default)]
+pub(super) struct Motion {
+    moving: Option<Moving>,
+    /// What moved before the latest command that moves: it goes on if that is denied.
+    before: Option<Moving>,
+    /// Sequence numbers of the stops that were sent, the latest last.
+    stops: std::collections::VecDeque<u16>,
+    stopped_tick: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Moving {
+    sequence: u16,
+    /// Control tick of its answer.
+    answered: Option<u32>,
+}
+
+/// Returns whether a command may set the stage in motion.
+pub(super) fn moves(command: &Command) -> bool {
+    match command {
+        Command::Frame(_)
+        | Command::Setpoint { .. }
+        | Command::Jog { .. }
+        | Command::Home { .. } => true,
+        Command::Hello
+        | Command::Config(_)
+        | Command::Zero
+        | Command::Stop
+        | Command::Reset
+        | Command::Ping { .. }
+        | Command::Motors { .. } => false,
+    }
+}
+
+impl Motion {
+    /// Notes a command on its way.
+    pub fn sent(&mut self, sequence: u16, command: &Command) {
+        if moves(command) {
+            let moving = Moving {
+                sequence,
+                answered: None,
+            };
+            self.before = self.moving.replace(moving);
+        }
+        if matches!(command, Command::Stop) {
+            if self.stops.len() == STOPS {
+                self.stops.pop_front();
+            }
+            self.stops.push_back(sequence);
+        } else if !matches!(command, Command::Hello | Command::Ping { .. }) {
+            // It may take back an earlier stop: only the answer to a later one counts.
+            self.forget_stops();
+        }
+    }
+
+    /// Notes an answer, and whether it is a denial.
+    pub fn answered(&mut self, sequence: u16, tick: u32, is_denied: bool) {
+        if self.stops.contains(&sequence) {
+            self.stopped_tick.get_or_insert(tick);
+            self.ended();
+        }
+        let is_latest = self
+            .moving
+            .is_some_and(|moving| moving.sequence == sequence);
+        if is_latest && is_denied {
+            self.moving = self.before.take();
+        } else if is_latest {
+            self.moving = Some(Moving {
+                sequence,
+                answered: Some(tick),
+            });
+        }
+    }
+
+    /// Notes how the station is.
+    pub fn told(&mut self, status: &Status) {
+        let stands_since = |moving: &mut Moving| {
+            let is_later = |tick: u32| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+            moving.answered.is_some_and(is_later) && !status.state.is_moving()
+        };
+        self.moving.take_if(stands_since);
+        self.before.take_if(stands_since);
+    }
+
+    /// Returns whether the stage may move because of this conversation.
+    pub fn may_go_on(&self) -> bool {
+        self.moving.is_some()
+    }
+
+    /// Nothing moves any more, by other knowledge.
+    pub fn ended(&mut self) {
+        self.moving = None;
+        self.before = None;
+    }
+
+    /// Only answers to later stops count.
+    pub fn forget_stops(&mut self) {
+        self.stops.clear();
+        self.stopped_tick = None;
+    }
+
+    /// Control tick of the answer to the first stop since the last command that might undo it.
+    pub fn stopped_tick(&self) -> Option<u32> {
+        self.stopped_tick
+    }
+}
+
+#[cfg(test)]
+mod tests;

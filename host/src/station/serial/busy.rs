@@ -1,0 +1,133 @@
+//! A serial port that cannot be opened: who has it, if another program does.
+
+use super::super::StationError;
+use crate::printable::printable;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How long another program may take to stop its stage and leave: a stop is repeated for 2 s, and a
+/// stage ramps down.
+const LEAVING_PATIENCE: Duration = Duration::from_secs(15);
+
+/// How often it is looked whether it has left.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// A running program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// Process number.
+    pub pid: u32,
+    /// Its command line, fit for printing.
+    pub command: String,
+}
+
+/// The failure behind a port that did not open.
+pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
+    let path = path.to_owned();
+    // The system's "busy" and a lock of another program both come as this kind.
+    if cause.kind == serialport::ErrorKind::NoDevice && Path::new(&path).exists() {
+        let holder = holder(Path::new(&path));
+        return StationError::Busy { path, holder };
+    }
+    StationError::Port {
+        path,
+        reason: format!("cannot open: {cause}"),
+    }
+}
+
+/// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it
+/// has left the port; returns that program. It stops its stage before it ends. Does nothing where
+/// the system does not tell who has the port.
+pub fn end_other_host(path: &str) -> Option<Holder> {
+    let other = holder(Path::new(path)).filter(is_this_program)?;
+    interrupt(&other).then(|| {
+        let end = Instant::now() + LEAVING_PATIENCE;
+        while holder(Path::new(path)).as_ref() == Some(&other) && Instant::now() < end {
+            std::thread::sleep(LOOK);
+        }
+        other
+    })
+}
+
+#[cfg(target_os = "linux")]
+fn is_this_program(holder: &Holder) -> bool {
+    let file = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
+    let name = |pid: &str| Some(file(pid)?.file_name()?.to_owned());
+    let other = name(&holder.pid.to_string());
+    other.is_some() && other == name("self")
+}
+
+#[cfg(target_os = "linux")]
+fn interrupt(holder: &Holder) -> bool {
+    use rustix::process::{Pid, Signal, kill_process};
+    let pid = i32::try_from(holder.pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| kill_process(pid, Signal::INT).is_ok())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_this_program(_: &Holder) -> bool {
+    false
+}
+
+#[cfg(not(target_os = "linux"))]
+fn interrupt(_: &Holder) -> bool {
+    false
+}
+
+/// Returns the program that holds the lock on a port, where the system tells.
+#[cfg(target_os = "linux")]
+fn holder(path: &Path) -> Option<Holder> {
+    use std::os::unix::fs::MetadataExt as _;
+    let file = std::fs::metadata(path).ok()?;
+    let locks = std::fs::read_to_string("/proc/locks").ok()?;
+    let name = name_in_locks(file.dev(), file.ino());
+    let pid = locks.lines().find_map(|line| locker(line, &name))?;
+    let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let command = String::from_utf8_lossy(&command);
+    let command = printable(command.trim_end_matches('\0').replace('\0', " "));
+    Some(Holder { pid, command })
+}
+
+#[cfg(not(target_os = "linux"))]
+fn holder(_: &Path) -> Option<Holder> {
+    None
+}
+
+/// Returns a file as `/proc/locks` names it: the device's two numbers, hexadecimal, and the file's.
+#[cfg(target_os = "linux")]
+fn name_in_locks(device: u64, inode: u64) -> String {
+    // The layout of Linux's 64-bit device numbers.
+    let major = (device >> 32 & 0xffff_f000) | (device >> 8 & 0xfff);
+    let minor = (device >> 12 & 0xffff_ff00) | (device & 0xff);
+    format!("{major:02x}:{minor:02x}:{inode}")
+}
+
+/// Returns the process of a line of `/proc/locks` if its lock is on this file. Such a line reads
+/// `5: FLOCK  ADVISORY  WRITE 4711 00:18:12 0 EOF`.
+#[cfg(target_os = "linux")]
+fn locker(line: &str, name: &str) -> Option<u32> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    match words[..] {
+        [_, "FLOCK", _, _, pid, file, ..] if file == name => pid.parse().ok(),
+        _ => None,
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lock_on_a_file_names_its_process() {
+        let name = name_in_locks(0x18, 12);
+        let line = "5: FLOCK  ADVISORY  WRITE 4711 00:18:12 0 EOF";
+        assert_eq!(locker(line, &name), Some(4711));
+        assert_eq!(locker(line, "00:19:12"), None);
+        let waits = "5: -> FLOCK  ADVISORY  WRITE 4712 00:18:12 0 EOF";
+        assert_eq!(locker(waits, &name), None);
+        let range = "6: POSIX  ADVISORY  WRITE 4713 00:18:12 0 EOF";
+        assert_eq!(locker(range, &name), None);
+        assert_eq!(locker("", &name), None);
+        assert_eq!(name_in_locks(0x0080_0102, 3), "01:802:3");
+    }
+}

@@ -1,0 +1,503 @@
+//! How runs with a station in motion end: by signals, closed and full outputs, and other hosts.
+//!
+//! Every command that moves a stage ends alike: the stage stands, stopped by command and without a
+//! fault, before the program ends.
+
+use host::rig_file::RigFile;
+use host::station::serial::Serial;
+use host::station::stage::{HEARTBEAT_MS, default_stage};
+use shared::frame::message::{Command as StationCommand, Packet, Report};
+use shared::frame::receive::Receiver;
+use shared::safety::State;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use trinocular_tests::binary::{signal, trinocular};
+use trinocular_tests::emulator::{Emulator, pins};
+use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
+
+/// Long enough for any machine; a test that waits as long has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// One at a time: each measures pictures.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A jog of ten seconds, and other ways to be in motion for long. The computer that runs tests is
+/// busy, hence the long heartbeat.
+const RUNS: [&str; 4] = [
+    "jog x=50 --rig wide.toml --heartbeat 5000",
+    "home x --rig home.toml --heartbeat 5000",
+    "track --sim --path line --seconds 60 --heartbeat 5000",
+    "--heartbeat 5000 --report report.html",
+];
+
+struct Desk {
+    folder: TempDir,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |name: &str, change: fn(&mut host::rig_file::Stage)| {
+            let mut rig = RigFile::paper();
+            let mut stage = default_stage();
+            change(&mut stage);
+            rig.stage = Some(stage);
+            std::fs::write(folder.path().join(name), rig.to_toml()).expect("it is ours");
+        };
+        write("wide.toml", |stage| stage.care.unknown_window_mm = 60.0);
+        write("home.toml", |stage| {
+            stage.max_speed_mm_s = [5.0; 3];
+            stage.care.home = [None; 3];
+            stage.care.home[0] = Some(host::rig_file::HomeSwitch {
+                side: shared::frame::message::Side::Negative,
+                position_mm: -61.0,
+            });
+        });
+        Self { folder }
+    }
+
+    fn command(&self, end: &FarEnd, words: &str) -> Command {
+        let mut command = trinocular();
+        command
+            .args(words.split_whitespace())
+            .args(["--port", &end.path])
+            .current_dir(self.folder.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    fn start(&self, end: &FarEnd, words: &str) -> Child {
+        self.command(end, words).spawn().expect("trinocular runs")
+    }
+}
+
+fn moving(end: &FarEnd) {
+    let patience = Instant::now() + PATIENCE;
+    while end.steps().iter().all(|steps| steps.abs() < 40) {
+        assert!(Instant::now() < patience, "{:?}", end.steps());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Exit code and standard error of a program that ends by itself.
+fn ended(mut program: Child) -> (Option<i32>, String) {
+    let patience = Instant::now() + PATIENCE;
+    while program.try_wait().expect("it is ours").is_none() {
+        if Instant::now() > patience {
+            program.kill().expect("it runs");
+            panic!("it does not end");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let stderr = program.stderr.take();
+    let text = stderr.map_or(String::new(), |pipe| {
+        std::io::read_to_string(pipe).expect("UTF-8")
+    });
+    (program.wait().expect("it ended").code(), text)
+}
+
+/// The stage stands, because it was stopped and for no other reason.
+#[track_caller]
+fn stands_stopped(end: &FarEnd) {
+    let stood = end.steps();
+    let serial = Serial::connect(&end.path).expect("it answers");
+    let status = serial.fresh_status(false).expect("it tells");
+    assert_eq!((status.state, status.fault), (State::Stopped, None));
+    assert_eq!(end.steps(), stood);
+}
+
+#[test]
+fn signal_in_motion_stops_every_command() {
+    let _alone = alone();
+    let desk = Desk::new();
+    for (words, name) in RUNS.into_iter().zip(["INT", "TERM", "HUP", "INT"]) {
+        let end = station();
+        let run = desk.start(&end, words);
+        moving(&end);
+        signal(&run, name);
+        let (code, err) = ended(run);
+        assert_eq!(code, Some(3), "{words}: {err}");
+        assert!(err.contains("interrupted"), "{words}: {err}");
+        stands_stopped(&end);
+    }
+    let end = station();
+    for name in ["INT", "TERM", "HUP"] {
+        let run = desk.start(&end, RUNS[2]);
+        std::thread::sleep(Duration::from_millis(300));
+        let before = end.steps();
+        let patience = Instant::now() + PATIENCE;
+        while end
+            .steps()
+            .iter()
+            .zip(before)
+            .all(|(now, then)| (now - then).abs() < 40)
+        {
+            assert!(Instant::now() < patience, "{:?}", end.steps());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        signal(&run, name);
+        let (code, err) = ended(run);
+        assert_eq!(code, Some(3), "{name}: {err}");
+        stands_stopped(&end);
+    }
+}
+
+#[test]
+fn lost_stop_after_a_signal_is_sent_again() {
+    let _alone = alone();
+    let desk = Desk::new();
+    for words in [RUNS[0], RUNS[2]] {
+        let (mut is_moving, mut lost) = (false, 0);
+        let lose = move |packet: &Packet| {
+            is_moving |= matches!(
+                packet.command,
+                StationCommand::Jog { .. } | StationCommand::Frame(_)
+            );
+            let is_stop = is_moving && matches!(packet.command, StationCommand::Stop);
+            lost += usize::from(is_stop);
+            is_stop && lost <= 3
+        };
+        let end = station_behind(lose, Some);
+        let run = desk.start(&end, words);
+        moving(&end);
+        signal(&run, "INT");
+        let (code, err) = ended(run);
+        assert_eq!(code, Some(3), "{words}: {err}");
+        stands_stopped(&end);
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
+fn lost_stop_to_the_emulated_board_is_sent_again() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let folder = tempfile::tempdir().expect("a folder");
+    let trace = folder.path().join("trace");
+    let (emulator, path) = Emulator::live(&trace);
+    let is_moving = Arc::new(AtomicBool::new(false));
+    let (moves, mut lost) = (Arc::clone(&is_moving), 0);
+    let end = bridge(&path, move |packet| {
+        let is_jog = matches!(packet.command, StationCommand::Jog { .. });
+        moves.fetch_or(is_jog, Ordering::Relaxed);
+        let is_stop = matches!(packet.command, StationCommand::Stop);
+        lost += usize::from(is_stop);
+        is_stop && lost <= 2
+    });
+    let run = desk.start(&end, RUNS[0]);
+    let patience = Instant::now() + PATIENCE;
+    while !is_moving.load(Ordering::Relaxed) {
+        assert!(Instant::now() < patience, "no jog comes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    signal(&run, "INT");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    let serial = Serial::connect(&end.path).expect("it answers");
+    let status = serial.fresh_status(false).expect("it tells");
+    assert_eq!((status.state, status.fault), (State::Stopped, None));
+    // Its trace is written every 100 ms; two seconds are many of those on any machine.
+    std::thread::sleep(Duration::from_secs(2));
+    drop(emulator);
+    let (steps, _) = pins(&trace);
+    assert_eq!(steps, status.position_steps.map(i64::from));
+    assert!((1..4_000).contains(&steps[0]), "{steps:?}");
+}
+
+#[test]
+fn second_signal_ends_at_once() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let mut is_moving = false;
+    let lose = move |packet: &Packet| {
+        is_moving |= matches!(packet.command, StationCommand::Jog { .. });
+        is_moving && matches!(packet.command, StationCommand::Stop)
+    };
+    let end = station_behind(lose, Some);
+    let run = desk.start(&end, RUNS[0]);
+    moving(&end);
+    signal(&run, "INT");
+    std::thread::sleep(Duration::from_millis(300));
+    signal(&run, "INT");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(
+        !err.contains("stops"),
+        "it waited for its patience to end: {err}"
+    );
+}
+
+#[test]
+fn unanswered_stop_after_a_signal_is_reported() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let mut is_moving = false;
+    let lose = move |packet: &Packet| {
+        is_moving |= matches!(packet.command, StationCommand::Frame(_));
+        is_moving && matches!(packet.command, StationCommand::Stop)
+    };
+    let end = station_behind(lose, Some);
+    let run = desk.start(&end, "track --sim --path line --seconds 60");
+    moving(&end);
+    signal(&run, "TERM");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(err.contains("answered none of"), "{err}");
+    end.standing();
+}
+
+/// The reader of standard output goes away, or the disk is full, after the first picture.
+#[test]
+fn closed_or_full_output_stops_the_stage() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let words = "track --sim --path line --seconds 60 --heartbeat 5000 --json";
+
+    let end = station();
+    let mut run = desk
+        .command(&end, words)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let mut lines = BufReader::new(run.stdout.take().expect("piped")).lines();
+    while end.steps().iter().all(|steps| steps.abs() < 40) {
+        lines.next().expect("a picture").expect("UTF-8");
+    }
+    drop(lines);
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(err.contains("standard output was closed"), "{err}");
+    stands_stopped(&end);
+
+    let end = station();
+    let full = OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .expect("Linux has it");
+    let run = desk
+        .command(&end, words)
+        .stdout(full)
+        .spawn()
+        .expect("it runs");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(1), "{err}");
+    assert!(err.contains("standard output"), "{err}");
+    assert_ne!(
+        Serial::connect(&end.path)
+            .expect("it answers")
+            .fresh_status(false)
+            .expect("it tells")
+            .state,
+        State::Faulted
+    );
+}
+
+#[test]
+fn full_standard_error_ends_no_run() {
+    let _alone = alone();
+    let desk = Desk::new();
+    for (words, expected) in [
+        ("jog x=1 --rig wide.toml --heartbeat 5000", 0),
+        ("track --sim --path steps --seconds 2 --heartbeat 5000", 0),
+        ("status --json", 0),
+        ("jog x=500 --rig wide.toml --heartbeat 5000", 3),
+        ("jog x", 2),
+        ("zero --rig none.toml", 1),
+    ] {
+        let end = station();
+        let full: File = OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .expect("Linux has it");
+        let run = desk
+            .command(&end, words)
+            .stderr(full)
+            .spawn()
+            .expect("it runs");
+        let (code, _) = ended(run);
+        assert_eq!(code, Some(expected), "{words}");
+    }
+}
+
+#[test]
+fn second_host_learns_who_has_the_port() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let first = desk.start(&end, RUNS[0]);
+    moving(&end);
+    let (code, err) = ended(desk.start(&end, "status"));
+    assert_eq!(code, Some(3), "{err}");
+    let pid = format!("process {}", first.id());
+    for part in [&end.path, &pid, "jog x=50", "Ctrl-C"] {
+        assert!(err.contains(part), "`{part}` is not in: {err}");
+    }
+    signal(&first, "INT");
+    assert_eq!(ended(first).0, Some(3));
+    stands_stopped(&end);
+}
+
+#[test]
+fn control_characters_of_a_board_are_not_printed() {
+    let end = station_behind(
+        |_| false,
+        |mut report| {
+            if let Report::Hello(hello) = &mut report {
+                hello.board = "\u{1b}[2Jboard\u{7}".try_into().expect("short");
+            }
+            Some(report)
+        },
+    );
+    for words in [
+        &["hello"][..],
+        &["status"],
+        &["diagnose"],
+        &["hello", "--json"],
+    ] {
+        let done = trinocular()
+            .args(words)
+            .args(["--port", &end.path])
+            .output()
+            .expect("runs");
+        let text = String::from_utf8([done.stdout, done.stderr].concat()).expect("UTF-8");
+        assert!(text.contains("?[2Jboard?"), "{text}");
+        assert!(
+            !text.chars().any(|c| c.is_control() && c != '\n'),
+            "{text:?}"
+        );
+    }
+}
+
+#[test]
+fn stop_command_ends_another_run_first() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let first = desk.start(&end, RUNS[2]);
+    moving(&end);
+    let (code, err) = ended(desk.start(&end, "stop"));
+    assert_eq!(code, Some(0), "{err}");
+    assert!(err.contains(&format!("(process {})", first.id())), "{err}");
+    assert_eq!(ended(first).0, Some(3));
+    stands_stopped(&end);
+}
+
+#[test]
+fn signal_in_stage_calibration_stops_it() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let zero = desk.start(&end, "zero --rig home.toml --heartbeat 5000");
+    assert_eq!(ended(zero).0, Some(0));
+    let words = "calibrate-stage --rig home.toml --images . --heartbeat 5000 --reach 40";
+    let run = desk.start(&end, words);
+    moving(&end);
+    signal(&run, "TERM");
+    let (code, err) = ended(run);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(err.contains("interrupted"), "{err}");
+    stands_stopped(&end);
+}
+
+#[test]
+fn motors_are_switched_by_hand() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let say = |words: &str, expected: i32| {
+        let done = desk.command(&end, words).stdout(Stdio::piped()).output();
+        let done = done.expect("trinocular runs");
+        let text = String::from_utf8([done.stdout, done.stderr].concat()).expect("UTF-8");
+        assert_eq!(done.status.code(), Some(expected), "{text}");
+        text
+    };
+    assert!(say("motors off", 3).contains("--rig"));
+    say("zero --rig wide.toml --heartbeat 5000", 0);
+    assert!(say("status", 0).contains("motors        on"));
+    assert!(say("motors off", 0).contains("the motors are off"));
+    let status = say("status", 0);
+    assert!(
+        status.contains("motors        off") && status.contains("`motors on`"),
+        "{status}"
+    );
+    assert!(say("status --json", 0).contains("\"motors\":false"));
+    assert!(say("jog x=1", 3).contains("trinocular motors on"));
+    assert!(say("motors on", 0).contains("the motors are on"));
+    say("zero", 0);
+    say("jog x=1", 0);
+    assert_eq!(end.steps(), [80, 0, 0]);
+}
+
+/// As many threads want a processor for themselves.
+const BUSY: usize = 20;
+
+struct Load(Arc<AtomicBool>, Vec<std::thread::JoinHandle<()>>);
+
+impl Load {
+    fn start() -> Self {
+        let over = Arc::new(AtomicBool::new(false));
+        let spin = |over: Arc<AtomicBool>| move || while !over.load(Ordering::Relaxed) {};
+        let threads = (0..20)
+            .map(|_| std::thread::spawn(spin(Arc::clone(&over))))
+            .collect();
+        Self(over, threads)
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+        for thread in self.1.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Largest time between two pings, as the host stamped them, ms.
+fn largest_gap_ms(end: &FarEnd) -> u64 {
+    let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
+    let mut bytes = &bytes[..];
+    let packets = std::iter::from_fn(|| receiver.next(&mut bytes)).filter_map(Result::ok);
+    let sent = packets.filter_map(|packet| match packet.command {
+        StationCommand::Ping { host_us } => Some(host_us),
+        _ => None,
+    });
+    let sent: Vec<u64> = sent.collect();
+    let gaps = sent.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    gaps.max().expect("there were pings") / 1_000
+}
+
+/// The station's clock here runs with this computer's, so the pings themselves are looked at.
+#[test]
+#[ignore = "loads the computer; tests/run includes it"]
+fn heartbeat_holds_on_a_busy_computer() {
+    let _alone = alone();
+    let may_raise = Command::new("nice").args(["-n", "-20", "true"]).output();
+    let may_raise = may_raise.is_ok_and(|done| done.stderr.is_empty());
+    let desk = Desk::new();
+    let end = station();
+    let load = Load::start();
+    let run = desk.start(&end, "jog x=2 --rig wide.toml");
+    let (code, err) = ended(run);
+    drop(load);
+    let gap_ms = largest_gap_ms(&end);
+    println!("{BUSY} busy threads: at most {gap_ms} ms between two pings; {err}");
+    if !may_raise {
+        println!("without the right to raise a priority: nothing to hold");
+        return;
+    }
+    assert_eq!(code, Some(0), "{err}");
+    assert!(gap_ms < u64::from(HEARTBEAT_MS), "{gap_ms} ms");
+    assert_eq!(end.steps(), [160, 0, 0]);
+}

@@ -1,0 +1,24 @@
+//! What holds of every reader's errors.
+
+use host::error::InputError;
+use std::path::Path;
+
+/// The error names one of `files`, in one line of bounded length that changes nothing on a terminal.
+///
+/// # Panics
+/// If it does not.
+pub fn check_error(error: &InputError, files: &[&Path]) {
+    assert!(files.contains(&error.file.as_path()), "{error:?}");
+    check_message(&error.to_string());
+}
+
+/// The message is one line of bounded length that changes nothing on a terminal.
+///
+/// # Panics
+/// If it is not.
+pub fn check_message(message: &str) {
+    let turns = |c: char| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let is_bad = |c: char| c.is_control() || turns(c);
+    assert!(!message.contains(is_bad), "{message:?}");
+    assert!(message.len() < 20_000, "{} bytes", message.len());
+}

@@ -1,0 +1,238 @@
+//! Picture files whose structure is sound and whose content is anything.
+
+use crate::edit::{Edit, edited};
+use arbitrary::Arbitrary;
+
+/// A file.
+#[derive(Arbitrary, Clone, Debug)]
+pub enum File {
+    /// Any bytes.
+    Any(Vec<u8>),
+    /// PNG: chunks with right lengths and checksums.
+    Png {
+        /// Width and height.
+        size: [Side; 2],
+        /// Bits per sample, kind of colour, compression, filter, interlacing.
+        kind: [u8; 5],
+        /// What stands between header and end.
+        chunks: Vec<(Name, Vec<u8>)>,
+        /// The last changes, which break it.
+        edits: Vec<Edit>,
+    },
+    /// PNM: a header, and samples.
+    Pnm {
+        /// P1 to P7.
+        kind: u8,
+        /// Width, height, depth.
+        size: [Side; 3],
+        /// The largest sample.
+        most: u16,
+        /// Anything.
+        samples: Vec<u8>,
+    },
+    /// JPEG: one of ours whose segments are changed.
+    Jpeg {
+        /// Which one.
+        which: u8,
+        /// Segments that are left out, put elsewhere, or changed.
+        changes: Vec<(u8, Change)>,
+        /// The last changes, which break it.
+        edits: Vec<Edit>,
+    },
+}
+
+/// A side of a picture: mostly one that could be.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+pub enum Side {
+    /// Small.
+    Small(u8),
+    /// Any.
+    Any(u32),
+}
+
+impl Side {
+    fn px(self) -> u32 {
+        match self {
+            Self::Small(px) => px.into(),
+            Self::Any(px) => px,
+        }
+    }
+}
+
+/// A chunk's name.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+pub enum Name {
+    /// One of the standard's.
+    Known(u8),
+    /// Any.
+    Any([u8; 4]),
+}
+
+/// What happens to a JPEG segment.
+#[derive(Arbitrary, Clone, Debug)]
+pub enum Change {
+    /// It is left out.
+    Drop,
+    /// It comes twice.
+    Double,
+    /// A byte of its content is another.
+    Byte(u16, u8),
+    /// Its content is another; the length fits.
+    Content(Vec<u8>),
+    /// Another marker.
+    Marker(u8),
+}
+
+const CHUNKS: [&[u8; 4]; 16] = [
+    b"IDAT", b"PLTE", b"tRNS", b"iCCP", b"zTXt", b"tEXt", b"iTXt", b"gAMA", b"cHRM", b"sRGB",
+    b"acTL", b"fcTL", b"fdAT", b"eXIf", b"IHDR", b"IEND",
+];
+
+const JPEGS: [&[u8]; 3] = [
+    include_bytes!("../../../host/src/images/decode/tests/progressive.jpg"),
+    include_bytes!("../../../host/src/images/decode/tests/thumbnail.jpg"),
+    include_bytes!("../../images/chessboard/left/01.jpg"),
+];
+
+impl File {
+    /// Its bytes.
+    pub fn bytes(&self) -> Vec<u8> {
+        match self {
+            Self::Any(bytes) => bytes.clone(),
+            Self::Png {
+                size,
+                kind,
+                chunks,
+                edits,
+            } => {
+                let mut header = Vec::new();
+                header.extend(size.iter().flat_map(|side| side.px().to_be_bytes()));
+                header.extend(kind);
+                let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
+                file.extend(chunk(b"IHDR", &header));
+                for (name, content) in chunks {
+                    let name = match name {
+                        Name::Known(index) => *CHUNKS[usize::from(*index) % CHUNKS.len()],
+                        Name::Any(name) => *name,
+                    };
+                    // Pixels are to reach what undoes the filters.
+                    match &name {
+                        b"IDAT" => file.extend(chunk(&name, &stored(content))),
+                        _ => file.extend(chunk(&name, content)),
+                    }
+                }
+                file.extend(chunk(b"IEND", &[]));
+                broken(file, edits)
+            }
+            Self::Pnm {
+                kind,
+                size: [width, height, depth],
+                most,
+                samples,
+            } => {
+                let (width, height, depth) = (width.px(), height.px(), depth.px());
+                let head = match kind % 7 {
+                    0 => format!("P1 {width} {height}\n"),
+                    3 => format!("P4 {width} {height}\n"),
+                    6 => format!(
+                        "P7\nWIDTH {width}\nHEIGHT {height}\nDEPTH {depth}\nMAXVAL {most}\nENDHDR\n"
+                    ),
+                    kind => format!("P{} {width} {height} {most}\n", kind + 1),
+                };
+                [head.as_bytes(), samples].concat()
+            }
+            Self::Jpeg {
+                which,
+                changes,
+                edits,
+            } => {
+                let file = JPEGS[usize::from(*which) % JPEGS.len()];
+                broken(changed(file, changes), edits)
+            }
+        }
+    }
+}
+
+fn broken(file: Vec<u8>, edits: &[Edit]) -> Vec<u8> {
+    // Edits are for texts; bytes of Latin-1 are as good.
+    match edits {
+        [] => file,
+        edits => {
+            let text: String = file.iter().map(|&byte| char::from(byte)).collect();
+            let text = String::from_utf8_lossy(&edited(&text, edits)).into_owned();
+            text.chars().map(|c| c as u8).collect()
+        }
+    }
+}
+
+fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
+    let mut sum = !0_u32;
+    for byte in name.iter().chain(content) {
+        sum ^= u32::from(*byte);
+        for _ in 0..8 {
+            sum = (sum >> 1) ^ (0xEDB8_8320 & (sum & 1).wrapping_neg());
+        }
+    }
+    let length = (content.len() as u32).to_be_bytes();
+    [&length, &name[..], content, &(!sum).to_be_bytes()].concat()
+}
+
+/// A zlib stream of these bytes, not compressed.
+fn stored(bytes: &[u8]) -> Vec<u8> {
+    let bytes = &bytes[..bytes.len().min(65_535)];
+    let length = bytes.len() as u16;
+    let sizes = [length.to_le_bytes(), (!length).to_le_bytes()].concat();
+    let (mut a, mut b) = (1_u32, 0_u32);
+    for byte in bytes {
+        a = (a + u32::from(*byte)) % 65_521;
+        b = (b + a) % 65_521;
+    }
+    [
+        &[0x78, 1, 1][..],
+        &sizes,
+        bytes,
+        &(b << 16 | a).to_be_bytes(),
+    ]
+    .concat()
+}
+
+/// A JPEG with other segments, whose lengths are right.
+fn changed(file: &[u8], changes: &[(u8, Change)]) -> Vec<u8> {
+    let mut segments: Vec<(u8, Vec<u8>)> = Vec::new();
+    let mut rest = &file[2..];
+    while let [0xFF, marker, high, low, ..] = *rest {
+        let length = usize::from(u16::from_be_bytes([high, low]));
+        segments.push((marker, rest[4..2 + length].to_vec()));
+        rest = &rest[2 + length..];
+        if marker == 0xDA {
+            break;
+        }
+    }
+    for (at, change) in changes {
+        if segments.is_empty() {
+            break;
+        }
+        let at = usize::from(*at) % segments.len();
+        match change {
+            Change::Drop => drop(segments.remove(at)),
+            Change::Double => segments.insert(at, segments[at].clone()),
+            Change::Byte(place, value) => {
+                let content = &mut segments[at].1;
+                if !content.is_empty() {
+                    let place = usize::from(*place) % content.len();
+                    content[place] = *value;
+                }
+            }
+            Change::Content(content) => segments[at].1 = content.clone(),
+            Change::Marker(marker) => segments[at].0 = *marker,
+        }
+    }
+    let mut new = vec![0xFF, 0xD8];
+    for (marker, content) in segments {
+        let length = (content.len().min(65_533) + 2) as u16;
+        new.extend([0xFF, marker]);
+        new.extend(length.to_be_bytes());
+        new.extend(&content[..usize::from(length) - 2]);
+    }
+    [&new, rest].concat()
+}
