@@ -55,6 +55,7 @@ impl Desk {
         };
         write("wide.toml", |stage| stage.care.unknown_window_mm = 60.0);
         write("home.toml", |stage| {
+            stage.max_speed_mm_s = [5.0; 3];
             stage.care.home = [None; 3];
             stage.care.home[0] = Some(host::rig_file::HomeSwitch {
                 side: shared::frame::message::Side::Negative,

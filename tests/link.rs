@@ -268,7 +268,7 @@ fn noise_before_a_packet_costs_nothing() {
         for noise in [0x00, 0x01, 0x02, 0x55, 0x80, 0xff] {
             for (packet, sent) in packets.iter().zip(&bytes) {
                 let line = [vec![noise; length], sent.clone()].concat();
-                assert_eq!(receive(&line, 64).0, [packet.clone()]);
+                assert_eq!(receive(&line, 64).0, [*packet]);
             }
         }
     }

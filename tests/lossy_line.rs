@@ -2,6 +2,7 @@
 //! true.
 
 use host::experiment::follower::{Follower, Place};
+use host::rig_file::Stage;
 use host::station::StationError;
 use host::station::serial::Serial;
 use host::station::stage::default_stage;
@@ -22,9 +23,15 @@ fn start(end: &FarEnd) -> Serial {
     Serial::start(&end.path, &default_stage(), Mounting::OnStage).expect("the station starts")
 }
 
-/// A stage in motion towards x = 50 mm, which takes more than half a second.
+/// A stage in motion towards x = 50 mm, which takes 10 s: longer than a busy computer keeps a test
+/// waiting.
 fn moving(end: &FarEnd) -> Serial {
-    let mut serial = start(end);
+    let stage = Stage {
+        max_speed_mm_s: [5.0; 3],
+        ..default_stage()
+    };
+    let started = Serial::start(&end.path, &stage, Mounting::OnStage);
+    let mut serial = started.expect("the station starts");
     let position_um = [50_000, 0, 0];
     serial
         .command("setpoint", Command::Setpoint { position_um })
@@ -291,10 +298,7 @@ fn unanswered_jog_is_not_repeated_but_explained() {
         },
     );
     let text = explained(&end);
-    assert!(
-        text.contains("it was at 0 0 0 steps before"),
-        "{text}"
-    );
+    assert!(text.contains("it was at 0 0 0 steps before"), "{text}");
     assert_eq!(end.steps(), [160, 0, 0]);
 }
 

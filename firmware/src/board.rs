@@ -6,6 +6,8 @@
 //! # Inputs
 //! Limit switches and the emergency stop are contacts that are closed when all is well, between pin and ground, with the chip's pull-up: a
 //! cut wire reads as open. A switch that is not there is a wire to ground.
+//!
+//! The emergency stop's second contact, on boards with a [`Gate`], stops the step timer itself.
 
 #[cfg(feature = "olimex-h405")]
 mod olimex_h405;
@@ -25,10 +27,9 @@ mod skr_2;
 #[cfg(feature = "skr-2")]
 pub use skr_2::*;
 
-use crate::engine::Hardware;
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{IWDG, PA11, PA12, RNG, USB_OTG_FS};
+use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, IWDG, PA11, PA12, RNG, TIM8, USB_OTG_FS};
 use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{Config, Peri};
 use shared::steps::WordRate;
@@ -48,6 +49,24 @@ pub struct Line {
     pub pin: u8,
     /// The level that means "on".
     pub active_high: bool,
+}
+
+/// An input that gates the step timer in hardware: TIM8_ETR, which is PA0 on these chips.
+#[derive(Clone, Copy)]
+pub struct Gate {
+    /// The level at which the timer runs.
+    pub active_high: bool,
+}
+
+/// Timer and streams of the step engine: whoever has this knows that nobody else has them.
+#[expect(dead_code, reason = "the registers are used directly")]
+pub struct Hardware {
+    /// One overflow per word.
+    pub timer: Peri<'static, TIM8>,
+    /// DMA2 stream 1, which TIM8's update can request.
+    pub player: Peri<'static, DMA2_CH1>,
+    /// DMA2 stream 2, which TIM8's compare 1 can request.
+    pub eraser: Peri<'static, DMA2_CH2>,
 }
 
 /// What a board's `assign` makes of the chip.

@@ -1,8 +1,9 @@
 //! The machine and its wires: bytes and switches in, bytes and segments out.
 
-use crate::{board, crash, engine, link, pins, switches, watch};
+use crate::{board, clock, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
+use shared::frame::message::{LastRun, ResetCause};
 use shared::machine::{Board, Machine, Output};
 use static_cell::StaticCell;
 
@@ -11,10 +12,9 @@ const NO_ROOM_US: u64 = 50;
 
 /// Runs the machine for ever.
 #[embassy_executor::task]
-pub async fn run(session: u32) {
+pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
     static MACHINE: StaticCell<Machine> = StaticCell::new();
     let machine = MACHINE.init_with(|| {
-        let (reset_cause, last_run) = crash::begin();
         Machine::new(Board {
             name: board::NAME,
             version: VERSION,
@@ -30,15 +30,15 @@ pub async fn run(session: u32) {
     let mut driven = false;
     loop {
         if engine::plays() {
-            let queued =
-                u64::from(engine::queued_us()) * u64::from(board::WORD_RATE.hz()) / 1_000_000;
-            words_emitted = words_given.saturating_sub(queued).max(words_emitted);
+            let queued = engine::words(engine::queued_us());
+            words_emitted = words_given.saturating_sub(queued as u64).max(words_emitted);
         }
         machine.sense(switches::inputs(words_emitted));
-        while let Some(chunk) = link::received() {
-            machine.receive(chunk.at, &chunk.bytes);
+        while let Some(arrival) = link::received() {
+            machine.take(arrival.at, arrival.outcome);
         }
-        match machine.poll(now(), engine::room()) {
+        let now = clock::now();
+        match machine.poll(now, engine::room()) {
             Output::Send(bytes) => link::send(bytes),
             Output::Segment(segment) => {
                 words_given = words_given.saturating_add(u64::from(segment.slots()) * 2);
@@ -50,16 +50,18 @@ pub async fn run(session: u32) {
                 let state = machine.state();
                 watch::show(state);
                 crash::keep_fault(machine.fault());
-                if !driven && machine.is_configured() {
-                    driven = true;
-                    pins::set_drivers(true);
+                if driven != machine.motors_on() {
+                    driven = !driven;
+                    pins::set_drivers(driven);
                 }
                 if !state.is_moving() {
                     engine::resume();
                 }
-                let wake = until
-                    .micros()
-                    .max(now().micros() + if until > now() { 0 } else { NO_ROOM_US });
+                let wake = if until > now {
+                    until.micros()
+                } else {
+                    now.micros() + NO_ROOM_US
+                };
                 select3(
                     Timer::at(Instant::from_micros(wake)),
                     link::wait(),
@@ -69,11 +71,6 @@ pub async fn run(session: u32) {
             }
         }
     }
-}
-
-/// The station's clock.
-pub fn now() -> shared::time::Instant {
-    shared::time::Instant::from_micros(Instant::now().as_micros())
 }
 
 /// The crate's version, as hello says it.

@@ -1,26 +1,45 @@
 //! What the last life of the program left behind.
 //!
-//! A panic or a hard fault stops motion, writes a few words into memory that a reset does not clear, and waits for the watchdog. The next start
-//! reads them, together with the chip's own record of what reset it, and the machine tells every host. What an address means,
+//! A panic, a hard fault or a supply that dips stops motion, writes a few words into memory that a
+//! reset does not clear, and waits for the watchdog. The next start reads them, together with the
+//! chip's own record of what reset it, and the machine tells every host. What an address means,
 //! `addr2line -fie station-b ADDRESS` says.
+//!
+//! # Brown-out
+//! The chip's own detector of brown-outs is off unless its option bytes are set, and its flag
+//! never comes alone. So a start counts as one after a brown-out when the record says that the
+//! supply was low, and when power came on with memory intact: then it was gone for less than the
+//! second or so that memory lasts. Whoever switches the station off and on again that quickly is
+//! told the same.
 
-use crate::vectors::RETAINED;
+use crate::vectors::{RETAINED, RETAINED_WORDS};
 use crate::{engine, pins};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_stm32::pac;
 use shared::frame::message::{End, LastRun, PLACES, ResetCause};
 use shared::safety::Fault;
 
-/// Words of memory that this module wants: seal, starts, end, fault, places.
-pub const WORDS: usize = 4 + PLACES;
+/// Words of memory that this module has: seal, starts, cause, fault, places.
+const _: () = assert!(RETAINED_WORDS == 4 + PLACES);
 
 /// Marks the words as written by this program. Chance makes it once in 2^32 power-ons.
 const SEAL: u32 = 0x5b1d_c0de;
 
-/// [`End::Panic`] in the record; 0 is [`End::Outside`].
-const PANIC: u32 = End::Panic as u32;
-/// [`End::HardFault`] in the record.
-const HARD_FAULT: u32 = End::HardFault as u32;
+/// How the program ended, as a number in the record. 0 is a reset from outside.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+pub enum Cause {
+    /// The program gave up.
+    Panic = 1,
+    /// The processor did.
+    HardFault = 2,
+    /// The supply fell below 2.9 V.
+    Supply = 3,
+}
+
+const PANIC: u32 = Cause::Panic as u32;
+const HARD_FAULT: u32 = Cause::HardFault as u32;
+const SUPPLY: u32 = Cause::Supply as u32;
 
 fn word(index: usize) -> &'static AtomicU32 {
     static NOWHERE: AtomicU32 = AtomicU32::new(0);
@@ -31,20 +50,23 @@ fn word(index: usize) -> &'static AtomicU32 {
 pub fn begin() -> (ResetCause, LastRun) {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular to the general.
-    let cause = if flags.wdgrstf() || flags.wwdgrstf() {
+    let valid = word(0).load(Relaxed) == SEAL;
+    let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
+    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular
+    // to the general. The watchdog ends the wait after a dip, so its flag says less than the
+    // record.
+    let powered = flags.porrstf() || flags.borrstf();
+    let cause = if old(2) == SUPPLY || powered && valid {
+        ResetCause::BrownOut
+    } else if flags.wdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.sftrstf() {
         ResetCause::Software
-    } else if flags.porrstf() {
+    } else if powered {
         ResetCause::PowerOn
-    } else if flags.borrstf() {
-        ResetCause::BrownOut
     } else {
         ResetCause::Pin
     };
-    let valid = word(0).load(Relaxed) == SEAL;
-    let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
     let last_run = LastRun {
         starts: old(1).saturating_add(1),
         fault: Fault::ALL.get((old(3) as usize).wrapping_sub(1)).copied(),
@@ -57,7 +79,7 @@ pub fn begin() -> (ResetCause, LastRun) {
     };
     word(0).store(SEAL, Relaxed);
     word(1).store(last_run.starts, Relaxed);
-    for index in 2..WORDS {
+    for index in 2..RETAINED_WORDS {
         word(index).store(0, Relaxed);
     }
     (cause, last_run)
@@ -71,13 +93,18 @@ pub fn keep_fault(fault: Option<Fault>) {
     );
 }
 
-/// Stops the step timer and the drivers, leaves the message, and waits for the watchdog.
-pub fn end(how: End, places: impl Iterator<Item = u32>) -> ! {
+/// Ends motion: masks interrupts, stops the step timer and switches the drivers off.
+pub fn silence() {
     cortex_m::interrupt::disable();
     engine::stop();
     pins::set_drivers(false);
-    word(2).store(how as u32, Relaxed);
-    for (index, place) in (4..WORDS).zip(places) {
+}
+
+/// Ends motion, leaves the message, and waits for the watchdog.
+pub fn end(cause: Cause, places: impl Iterator<Item = u32>) -> ! {
+    silence();
+    word(2).store(cause as u32, Relaxed);
+    for (index, place) in (4..RETAINED_WORDS).zip(places) {
         word(index).store(place, Relaxed);
     }
     loop {

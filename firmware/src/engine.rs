@@ -20,6 +20,7 @@
 //! |---|---|
 //! | the refill stalls, interrupts stay masked, the processor hangs | the eraser; then the watchdog's reset |
 //! | panic, hard fault | the handler stops TIM8; if even that fails, the eraser |
+//! | the emergency stop's second contact opens | the gate stops TIM8 in hardware; `check` sees the stand and stops it for good |
 //! | a debugger halts the processor | TIM8 freezes with it (DBGMCU); without that, the eraser |
 //! | a stream dies (transfer error), or loses a request | `check` sees it at the next segment, 250 µs later, and stops TIM8 |
 //! | reset | the pins become inputs; the drivers' enable lines have their own pull-ups |
@@ -37,13 +38,13 @@
 //! that is the machine's `delay_us`. A segment that comes later than its block is an underrun: nothing more is played until the
 //! machine has noticed (it sees that words are not emitted), faulted, and stands.
 
-use crate::board::{STEP_PINS, STEP_PORT, WORD_RATE};
-use crate::pins::IDLE_WORD;
+use crate::board::{GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
+use crate::pins::{self, IDLE_WORD};
 use crate::watch;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed, fence};
+use embassy_stm32::pac;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
-use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, TIM8};
-use embassy_stm32::{Peri, pac};
+use embassy_stm32::pac::timer::vals::{Ckd, Etp, FilterValue, Sms, Ts};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::Instant;
@@ -117,17 +118,6 @@ pub enum Trouble {
     Stream = 4,
 }
 
-/// Timer and streams that the engine takes for itself: whoever has this knows that nobody else has them.
-#[expect(dead_code, reason = "the registers are used directly")]
-pub struct Hardware {
-    /// One overflow per word.
-    pub timer: Peri<'static, TIM8>,
-    /// DMA2 stream 1, which TIM8's update can request.
-    pub player: Peri<'static, DMA2_CH1>,
-    /// DMA2 stream 2, which TIM8's compare 1 can request.
-    pub eraser: Peri<'static, DMA2_CH2>,
-}
-
 fn player() -> pac::dma::St {
     pac::DMA2.st(1)
 }
@@ -148,13 +138,15 @@ pub async fn run(_hardware: Hardware) {
     let mut engine = Engine {
         generator,
         began_us: 0,
+        playing: Block::default(),
         next: 0,
         motion_end: 0,
     };
     engine.start();
     loop {
         let (segment, invert) = SEGMENTS.receive().await;
-        if RESTART.swap(false, Relaxed) {
+        // With the gate open the timer would not run, and each start would wait for it.
+        if !pins::gate_is_open() && RESTART.swap(false, Relaxed) {
             note!("step engine: restart after {}", TROUBLE.load(Relaxed));
             engine.start();
         }
@@ -167,10 +159,41 @@ struct Engine {
     generator: Generator,
     /// When block 0 began, µs.
     began_us: u64,
+    /// The block that is being played.
+    playing: Block,
     /// The block that the next segment becomes.
     next: u64,
     /// One past the last block with motion.
     motion_end: u64,
+}
+
+/// A block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are
+/// dear.
+#[derive(Clone, Copy, Default)]
+struct Block {
+    number: u64,
+    /// Its first word in the ring.
+    place: usize,
+    /// When it begins, µs.
+    at_us: u64,
+}
+
+impl Block {
+    /// The block in which `now` lies.
+    fn at(self, now: u64) -> Self {
+        const SEGMENT: u32 = SEGMENT_US as u32;
+        let later = u32::try_from(now.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
+        self.after(later / SEGMENT)
+    }
+
+    /// The block so many blocks later.
+    fn after(self, blocks: u32) -> Self {
+        Self {
+            number: self.number.saturating_add(blocks.into()),
+            place: (self.place + (blocks % BLOCKS as u32) as usize * BLOCK) % RING,
+            at_us: self.at_us.saturating_add(u64::from(blocks) * SEGMENT_US),
+        }
+    }
 }
 
 impl Engine {
@@ -194,8 +217,13 @@ impl Engine {
             pac::TIM8.cr1().modify(|w| w.set_cen(true));
         });
         self.began_us = began_us;
+        self.playing = Block {
+            at_us: began_us,
+            ..Block::default()
+        };
         self.next = LEAD;
         self.motion_end = 0;
+        self.generator.forget_directions();
         TROUBLE.store(0, Relaxed);
         self.publish();
     }
@@ -208,8 +236,9 @@ impl Engine {
     /// Turns a segment into the words of its block.
     fn feed(&mut self, segment: &Segment, invert: [bool; 3]) {
         let now = Instant::now().as_micros();
-        let playing = now.saturating_sub(self.began_us) / SEGMENT_US;
-        if TROUBLE.load(Relaxed) == 0 && !check(self.began_us) {
+        self.playing = self.playing.at(now);
+        let playing = self.playing.number;
+        if TROUBLE.load(Relaxed) == 0 && !check(self.playing) {
             stop();
             TROUBLE.store(Trouble::Stream as u8, Relaxed);
         }
@@ -228,6 +257,10 @@ impl Engine {
         if !silent {
             self.motion_end = self.next;
         }
+        if TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed) {
+            // Erased words may have been the ones that turn an axis.
+            self.generator.forget_directions();
+        }
         // The generator always runs, so that its count stays the sum of all segments.
         self.generator.set_invert(invert);
         if self.generator.load(segment).is_err() {
@@ -235,21 +268,17 @@ impl Engine {
             self.fail(Trouble::Refused);
             return;
         }
-        let from = (block % BLOCKS) as usize * BLOCK;
-        let mut places = WORDS.get(from..from + BLOCK).unwrap_or_default();
-        let mut words = [0; 50];
-        loop {
-            let made = self.generator.fill(&mut words);
-            if made == 0 {
-                break;
-            }
-            let (filled, rest) = places.split_at(made.min(places.len()));
-            places = rest;
-            if !silent {
-                for (place, word) in filled.iter().zip(&words) {
-                    place.store(*word, Relaxed);
-                }
-            }
+        if silent {
+            // What is in the ring is idle words.
+            self.generator.skip();
+        } else {
+            // Less than BLOCKS ahead, by the check above.
+            let from = self
+                .playing
+                .after(block.saturating_sub(playing) as u32)
+                .place;
+            let places = WORDS.get(from..from + BLOCK).unwrap_or_default();
+            self.generator.play(places);
         }
         // All words are in memory before the task goes to sleep.
         fence(core::sync::atomic::Ordering::SeqCst);
@@ -327,6 +356,19 @@ pub fn plays() -> bool {
 
 fn prepare_timer() {
     let timer = pac::TIM8;
+    if let Some(gate) = GATE {
+        // The slowest filter there is: 8 samples at 168 MHz / 4 / 32, 6 µs.
+        timer.cr1().modify(|w| w.set_ckd(Ckd::DIV4));
+        timer.smcr().write(|w| {
+            w.set_etf(FilterValue::FDTS_DIV32_N8);
+            w.set_etp(match gate.active_high {
+                true => Etp::NOT_INVERTED,
+                false => Etp::INVERTED,
+            });
+            w.set_ts(Ts::ETRF);
+            w.set_sms(Sms::GATED_MODE);
+        });
+    }
     timer.dier().write(|_| {});
     timer.psc().write_value(0);
     // PERIOD fits, by the assertion above.
@@ -352,6 +394,9 @@ fn prepare_streams() {
         while stream.cr().read().en() {}
         stream.fcr().write(|_| {}); // direct mode
         stream.ndtr().write(|w| w.set_ndt(RING as u16));
+        // In fact as unsafe as a raw pointer: the stream reads and writes RING words from here on,
+        // whatever the compiler thinks. It is sound because WORDS has that many, is static, and is
+        // made of atomics.
         stream.m0ar().write_value(WORDS.as_ptr() as u32);
     }
     // All flags of streams 0 to 3; 0 and 3 are nobody's.
@@ -375,8 +420,15 @@ fn prepare_streams() {
     }
 }
 
+/// Words in a time of at most a second, µs.
+pub const fn words(us: u32) -> usize {
+    const PER_MS: u32 = WORD_RATE.hz() / 1_000;
+    let us = if us < 1_000_000 { us } else { 1_000_000 };
+    (us * PER_MS / 1_000) as usize
+}
+
 /// Both streams run, the player is where the time says, and the eraser is right behind it.
-fn check(began_us: u64) -> bool {
+fn check(playing: Block) -> bool {
     let (now, played, erased, running) = cortex_m::interrupt::free(|_| {
         (
             Instant::now().as_micros(),
@@ -387,11 +439,7 @@ fn check(began_us: u64) -> bool {
     });
     // A stream counts down; a count of 0 means the same as RING.
     let at = |left: u16| RING.saturating_sub(usize::from(left)) % RING;
-    let words = now
-        .saturating_sub(began_us)
-        .saturating_mul(u64::from(WORD_RATE.hz()))
-        / 1_000_000;
-    let expected = (words % RING as u64) as usize;
+    let expected = (playing.place + words(now.saturating_sub(playing.at_us) as u32)) % RING;
     let slip = (at(played) + RING + SLIP - expected) % RING;
     // The eraser follows within a word, and a word may pass between the two readings.
     let behind = (at(played) + RING + 1 - at(erased)) % RING;

@@ -1,13 +1,21 @@
 //! Bytes to and from the host, over USB or UART.
 //!
-//! Both links run the same code. The machine talks to one of them at a time: to whichever spoke first, until that has been silent for half a second
-//! (a host sends a heartbeat every 20 ms). A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to
-//! anybody else is dropped, so an absent or hanging host costs nothing. Every write has a time limit; a packet that was cut off is closed by a zero
-//! byte before the next one. So unplugging, plugging in again, and a host that died need no special case.
+//! Both links run the same code, each with its own receiver. The machine talks to one of them at a
+//! time, the *speaker*: the first that sent a packet with a right checksum, until it has sent none
+//! for half a second (a host sends a heartbeat every 20 ms). Noise on a link is no packet, so it
+//! neither makes a speaker nor keeps one, and it cannot break a packet of the other link. What the
+//! speaker's link garbles is counted by the machine; what the other link garbles is dropped.
+//!
+//! A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to
+//! anybody else is dropped, so an absent or hanging host costs nothing. Every write has a time
+//! limit; a packet that was cut off is closed by a zero byte before the next one. So unplugging,
+//! plugging in again, and a host that died need no special case.
 
+use crate::clock;
 use crate::watch::{self, Task};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
 use embassy_stm32::usart::BufferedUart;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -15,14 +23,16 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use shared::frame::MAX_PACKET;
 use shared::frame::encode::Bytes;
+use shared::frame::message::Packet;
+use shared::frame::receive::{Receiver, Reject};
 
 /// How long a write may take.
 const WRITE_LIMIT: Duration = Duration::from_millis(50);
 
-/// How long to wait for bytes before saying that the task is alive.
-const READ_LIMIT: Duration = Duration::from_millis(5);
+/// How long to wait after a read that failed: the cable is not plugged in.
+const PAUSE: Duration = Duration::from_millis(5);
 
-/// Silence after which the other link may speak, ms.
+/// Time without a packet after which the other link may speak, ms.
 const SILENCE_MS: u32 = 500;
 
 /// A full-speed USB packet.
@@ -37,15 +47,15 @@ pub enum Port {
     Uart,
 }
 
-/// Bytes with the time of their arrival.
-pub struct Chunk {
-    /// When they came.
+/// What came over a link, with the time of its last byte.
+pub struct Arrival {
+    /// When it was complete.
     pub at: shared::time::Instant,
-    /// In the order they came.
-    pub bytes: heapless::Vec<u8, PACKET>,
+    /// A packet, or the reason why the bytes were none.
+    pub outcome: Result<Packet, Reject>,
 }
 
-static RECEIVED: Channel<CriticalSectionRawMutex, Chunk, 4> = Channel::new();
+static RECEIVED: Channel<CriticalSectionRawMutex, Arrival, 4> = Channel::new();
 static TO_USB: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 static TO_UART: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 
@@ -74,14 +84,17 @@ impl Port {
         }
     }
 
-    /// Notes that this link was heard. `None`: the other one speaks. `Some(true)`: this one takes over.
-    fn heard(self) -> Option<bool> {
+    /// Whether the machine is to have what came over this link. A packet with a right checksum
+    /// makes the link the speaker, if the other is not.
+    fn speaks(self, outcome: &Result<Packet, Reject>) -> bool {
         let speaker = speaker();
-        if speaker.is_some_and(|other| other != self) {
-            return None;
+        // A message of another protocol, too, comes from a host rather than from a motor's cable.
+        let sound = matches!(outcome, Ok(_) | Err(Reject::Malformed));
+        if sound && speaker.is_none_or(|other| other == self) {
+            SPEAKER.store(milliseconds() << 2 | self.mark(), Relaxed);
+            return true;
         }
-        SPEAKER.store(milliseconds() << 2 | self.mark(), Relaxed);
-        Some(speaker.is_none())
+        speaker == Some(self)
     }
 }
 
@@ -90,7 +103,7 @@ fn milliseconds() -> u32 {
     (Instant::now().as_millis() as u32) & (u32::MAX >> 2)
 }
 
-/// The link that was heard lately.
+/// The link that sent a packet lately.
 fn speaker() -> Option<Port> {
     let word = SPEAKER.load(Relaxed);
     let silence = milliseconds().wrapping_sub(word >> 2) & (u32::MAX >> 2);
@@ -101,12 +114,12 @@ fn speaker() -> Option<Port> {
     }
 }
 
-/// The next bytes for the machine.
-pub fn received() -> Option<Chunk> {
+/// The next arrival for the machine.
+pub fn received() -> Option<Arrival> {
     RECEIVED.try_receive().ok()
 }
 
-/// Until there are bytes for the machine.
+/// Until there is something for the machine.
 pub async fn wait() {
     RECEIVED.ready_to_receive().await;
 }
@@ -125,34 +138,28 @@ pub async fn serve(port: Port, rx: impl Read, tx: impl Write, open: impl Fn() ->
 
 async fn receive(port: Port, mut rx: impl Read) {
     let mut buffer = [0; PACKET];
+    let mut receiver = Receiver::<Packet>::default();
     loop {
         watch::alive(port.task());
-        let count = match with_timeout(READ_LIMIT, rx.read(&mut buffer)).await {
-            Ok(Ok(count)) => count,
-            // Not plugged in, or a byte was lost: the packet's checksum tells.
-            Ok(Err(_)) => {
-                Timer::after(READ_LIMIT).await;
+        let read = select(rx.read(&mut buffer), watch::look(port.task())).await;
+        let count = match read {
+            Either::First(Ok(count)) => count,
+            Either::First(Err(_)) => {
+                Timer::after(PAUSE).await;
                 continue;
             }
-            Err(_) => continue,
+            Either::Second(()) => continue,
         };
-        let at = crate::control::now();
-        let Some(takes_over) = port.heard() else {
-            continue;
-        };
-        if takes_over {
-            // Ends what the other link may have left half said.
-            pass(port, at, &[0]).await;
+        let at = clock::now();
+        let mut bytes = buffer.get(..count).unwrap_or_default();
+        while let Some(outcome) = receiver.next(&mut bytes) {
+            if port.speaks(&outcome) {
+                watch::alive(port.task());
+                // The machine takes it within a control tick, so this never waits long.
+                RECEIVED.send(Arrival { at, outcome }).await;
+            }
         }
-        pass(port, at, buffer.get(..count).unwrap_or_default()).await;
     }
-}
-
-/// Gives bytes to the machine. It takes them within a control tick, so this never waits long.
-async fn pass(port: Port, at: shared::time::Instant, bytes: &[u8]) {
-    let bytes = heapless::Vec::from_slice(bytes).unwrap_or_default();
-    watch::alive(port.task());
-    RECEIVED.send(Chunk { at, bytes }).await;
 }
 
 async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {

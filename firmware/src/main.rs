@@ -9,10 +9,12 @@
 //! | [`control`] | the machine: bytes and switches in, bytes and segments out | executor of interrupt UART4 |
 //! | [`link`], [`usb`] | bytes of USB and UART, one code for both | thread |
 //! | [`switches`] | limit switches, emergency stop, driver fault | as `control`; the emergency stop as `engine` |
-//! | [`watch`] | the watchdog, fed while step, control and both links are alive; the LED | thread |
-//! | [`crash`] | what a panic or a fault leaves behind for the next start | |
+//! | [`watch`] | the watchdog, fed while every task is alive; the LED | thread |
+//! | [`crash`] | what a panic, a fault or a dip of the supply leaves behind for the next start | |
+//! | [`fault`] | the handlers of hard faults and of a low supply | |
 //! | [`board`] | the only place that names a pin | |
-//! | [`vectors`] | interrupts and the memory that survives a reset; the only unsafe code | |
+//! | [`clock`] | the station's time | |
+//! | [`vectors`] | interrupts and the memory that survives a reset; with [`fault`] the only unsafe code | |
 //!
 //! *Invariant:* no task waits for a link while it holds something that motion needs. Motion never waits for the host.
 //!
@@ -25,9 +27,11 @@
 mod log;
 
 mod board;
+mod clock;
 mod control;
 mod crash;
 mod engine;
+mod fault;
 mod link;
 mod pins;
 mod switches;
@@ -35,18 +39,23 @@ mod usb;
 mod vectors;
 mod watch;
 
-use embassy_executor::Spawner;
+use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use embassy_stm32::pac;
 use embassy_stm32::rng::Rng;
 use vectors::{Irqs, Level};
+use watch::Task;
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    // First, so that the record is open when the rest of the start fails.
+    let (reset_cause, last_run) = crash::begin();
     let chip = embassy_stm32::init(board::clocks());
-    // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by the HAL, hide nearly all of them. The chip's
-    // first revision, A, must do without prefetch (errata sheet ES0182).
-    const REVISION_A: u16 = 0x1000;
-    let prefetch = pac::DBGMCU.idcode().read().rev_id() != REVISION_A;
+    // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by
+    // the HAL, hide nearly all of them. The chip's first revision, A, must do without prefetch
+    // (errata sheet ES0182). It is known by the device number of another chip, the STM32F2's, which
+    // is an erratum, too.
+    const REVISION_A: u16 = 0x411;
+    let prefetch = pac::DBGMCU.idcode().read().dev_id() != REVISION_A;
     pac::FLASH.acr().modify(|w| {
         w.set_icen(true);
         w.set_dcen(true);
@@ -69,26 +78,37 @@ async fn main(spawner: Spawner) {
     let session = Rng::new(parts.random, Irqs).next_u32();
     note!("{} starts, session {}", board::NAME, session);
 
+    fault::watch_supply();
+
+    let mut tasks = [Task::Step, Task::Control, Task::Usb, Task::Uart]
+        .into_iter()
+        .chain([Task::Device, Task::EmergencyStop])
+        .fold(0, |tasks, task| tasks | task.bit());
     let step = vectors::executor(Level::Step);
-    let control = vectors::executor(Level::Control);
-    for spawned in [
-        engine::run(parts.engine).map(|task| step.spawn(task)),
-        switches::emergency_stop(parts.emergency_stop).map(|task| step.spawn(task)),
-        control::run(session).map(|task| control.spawn(task)),
-    ] {
-        // Each task has its place and is spawned once.
-        let _ = spawned;
-    }
-    let limits = parts.limits.into_iter().flatten();
-    for (number, switch) in (0..).zip(limits) {
-        let _ = switches::limit(number, switch).map(|task| control.spawn(task));
+    let tick = vectors::executor(Level::Control);
+    step.spawn(spawned(engine::run(parts.engine)));
+    step.spawn(spawned(switches::emergency_stop(parts.emergency_stop)));
+    tick.spawn(spawned(control::run(session, reset_cause, last_run)));
+    for (number, switch) in (0..).zip(parts.limits.into_iter().flatten()) {
+        tasks |= Task::Limit(number).bit();
+        tick.spawn(spawned(switches::limit(number, switch)));
     }
     if let Some(fault) = parts.driver_fault {
-        let _ = switches::driver_fault(fault).map(|task| control.spawn(task));
+        tasks |= Task::DriverFault.bit();
+        tick.spawn(spawned(switches::driver_fault(fault)));
     }
 
     let (controller, dp, dm) = parts.usb;
     usb::start(spawner, controller, dp, dm);
-    let _ = link::uart(parts.uart).map(|task| spawner.spawn(task));
-    watch::run(watchdog).await
+    spawner.spawn(spawned(link::uart(parts.uart)));
+    watch::run(watchdog, tasks).await
+}
+
+/// A task with its place. A station without one of its tasks must not run: a place that is missing
+/// is a panic at the start.
+fn spawned<T>(task: Result<SpawnToken<T>, SpawnError>) -> SpawnToken<T> {
+    match task {
+        Ok(token) => token,
+        Err(_) => panic!("a task without a place"),
+    }
 }

@@ -1,34 +1,64 @@
 //! Output pins.
 
-use crate::board::{DRIVERS, LED, Line, STEP_PINS, STEP_PORT};
-use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use crate::board::{DRIVERS, GATE, LED, Line, STEP_PINS, STEP_PORT};
+use embassy_stm32::pac;
+use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Pupdr};
 
 /// The word that lowers every STEP pin and does nothing else: what the pins get when there is no motion.
 pub const IDLE_WORD: u32 =
     (1 << STEP_PINS.step[0] | 1 << STEP_PINS.step[1] | 1 << STEP_PINS.step[2]) << 16;
 
-/// Makes outputs of STEP, DIR, the drivers' enable lines and the LED: STEP low, drivers off, LED off.
+/// The pin of TIM8_ETR, on port A.
+const GATE_PIN: usize = 0;
+
+/// Its alternate function (data sheet, "Alternate function mapping").
+const TIM8_FUNCTION: u8 = 3;
+
+/// Makes outputs of STEP, DIR, the drivers' enable lines and the LED: STEP low, drivers off, LED
+/// off. Gives the gate's pin to the step timer.
 pub fn prepare() {
     for line in DRIVERS.iter().chain([&LED]) {
         set(*line, false);
-        output(*line);
+        // The slowest edges: an enable line needs no others, and PC13 to PC15 allow no others.
+        output(*line, Ospeedr::LOW_SPEED);
     }
     STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
     for pin in STEP_PINS.step.into_iter().chain(STEP_PINS.dir) {
-        output(Line {
+        let line = Line {
             port: STEP_PORT,
             pin,
             active_high: true,
-        });
+        };
+        // 50 MHz class at most: edges of some ns suffice for STEP and radiate less.
+        output(line, Ospeedr::MEDIUM_SPEED);
+    }
+    if let Some(gate) = GATE {
+        let pull = if gate.active_high {
+            Pupdr::PULL_DOWN
+        } else {
+            Pupdr::PULL_UP
+        };
+        pac::GPIOA.pupdr().modify(|w| w.set_pupdr(GATE_PIN, pull));
+        pac::GPIOA
+            .afr(0)
+            .modify(|w| w.set_afr(GATE_PIN, TIM8_FUNCTION));
+        pac::GPIOA
+            .moder()
+            .modify(|w| w.set_moder(GATE_PIN, Moder::ALTERNATE));
     }
 }
 
-fn output(line: Line) {
+/// Whether the gate, if the board has one, stops the step timer.
+pub fn gate_is_open() -> bool {
+    GATE.is_some_and(|gate| {
+        let high = pac::GPIOA.idr().read().idr(GATE_PIN) == pac::gpio::vals::Idr::HIGH;
+        high != gate.active_high
+    })
+}
+
+fn output(line: Line, speed: Ospeedr) {
     let pin = usize::from(line.pin & 15);
-    // 50 MHz class at most: edges of some ns suffice for STEP and radiate less.
-    line.port
-        .ospeedr()
-        .modify(|w| w.set_ospeedr(pin, Ospeedr::MEDIUM_SPEED));
+    line.port.ospeedr().modify(|w| w.set_ospeedr(pin, speed));
     line.port
         .moder()
         .modify(|w| w.set_moder(pin, Moder::OUTPUT));

@@ -1,13 +1,21 @@
 //! Limit switches, emergency stop and the drivers' fault line.
 //!
-//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does not stop the stage, and then holds the switch as open
-//! for at least two control ticks: so the machine, which looks once per tick, misses nothing that lasted 20 µs.
+//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does
+//! not stop the stage, and then holds the switch as open for at least two control ticks: so the
+//! machine, which looks once per tick, misses nothing that lasted 20 µs. Without an edge the task
+//! looks at the pin whenever the watchdog looks at the task, every 10 ms: a lost edge costs no more
+//! than that.
 //!
-//! The emergency stop does not wait for the machine: its task runs beside the step engine and empties the ring. Drivers stay energised, since a
-//! stage without current may fall; who wants the current off takes a second contact for the motor supply.
+//! The emergency stop does not wait for the machine: its task runs beside the step engine and
+//! empties the ring. Its second contact, where the board has a [gate](crate::board::Gate), stops
+//! the step timer without any program; the machine sees that contact, too. Drivers stay energised,
+//! since a stage without current may fall; who wants the current off takes a further contact for
+//! the motor supply.
 
-use crate::engine;
+use crate::watch::{self, Task};
+use crate::{engine, pins};
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use embassy_futures::select::{Either, select};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Level;
 use embassy_stm32::mode::Async;
@@ -45,7 +53,7 @@ pub fn inputs(words_emitted: u64) -> Inputs {
             [limit(2), limit(3)],
             [limit(4), limit(5)],
         ],
-        emergency_stop: open & EMERGENCY_STOP != 0,
+        emergency_stop: open & EMERGENCY_STOP != 0 || pins::gate_is_open(),
         driver_fault: open & DRIVER_FAULT != 0,
         words_emitted,
     }
@@ -54,25 +62,27 @@ pub fn inputs(words_emitted: u64) -> Inputs {
 /// Watches a contact to ground. `number` counts the limit switches from 0 to 5.
 #[embassy_executor::task(pool_size = 6)]
 pub async fn limit(number: u8, switch: ExtiInput<'static, Async>) {
-    watch(switch, 1 << (number & 7), Level::High, || {}).await
+    let task = Task::Limit(number);
+    watch(switch, task, 1 << (number & 7), Level::High, || {}).await
 }
 
 /// Watches the emergency stop, beside the step engine.
 #[embassy_executor::task]
 pub async fn emergency_stop(switch: ExtiInput<'static, Async>) {
-    watch(switch, EMERGENCY_STOP, Level::High, engine::hush).await
+    let task = Task::EmergencyStop;
+    watch(switch, task, EMERGENCY_STOP, Level::High, engine::hush).await
 }
 
 /// Watches a line that is low when a driver is in trouble.
 #[embassy_executor::task]
 pub async fn driver_fault(line: ExtiInput<'static, Async>) {
-    watch(line, DRIVER_FAULT, Level::Low, || {}).await
+    watch(line, Task::DriverFault, DRIVER_FAULT, Level::Low, || {}).await
 }
 
 /// Shows `bit` while the pin has the level that means trouble. `act` is called as soon as it has.
-async fn watch(mut pin: ExtiInput<'static, Async>, bit: u8, trouble: Level, act: fn()) {
+async fn watch(mut pin: ExtiInput<'static, Async>, task: Task, bit: u8, trouble: Level, act: fn()) {
     loop {
-        wait(&mut pin, trouble).await;
+        wait(&mut pin, task, trouble).await;
         Timer::after_micros(SPARK_US).await;
         if pin.get_level() != trouble {
             continue;
@@ -86,16 +96,23 @@ async fn watch(mut pin: ExtiInput<'static, Async>, bit: u8, trouble: Level, act:
             if pin.get_level() != trouble {
                 break;
             }
-            wait(&mut pin, opposite(trouble)).await;
+            wait(&mut pin, task, opposite(trouble)).await;
         }
         OPEN.fetch_and(!bit, Relaxed);
     }
 }
 
-async fn wait(pin: &mut ExtiInput<'static, Async>, level: Level) {
-    match level {
-        Level::High => pin.wait_for_high().await,
-        Level::Low => pin.wait_for_low().await,
+/// Waits for a level. Each round begins with a look at the pin itself.
+async fn wait(pin: &mut ExtiInput<'static, Async>, task: Task, level: Level) {
+    loop {
+        watch::alive(task);
+        let there = match level {
+            Level::High => select(pin.wait_for_high(), watch::look(task)).await,
+            Level::Low => select(pin.wait_for_low(), watch::look(task)).await,
+        };
+        if let Either::First(()) = there {
+            return;
+        }
     }
 }
 

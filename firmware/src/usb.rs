@@ -3,7 +3,9 @@
 use crate::board;
 use crate::link::{self, PACKET, Port};
 use crate::vectors::Irqs;
+use crate::watch::{self, Task};
 use embassy_executor::Spawner;
+use embassy_futures::join::join;
 use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
 use embassy_stm32::usb::{Config, Driver};
 use embassy_stm32::{Peri, pac, uid};
@@ -73,13 +75,20 @@ pub fn start(
     );
     builder.handler(RECONNECTION.take());
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
-    let _ = device(builder.build()).map(|task| spawner.spawn(task));
-    let _ = serve(class).map(|task| spawner.spawn(task));
+    spawner.spawn(crate::spawned(device(builder.build())));
+    spawner.spawn(crate::spawned(serve(class)));
 }
 
 #[embassy_executor::task]
 async fn device(mut device: UsbDevice<'static, Otg>) {
-    device.run().await;
+    // The device may not be dropped in its work, and has none while nothing is plugged in.
+    join(device.run(), async {
+        loop {
+            watch::alive(Task::Device);
+            watch::look(Task::Device).await;
+        }
+    })
+    .await;
 }
 
 #[embassy_executor::task]

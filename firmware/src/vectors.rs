@@ -1,12 +1,14 @@
 //! Interrupts, executors and the memory that survives a reset.
 //!
-//! The only file with unsafe code: whatever must be said to hardware, linker or vector table without the compiler's help is said here, in few lines.
+//! With [`fault`](crate::fault) the only file with unsafe code: whatever must be said to hardware,
+//! linker or vector table without the compiler's help is said in these two, in few lines.
 //!
 //! # Priorities
 //! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few dozen instructions.
 //!
 //! | priority | interrupt | longest work |
 //! |---|---|---|
+//! | 0 | PVD (supply) | the last one: it ends in a reset |
 //! | 0 | TIM5 (time), EXTI (switches) | wakes a task |
 //! | 2 | USART3 | a byte; it must not wait for 250 words |
 //! | 3 | UART5, the executor of [`engine`](crate::engine) | the 250 words of a segment |
@@ -17,12 +19,10 @@
 //! (UART4 and UART5 themselves are not used: their vectors are free.)
 #![allow(unsafe_code)]
 
-use crate::crash;
 use core::sync::atomic::AtomicU32;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::{bind_interrupts, exti, peripherals, rng, usart, usb};
-use shared::frame::message::End;
 use static_cell::ConstStaticCell;
 
 bind_interrupts!(
@@ -81,45 +81,15 @@ fn UART4() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// The processor stopped itself, of its own accord or because of a panic, which executes the undefined instruction. Return addresses are odd (Thumb).
-// SAFETY: the exception's handler has this signature; it does not return and takes no lock.
-#[cortex_m_rt::exception]
-unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    /// `udf #0`
-    const UNDEFINED: u16 = 0xde00;
-    let at = frame.pc();
-    // SAFETY: an even address within flash, which can always be read.
-    let panicked = CODE.contains(&at) && unsafe { (at as *const u16).read() } == UNDEFINED;
-    let how = match panicked {
-        true => End::Panic,
-        false => End::HardFault,
-    };
-    let above = core::ptr::from_ref(frame) as usize as u32 + FRAME;
-    let top = &raw const _stack_start as usize as u32;
-    // SAFETY: aligned words between the exception's frame and the end of RAM, which is where the stack begins.
-    let stack = (above..top)
-        .step_by(4)
-        .map(|address| unsafe { (address as *const u32).read() })
-        .filter(|word| word % 2 == 1 && CODE.contains(word));
-    crash::end(how, [at, frame.lr()].into_iter().chain(stack))
-}
+/// Words in [`RETAINED`].
+pub const RETAINED_WORDS: usize = 10;
 
-/// Where flash is.
-const CODE: core::ops::Range<u32> = 0x0800_0000..0x0810_0000;
-
-unsafe extern "C" {
-    /// The end of RAM, by cortex-m-rt's linker script: where the stack begins. Only its address means anything.
-    static _stack_start: u32;
-}
-
-/// What the processor puts on the stack before a fault's handler: eight registers.
-const FRAME: u32 = 32;
-
-/// Words that a reset leaves as they are; what they mean is the business of [`crash`]. After power-on they hold anything.
+/// Words that a reset leaves as they are; what they mean is the business of
+/// [`crash`](crate::crash). After power-on they hold anything.
 // SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
 // all accesses go through atomics, which the compiler may not fold into the initial value.
 #[unsafe(link_section = ".uninit.retained")]
-pub static RETAINED: [AtomicU32; crash::WORDS] = [const { AtomicU32::new(0) }; crash::WORDS];
+pub static RETAINED: [AtomicU32; RETAINED_WORDS] = [const { AtomicU32::new(0) }; RETAINED_WORDS];
 
 /// Memory of the UART's driver: a few packets each way. The second call finds it gone and panics.
 pub fn uart_buffers() -> (&'static mut [u8], &'static mut [u8]) {

@@ -211,7 +211,7 @@ fn a_stage_that_the_station_would_refuse_ends_with_1() {
     desk.change("rig.toml", "100.0, 20.0]", "100.0, 2000.0]");
     let outcome = verify(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
-    outcome.complained(&["stage.max_speed_mm_s[2]", "800000 steps/s", "500000"]);
+    outcome.complained(&["stage.max_speed_mm_s[2]", "must be at most 1250"]);
     assert_eq!(
         named(&outcome.json()[0], "refusal"),
         ["stage.max_speed_mm_s[2]"]

@@ -1,7 +1,7 @@
 //! A plain STM32F405RG: Adafruit Feather STM32F405 Express. In brackets the names on its silk screen.
 
-use super::Line;
 pub use super::plain_f405::{DRIVERS, STEP_PORT, assign};
+use super::{Gate, Line};
 use embassy_stm32::pac;
 use shared::steps::PortMap;
 
@@ -17,6 +17,9 @@ pub const STEP_PINS: PortMap = PortMap {
     dir: [3, 5, 7],
     invert: [false; 3],
 };
+
+/// PA0 is not on the board's headers.
+pub const GATE: Option<Gate> = None;
 
 /// The red LED of the board, PC1 [13].
 pub const LED: Line = Line {

@@ -1,7 +1,7 @@
 //! A plain STM32F405RG: Olimex STM32-H405, all pins on its two headers.
 
-use super::Line;
 pub use super::plain_f405::{DRIVERS, STEP_PORT, assign};
+use super::{Gate, Line};
 use embassy_stm32::pac;
 use shared::steps::PortMap;
 
@@ -17,6 +17,10 @@ pub const STEP_PINS: PortMap = PortMap {
     dir: [1, 3, 7],
     invert: [false; 3],
 };
+
+/// The emergency stop's second contact, between PA0 and 3.3 V: the board's own push button has PA0
+/// pulled down. Open, or cut, is low.
+pub const GATE: Option<Gate> = Some(Gate { active_high: true });
 
 /// Status LED of the board, PC12, to the supply.
 pub const LED: Line = Line {

@@ -1,7 +1,6 @@
 //! What the plain STM32F405RG boards share: their headers bring out the same pins.
 
-use super::{Line, Parts, UART_BAUD};
-use crate::engine::Hardware;
+use super::{Hardware, Line, Parts, UART_BAUD};
 use crate::vectors::{Irqs, uart_buffers};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Pull;
@@ -25,6 +24,8 @@ pub const DRIVERS: &[Line] = &[Line {
 pub fn assign(p: Peripherals) -> Result<Parts, ConfigError> {
     let mut config = Config::default();
     config.baudrate = UART_BAUD;
+    // An unconnected receiver picks up what the motors' cables radiate.
+    config.rx_pull = Pull::Up;
     let (tx_buffer, rx_buffer) = uart_buffers();
     Ok(Parts {
         limits: [

@@ -6,8 +6,7 @@
 //!
 //! This image replaces the maker's boot loader, which would expect a program 32 KiB higher.
 
-use super::{Line, Parts, UART_BAUD};
-use crate::engine::Hardware;
+use super::{Gate, Hardware, Line, Parts, UART_BAUD};
 use crate::vectors::{Irqs, uart_buffers};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Pull;
@@ -55,6 +54,10 @@ pub const DRIVERS: &[Line] = &[
     },
 ];
 
+/// The emergency stop's second contact, between PA0 (header E1DET) and ground, as all others of
+/// this board. Open is high.
+pub const GATE: Option<Gate> = Some(Gate { active_high: false });
+
 /// No LED of the board hangs on a pin: one may be put on PE13, header EXP1.
 pub const LED: Line = Line {
     port: pac::GPIOE,
@@ -69,6 +72,8 @@ pub const LED: Line = Line {
 pub fn assign(p: Peripherals) -> Result<Parts, ConfigError> {
     let mut config = Config::default();
     config.baudrate = UART_BAUD;
+    // An unconnected receiver picks up what the motors' cables radiate.
+    config.rx_pull = Pull::Up;
     let (tx_buffer, rx_buffer) = uart_buffers();
     Ok(Parts {
         // The headers of negative ends are marked X-STOP, Y-STOP, Z-STOP; of positive ends E0DET, PROBE (signal), PWRDET.

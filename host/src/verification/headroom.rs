@@ -8,7 +8,7 @@
 //! own estimators refuse.
 
 use serde::Serialize;
-use shared::estimate::{closed_form, midpoint};
+use shared::estimate::{Gate, closed_form, midpoint};
 use shared::frame::message::MATRIX_BITS;
 use shared::rig::Rig;
 use shared::sums::View as PointView;
@@ -141,6 +141,7 @@ impl Headroom {
             );
             rooms.push(Room::new("matrix", "Q2.29", matrix, q(MATRIX_BITS as i32)));
             rooms.push(Room::new("travel", "±2^29 steps", travel, 2f64.powi(29)));
+            rooms.extend(distances(stage));
         }
         Some(Self {
             rooms,
@@ -149,6 +150,53 @@ impl Headroom {
                 .then(|| farthest(|depth| closed_form_works(rig, view, depth))),
         })
     }
+}
+
+/// The distances of a stage in steps, as far as the station checks them.
+fn distances(stage: &Stage) -> impl Iterator<Item = Room> {
+    let finest = stage.steps_per_mm.into_iter().fold(0.0, f64::max);
+    let gate_mm = f64::from(Gate::DEFAULT.max_displacement_nm) * 1e-6;
+    let seen = (0..3).map(|i| {
+        let gain: f64 = stage.matrix[i].iter().map(|m| m.abs()).sum();
+        gain * gate_mm * stage.steps_per_mm[i]
+    });
+    let care = &stage.care;
+    let watched = [care.largest_error_mm, care.largest_unseen_mm];
+    let watched = watched.into_iter().flatten().fold(0.0, f64::max);
+    let homes = (0..3).filter_map(|i| Some((i, care.home[i]?)));
+    let search = homes.clone().map(|(i, _)| {
+        let [low, high] = stage.travel_mm[i];
+        ((high - low) * 1.25 + care.back_off_mm) * stage.steps_per_mm[i]
+    });
+    let place = homes.map(|(i, home)| home.position_mm.abs() * stage.steps_per_mm[i]);
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let end = 2f64.powi(29);
+    let window = care.unknown_window_mm * finest;
+    [
+        (
+            "displacement in steps",
+            "±2^29 steps",
+            largest(&mut seen.into_iter()),
+            end,
+        ),
+        ("window of an unknown position", "±2^29 steps", window, end),
+        ("watched distances", "±2^29 steps", watched * finest, end),
+        (
+            "search for a home switch",
+            "±2^29 steps",
+            largest(&mut search.into_iter()),
+            end,
+        ),
+        (
+            "home position",
+            "±2^28 steps",
+            largest(&mut place.into_iter()),
+            end / 2.0,
+        ),
+    ]
+    .into_iter()
+    .filter(|(_, _, worst, _)| *worst > 0.0)
+    .map(|(name, format, worst, limit)| Room::new(name, format, worst, limit))
 }
 
 fn search(rig: &Rig, view: &View, [near, far]: [f64; 2]) -> Option<Worst> {
@@ -377,6 +425,72 @@ mod tests {
             cameras: [-10.0, 0.0, 10.0].into_iter().map(camera).collect(),
         };
         assert!(of(&narrow).closed_form_to_mm.unwrap() < 400.0);
+    }
+
+    /// A room that is overrun belongs to a stage that the station refuses, and one that is not to a
+    /// stage that it takes: at the edge of each distance.
+    #[test]
+    fn distances_end_where_the_station_refuses() {
+        use crate::rig_file::HomeSwitch;
+        use crate::station::stage::{configuration, default_stage};
+        use shared::frame::message::{Mounting, Side};
+        let base = || {
+            let mut stage = default_stage();
+            stage.steps_per_mm = [50_000.0; 3];
+            stage.max_speed_mm_s = [5.0; 3];
+            stage
+        };
+        type Set = fn(&mut Stage, f64);
+        let cases: [(&str, f64, Set); 5] = [
+            ("travel", 10_000.0, |stage, mm| {
+                stage.travel_mm[0] = [0.0, mm]
+            }),
+            ("window of an unknown position", 10_000.0, |stage, mm| {
+                stage.care.unknown_window_mm = mm;
+            }),
+            ("watched distances", 10_000.0, |stage, mm| {
+                stage.care.largest_unseen_mm = Some(mm);
+            }),
+            ("search for a home switch", 8_000.0, |stage, mm| {
+                stage.travel_mm[1] = [0.0, mm];
+                let position_mm = 0.0;
+                let side = Side::Negative;
+                stage.care.home[1] = Some(HomeSwitch { side, position_mm });
+            }),
+            ("home position", 5_000.0, |stage, mm| {
+                let position_mm = mm;
+                let side = Side::Positive;
+                stage.care.home[2] = Some(HomeSwitch { side, position_mm });
+            }),
+        ];
+        for (name, about_mm, set) in cases {
+            let verdict = |mm: f64| {
+                let mut stage = base();
+                set(&mut stage, mm);
+                let config = configuration(&stage, Mounting::OnStage).unwrap();
+                let taken = shared::machine::check(&config, shared::steps::WordRate::MHZ_1);
+                let rig = Rig::paper();
+                let view = View::new(&rig, 0.0);
+                let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();
+                (taken.is_ok(), room(&headroom, name).bits_left >= 0.0)
+            };
+            // The edge to a µm, by halves.
+            let (mut low, mut high) = (about_mm, 1.2 * about_mm);
+            assert_eq!(
+                (verdict(low), verdict(high)),
+                ((true, true), (false, false)),
+                "{name}"
+            );
+            while high - low > 2e-3 {
+                let middle = 0.5 * (low + high);
+                let (taken, room) = verdict(middle);
+                if taken != room {
+                    // The station rounds inwards, to whole µm.
+                    assert!(room && high - low < 0.1, "{name} at {middle} mm");
+                }
+                if taken { low = middle } else { high = middle }
+            }
+        }
     }
 
     #[test]

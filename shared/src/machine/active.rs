@@ -246,6 +246,9 @@ fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigFi
             let bound = Bound::AtMost(most.cast_signed());
             return Err(value(Setting::Backlash, Some(number), bound));
         }
+        if home.is_some() {
+            check_search(config, number, axis)?;
+        }
         let most = farthest_um(FARTHEST_HOME, axis.steps_per_m);
         let position = home.map_or(0, |home| i64::from(home.position_um));
         if position > most {
@@ -261,6 +264,19 @@ fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigFi
         }
     }
     Ok(backlash)
+}
+
+/// Checks that the search for a home switch, five quarters of the travel and the back-off, stays
+/// within the range of positions.
+fn check_search(config: &Config, number: u8, axis: &AxisConfig) -> Result<(), ConfigField> {
+    let [low, high] = axis.travel_um.map(i64::from);
+    let farthest = FARTHEST * 1_000_000 / i64::from(axis.steps_per_m.max(1));
+    let most = low + (farthest - i64::from(config.stage.back_off_um)) * 4 / 5;
+    if high > most {
+        let bound = Bound::AtMost(most);
+        return Err(value(Setting::TravelHigh, Some(number), bound));
+    }
+    Ok(())
 }
 
 /// The longest way of at most `steps`, µm, that an `i32` holds.

@@ -9,6 +9,7 @@ use crate::steps::Position;
 use crate::time::Instant;
 use crate::track::history::Unknown;
 use crate::track::pursuit::{Aim, Measurement};
+use crate::track::watch::{Advice, Sample};
 
 /// The paper's estimators have no standard deviation. Taken is this share of the gate's largest.
 const UNSTATED: u32 = 10;
@@ -50,20 +51,38 @@ impl Machine {
             position,
             variance: active.variance(sigma_nm.unwrap_or_else(unstated)),
         };
-        self.tracker
+        let used = self
+            .tracker
             .pursuit
             .measure(now, &measurement, &active.reach, &active.config.tracking)
-            .map_err(|_| Denial::Outlier)?;
-        self.tracker.keep(reference, view);
+            .is_ok();
+        if used {
+            self.tracker.keep(reference, view);
+        }
         if active.on_stage()
             && let Some(bounds) = &active.bounds
         {
-            let error = view.target([0; 3]);
-            let seen = self.tracker.watch.see(frame.capture, stage, error, bounds);
-            if let Err(fault) = seen {
-                self.fail(fault);
-                return Err(Denial::Faulted);
+            let sample = Sample {
+                capture: frame.capture,
+                stage,
+                error: view.target([0; 3]),
+                variance: measurement.variance,
+            };
+            match self.tracker.watch.see(&sample, used, bounds) {
+                Advice::GoOn => {}
+                Advice::Stop => {
+                    if let Some(planner) = &mut self.planner {
+                        planner.stop();
+                    }
+                }
+                Advice::Fail(fault) => {
+                    self.fail(fault);
+                    return Err(Denial::Faulted);
+                }
             }
+        }
+        if !used {
+            return Err(Denial::Outlier);
         }
         self.state = State::Following;
         self.aim();
@@ -93,6 +112,9 @@ impl Machine {
     /// Sends the stage to where the target will be when the coming tick's first word is on the pins. From there the planner goes on with the target's
     /// speed by itself, tick by tick, until the next frame.
     fn aim(&mut self) {
+        if self.tracker.watch.holds() {
+            return;
+        }
         let at = self.first_word();
         let (Some(active), Some(planner)) = (&self.active, &mut self.planner) else {
             return;

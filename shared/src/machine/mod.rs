@@ -32,7 +32,7 @@ use crate::frame::message::{
     Command, Denial, Drops, End, EstimateReport, Hello, LastRun, Outcome, Packet, Report,
     ResetCause, Status,
 };
-use crate::frame::receive::Receiver;
+use crate::frame::receive::{Receiver, Reject};
 use crate::frame::{PROTOCOL, SCHEMA_HASH};
 use crate::motion::Planner;
 use crate::safety::{Fault, Faults, Inputs, State, Trust};
@@ -202,10 +202,16 @@ impl Machine {
     /// Takes bytes from the link, in any chunking.
     pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
         while let Some(outcome) = self.receiver.next(&mut bytes) {
-            match outcome {
-                Ok(packet) => self.accept(now, packet),
-                Err(reject) => self.drops.rejects.count(reject),
-            }
+            self.take(now, outcome);
+        }
+    }
+
+    /// Takes a packet, or the reason why bytes were none. For shells with several links, which have
+    /// a [`Receiver`] for each.
+    pub fn take(&mut self, now: Instant, outcome: Result<Packet, Reject>) {
+        match outcome {
+            Ok(packet) => self.accept(now, packet),
+            Err(reject) => self.drops.rejects.count(reject),
         }
     }
 

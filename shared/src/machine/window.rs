@@ -53,11 +53,8 @@ impl Window {
         let ends = from.into_iter().zip(to);
         let mut axes = ends.zip(self.anchor.into_iter().zip(width));
         axes.all(|((from, to), (anchor, width))| {
-            let far = to.abs_diff(anchor);
-            let beyond = from > anchor && to > from || from < anchor && to < from;
-            far <= width.unsigned_abs().saturating_add(1 << 31)
-                || !beyond && far <= from.abs_diff(anchor)
-                || from == to
+            let within = to.abs_diff(anchor) <= width.unsigned_abs().saturating_add(1 << 31);
+            within || (from.min(anchor)..=from.max(anchor)).contains(&to)
         })
     }
 }
@@ -78,7 +75,7 @@ mod tests {
         assert!(!allows(5, 16) && !allows(5, -6));
         // From beyond: back only, and not through to the other side's far end.
         assert!(allows(30, 29) && allows(30, -5) && allows(30, 30));
-        assert!(!allows(30, 31) && !allows(30, -21));
+        assert!(!allows(30, 31) && !allows(30, -6) && !allows(30, -20));
     }
 
     #[test]

@@ -1,4 +1,5 @@
 use core::fmt;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use super::{AXES, AxisMotion, Position, Segment};
 
@@ -98,6 +99,54 @@ impl Axis {
             .saturating_add(if self.backward { -steps } else { steps });
     }
 
+    /// Steps in the next slots.
+    fn steps_in(&self, slots: u16) -> u32 {
+        if self.is_rest() {
+            return 0;
+        }
+        // A valid segment's distance is not negative.
+        let way = self.motion_left().distance(slots).max(0).cast_unsigned();
+        (u64::from(self.phase).saturating_add(way) >> 32) as u32
+    }
+
+    /// Writes STEP into the slots of the next `steps` steps, found one by one: phase `p` and
+    /// increments of at most `i` make no carry in `(2^32 - 1 - p) / i` slots, and these are passed
+    /// in one go.
+    fn raise(&self, places: &[[AtomicU32; 2]], steps: u32) {
+        let change = self.change;
+        let nth = |increment: u32, n: u32| increment.wrapping_add(change.wrapping_mul(n));
+        let (mut phase, mut increment) = (self.phase, self.increment);
+        let mut rest = places;
+        for _ in 0..steps {
+            while let Some((place, others)) = rest.split_first() {
+                let last = nth(increment, others.len() as u32);
+                let most = increment.max(last);
+                let safe = (!phase).checked_div(most).unwrap_or(u32::MAX);
+                if safe == 0 {
+                    let (sum, carry) = phase.overflowing_add(increment);
+                    (phase, increment) = (sum, nth(increment, 1));
+                    rest = others;
+                    if carry {
+                        let [raise, _] = place;
+                        let others = raise.load(Relaxed) & 0xffff;
+                        raise.store(others | self.step_bit, Relaxed);
+                        break;
+                    }
+                    continue;
+                }
+                let (passed, others) = rest.split_at((safe as usize).min(rest.len()));
+                // At most 2^16 slots, whose distance is below 2^32.
+                let n = passed.len() as u32;
+                let pairs = n.wrapping_mul(n.wrapping_sub(1)) / 2;
+                phase = phase
+                    .wrapping_add(increment.wrapping_mul(n))
+                    .wrapping_add(change.wrapping_mul(pairs));
+                increment = nth(increment, n);
+                rest = others;
+            }
+        }
+    }
+
     fn motion_left(&self) -> AxisMotion {
         AxisMotion {
             first: self.increment,
@@ -112,8 +161,8 @@ impl Axis {
 /// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long as the hardware
 /// makes it.
 ///
-/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.9 instructions per word at opt-level s, loading
-/// the segments included (`tests/qemu/bench`).
+/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3
+/// instructions per word at opt-level s, loading the segments included (`tests/qemu/bench`).
 #[derive(Clone, Debug)]
 pub struct Generator {
     axes: [Axis; AXES],
@@ -215,11 +264,52 @@ impl Generator {
         let room = pairs.len().min(usize::from(self.left));
         let (pairs, _) = pairs.split_at_mut(room);
         let (first, rest) = pairs.split_at_mut(usize::from(self.careful).min(room));
-        for pair in first {
-            *pair = self.careful_slot();
-        }
-        self.run(rest);
+        self.emit(first.iter_mut(), rest.iter_mut());
         2 * room
+    }
+
+    /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which
+    /// lower STEP pins and do nothing else.
+    ///
+    /// Only words that raise a pin or turn an axis are written, where few slots have a step. The
+    /// idle word after a raise lowers the pin as [`Generator::fill`]'s word does, so the edges are
+    /// the same.
+    pub fn play(&mut self, words: &[AtomicU32]) {
+        let (pairs, _) = words.as_chunks::<2>();
+        let room = pairs.len().min(usize::from(self.left));
+        let (pairs, _) = pairs.split_at(room);
+        let (first, rest) = pairs.split_at(usize::from(self.careful).min(room));
+        for place in first {
+            place.put(self.careful_slot());
+        }
+        let slots = u16::try_from(rest.len()).unwrap_or(u16::MAX);
+        let steps = self.axes.each_ref().map(|axis| axis.steps_in(slots));
+        // A step looked for costs as much as some eight slots of the loop over all.
+        if steps.iter().sum::<u32>() > u32::from(slots) / 8 {
+            self.emit(core::iter::empty(), rest.iter());
+        } else {
+            for (axis, steps) in self.axes.iter().zip(steps) {
+                axis.raise(rest, steps);
+            }
+            self.advance(slots);
+        }
+    }
+
+    /// Forgets which level the DIR pins have, since words that changed them may not have reached
+    /// them. The next motion of each axis writes it.
+    pub fn forget_directions(&mut self) {
+        for axis in &mut self.axes {
+            axis.dir_written = false;
+        }
+    }
+
+    /// Makes the steps of the loaded segment without their words: for motion that must not reach
+    /// the pins.
+    pub fn skip(&mut self) {
+        while self.careful > 0 && self.left > 0 {
+            self.careful_slot();
+        }
+        self.advance(self.left);
     }
 
     /// Forgets what is left of the segment, at once. The position stays true.
@@ -294,21 +384,33 @@ impl Generator {
         [steps | dirs, steps << 16]
     }
 
-    /// The slots after the careful ones. The loop makes the carries; the counts follow from the closed sum.
-    fn run(&mut self, pairs: &mut [[u32; 2]]) {
-        // `fill` never passes more than `left` slots.
-        let slots = u16::try_from(pairs.len()).unwrap_or(u16::MAX);
-        if self.axes.iter().all(Axis::is_rest) {
-            pairs.as_flattened_mut().fill(0);
-        } else {
-            let [x, y, z] = self.axes;
-            step_loop(
-                pairs,
-                &self.raise,
-                [x, y, z].map(|axis| [axis.phase, axis.increment, axis.change]),
-            );
+    /// Makes the words of careful slots, and of those after them, as many as there are places.
+    fn emit<S: Slot>(
+        &mut self,
+        careful: impl Iterator<Item = S>,
+        others: impl ExactSizeIterator<Item = S>,
+    ) {
+        for place in careful {
+            place.put(self.careful_slot());
         }
+        // Never more than `left` slots.
+        let slots = u16::try_from(others.len()).unwrap_or(u16::MAX);
+        let [x, y, z] = &self.axes;
+        if x.is_rest() && y.is_rest() && z.is_rest() {
+            others.for_each(|place| place.put([0, 0]));
+        } else {
+            let state = [x, y, z].map(|axis| [axis.phase, axis.increment, axis.change]);
+            step_loop(others, &self.raise, state);
+        }
+        self.advance(slots);
+    }
+
+    /// The counts after so many slots that are not careful ones: they follow from the closed sum.
+    fn advance(&mut self, slots: u16) {
         for axis in &mut self.axes {
+            if axis.is_rest() {
+                continue;
+            }
             let way = axis.motion_left().distance(slots);
             // A valid segment's distance is not negative.
             axis.advance(way.max(0).cast_unsigned());
@@ -320,28 +422,52 @@ impl Generator {
     }
 }
 
+/// Where the two words of a slot go.
+trait Slot {
+    fn put(self, words: [u32; 2]);
+}
+
+impl Slot for &mut [u32; 2] {
+    #[inline(always)]
+    fn put(self, words: [u32; 2]) {
+        *self = words;
+    }
+}
+
+/// The second word is an idle word already, which lowers what the first one raised.
+impl Slot for &[AtomicU32; 2] {
+    #[inline(always)]
+    fn put(self, [first, _]: [u32; 2]) {
+        let [raise, _] = self;
+        raise.store(first, Relaxed);
+    }
+}
+
 /// The inner loop: for each axis `[phase, increment, change]` add and collect the carry.
 ///
 /// Never inlined, so that its registers are its own and its instructions can be counted.
 #[inline(never)]
-fn step_loop(pairs: &mut [[u32; 2]], raise: &[u32; 1 << AXES], axes: [[u32; 3]; AXES]) {
+fn step_loop<S: Slot>(
+    places: impl Iterator<Item = S>,
+    raise: &[u32; 1 << AXES],
+    axes: [[u32; 3]; AXES],
+) {
     let [
         [mut px, mut ix, cx],
         [mut py, mut iy, cy],
         [mut pz, mut iz, cz],
     ] = axes;
-    // Old carries move up and out; only the lowest three bits, those of this slot, are looked at.
-    let mut carries = 0;
-    for pair in pairs {
+    for place in places {
         // Axis 0 ends in bit 0.
-        (carries, pz) = add_and_collect(carries, pz, iz);
+        let mut carries;
+        (carries, pz) = add_and_collect(0, pz, iz);
         (carries, py) = add_and_collect(carries, py, iy);
         (carries, px) = add_and_collect(carries, px, ix);
         ix = ix.wrapping_add(cx);
         iy = iy.wrapping_add(cy);
         iz = iz.wrapping_add(cz);
         let word = raise[(carries & 7) as usize];
-        *pair = [word, word << 16];
+        place.put([word, word << 16]);
     }
 }
 

@@ -1,19 +1,34 @@
 //! Processor, chip and flash together, and time.
 
+use crate::chip::dma::Bus as _;
 use crate::chip::fabric::{Fabric, PinChange, RAM_BASE, RAM_LEN};
+use crate::chip::flash::Accelerator;
 use crate::chip::{Chip, Lines, Surroundings, rcc};
 use crate::image::{FLASH_BASE, Image};
 use crate::time::Beats;
 use host::random::Random;
 use rsemu::core::error::BusError;
 use rsemu::core::space::{
-    AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore, RomWrite,
+    AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore,
+    RomWrite,
 };
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config, Regs, xpsr};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
+
+/// Core-coupled memory, which DMA cannot reach.
+const CCM_BASE: u32 = 0x1000_0000;
+
+/// Its length, bytes.
+const CCM_LEN: u32 = 64 * 1024;
+
+/// The boot loader's memory.
+const BOOT_LOADER: u32 = 0x1fff_0000;
+
+/// Bytes of a task's header, in which its state lies.
+const HEADER: u32 = 0x40;
 
 /// A reset takes so long (data sheet, typical).
 const RESET_TIME: Beats = 1_500 * crate::time::US;
@@ -83,6 +98,43 @@ impl MemOps for Window {
     }
 }
 
+/// Flash whose reads take their time.
+struct TimedFlash {
+    bytes: Vec<u8>,
+    accelerator: Arc<Mutex<Accelerator>>,
+}
+
+impl fmt::Debug for TimedFlash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "flash of {} bytes", self.bytes.len())
+    }
+}
+
+impl MemOps for TimedFlash {
+    fn read(&self, offset: u64, into: &mut [u8], attrs: MemAttrs) -> MemResult {
+        let at = offset as usize;
+        let from = self.bytes.get(at..at + into.len());
+        into.copy_from_slice(from.ok_or(BusError::BadAccess)?);
+        if !attrs.debug {
+            let mut accelerator = self.accelerator.lock().expect("no model panics");
+            let address = FLASH_BASE + offset as u32;
+            match attrs.purpose.is_fetch() {
+                true => accelerator.fetch(address),
+                false => accelerator.load(address),
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&self, _: u64, _: &[u8], _: MemAttrs) -> MemResult {
+        Err(BusError::BadAccess)
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        AccessConstraints::ANY
+    }
+}
+
 /// What the board is made of, as far as tests choose it.
 #[derive(Clone, Copy, Debug)]
 pub struct Make {
@@ -90,6 +142,11 @@ pub struct Make {
     pub around: Surroundings,
     /// Processor cycles that a cycle of the interpreter stands for, in quarters: 4 is the core's own timing without wait states.
     pub slowness: u64,
+    /// Flash has its wait states, with the accelerator that hides most of them.
+    pub flash_waits: bool,
+    /// The program was started by the boot loader's jump: address zero still is the boot loader's
+    /// memory, with its vectors.
+    pub boot_loader_at_zero: bool,
 }
 
 impl Default for Make {
@@ -101,8 +158,12 @@ impl Default for Make {
                 lsi_hz: 32_000,
                 uart_baud: 921_600,
                 seed: 1,
+                // An STM32F405, revision Z.
+                idcode: 0x2001_6413,
             },
             slowness: 4,
+            flash_waits: false,
+            boot_loader_at_zero: false,
         }
     }
 }
@@ -125,17 +186,24 @@ pub struct Board {
     make: Make,
     /// Time spent not asleep.
     busy: Beats,
+    /// Instructions executed since power-on.
+    instructions: u64,
+    accelerator: Arc<Mutex<Accelerator>>,
 }
 
 impl Board {
     /// Power comes to a chip with this program in its flash; memory holds anything. `wire` connects its pins before that.
     pub fn power_on(image: &Image, make: Make, wire: impl FnOnce(&mut Fabric)) -> Self {
-        let ram = Arc::new(RamStore::new(u64::from(RAM_LEN)));
         let mut random = Random::seeded(make.around.seed);
-        for at in (0..u64::from(RAM_LEN)).step_by(8) {
-            let word = random.next_u64().to_le_bytes();
-            ram.write_at(at, &word).expect("it lies in memory");
-        }
+        let mut memory = |length: u32| {
+            let ram = Arc::new(RamStore::new(u64::from(length)));
+            for at in (0..u64::from(length)).step_by(8) {
+                let word = random.next_u64().to_le_bytes();
+                ram.write_at(at, &word).expect("it lies in memory");
+            }
+            ram
+        };
+        let (ram, core_coupled) = (memory(RAM_LEN), memory(CCM_LEN));
         let mut fabric = Fabric::new(ram.clone());
         wire(&mut fabric);
         fabric.changes.clear();
@@ -151,20 +219,36 @@ impl Board {
         let mut identity = [0; 0x20];
         identity[..12].copy_from_slice(b"\x2a\x00\x31\x00\x0d\x51\x34\x35\x39\x39\x36\x31");
         identity[0x12..0x14].copy_from_slice(&1024_u16.to_le_bytes());
-        let identity = Region::rom(
-            "identity",
-            Arc::new(RomStore::from_slice(&identity)),
-            RomWrite::Fault,
-        );
+        let rom_of = |name, bytes: &[u8]| {
+            Region::rom(name, Arc::new(RomStore::from_slice(bytes)), RomWrite::Fault)
+        };
+        let identity = rom_of("identity", &identity);
+        let accelerator = Arc::new(Mutex::new(Accelerator::default()));
         {
             let mut map = space.topology();
             let mut put = |region: Region, base: u32| {
                 map.map(region, u64::from(base))
                     .expect("regions do not overlap");
             };
-            // BOOT0 is low: flash is at zero, too.
-            put(flash("flash at zero"), 0);
-            put(flash("flash"), FLASH_BASE);
+            if make.boot_loader_at_zero {
+                let [vectors, code] = boot_loader(image);
+                put(rom_of("boot loader's vectors", &vectors), 0);
+                put(rom_of("boot loader", &code), BOOT_LOADER);
+            } else {
+                // BOOT0 is low: flash is at zero, too.
+                put(flash("flash at zero"), 0);
+            }
+            if make.flash_waits {
+                let timed = TimedFlash {
+                    bytes: image.flash.clone(),
+                    accelerator: accelerator.clone(),
+                };
+                let length = image.flash.len() as u64;
+                put(Region::io("flash", length, Arc::new(timed)), FLASH_BASE);
+            } else {
+                put(flash("flash"), FLASH_BASE);
+            }
+            put(Region::ram("ccm", core_coupled), CCM_BASE);
             put(Region::ram("sram", ram), RAM_BASE);
             put(identity, 0x1fff_7a10);
             for (base, length) in [
@@ -192,6 +276,8 @@ impl Board {
             cycle: 1,
             make,
             busy: 0,
+            instructions: 0,
+            accelerator,
         };
         board.look();
         board
@@ -210,6 +296,11 @@ impl Board {
     /// How long the processor was not asleep since power-on.
     pub fn busy(&self) -> Beats {
         self.busy
+    }
+
+    /// Instructions executed since power-on.
+    pub fn instructions(&self) -> u64 {
+        self.instructions
     }
 
     /// The chip, to look at and to touch from outside.
@@ -268,6 +359,56 @@ impl Board {
         self.cpu.set_pc(address & !1);
     }
 
+    /// Makes the stack pointer of a sleeping processor what it would be deep in a recursion.
+    pub fn deepen_stack(&mut self, pointer: u32) {
+        while !self.cpu.is_asleep() || self.cpu.regs().in_handler() {
+            self.run_until(self.now + crate::time::US);
+        }
+        let registers = self.cpu.regs();
+        self.cpu.set_regs(Regs {
+            msp: pointer,
+            ..registers
+        });
+    }
+
+    /// Makes the executor believe that a waiting task waits in its queue already: it is never
+    /// polled again. `pool` is the address of the task's memory, whose header begins with a word
+    /// that is 1 for a task that exists, and has a further bit while the task is queued.
+    ///
+    /// # Panics
+    /// If the task is not found waiting within a millisecond.
+    pub fn kill_task(&mut self, pool: u32) {
+        const EXISTS: u32 = 1;
+        const QUEUED: u32 = 1 << 8;
+        for _ in 0..1_000 {
+            let killed = self.chip(|chip| {
+                let fabric = &mut chip.fabric;
+                let waits = (pool..pool + HEADER)
+                    .step_by(4)
+                    .find(|at| fabric.load(*at) == Some(EXISTS))?;
+                fabric.store(waits, EXISTS | QUEUED)
+            });
+            if killed.is_some() {
+                return;
+            }
+            self.run_until(self.now + crate::time::US);
+        }
+        panic!("no waiting task at {pool:#x}");
+    }
+
+    /// Writes a word of memory, as a debugger would.
+    pub fn poke(&mut self, address: u32, value: u32) {
+        let stored = self.chip(|chip| chip.fabric.store(address, value));
+        stored.expect("it lies in memory");
+    }
+
+    /// The supply falls below what the chip can live with and comes back so soon that memory is
+    /// intact.
+    pub fn lose_power(&mut self) {
+        self.chip(|chip| chip.set_supply(3_300));
+        self.reset(rcc::flag::POWER_ON | rcc::flag::BROWN_OUT);
+    }
+
     /// Where the processor is.
     pub fn program_counter(&self) -> u32 {
         self.cpu.pc()
@@ -298,12 +439,15 @@ impl Board {
 
     /// Takes in what the chip's registers now say.
     fn look(&mut self) {
-        let (lines, next, cycle) = {
+        let (lines, next, cycle, acr) = {
             let chip = self.junction.chip();
-            (chip.lines(), chip.next(), chip.cycle())
+            (chip.lines(), chip.next(), chip.cycle(), chip.flash_acr)
         };
         self.next = next.unwrap_or(Beats::MAX);
         self.cycle = cycle;
+        if self.make.flash_waits {
+            self.accelerator.lock().expect("no model panics").acr = acr;
+        }
         for (word, (old, new)) in self.lines.iter().zip(lines).enumerate() {
             let mut changed = old ^ new;
             while changed != 0 {
@@ -383,7 +527,12 @@ impl Board {
                 self.pass(end);
                 continue;
             }
-            let took = used * self.cycle * self.make.slowness / 4;
+            self.instructions += 1;
+            let waits = match self.make.flash_waits {
+                true => self.accelerator.lock().expect("no model panics").used(used),
+                false => 0,
+            };
+            let took = (used + waits) * self.cycle * self.make.slowness / 4;
             self.busy += took;
             self.now += took;
             if self.junction.touched.swap(false, Relaxed) {
@@ -391,6 +540,15 @@ impl Board {
             }
         }
     }
+}
+
+/// What the boot loader of ST leaves at address zero when it jumps into flash, and its code: all
+/// vectors but the first two lead to a loop.
+fn boot_loader(image: &Image) -> [Vec<u8>; 2] {
+    let handler = (BOOT_LOADER | 1).to_le_bytes();
+    let vectors = [&image.flash[..8], &handler.repeat(96)].concat();
+    // `b .`
+    [vectors, vec![0xfe, 0xe7, 0xfe, 0xe7]]
 }
 
 fn processor(space: &Arc<AddressSpace>) -> ArmV7m {

@@ -7,6 +7,7 @@
 pub mod dma;
 pub mod exti;
 pub mod fabric;
+pub mod flash;
 pub mod gpio;
 pub mod iwdg;
 pub mod otg;
@@ -37,6 +38,7 @@ mod irq {
         [11, 12, 13, 14, 15, 16, 17, 47],
         [56, 57, 58, 59, 60, 68, 69, 70],
     ];
+    pub const PVD: u8 = 1;
     pub const USART3: u8 = 39;
     pub const TIM8: [u8; 2] = [44, 46];
     pub const TIM5: u8 = 50;
@@ -69,6 +71,8 @@ pub struct Surroundings {
     pub uart_baud: u64,
     /// For random numbers and for what memory holds at power-on.
     pub seed: u64,
+    /// DBGMCU_IDCODE.
+    pub idcode: u32,
 }
 
 /// Peripherals, memory and pins.
@@ -97,6 +101,8 @@ pub struct Chip {
     /// FLASH_ACR.
     pub flash_acr: u32,
     pwr: [u32; 2],
+    /// The supply, mV.
+    supply_mv: u32,
     dbgmcu: [u32; 3],
     clocks: Clocks,
     /// The next event of anything but TIM8.
@@ -128,6 +134,7 @@ impl Chip {
             usb_host: UsbHost::default(),
             flash_acr: 0,
             pwr: [0x4000, 0],
+            supply_mv: 3_300,
             dbgmcu: [0; 3],
             clocks,
             slow: None,
@@ -236,6 +243,7 @@ impl Chip {
     /// Works out lines and the next slow event anew.
     pub fn refresh(&mut self) {
         let now = self.fabric.now;
+        self.tim8.set_trigger(self.external_trigger(), now);
         let candidates = [
             self.tim5.next(),
             self.usart3.next(),
@@ -248,6 +256,7 @@ impl Chip {
         let mut raise =
             |irq: u8, up: bool| lines[usize::from(irq) / 32] |= u32::from(up) << (irq % 32);
         let pending = self.fabric.exti.pending();
+        raise(irq::PVD, pending & exti::DETECTOR != 0);
         for (line, irq) in irq::EXTI.into_iter().enumerate() {
             raise(irq, pending & 1 << line != 0);
         }
@@ -264,6 +273,38 @@ impl Chip {
         raise(irq::OTG_FS, self.otg.interrupts());
         raise(irq::RNG, self.rng.interrupts(now));
         self.lines = lines;
+    }
+
+    /// The level of TIM8_ETR, PA0 as alternate function 3 (data sheet).
+    fn external_trigger(&self) -> bool {
+        let port = &self.fabric.ports[0];
+        port.mode(0) == 2 && port.afr[0] & 0xf == 3 && port.levels() & 1 != 0
+    }
+
+    /// The voltage detector's output: it is on, and the supply lies below its threshold (RM0090
+    /// 5.4.1, data sheet).
+    fn supply_is_low(&self) -> bool {
+        const THRESHOLDS_MV: [u32; 8] = [2_000, 2_100, 2_300, 2_500, 2_600, 2_700, 2_800, 2_900];
+        let threshold = THRESHOLDS_MV[(self.pwr[0] >> 5 & 7) as usize];
+        self.pwr[0] & 1 << 4 != 0 && self.supply_mv < threshold
+    }
+
+    /// Does something to the detector, and passes the edge of its output on.
+    fn detect<T>(&mut self, act: impl FnOnce(&mut Self) -> T) -> T {
+        let before = self.supply_is_low();
+        let result = act(self);
+        let after = self.supply_is_low();
+        if before != after {
+            self.fabric.exti.detector_edge(after);
+        }
+        result
+    }
+
+    /// The supply changes, mV. The chip's reset at some 1.7 V is
+    /// [`Board::lose_power`](crate::board::Board::lose_power).
+    pub fn set_supply(&mut self, mv: u32) {
+        self.detect(|chip| chip.supply_mv = mv);
+        self.refresh();
     }
 
     /// Bytes from the UART's other end, from now on.
@@ -298,7 +339,7 @@ impl Chip {
             0x4000_4800 if self.gated(gate::USART3, address) => self.usart3.read(offset),
             0x4000_7000 if self.gated(gate::PWR, address) => match offset {
                 // The regulator is ready.
-                4 => Some(self.pwr[1] | 1 << 14),
+                4 => Some(self.pwr[1] | 1 << 14 | u32::from(self.supply_is_low()) << 2),
                 _ => self.pwr.get(offset as usize / 4).copied(),
             },
             0x4001_3800 if self.gated(gate::SYSCFG, address) => match offset {
@@ -327,8 +368,7 @@ impl Chip {
                 false => Some(0),
             },
             0x5006_0800 if self.gated(gate::RNG, address) => self.rng.read(offset, now),
-            // Identity: an STM32F405, revision Z.
-            0xe004_2000 if offset == 0 => Some(0x2001_6413),
+            0xe004_2000 if offset == 0 => Some(self.around.idcode),
             0xe004_2000 => self.dbgmcu.get(offset as usize / 4 - 1).copied(),
             0x4000_0c00 | 0x4001_0400 | 0x4000_4800 | 0x4000_7000 | 0x4001_3800 | 0x5006_0800 => {
                 Some(0)
@@ -363,10 +403,11 @@ impl Chip {
             0x4000_4800 if self.gated(gate::USART3, address) => {
                 self.usart3.write(offset, value, now)
             }
-            0x4000_7000 if self.gated(gate::PWR, address) => self
-                .pwr
-                .get_mut(offset as usize / 4)
-                .map(|word| *word = value),
+            0x4000_7000 if self.gated(gate::PWR, address) => self.detect(|chip| {
+                let word = chip.pwr.get_mut(offset as usize / 4)?;
+                *word = value;
+                Some(())
+            }),
             0x4001_3800 if self.gated(gate::SYSCFG, address) => match offset {
                 0x08..=0x14 => {
                     self.fabric.exti.ports[(offset as usize - 8) / 4] = value & 0xffff;

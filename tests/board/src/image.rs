@@ -14,7 +14,8 @@ pub const FLASH_LEN: usize = 1024 * 1024;
 pub struct Image {
     /// All of flash; erased bytes are 0xff.
     pub flash: Vec<u8>,
-    symbols: Vec<(String, u32)>,
+    /// Name, address, size.
+    symbols: Vec<(String, u32, u32)>,
 }
 
 impl Image {
@@ -58,7 +59,10 @@ impl Image {
         }
         let symbols = elf
             .symbols()
-            .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() as u32)))
+            .filter_map(|symbol| {
+                let name = symbol.name().ok()?.to_owned();
+                Some((name, symbol.address() as u32, symbol.size() as u32))
+            })
             .collect();
         Self { flash, symbols }
     }
@@ -68,11 +72,23 @@ impl Image {
     /// # Panics
     /// If none or several do.
     pub fn symbol(&self, part: &str) -> u32 {
+        self.find(part).0
+    }
+
+    /// The size of that symbol, bytes.
+    ///
+    /// # Panics
+    /// If none or several names contain `part`.
+    pub fn size(&self, part: &str) -> u32 {
+        self.find(part).1
+    }
+
+    fn find(&self, part: &str) -> (u32, u32) {
         let found: Vec<_> = (self.symbols.iter())
-            .filter(|(name, _)| name.contains(part))
+            .filter(|(name, ..)| name.contains(part))
             .collect();
         match found[..] {
-            [(_, address)] => *address,
+            [(_, address, size)] => (*address, *size),
             _ => panic!("{} symbols contain `{part}`: {found:?}", found.len()),
         }
     }

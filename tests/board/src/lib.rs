@@ -15,6 +15,7 @@
 //! | [`scene`] | what the cameras see, for flow frames |
 //! | [`fault_table`] | FAULTS.md, held to what tests observed |
 //! | [`reference`](mod@reference) | what the twin does with the same inputs |
+//! | [`trial`] | a station in fast motion, and what became of it |
 //! | [`time`] | the unit of time |
 //!
 //! # Why not rsemu's own STM32F407
@@ -23,9 +24,10 @@
 //! kept in units that every clock of the chip divides, and events happen in the order of their time, between two instructions.
 //!
 //! # What it cannot show
-//! The interpreter charges one cycle per instruction and access, and knows neither flash wait states nor caches nor bus conflicts. DMA transfers
-//! take no time. Nothing is analogue, no oscillator drifts unless a test says so, and the errata of real silicon are absent. The list of what
-//! that leaves to a bench is in firmware/README.md.
+//! The interpreter charges one cycle per instruction and access and knows no bus conflicts; flash
+//! takes its time only where a test asks for it ([`chip::flash`]). DMA transfers take no time.
+//! Nothing is analogue, no oscillator drifts unless a test says so, and the errata of real silicon
+//! are absent. The list of what that leaves to a bench is in firmware/README.md.
 
 pub mod board;
 pub mod chip;
@@ -36,5 +38,6 @@ pub mod reference;
 pub mod scene;
 pub mod station;
 pub mod time;
+pub mod trial;
 pub mod usb_host;
 pub mod wiring;

@@ -29,6 +29,9 @@ pub const LIMITS: [[Pin; 2]; 3] = [[(A, 4), (A, 5)], [(A, 6), (A, 7)], [(B, 8), 
 /// The emergency stop: closed to ground when well.
 pub const EMERGENCY_STOP: Pin = (B, 13);
 
+/// The emergency stop's second contact: closed to the supply when well. It gates the step timer.
+pub const GATE: Pin = (A, 0);
+
 /// The drivers' fault line: nobody drives it when all is well.
 pub const DRIVER_FAULT: Pin = (B, 14);
 
@@ -43,6 +46,8 @@ pub fn well(fabric: &mut Fabric) {
     for (port, pin) in LIMITS.into_iter().flatten().chain([EMERGENCY_STOP]) {
         fabric.drive(port, pin, Some(false));
     }
+    let (port, pin) = GATE;
+    fabric.drive(port, pin, Some(true));
     let (port, pin) = NOT_ENABLE;
     fabric.ports[port].pull_up(pin);
 }

@@ -2,6 +2,7 @@
 //!
 //! What the registers must hold is worked out here from RM0090, not from the firmware's source.
 
+use host::rig_file::Driver;
 use shared::frame::message::{End, ResetCause};
 use station_board::board::{Board, Make};
 use station_board::chip::rcc::Clocks;
@@ -65,6 +66,34 @@ fn flash_keeps_up_with_the_processor() {
     assert_eq!(acr >> 8 & 7, 7, "prefetch, instruction cache, data cache");
 }
 
+/// Revision A, which names itself as the STM32F2 does (ES0182), must do without prefetch.
+#[test]
+fn revision_a_runs_without_prefetch() {
+    let mut make = Make::default();
+    make.around.idcode = 0x2000_6411;
+    let mut board = Board::power_on(&Image::firmware(), make, wiring::well);
+    board.run_until(60 * MS);
+    let acr = board.chip(|chip| chip.flash_acr);
+    assert_eq!(acr >> 8 & 7, 6, "instruction cache, data cache");
+}
+
+/// As `dfu-util` does with `:leave`: interrupts must not go to the boot loader's vectors, which
+/// still lie at address zero.
+#[test]
+fn boot_loaders_jump_is_a_start() {
+    let make = Make {
+        boot_loader_at_zero: true,
+        ..Make::default()
+    };
+    let mut station = Station::power_on(&Image::firmware(), make);
+    station.run(20 * MS);
+    station.greet();
+    station.set_up(Driver::Tmc2209);
+    station.run(200 * MS);
+    assert_eq!(station.board.last_reset().1, 0);
+    assert_eq!(station.status().fault, None);
+}
+
 /// The data sheet's oscillator runs at 17 to 47 kHz.
 #[test]
 fn the_watchdog_runs_and_is_patient_enough() {
@@ -116,6 +145,15 @@ fn the_pins_do_what_the_wiring_table_says() {
         ] {
             let afr = ports[port].afr[pin as usize / 8] >> (4 * (pin % 8)) & 0xf;
             assert_eq!((ports[port].mode(pin), afr), (2, function), "pin {pin}");
+        }
+        // The UART's input is pulled up, the gate of the step timer (TIM8_ETR, function 3) down:
+        // unconnected they are idle and open.
+        assert_eq!(ports[B].pupdr >> 22 & 3, 1);
+        assert_eq!((ports[A].mode(0), ports[A].afr[0] & 0xf), (2, 3));
+        assert_eq!(ports[A].pupdr & 3, 2);
+        // RM0090: the slowest edges for what hangs on a switch or a lamp.
+        for (port, pin) in [wiring::NOT_ENABLE, wiring::LED] {
+            assert_eq!(ports[port].ospeedr >> (2 * pin) & 3, 0);
         }
     });
 }

@@ -13,9 +13,6 @@ use station_board::station::Station;
 use station_board::time::{Beats, MS, US};
 use station_board::wiring::{STEPPERS, steps};
 
-/// What leaves room for half as many cycles again.
-const LARGEST_LOAD: f64 = 2.0 / 3.0;
-
 fn greeted(make: Make) -> Station {
     let mut station = Station::power_on(&Image::firmware(), make);
     station.run(20 * MS);
@@ -52,27 +49,6 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
     println!("{reports} reports and {edges} edges agree; {rises} steps, in the end {steps:?}");
     assert!(reports > 1_000 && rises > 4_000);
     assert_eq!(station.status().position_steps.map(i64::from), steps);
-}
-
-/// The share of its time that the processor is not asleep while something goes on, by the interpreter's count.
-fn load(station: &mut Station, act: impl FnOnce(&mut Station)) -> f64 {
-    let (began, busy) = (station.board.now(), station.board.busy());
-    act(station);
-    let (now, all) = (station.board.now(), station.board.busy());
-    (all - busy) as f64 / (now - began) as f64
-}
-
-#[test]
-fn the_processor_has_time_to_spare() {
-    let mut station = configured(Driver::Tmc2209, Make::default());
-    let rest = load(&mut station, |station| station.run(500 * MS));
-    let following = load(&mut station, |station| scene::follow(station, 200));
-    println!(
-        "busy for {:.0} % of the time at rest, {:.0} % following 200 frames per second",
-        100.0 * rest,
-        100.0 * following
-    );
-    assert!(rest < following && following < LARGEST_LOAD, "{following}");
 }
 
 /// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as many cycles again for everything the edges are the same.

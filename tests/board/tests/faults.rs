@@ -3,118 +3,19 @@
 //! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A line that is missing is printed.
 
 use host::rig_file::Driver;
-use shared::frame::message::{Command, Denial, End, LastRun, ResetCause, Status};
+use shared::frame::message::{Command, Denial, End, ResetCause};
 use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
 use station_board::fault_table::observed;
 use station_board::image::{FLASH_BASE, Image};
-use station_board::order::{config, jog};
+use station_board::order::jog;
 use station_board::station::Station;
-use station_board::time::{Beats, MS, US};
-use station_board::wiring::{self, B, C, Pin};
-
-/// The ring of words, µs: nothing older can be played.
-const RING_US: u64 = 1_250;
-
-/// A control tick, at which the machine looks at its inputs, and the ring.
-const TICK_AND_RING_US: u64 = 1_000 + RING_US;
-
-fn configure(station: &mut Station) {
-    let config = Command::Config(config(Driver::Tmc2209));
-    assert_eq!(station.command(config), Ok(()));
-}
-
-/// All axes at full speed, 24,000 steps a second together.
-fn moving() -> Station {
-    let mut station = Station::power_on(&Image::firmware(), Make::default());
-    station.run(20 * MS);
-    station.greet();
-    station.set_up(Driver::Tmc2209);
-    assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
-    station.run(150 * MS);
-    let recent = rises_after(&mut station, 140 * MS);
-    assert!(recent.len() > 100, "it moves");
-    station
-}
-
-/// When STEP pins rose at or after a moment.
-fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
-    let step = (wiring::STEPPERS.step.iter()).fold(0, |mask, pin| mask | 1 << pin);
-    let changes = station.board.changes(C);
-    (changes.iter())
-        .filter(|change| change.at >= from && !change.before & change.after & step != 0)
-        .map(|change| change.at)
-        .collect()
-}
-
-/// Asserts that no STEP pin rises later than so long after a moment, µs; prints when the last one did.
-fn last_step(station: &mut Station, from: Beats, bound_us: u64) {
-    let rises = rises_after(station, from);
-    let last = rises.last().map(|at| (at - from) as f64 / US as f64);
-    println!(
-        "{} steps, the last after {last:?} us (bound {bound_us})",
-        rises.len()
-    );
-    assert!(
-        last.is_none_or(|last| last <= bound_us as f64),
-        "{last:?} us"
-    );
-}
-
-fn drivers_are_on(station: &mut Station) -> bool {
-    station.board.chip(|chip| chip.fabric.ports[B].levels()) & 1 << wiring::NOT_ENABLE.1 == 0
-}
-
-/// Waits for the watchdog, and asks the station that starts.
-fn restarted(station: &mut Station, within: Beats) -> (ResetCause, LastRun) {
-    let resets = station.board.last_reset().1;
-    let end = station.board.now() + within;
-    while station.board.last_reset().1 == resets {
-        assert!(station.board.now() < end, "no reset");
-        station.run(MS);
-    }
-    assert!(!drivers_are_on(station));
-    station.set_pings(false);
-    station.run(20 * MS);
-    station.greet();
-    let status = station.status();
-    assert_eq!(
-        (status.state, status.fault, status.trust),
-        (State::Faulted, Some(Fault::Restart), Trust::Unknown)
-    );
-    assert!(!drivers_are_on(station), "not before a configuration");
-    let cause = station.client.hello().expect("hello").reset_cause;
-    configure(station);
-    assert!(drivers_are_on(station));
-    assert_eq!(station.command(jog([1_000; 3])), Err(Denial::Faulted));
-    (cause, *station.client.last_run().expect("last run"))
-}
-
-/// A stopped station with a fault; drivers stay on.
-fn faulted(station: &mut Station, fault: Fault, trust: Trust) -> Status {
-    station.run(30 * MS);
-    let status = station.status();
-    assert_eq!(
-        (status.state, status.fault, status.trust),
-        (State::Faulted, Some(fault), trust)
-    );
-    assert!(drivers_are_on(station));
-    assert_eq!(station.board.last_reset().1, 0);
-    status
-}
-
-/// After a reset command the station moves again, and its pins count what it says.
-fn recovers(station: &mut Station) {
-    assert_eq!(station.command(Command::Reset), Ok(()));
-    station.run(20 * MS);
-    assert_eq!(station.command(Command::Zero), Ok(()));
-    let before = wiring::steps(&station.edges()).0;
-    assert_eq!(station.command(jog([1_000, 1_000, -500])), Ok(()));
-    station.run(200 * MS);
-    let after = wiring::steps(&station.edges()).0;
-    let moved: [i64; 3] = std::array::from_fn(|i| after[i] - before[i]);
-    assert_eq!(moved, [80, 80, -40]);
-}
+use station_board::time::{MS, US};
+use station_board::trial::{
+    RING_US, TICK_AND_RING_US, configure, drivers_are_on, faulted, last_step, moving, recovers,
+    restarted, rises_after, switch,
+};
+use station_board::wiring::{self, C};
 
 #[test]
 fn refill_starved() {
@@ -264,6 +165,31 @@ fn hard_fault() {
 }
 
 #[test]
+fn stack_too_long() {
+    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, and not for
+    // its handler.
+    let mut station = moving();
+    station.board.deepen_stack(0x1000_0080);
+    let at = station.board.now();
+    station.run(MS);
+    assert!(!drivers_are_on(&mut station), "off at once");
+    let (cause, last_run) = restarted(&mut station, 80 * MS);
+    last_step(&mut station, at, 300);
+    assert_eq!(
+        (cause, last_run.end),
+        (ResetCause::Watchdog, End::HardFault)
+    );
+    let program = FLASH_BASE..FLASH_BASE + 0x2_0000;
+    assert!(program.contains(&last_run.places[0]), "{last_run:?}");
+    observed(
+        "stack too long",
+        "the stack pointer set to the end of its memory",
+        "no step after 300 µs; drivers off",
+        "watchdog: hello says watchdog, hard fault and the callers; fault 9, position unknown; nothing moves before a reset",
+    );
+}
+
+#[test]
 fn watchdog_expires() {
     let mut station = moving();
     while station.board.cpu().regs().in_handler() {
@@ -317,13 +243,6 @@ fn reset_pin() {
     );
 }
 
-fn switch(station: &mut Station, pin: Pin, open: bool) {
-    station.board.chip(|chip| match open {
-        true => wiring::open(&mut chip.fabric, pin),
-        false => wiring::close(&mut chip.fabric, pin),
-    });
-}
-
 #[test]
 fn limit_switch_ahead() {
     let mut station = moving();
@@ -373,6 +292,49 @@ fn emergency_stop() {
         "opens for 100 µs",
         "no step after 100 µs",
         "fault 1, position degraded, drivers on; after reset and zero it moves exactly again",
+    );
+}
+
+/// What the emergency stop erases may be the very word that turns an axis: its next move must set
+/// DIR all the same.
+#[test]
+fn emergency_stop_in_a_turn_keeps_directions() {
+    let mut station = Station::power_on(&Image::firmware(), Make::default());
+    station.run(20 * MS);
+    station.greet();
+    station.set_up(Driver::Tmc2209);
+    for quarter in 0..12 {
+        assert_eq!(station.command(jog([500, 0, 0])), Ok(()));
+        station.run(80 * MS);
+        station.send(Command::Jog {
+            distance_um: [-500, 0, 0],
+        });
+        // From before its packet is there to after its first steps.
+        station.run(quarter * 250 * US);
+        switch(&mut station, wiring::EMERGENCY_STOP, true);
+        station.run(100 * US);
+        switch(&mut station, wiring::EMERGENCY_STOP, false);
+        faulted_at_any_trust(&mut station);
+        assert_eq!(station.command(Command::Reset), Ok(()));
+        assert_eq!(station.command(Command::Zero), Ok(()));
+        let before = wiring::steps(&station.edges()).0;
+        assert_eq!(station.command(jog([-500, 0, 0])), Ok(()));
+        station.run(80 * MS);
+        let after = wiring::steps(&station.edges()).0;
+        assert_eq!(
+            after[0] - before[0],
+            -40,
+            "stopped after {quarter} quarters"
+        );
+    }
+}
+
+fn faulted_at_any_trust(station: &mut Station) {
+    station.run(30 * MS);
+    let status = station.status();
+    assert_eq!(
+        (status.state, status.fault),
+        (State::Faulted, Some(Fault::EmergencyStop))
     );
 }
 

@@ -37,6 +37,8 @@ pub enum Order {
     Ping(u64),
     /// Home.
     Home([bool; 3]),
+    /// Motors on or off.
+    Motors(bool),
 }
 
 /// A configuration. `None` stands for a usual value.
@@ -116,6 +118,7 @@ impl Order {
             Self::Reset => Command::Reset,
             Self::Ping(host_us) => Command::Ping { host_us },
             Self::Home(axes) => Command::Home { axes },
+            Self::Motors(on) => Command::Motors { on },
         }
     }
 }

@@ -6,13 +6,11 @@
 //!
 //! * a stop: see [`stop`](super::stop);
 //! * a configuration, a zero, motors on or off, and a position to go to: the second time changes
-//! nothing, because
-//!   whatever is sent later also arrives later;
+//!   nothing, because whatever is sent later also arrives later;
 //! * a reset: only while the station still says that it has the same fault or stop as before, or
 //!   the repetition might clear another one that has been latched since;
-//! * a jog, a homing or a frame: never. Twice is not once. When such an answer is lost, the error
-//! says
-//!   what the station's status tells of it.
+//! * a jog, a homing or a frame: never, because it would move the stage twice. When such an answer
+//!   is lost, the error says what the station's status tells of it.
 
 use super::super::{StationError, diagnosis};
 use super::{PATIENCE, Serial};

@@ -16,6 +16,17 @@ fn generator() -> Generator {
     Generator::new(MAP).unwrap()
 }
 
+/// What hardware has where nothing was written: it lowers STEP.
+const IDLE: u32 = (1 << 0 | 1 << 7 | 1 << 15) << 16;
+
+/// The pins of DIR.
+const DIRS: u32 = 1 << 1 | 1 << 8 | 1 << 3;
+
+/// Pins after a word: what it sets wins over what it resets.
+fn after(pins: u32, word: u32) -> u32 {
+    pins & !(word >> 16) | word & 0xffff
+}
+
 fn all_words(generator: &mut Generator) -> Vec<u32> {
     let mut words = vec![0xdead_beef; 2 * usize::from(generator.slots_left())];
     assert_eq!(generator.fill(&mut words), words.len());
@@ -121,6 +132,41 @@ proptest! {
                 prop_assert_eq!(i128::from(fine), model.position[axis]);
                 prop_assert_eq!(generator.emitted()[axis], fine >> 32);
             }
+        }
+    }
+
+    #[test]
+    fn ring_shows_the_edges_of_filled_words(
+        segments in prop_oneof![segments(u32::MAX), segments(1 << 29), segments(1 << 26)],
+        silent in prop::collection::vec(prop::bool::weighted(0.1), 60),
+    ) {
+        let (mut filling, mut playing) = (generator(), generator());
+        let (mut filled, mut played, mut unseen) = (0, 0, 0);
+        for (segment, silent) in segments.iter().zip(silent) {
+            prop_assert_eq!(playing.load(segment), filling.load(segment));
+            let ring: Vec<AtomicU32> = (0..2 * segment.slots()).map(|_| AtomicU32::new(IDLE)).collect();
+            let words = all_words(&mut filling);
+            if silent {
+                playing.skip();
+                // The filling one shows what the playing one does not: DIR must be written anew by
+                // both.
+                filled = words.iter().fold(filled, |pins, word| after(pins, *word));
+                filling.forget_directions();
+                playing.forget_directions();
+                unseen = DIRS;
+            } else {
+                playing.play(&ring);
+                for (word, place) in words.iter().zip(&ring) {
+                    filled = after(filled, *word);
+                    played = after(played, place.load(Relaxed));
+                    // Until both wrote DIR, only one has it right.
+                    unseen &= !(word | word >> 16);
+                    prop_assert_eq!(filled & !unseen, played & !unseen);
+                }
+            }
+            prop_assert_eq!(playing.positions(), filling.positions());
+            prop_assert_eq!(playing.emitted(), filling.emitted());
+            prop_assert!(playing.is_idle());
         }
     }
 

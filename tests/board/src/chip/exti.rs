@@ -1,4 +1,8 @@
-//! External interrupts 0 to 15 (RM0090 chapter 12): edges of pins become pending bits.
+//! External interrupts (RM0090 chapter 12): edges of pins, lines 0 to 15, and of the supply's
+//! detector, line 16, become pending bits.
+
+/// Line 16.
+pub const DETECTOR: u32 = 1 << 16;
 
 /// The registers, with SYSCFG's choice of ports.
 #[derive(Clone, Debug, Default)]
@@ -34,9 +38,15 @@ impl Exti {
         }
     }
 
+    /// The supply's detector changed its output.
+    pub fn detector_edge(&mut self, rises: bool) {
+        let selected = if rises { self.rtsr } else { self.ftsr };
+        self.pr |= selected & DETECTOR;
+    }
+
     /// Lines that interrupt.
     pub fn pending(&self) -> u32 {
-        self.pr & self.imr & 0xffff
+        self.pr & self.imr & (DETECTOR | 0xffff)
     }
 
     /// A register; `None` where there is none.

@@ -1,5 +1,5 @@
 //! Timers as far as up-counting goes (RM0090 chapters 17 and 18): prescaler and repetition counter with their shadows, four compares, interrupt and
-//! DMA requests, one-pulse mode.
+//! DMA requests, one-pulse mode, gated mode by the external trigger with its filter.
 //!
 //! Nothing ticks: the counter is worked out when somebody looks, and [`Timer::next`] says when something will happen that others notice.
 
@@ -9,6 +9,8 @@ const CEN: u32 = 1;
 const UDIS: u32 = 1 << 1;
 const URS: u32 = 1 << 2;
 const OPM: u32 = 1 << 3;
+/// Where SMCR lies among the registers.
+const SMCR: usize = 2;
 /// Flags of update and of compares 1 to 4: the same bits in SR, and as interrupt enables in DIER.
 const FLAGS: u32 = 0x1f;
 
@@ -36,6 +38,10 @@ pub struct Timer {
     clock: Beats,
     /// When it was last started.
     pub started: Option<Beats>,
+    /// The external trigger's level behind the filter.
+    trigger: bool,
+    /// What the filter will make of it, and when.
+    filtered: Option<(Beats, bool)>,
 }
 
 /// What a timer asks of the DMA: update, compares 1 to 4.
@@ -59,6 +65,8 @@ impl Timer {
             since: 0,
             clock,
             started: None,
+            trigger: false,
+            filtered: None,
         }
     }
 
@@ -80,7 +88,51 @@ impl Timer {
     }
 
     fn runs(&self) -> bool {
-        self.cr1 & CEN != 0 && self.clock != 0 && self.arr != 0
+        self.cr1 & CEN != 0 && self.clock != 0 && self.arr != 0 && !self.is_gated_off()
+    }
+
+    /// The gated mode (SMS 5) by the external trigger (TS 7), which is low, or high where ETP
+    /// inverts it.
+    fn is_gated_off(&self) -> bool {
+        let smcr = self.other[SMCR];
+        smcr & 7 == 5 && smcr >> 4 & 7 == 7 && self.trigger == (smcr >> 15 & 1 != 0)
+    }
+
+    /// How long the external trigger must keep a level: ETF's samples at its division of the
+    /// dead-time clock, CKD (RM0090 17.4.3 and 17.4.1).
+    fn filter_time(&self) -> Beats {
+        const FILTERS: [(Beats, Beats); 16] = [
+            (0, 0),
+            (1, 2),
+            (1, 4),
+            (1, 8),
+            (2, 6),
+            (2, 8),
+            (4, 6),
+            (4, 8),
+            (8, 6),
+            (8, 8),
+            (16, 5),
+            (16, 6),
+            (16, 8),
+            (32, 5),
+            (32, 6),
+            (32, 8),
+        ];
+        let etf = self.other[SMCR] >> 8 & 0xf;
+        let (division, samples) = FILTERS[etf as usize];
+        // The first three sample at the timer's own clock.
+        let dead_time = if etf < 4 { 0 } else { self.cr1 >> 8 & 3 };
+        (self.clock << dead_time) * division * samples
+    }
+
+    /// The external trigger's pin has this level.
+    pub fn set_trigger(&mut self, level: bool, now: Beats) {
+        if level == self.trigger {
+            self.filtered = None;
+        } else if self.filtered.is_none() {
+            self.filtered = Some((now + self.filter_time(), level));
+        }
     }
 
     /// Ticks until the counter is at `value` again, at least one.
@@ -101,8 +153,14 @@ impl Timer {
         update.into_iter().chain(compares).min()
     }
 
-    /// When the next interrupt or DMA request comes.
+    /// When the next interrupt or DMA request comes, or the filter lets a level of the external
+    /// trigger through.
     pub fn next(&self) -> Option<Beats> {
+        let filtered = self.filtered.map(|(at, _)| at);
+        self.next_event().into_iter().chain(filtered).min()
+    }
+
+    fn next_event(&self) -> Option<Beats> {
         let enables = self.dier & FLAGS | self.dier >> 8 & FLAGS | (self.cr1 & OPM) >> 3;
         if !self.runs() || enables == 0 {
             return None;
@@ -112,6 +170,17 @@ impl Timer {
 
     /// Counts up to `now`. Returns the DMA requests of the last event passed; call it at least at each [`Timer::next`].
     pub fn advance(&mut self, now: Beats) -> Requests {
+        let mut requests = 0;
+        while let Some((at, level)) = self.filtered.filter(|(at, _)| *at <= now) {
+            requests |= self.count_to(at);
+            self.filtered = None;
+            self.trigger = level;
+            self.since = at;
+        }
+        requests | self.count_to(now)
+    }
+
+    fn count_to(&mut self, now: Beats) -> Requests {
         let mut requests = 0;
         while self.runs() {
             let Some(ticks) = self.nearest(FLAGS) else {
@@ -246,6 +315,37 @@ mod tests {
         assert_eq!((timer.sr & 1, timer.cr1 & CEN), (1, 0));
         timer.advance(500);
         assert_eq!(timer.read(0x24), Some(0));
+    }
+
+    #[test]
+    fn gate_stops_the_count_behind_its_filter() {
+        let mut timer = Timer::new(false, 2);
+        // ETF 15 at a quarter of the clock: 1,024 clocks. Gated by ETRF.
+        for (offset, value) in [
+            (0x2c, 167),
+            (0x00, 2 << 8 | CEN),
+            (0x08, 0xf << 8 | 7 << 4 | 5),
+        ] {
+            timer.write(offset, value, 0);
+        }
+        timer.advance(1_000);
+        assert_eq!(
+            timer.read(0x24),
+            Some(0),
+            "it stands while the trigger is low"
+        );
+        timer.set_trigger(true, 1_000);
+        assert_eq!(timer.next(), Some(3_048));
+        timer.advance(3_068);
+        assert_eq!(timer.read(0x24), Some(10));
+        // Shorter than the filter: not seen.
+        timer.set_trigger(false, 3_068);
+        timer.set_trigger(true, 4_000);
+        timer.advance(4_068);
+        assert_eq!(timer.read(0x24), Some((10 + 500) % 168));
+        timer.set_trigger(false, 4_068);
+        timer.advance(20_000);
+        assert_eq!(timer.read(0x24), Some((10 + 500 + 1_024) % 168));
     }
 
     #[test]

@@ -1,0 +1,116 @@
+//! Motion towards the target that does not bring it nearer, on one axis.
+//!
+//! The way `m` towards the target is counted, together with the largest and the smallest distance
+//! `|e|` since the count began. The count begins anew when `|e|` has become smaller by `m/4`, when
+//! the target is on the other side, or when it is near: within a sixteenth of the bound.
+//!
+//! A count beyond the limit is suspicious if `|e|` changed by less than `m/10`, as it does before a
+//! stage that stands still, or if `|e|` has grown and is larger than half the bound.
+
+/// Part of the way by which a target must come nearer to count as approached.
+const SHARE: i64 = 4;
+
+/// Part of the bound within which a target is near.
+const NEAR: u64 = 16;
+
+/// Part of the way within which a distance is steady.
+const STEADY: i64 = 10;
+
+/// Part of the bound beyond which a distance that grows is large.
+const GROWN: i64 = 2;
+
+/// One axis since its count began.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Unseen {
+    /// The largest distance, with its sign.
+    farthest: i64,
+    /// The smallest distance.
+    nearest: i64,
+    /// The distance when the count began.
+    first: i64,
+    /// The way towards the target.
+    way: i64,
+}
+
+impl Unseen {
+    /// Counts a move of the stage by `way`, after which the target is `error` away. Returns true if
+    /// the count exceeds `limit`, a part of `bound`, and is suspicious.
+    pub fn see(&mut self, way: i64, error: i64, bound: i64, limit: i64) -> bool {
+        let side = error.signum();
+        let distance = error.saturating_abs();
+        let near = distance.unsigned_abs() < bound.unsigned_abs() / NEAR;
+        let moved = way.saturating_mul(side).saturating_add(self.way).max(0);
+        let nearer = self.farthest.saturating_abs().saturating_sub(distance);
+        if near || side != self.farthest.signum() || nearer > moved / SHARE {
+            *self = Self {
+                farthest: error,
+                nearest: distance,
+                first: distance,
+                way: 0,
+            };
+            return false;
+        }
+        let farthest = self.farthest.saturating_abs().max(distance);
+        *self = Self {
+            farthest: farthest.saturating_mul(side),
+            nearest: self.nearest.min(distance),
+            first: self.first,
+            way: moved,
+        };
+        let steady = farthest.saturating_sub(self.nearest) < moved / STEADY;
+        let grown = distance > self.first && farthest > bound / GROWN;
+        bound > 0 && moved > limit && (steady || grown)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP: i64 = 1 << 32;
+
+    /// The first frame that is suspicious at a limit of 400 steps of 800.
+    fn suspects(frames: i64, seen: impl Fn(i64) -> (i64, i64)) -> Option<i64> {
+        let (mut unseen, mut before) = (Unseen::default(), 0);
+        (0..frames).find(|k| {
+            let (stage, error) = seen(*k);
+            let way = stage - core::mem::replace(&mut before, stage);
+            unseen.see(way * STEP, error * STEP, 800 * STEP, 400 * STEP)
+        })
+    }
+
+    #[test]
+    fn way_without_approach_is_suspicious() {
+        assert_eq!(suspects(100, |k| (40 * k, 300)), Some(11));
+        assert_eq!(suspects(100, |k| (-40 * k, -300)), Some(11));
+        // The wrong way round.
+        assert_eq!(suspects(100, |k| (40 * k, 300 + 40 * k)), Some(11));
+        // While the target itself moves a little.
+        assert_eq!(suspects(100, |k| (40 * k, 300 + 8 * (k % 2))), Some(11));
+    }
+
+    #[test]
+    fn approach_and_nearness_begin_the_count_anew() {
+        let arrives = |k: i64| (40 * k.min(50), 2_000 - 40 * k.min(50));
+        assert_eq!(suspects(100, arrives), None);
+        // A matrix that is off by half.
+        assert_eq!(suspects(100, |k| (20 * k, 1_500 - 10 * k)), None);
+        // To and fro, from near by.
+        assert_eq!(suspects(1_000, |k| (30 * k, 49)), None);
+        // A target that speeds up and slows down takes its distance with it.
+        assert_eq!(suspects(60, |k| (20 * k, 150 + 4 * (k - 30).abs())), None);
+    }
+
+    #[test]
+    fn extremes_saturate() {
+        let mut unseen = Unseen::default();
+        for (way, error) in [
+            (i64::MAX, i64::MIN),
+            (i64::MIN, i64::MIN),
+            (i64::MAX, i64::MAX),
+        ] {
+            unseen.see(way, error, 0, 0);
+            unseen.see(way, error, i64::MAX, i64::MAX / 8);
+        }
+    }
+}

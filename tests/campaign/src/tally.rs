@@ -1,0 +1,161 @@
+//! What a campaign found, law by law.
+
+use crate::judge::Counts;
+use crate::laws::{Law, Violation};
+use crate::life::Fate;
+use crate::options::{Kind, Options};
+use crate::page;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Hits that are kept of each law.
+const KEPT: usize = 5;
+
+/// The sum of many lives.
+pub struct Tally {
+    laws: &'static [Law],
+    pub lives: u64,
+    counts: Counts,
+    hits: BTreeMap<Law, (u64, Vec<(u64, Violation)>)>,
+}
+
+impl Tally {
+    /// Of no life yet.
+    pub fn new(kind: Kind) -> Self {
+        let laws: &[Law] = match kind {
+            Kind::Station => &Law::STATION,
+            Kind::Loop => &Law::LOOP,
+        };
+        Self {
+            laws,
+            lives: 0,
+            counts: Counts::default(),
+            hits: BTreeMap::new(),
+        }
+    }
+
+    /// One life more; what is to be said at once of the laws that it broke.
+    pub fn add(&mut self, seed: u64, fate: Fate) -> Vec<String> {
+        self.lives += 1;
+        self.counts.add(&fate.counts);
+        let mut said = Vec::new();
+        for violation in fate.violations {
+            let (count, kept) = self.hits.entry(violation.law).or_default();
+            *count += 1;
+            if *count <= KEPT as u64 {
+                said.push(line(seed, &violation));
+            }
+            kept.push((seed, violation));
+            // The order in which threads finish must not show.
+            kept.sort_by_key(|(seed, _)| *seed);
+            kept.truncate(KEPT);
+        }
+        said
+    }
+
+    /// How many lives broke a law, over all laws.
+    pub fn violations(&self) -> u64 {
+        self.hits.values().map(|(count, _)| count).sum()
+    }
+
+    fn hits_of(&self, law: Law) -> u64 {
+        self.hits.get(&law).map_or(0, |(count, _)| *count)
+    }
+
+    /// Numbers with names, in the order of the tables.
+    fn numbers(&self) -> [(&'static str, String); 6] {
+        let counts = &self.counts;
+        let hours = counts.us as f64 / 3.6e9;
+        [
+            ("lives", grouped(self.lives)),
+            ("hours of the station's time", format!("{hours:.1}")),
+            ("commands", grouped(counts.commands)),
+            ("STEP edges", grouped(counts.edges)),
+            ("reports", grouped(counts.reports)),
+            ("comparisons", grouped(counts.comparisons)),
+        ]
+    }
+
+    /// For a terminal.
+    pub fn summary(&self, options: &Options) -> String {
+        let mut text = String::new();
+        for (_, kept) in self.hits.values() {
+            for (seed, violation) in kept {
+                let kind = options.kind.name();
+                let _ = writeln!(text, "{}", line(*seed, violation));
+                let _ = writeln!(text, "    campaign --kind {kind} --replay {seed}");
+            }
+        }
+        let first = options.seed;
+        let last = first + options.lives - 1;
+        let _ = writeln!(
+            text,
+            "{} lives, seeds {first} to {last}",
+            options.kind.name()
+        );
+        for (name, number) in self.numbers() {
+            let _ = writeln!(text, "{number:>16} {name}");
+        }
+        for law in self
+            .laws
+            .iter()
+            .chain(self.hits.keys().filter(|law| !self.laws.contains(law)))
+        {
+            let _ = writeln!(text, "{:>16} {}", grouped(self.hits_of(*law)), law.name());
+        }
+        let _ = writeln!(text, "{} violations", grouped(self.violations()));
+        text
+    }
+
+    /// For a page; it took so many seconds.
+    pub fn markdown(&self, options: &Options, seconds: u64) -> String {
+        let mut text = String::new();
+        let first = options.seed;
+        let last = first + options.lives - 1;
+        let _ = writeln!(text, "\n## {}\n", page::title(options.kind));
+        let _ = writeln!(text, "{}\n", page::about(options.kind));
+        let _ = writeln!(text, "Seeds {first} to {last}, {} s:\n", grouped(seconds));
+        for (name, number) in self.numbers() {
+            let _ = writeln!(text, "- {number} {name}");
+        }
+        let _ = writeln!(
+            text,
+            "\n| law | what it says | broken by lives |\n|---|---|---:|"
+        );
+        for law in self.laws {
+            let hits = grouped(self.hits_of(*law));
+            let _ = writeln!(text, "| `{}` | {} | {hits} |", law.name(), law.text());
+        }
+        text
+    }
+}
+
+/// A violation for people.
+fn line(seed: u64, violation: &Violation) -> String {
+    let (name, at, what) = (violation.law.name(), violation.at_ms, &violation.text);
+    format!("{name}: seed {seed} at {at:.1} ms: {what}")
+}
+
+/// With a comma after every three digits.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped_by_thousands() {
+        let expected = ["0", "999", "1,000", "12,345", "1,000,000"];
+        assert_eq!([0, 999, 1_000, 12_345, 1_000_000].map(grouped), expected);
+    }
+}
