@@ -32,6 +32,10 @@ const MOST_MS: f32 = 300.0;
 /// Times the moving variance below which a target rests.
 const RESTS: f32 = 1.0 / 25.0;
 
+/// Longest window of which it counts how much the stage's motion explains, ms. In a longer one, of
+/// fewer than some 25 frames per second, a target does too much by itself.
+const BRIEF_MS: f32 = 450.0;
+
 /// Points of a fault.
 pub(super) const ENOUGH: u8 = 6;
 
@@ -126,7 +130,10 @@ impl Trial {
                 let moving = Moving {
                     spreads,
                     ramp,
-                    explained: window.explained(),
+                    explained: match window.span_ms < BRIEF_MS {
+                        true => window.explained(),
+                        false => 0.0,
+                    },
                     rest_ms: 0.9 * within(ms, LEAST_MS, MOST_MS),
                 };
                 self.moving = Some(moving);
