@@ -28,8 +28,17 @@ use super::filter::{Filter, Reach, believed, fine, steps, within};
 use crate::time::Instant;
 use serde::{Deserialize, Serialize};
 
-/// After so long without a measurement the target counts as out of sight, ms.
-const SIGHT_MS: u64 = 100;
+/// Time without a measurement after which the target counts as out of sight, ms.
+const SIGHT_MS: f32 = 100.0;
+
+/// The same in mean periods of the measurements, if that is longer.
+const SIGHT_PERIODS: f32 = 2.5;
+
+/// The longest of these, ms.
+const MOST_PERIOD_MS: f32 = 1_000.0;
+
+/// Share of a new interval in the mean period.
+const INTERVAL: f32 = 0.125;
 
 /// By how much of the difference the share of the speed changes with each frame.
 const EASE: f32 = 0.4;
@@ -77,7 +86,7 @@ pub enum Sight {
     /// Nothing is followed.
     #[default]
     None,
-    /// A frame was used within the last 100 ms.
+    /// A frame was used within the last 100 ms, or 2.5 mean periods of the frames.
     Tracking,
     /// None was for longer: the stage goes on as the target did.
     Coasting,
@@ -222,6 +231,8 @@ struct Target {
     capture: Instant,
     /// When that was heard of.
     heard: Instant,
+    /// Mean time between measurements, ms; 0 after the first.
+    period: f32,
     lost: bool,
 }
 
@@ -263,6 +274,7 @@ impl Pursuit {
         }
         self.suspect = None;
         if let Some(target) = &mut self.target {
+            target.count_interval(measurement.capture);
             target.capture = measurement.capture;
             target.heard = now;
             target.lost = false;
@@ -327,8 +339,8 @@ impl Pursuit {
         match &self.target {
             None => Sight::None,
             Some(target) if target.lost => Sight::Lost,
-            Some(target) if now.since(target.heard) > SIGHT_MS * 1000 => Sight::Coasting,
-            Some(_) => Sight::Tracking,
+            Some(target) if target.is_in_sight(now) => Sight::Tracking,
+            Some(_) => Sight::Coasting,
         }
     }
 
@@ -350,8 +362,26 @@ impl Target {
             axes: [first(px, vx, rx), first(py, vy, ry), first(pz, vz, rz)],
             capture: measurement.capture,
             heard: now,
+            period: 0.0,
             lost: false,
         }
+    }
+
+    /// Takes the time since the last measurement into the mean period, unless the target was lost.
+    fn count_interval(&mut self, capture: Instant) {
+        if self.lost {
+            return;
+        }
+        let interval = milliseconds(capture.since(self.capture));
+        let share = if self.period > 0.0 { INTERVAL } else { 1.0 };
+        self.period += (interval - self.period) * share;
+    }
+
+    /// Whether the last measurement is as recent as the frame rate lets it be.
+    fn is_in_sight(&self, now: Instant) -> bool {
+        let longest = within(SIGHT_PERIODS * self.period, SIGHT_MS, MOST_PERIOD_MS);
+        // Whole µs, below 2^20.
+        now.since(self.heard) <= (longest * 1_000.0) as u64
     }
 
     /// Takes in a measurement; `false` and nothing else if it is an outlier.
@@ -478,6 +508,25 @@ mod tests {
         assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
         assert_eq!(measure(&mut pursuit, &seen(992, 0)), Ok(()));
         assert_eq!(measure(&mut pursuit, &seen(1_008, 400)), Err(Outlier));
+    }
+
+    #[test]
+    fn few_frames_per_second_keep_the_target_in_sight() {
+        let mut pursuit = Pursuit::default();
+        for k in 1..=20 {
+            assert_eq!(measure(&mut pursuit, &seen(200 * k, 0)), Ok(()));
+            let before = Instant::from_micros((200 * k + 199) * 1_000);
+            // One interval has to be known first.
+            let expected = if k == 1 {
+                Sight::Coasting
+            } else {
+                Sight::Tracking
+            };
+            assert_eq!(pursuit.sight(before), expected);
+        }
+        let late = |ms: u64| Instant::from_micros((4_000 + ms) * 1_000);
+        assert_eq!(pursuit.sight(late(500)), Sight::Tracking);
+        assert_eq!(pursuit.sight(late(501)), Sight::Coasting);
     }
 
     #[test]
