@@ -16,6 +16,7 @@ use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crate::error::InputError;
+use crate::interruption;
 
 mod place;
 mod staged;
@@ -106,9 +107,14 @@ impl Output {
 
 /// Writes all of these files or, on any error, none. What is written in place cannot be taken back.
 ///
+/// Ctrl-C and the other signals wait until the files are in their places; otherwise they could leave
+/// temporary files, or old and new files side by side.
+///
 /// # Errors
 /// If one of them cannot be written.
 pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
+    // Where the system allows no handler, a signal ends the program as before.
+    let _ = interruption::watch();
     let mut staged = Vec::new();
     for (output, text) in &outputs {
         if let Place::File(target) = &output.place {

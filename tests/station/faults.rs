@@ -119,6 +119,29 @@ fn fault_is_named_before_it_can_be_cleared() {
         .unwrap();
 }
 
+/// A contact bounces while the fault is being cleared: the press falls in the tick of the reset.
+#[test]
+fn press_in_the_tick_of_a_reset_counts() {
+    for pressed in [PRESSED, OVERHEATED] {
+        let mut twin = twin();
+        twin.set_switches(pressed);
+        wait(&mut twin, 5);
+        twin.set_switches(RELEASED);
+        wait(&mut twin, 120);
+        for bounce in [pressed, RELEASED] {
+            twin.set_switches(bounce);
+            twin.advance(twin.now().plus_micros(200));
+        }
+        let reset = twin.send(Command::Reset);
+        let moves = twin.send(setpoint([1, 0, 0]));
+        wait(&mut twin, 100);
+        assert_eq!(twin.answer(reset), Some(Err(Denial::CauseRemains)));
+        assert_eq!(twin.answer(moves), Some(Err(Denial::Faulted)));
+        assert_eq!(twin.steps(), [0; 3]);
+        twin.command("reset", Command::Reset).unwrap();
+    }
+}
+
 #[test]
 fn limit_in_the_ramp_of_a_silent_host_is_shown() {
     let mut twin = twin();

@@ -1,9 +1,16 @@
 //! A stop is the last word, and every command is answered.
 
 use super::{denial, frame, setpoint, status, twin, wait};
+use host::station::stage::{configuration, default_stage};
 use host::station::twin::Twin;
-use shared::frame::message::{Command, Denial};
+use shared::frame::encode::encode;
+use shared::frame::message::{
+    Command, Denial, LastRun, Mounting, Outcome, Packet, Report, ResetCause,
+};
+use shared::frame::receive::Receiver;
+use shared::machine::{Board, Machine, Output};
 use shared::safety::State;
+use shared::steps::WordRate;
 use shared::time::Instant;
 
 fn jog(mm: i32) -> Command {
@@ -162,6 +169,44 @@ fn only_pings_are_a_heartbeat() {
         assert_eq!(status.fault, Some(shared::safety::Fault::Heartbeat));
         assert!(twin.position_mm()[0] < 25.0, "{:?}", twin.position_mm());
     }
+}
+
+/// The station's own start is no ping. A bare machine, for the twin's host pings from the start.
+#[test]
+fn no_motion_begins_before_the_first_ping() {
+    let mut machine = Machine::new(Board {
+        name: "bare",
+        version: [0; 3],
+        word_rate: WordRate::MHZ_1,
+        delay_us: 512,
+        session: 1,
+        reset_cause: ResetCause::PowerOn,
+        last_run: LastRun::UNKNOWN,
+    });
+    let config = configuration(&default_stage(), Mounting::OnStage).unwrap();
+    let commands = [Command::Hello, Command::Config(config), jog(1)];
+    for (sequence, command) in (1..).zip(commands) {
+        let packet = encode(&Packet { sequence, command }).unwrap();
+        machine.receive(Instant::default(), &packet);
+    }
+    let mut answers = Vec::new();
+    let mut reports = Receiver::<Report>::default();
+    let mut now = Instant::default();
+    while now < Instant::from_micros(50_000) {
+        match machine.poll(now, usize::MAX) {
+            Output::Send(bytes) => {
+                let report = reports.next(&mut &bytes[..]).unwrap().unwrap();
+                if let Report::Answer { outcome, .. } = report {
+                    answers.push(outcome);
+                }
+            }
+            Output::Segment(_) => {}
+            Output::Idle(until) => now = until,
+        }
+    }
+    let denied = Outcome::Denied(Denial::NoHeartbeat);
+    assert_eq!(answers, [Outcome::Accepted, denied]);
+    assert_eq!(machine.motors(), [0; 3]);
 }
 
 /// Without a heartbeat no motion begins, so that none is cut short by a fault at once.

@@ -96,9 +96,20 @@ impl Hand {
 
     /// As [`Hand::connect`], for a command that means the same to every firmware.
     pub fn connect_to_any(argument: &PortArgument) -> Result<Self, Failure> {
+        Self::connect_by(argument, Serial::connect)
+    }
+
+    /// As [`Hand::connect_to_any`], and stops the stage with the first packets.
+    pub fn connect_and_stop(argument: &PortArgument) -> Result<Self, Failure> {
+        Self::connect_by(argument, Serial::connect_and_stop)
+    }
+
+    fn connect_by(
+        argument: &PortArgument,
+        connect: impl Fn(&str) -> Result<Serial, StationError>,
+    ) -> Result<Self, Failure> {
         let port = ports::resolve(&argument.port).map_err(super::station_failed)?;
-        let serial =
-            Serial::connect(&port).map_err(|error| super::failed_at(Some(&port), error.into()))?;
+        let serial = connect(&port).map_err(|error| super::failed_at(Some(&port), error.into()))?;
         Ok(Self { serial, port })
     }
 

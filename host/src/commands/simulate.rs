@@ -4,6 +4,7 @@ use super::progress::Progress;
 use super::report::ReportOption;
 use clap::Args;
 use host::error::{Failure, InputError};
+use host::printable::printable;
 use host::simulation::figures::Figures;
 use host::simulation::present::{self, Outcome};
 use host::simulation::run::{self, Options as RunOptions};
@@ -209,7 +210,8 @@ fn print(outcomes: &[Outcome], out: &mut impl Write) -> Result<(), Failure> {
     writeln!(out, "{}", present::following(outcomes).to_text())?;
     writeln!(out, "{}", present::stage(outcomes).to_text())?;
     for outcome in outcomes {
-        writeln!(out, "{}: {}", outcome.name, outcome.scenario.title)?;
+        let title = printable(&outcome.scenario.title);
+        writeln!(out, "{}: {title}", outcome.name)?;
         for (name, value) in present::facts(outcome) {
             writeln!(out, "{name:>26}: {value}")?;
         }

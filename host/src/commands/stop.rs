@@ -27,7 +27,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         let Holder { pid, command } = other;
         notice!("`{command}` (process {pid}) had the port and was told to end");
     }
-    let mut hand = Hand::connect_to_any(&options.port)?;
+    let mut hand = Hand::connect_and_stop(&options.port)?;
     hand.command("stop", Command::Stop)?;
     let (status, _) = hand.wait_for_rest(|_| {})?;
     writeln!(

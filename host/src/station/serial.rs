@@ -122,6 +122,32 @@ impl Serial {
     /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
     /// station with other firmware is no error here: see [`Hello::mismatches`].
     pub fn connect(path: &str) -> Result<Self, StationError> {
+        let serial = Self::open(path)?;
+        serial.hello()?;
+        serial.shared.line().begin_session();
+        Ok(serial)
+    }
+
+    /// As [`Serial::connect`], and stops the stage: the first stop goes out right behind the first
+    /// hello, because a station may hear although nothing is heard of it.
+    ///
+    /// # Errors
+    /// As [`Serial::connect`].
+    pub fn connect_and_stop(path: &str) -> Result<Self, StationError> {
+        let mut serial = Self::open(path)?;
+        serial.stops = true;
+        {
+            let mut line = serial.shared.line();
+            line.greet();
+            line.begin_stop();
+        }
+        serial.hello()?;
+        serial.shared.line().begin_session();
+        Ok(serial)
+    }
+
+    /// Opens the line and starts its threads; sends nothing.
+    fn open(path: &str) -> Result<Self, StationError> {
         let failed = |what: &str, cause: std::io::Error| StationError::Port {
             path: path.to_owned(),
             reason: format!("{what}: {cause}"),
@@ -148,8 +174,6 @@ impl Serial {
             let thread = thread.map_err(|cause| failed("cannot start its threads", cause))?;
             serial.threads.push(thread);
         }
-        serial.hello()?;
-        serial.shared.line().begin_session();
         Ok(serial)
     }
 

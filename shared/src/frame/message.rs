@@ -36,7 +36,11 @@ pub enum Command {
         /// Absolute stage position per axis, µm.
         position_um: [i32; 3],
     },
-    /// Move by a distance; slowly while the position is unknown.
+    /// Move by a distance from where the axes are; slowly while the position is unknown.
+    ///
+    /// In motion it replaces what is left of an earlier move of the axes that it names, and never
+    /// turns an axis against its own direction. Other axes go on to where an earlier move sends them.
+    /// Rounded to whole steps, and clamped to the soft limits.
     Jog {
         /// Distance per stage axis, µm.
         distance_um: [i32; 3],
@@ -324,7 +328,7 @@ pub struct Status {
     pub fault: Option<Fault>,
     /// Trust in `position_steps`.
     pub trust: Trust,
-    /// Planned stage position at the end of this tick, whole steps.
+    /// Planned stage position at the start of this tick, whole steps.
     pub position_steps: [i32; 3],
     /// Where the stage is going, whole steps.
     pub target_steps: [i32; 3],

@@ -120,7 +120,7 @@ impl Machine {
 
     fn reset(&mut self) -> Result<(), Denial> {
         self.require_rest()?;
-        if self.inputs.emergency_stop || self.inputs.driver_fault {
+        if self.forbidden {
             return Err(Denial::CauseRemains);
         }
         if !self.faults.is_within(self.read) {

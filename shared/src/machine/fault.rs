@@ -13,10 +13,13 @@ impl Machine {
 
     pub(super) fn check_switches(&mut self) {
         let glimpsed = core::mem::take(&mut self.glimpsed);
-        if self.inputs.emergency_stop || glimpsed.emergency_stop {
+        let emergency_stop = self.inputs.emergency_stop || glimpsed.emergency_stop;
+        let driver_fault = self.inputs.driver_fault || glimpsed.driver_fault;
+        self.forbidden = emergency_stop || driver_fault;
+        if emergency_stop {
             self.fail(Fault::EmergencyStop);
         }
-        if self.inputs.driver_fault || glimpsed.driver_fault {
+        if driver_fault {
             self.fail(Fault::Driver);
         }
         if self.runs_onto_a_switch() {
@@ -68,9 +71,9 @@ impl Machine {
 
     /// A ping came within the heartbeat time.
     pub(super) fn is_heard(&self) -> bool {
-        let silence = self.tick.saturating_sub(self.heard);
         let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
-        silence <= longest
+        self.heard
+            .is_some_and(|heard| self.tick.saturating_sub(heard) <= longest)
     }
 
     /// Latches a fault beside those that are latched, and stops.

@@ -113,6 +113,8 @@ pub struct Machine {
     inputs: Inputs,
     /// What forbids any motion and was sensed since the last tick.
     glimpsed: Glimpsed,
+    /// An emergency stop or a driver's fault counts in this tick.
+    forbidden: bool,
 
     /// The next control tick.
     tick: u64,
@@ -121,8 +123,8 @@ pub struct Machine {
     started: bool,
     /// Port words in all segments given out.
     words_planned: u64,
-    /// Tick of the last ping.
-    heard: u64,
+    /// Tick of the last ping; `None` before the first.
+    heard: Option<u64>,
     /// Tick of the last status.
     told: u64,
 
@@ -169,11 +171,12 @@ impl Machine {
             outbox: Outbox::default(),
             inputs: Inputs::default(),
             glimpsed: Glimpsed::default(),
+            forbidden: false,
             tick: 0,
             given: SEGMENTS,
             started: false,
             words_planned: 0,
-            heard: 0,
+            heard: None,
             told: 0,
             active: None,
             planner: None,
@@ -237,7 +240,6 @@ impl Machine {
             // The first tick at or after the first poll.
             self.started = true;
             self.tick = now.micros().div_ceil(TICK_US);
-            self.heard = self.tick;
         }
         let due = self.due();
         let words = usize::from(self.board.word_rate.slots_per_segment()) * 2;
@@ -366,7 +368,7 @@ impl Machine {
     fn queue(&mut self, now: Instant, packet: Packet) {
         match packet.command {
             Command::Ping { host_us } => {
-                self.heard = self.tick;
+                self.heard = Some(self.tick);
                 self.report(Report::Pong {
                     host_us,
                     received: now,

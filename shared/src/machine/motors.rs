@@ -17,7 +17,7 @@ impl Machine {
         if self.active.is_none() {
             return Err(Denial::Unconfigured);
         }
-        if on && (self.inputs.emergency_stop || self.inputs.driver_fault) {
+        if on && self.forbidden {
             return Err(Denial::CauseRemains);
         }
         if on {

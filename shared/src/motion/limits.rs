@@ -233,6 +233,12 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     let floor = |um: i64| (um * scale).div_euclid(1_000_000);
     let (low, high) = (-floor(-low_um), floor(high_um));
     let farthest_um = FARTHEST * 1_000_000 / scale;
+    // The last step that a high end can lie at or beyond.
+    let last = FARTHEST.min(floor(i32::MAX.into()));
+    if low > last {
+        let most = (last * 1_000_000).div_euclid(scale);
+        return Err(LimitFault::at_most(Field::TravelLow, most));
+    }
     if low < -FARTHEST {
         return Err(LimitFault::at_least(Field::TravelLow, -farthest_um));
     }
@@ -434,6 +440,19 @@ mod tests {
             "travel_um[0] must be at least -268435456"
         );
         assert!(AxisLimits::new(&far([-268_435_456, 268_435_456]), WordRate::MHZ_1).is_ok());
+        assert_eq!(
+            text(far([300_000_000, -1])),
+            "travel_um[0] must be at most 268435456"
+        );
+        let at_the_end = AxisConfig {
+            steps_per_m: 5,
+            max_speed_um_s: 1_000_000,
+            max_acceleration_um_s2: u32::MAX,
+            max_jerk_um_s3: u32::MAX,
+            travel_um: [i32::MAX - 1, i32::MAX],
+            invert: false,
+        };
+        assert_ne!(fault(at_the_end).field, Field::TravelHigh);
         let coarse = AxisConfig {
             steps_per_m: 1,
             ..with(Field::MaxJerk, 1_000_000)

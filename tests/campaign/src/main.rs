@@ -53,7 +53,10 @@ fn main() -> ExitCode {
         true => page(&options),
         false => {
             let tally = run(&options);
-            (tally.summary(&options), tally.violations())
+            (
+                tally.summary(&options),
+                tally.violations_but(&options.counted),
+            )
         }
     };
     print!("{text}");

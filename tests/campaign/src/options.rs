@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::laws::Law;
 use crate::sabotage::Sabotage;
 
 /// What `--help` prints.
@@ -16,6 +17,7 @@ Usage: campaign [OPTIONS]
   --markdown           print both kinds' summaries as a page: tests/FAULTS-INJECTED.md
   --loop-lives N       with --markdown: how many of the loop kind [1000]
   --sabotage NAME     show the judge a station that breaks laws: steps, twice, homed, ...
+  --counted LAW,...    laws that are counted only: breaking them leaves the exit code 0
   --progress N         say how far it is after every N lives [10000]
 
 Exit code: 0 if every law holds, 1 if one is broken, 2 for a wrong option.
@@ -52,6 +54,8 @@ pub struct Options {
     pub loop_lives: u64,
     pub progress: u64,
     pub sabotage: Sabotage,
+    /// Names of laws that do not decide the exit code.
+    pub counted: Vec<String>,
     pub help: bool,
 }
 
@@ -71,6 +75,7 @@ impl Options {
             loop_lives: 1000,
             progress: 10_000,
             sabotage: Sabotage::None,
+            counted: Vec::new(),
             help: false,
         };
         let mut arguments = arguments;
@@ -98,6 +103,7 @@ impl Options {
                         ))?
                         .0;
                 }
+                "--counted" => options.counted = laws(&value()?)?,
                 "--lives" => options.lives = number(&name, &value()?, 1)?,
                 "--loop-lives" => options.loop_lives = number(&name, &value()?, 1)?,
                 "--seed" => options.seed = number(&name, &value()?, 0)?,
@@ -109,6 +115,21 @@ impl Options {
         }
         Ok(options)
     }
+}
+
+/// Names of laws, with commas between them.
+fn laws(text: &str) -> Result<Vec<String>, String> {
+    let known = |name: &&str| {
+        Law::STATION
+            .iter()
+            .chain(&Law::LOOP)
+            .any(|law| law.name() == *name)
+    };
+    let names = text.split(',').map(|name| match known(&name) {
+        true => Ok(name.to_owned()),
+        false => Err(format!("--counted takes names of laws, not {name}")),
+    });
+    names.collect()
 }
 
 fn number(name: &str, text: &str, least: u64) -> Result<u64, String> {
@@ -143,6 +164,7 @@ mod tests {
             "--lives 0",
             "--kind both",
             "--sabotage x",
+            "--counted sick,x",
             "--fast",
         ] {
             let message = parse(line).expect_err(line);

@@ -58,6 +58,15 @@ impl Tally {
         self.hits.values().map(|(count, _)| count).sum()
     }
 
+    /// As [`Tally::violations`], without those of the laws named.
+    pub fn violations_but(&self, counted: &[String]) -> u64 {
+        let deciding = self
+            .hits
+            .iter()
+            .filter(|(law, _)| !counted.iter().any(|name| law.name() == name));
+        deciding.map(|(_, (count, _))| count).sum()
+    }
+
     fn hits_of(&self, law: Law) -> u64 {
         self.hits.get(&law).map_or(0, |(count, _)| *count)
     }
