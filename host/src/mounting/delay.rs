@@ -1,15 +1,16 @@
 //! How late the cameras' time stamps are, from pictures that are taken while the stage moves.
 //!
-//! At rest a picture stamped `t` shows the displacement `d = c - A s(t)` of the stage's position `s`
-//! (see [`fit`](mod@super::fit)). With stamps that are late by `D`, the picture is older than it says.
-//! With the matrix `M`, the inverse of `A`, the cameras give the position
+//! At rest a picture stamped `t` shows the displacement `d = c - A s(t)` of the stage's position
+//! `s` (see [`fit`](mod@super::fit)). With stamps that are late by `D`, the picture is older than
+//! it says. With the matrix `M`, the inverse of `A`, the cameras give the position
 //!
 //! ```text
 //! q = -M d = s(t - D) + o
 //! ```
 //!
-//! `D` and the offset `o` are the least squares' solution, by Gauss and Newton, with the stage's speed
-//! `v` as the derivative: `q - s(t - D)` changes by `v` with `D`. A stage that rests says nothing.
+//! `D` and the offset `o` are the least squares' solution, by Gauss and Newton, with the stage's
+//! speed `v` as the derivative: `q - s(t - D)` changes by `v` with `D`. A stage that rests says
+//! nothing.
 
 use super::fit::Sample;
 use serde::Serialize;
