@@ -157,15 +157,18 @@ impl Trial {
         large: f32,
     ) -> Verdict {
         let energy = Energy::new(&moving.spreads, variance);
-        let (mut rests, mut goes_on) = (false, false);
+        // Over the axes on which the apparent target moved.
+        let (mut moved, mut rested, mut noise) = (0.0, 0.0, 0.0);
         for ((m, r), variance) in moving.spreads.iter().zip(rest).zip(variance) {
-            let noise = believed(variance);
-            if m.target > 8.0 * noise && m.target > energy.stage / 16.0 {
-                let calm = r.target < m.target * RESTS || r.target < 3.0 * noise;
-                rests |= calm;
-                goes_on |= !calm;
+            let variance = believed(variance);
+            if m.target > 8.0 * variance && m.target > energy.stage / 16.0 {
+                moved += m.target;
+                rested += r.target;
+                noise += variance;
             }
         }
+        let rests = moved > 0.0 && (rested < moved * RESTS || rested < 3.0 * noise);
+        let goes_on = moved > 0.0 && !rests;
         let shaking = self.is_for_shaking();
         let lost = match shaking {
             true => None,
@@ -176,7 +179,7 @@ impl Trial {
             || energy.stage > 9.0
                 && energy.target > 0.74 * energy.stage
                 && energy.error > 0.04 * energy.stage;
-        match (lost || rests && !goes_on && feeds, goes_on) {
+        match (lost || rests && feeds, goes_on) {
             (true, _) => {
                 let strong = match shaking {
                     true => 16.0 * energy.stage > large,
