@@ -1,7 +1,7 @@
 //! Random lives of a healthy stage: whatever the target and the cameras do, no fault.
 //!
 //! ```text
-//! cargo test --release -p trinocular-tests --test lives -- --ignored --nocapture
+//! cargo test -p trinocular-tests --test lives -- --ignored --nocapture
 //! ```
 //! runs ten thousand lives and prints how many ended with a fault.
 
@@ -45,7 +45,7 @@ fn healthy_stage_has_no_fault_in_300_lives() {
 }
 
 #[test]
-#[ignore = "ten thousand lives take minutes; tests/run --all includes it"]
+#[ignore = "ten thousand lives take two minutes; tests/run includes it"]
 fn healthy_stage_has_no_fault_in_10000_lives() {
     const LIVES: u64 = 10_000;
     let faults = faults(0..LIVES);

@@ -90,6 +90,30 @@ fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
     }
 }
 
+#[test]
+fn delay_of_the_stamps_is_found_within_3_sigma() {
+    let desk = desk();
+    for (seed, late_ms) in [(1, 0.0), (2, 12.5), (3, -30.0)] {
+        let words = format!("calibrate-stage --sim --rig rig.toml --late {late_ms} --seed {seed}");
+        let done = run(desk.path(), &format!("{words} --json"));
+        let error = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(0), "{error}");
+        let found: Value = serde_json::from_slice(&done.stdout).expect("one JSON object");
+        let number = |key: &str| found["delay"][key].as_f64().expect("a number");
+        let (delay_ms, sigma_ms) = (number("delay_ms"), number("sigma_ms"));
+        println!("late by {late_ms} ms: found {delay_ms:.3} ± {sigma_ms:.3} ms");
+        assert!(
+            (delay_ms - late_ms).abs() < 3.0 * sigma_ms + 0.05,
+            "{}",
+            found["delay"]
+        );
+        assert!(sigma_ms < 0.2, "{}", found["delay"]);
+    }
+    let words = "calibrate-stage --sim --rig rig.toml --late 12.5";
+    let text = String::from_utf8(run(desk.path(), words).stdout).expect("UTF-8");
+    assert!(text.contains("use `track --delay 12.5`"), "{text}");
+}
+
 /// With the matrix found, a stage mounted like this is sent where the target went.
 #[test]
 fn a_station_on_a_port_is_calibrated_from_a_folder_of_captures() {
@@ -157,6 +181,7 @@ fn what_cannot_be_calibrated_is_refused() {
         ("--rig rig.toml --port /dev/no-such-port", 2, "--images"),
         ("--sim --rig rig.toml --reach 0", 2, "--reach"),
         ("--sim --rig rig.toml --scaled 9", 2, "--scaled"),
+        ("--sim --rig rig.toml --late 900", 2, "--late"),
         ("--sim --rig cameras.toml", 1, "[stage]"),
         ("--sim --rig rig.toml --out rig.toml", 1, "rig.toml"),
         ("--sim --rig short.toml", 2, "soft limits are -3 to 9 mm"),

@@ -12,8 +12,8 @@ const UNSEEN_MM: f64 = 10.0;
 /// Real motion keeps within less.
 const STRICT_MM: f64 = 8.0;
 
-/// From the stall to the rest, mm, at 20 frames per second and more: half of the steps that need not
-/// be seen, a ramp, and as much again if one trial is not enough; and the target's own way.
+/// From the stall to the rest, mm, at 20 frames per second and more: half of the steps that need
+/// not be seen, a ramp, and as much again if one trial is not enough; and the target's own way.
 const STALLED_MM: f64 = UNSEEN_MM + 15.0;
 
 fn care() -> Care {
@@ -248,8 +248,8 @@ fn speed_that_changes_unseen_is_no_fault() {
     }
 }
 
-/// Frames that contradict each other: the stage goes no farther on them than a quarter of the bound,
-/// what two frames take, and a ramp.
+/// Frames that contradict each other: the stage goes no farther on them than a quarter of the
+/// bound, what two frames take, and a ramp.
 #[test]
 fn outliers_do_not_keep_the_stage_going() {
     let mut chase = Chase::new(1);

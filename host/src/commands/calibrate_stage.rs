@@ -11,6 +11,7 @@ use super::scene::SceneOptions;
 use clap::Args;
 use host::error::Failure;
 use host::images::Capture;
+use host::mounting::delay::{Delay, Passing, Path, delay};
 use host::mounting::fit::{Fit, Sample, fit};
 use host::mounting::plan::{FARTHEST, Stop, stops};
 use host::mounting::rewrite::with_matrix;
@@ -26,6 +27,8 @@ use serde_json::json;
 /// The stage goes along each of its axes, a few mm either way, and stops for a picture of a textured target that does not move. The matrix that explains what
 /// the cameras saw is fitted and printed with its standard deviation; a fit that noise cannot explain is refused. It takes in the cameras'
 /// rotation, an axis that runs the wrong way, and steps_per_mm that are off.
+///
+/// A simulated stage then passes the target, and the delay of the cameras' time stamps is measured: what `track --delay` takes.
 ///
 /// With --port the station must know its position (`home` or `zero`), and somebody puts a capture into --images at every stop: the program says when.
 #[derive(Debug, Args)]
@@ -84,6 +87,16 @@ pub struct Options {
     #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
     mirrored: Option<Axis>,
 
+    /// The simulated cameras' time stamps are later than their pictures by this, ms
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        conflicts_with = "port"
+    )]
+    late: f64,
+
     #[command(flatten)]
     scene: SceneOptions,
 }
@@ -92,6 +105,9 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular calibrate-stage --sim --rig rig.toml
   trinocular calibrate-stage --port auto --rig rig.toml --images captures/ --out rig.toml --force";
+
+/// Where the stage goes while pictures are taken, as shares of the reach.
+const PASSES: [f64; 4] = [-0.6, 0.6, -0.6, 0.0];
 
 /// A stage that can be sent somewhere, and cameras on it.
 trait Bench {
@@ -103,6 +119,20 @@ trait Bench {
 
     /// Takes a picture with each camera.
     fn look(&mut self) -> Result<Capture, Failure>;
+
+    /// Goes there, mm from zero, and takes pictures on the way; `None` if nobody takes them.
+    fn pass(&mut self, _position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
+        Ok(None)
+    }
+}
+
+/// A way of the stage, and the pictures that were taken on it.
+#[derive(Default)]
+struct Pass {
+    /// Times, s, and positions, mm.
+    path: Vec<(f64, [f64; 3])>,
+    /// With their stamps.
+    captures: Vec<Capture>,
 }
 
 /// Runs the command.
@@ -110,6 +140,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if !(options.reach >= 0.1 && options.reach <= 100.0) {
         return Err(Failure::Usage(
             "--reach must be from 0.1 to 100 mm".to_owned(),
+        ));
+    }
+    if !(options.late.abs() <= 100.0) {
+        return Err(Failure::Usage(
+            "--late must be from -100 to 100 ms".to_owned(),
         ));
     }
     let path = options.stage.path()?;
@@ -123,15 +158,20 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
         Some(port) => Box::new(real::bench(options, port, &rig, &stage)?),
     };
-    let (samples, fit) = measure(options, &rig, &stage, bench.as_mut())?;
+    let (samples, fit, delay) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {
         let text = with_matrix(path, &text, &fit.matrix)?;
         write_atomically(to, &text).map_err(super::unwritable)?;
     }
     if options.json {
-        writeln!(out, "{}", json!({"fit": fit, "samples": samples}))?;
+        writeln!(
+            out,
+            "{}",
+            json!({"fit": fit, "delay": delay, "samples": samples})
+        )?;
     } else {
         print(options, &samples, &fit, &stage, out)?;
+        print_delay(delay.as_ref(), out)?;
     }
     Ok(())
 }
@@ -141,7 +181,7 @@ fn measure(
     rig: &RigFile,
     stage: &Stage,
     bench: &mut dyn Bench,
-) -> Result<(Vec<Sample>, Fit), Failure> {
+) -> Result<(Vec<Sample>, Fit, Option<Delay>), Failure> {
     let centre_mm = bench.position_mm()?;
     within_travel(options, stage, centre_mm)?;
     let stops = stops(centre_mm, options.reach);
@@ -168,7 +208,57 @@ fn measure(
     }
     // The reference is no sample: it is what the others are measured against.
     let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Scene(refusal.to_string()))?;
-    Ok((samples, fit))
+    let delay = match &watch {
+        Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
+        None => None,
+    };
+    Ok((samples, fit, delay))
+}
+
+/// Moves the stage past the target and compares what the cameras see with where it was.
+fn measure_delay(
+    options: &Options,
+    bench: &mut dyn Bench,
+    watch: &Watch,
+    centre_mm: [f64; 3],
+    fit: &Fit,
+) -> Result<Option<Delay>, Failure> {
+    let (mut path, mut passings) = (Path::default(), Vec::new());
+    for share in PASSES {
+        let to_mm = centre_mm.map(|mm| mm + share * options.reach);
+        let Some(pass) = bench.pass(to_mm)? else {
+            return Ok(None);
+        };
+        for (time_s, position_mm) in pass.path {
+            path.push(time_s, position_mm);
+        }
+        for capture in pass.captures {
+            // A picture that cannot be used says nothing of the delay either.
+            if let Ok(sample) = watch.look(centre_mm, &capture) {
+                passings.push(Passing::new(capture.time_us as f64 * 1e-6, &sample));
+            }
+        }
+    }
+    let found = delay(&passings, &path, &fit.matrix);
+    found
+        .map(Some)
+        .map_err(|refusal| Failure::Scene(refusal.to_string()))
+}
+
+fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failure> {
+    match delay {
+        Some(delay) => writeln!(
+            out,
+            "{:>16}: {:.2} ms ± {:.2}, from {} pictures of the moving stage: use `track --delay {:.1}`",
+            "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures, delay.delay_ms
+        )?,
+        None => writeln!(
+            out,
+            "{:>16}: not measured: the pictures of --images have no time stamps",
+            "cameras' delay"
+        )?,
+    }
+    Ok(())
 }
 
 fn within_travel(options: &Options, stage: &Stage, centre_mm: [f64; 3]) -> Result<(), Failure> {

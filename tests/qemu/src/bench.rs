@@ -22,6 +22,7 @@ use shared::steps::{AxisMotion, Generator, Position, Segment};
 use shared::time::Instant;
 use shared::track::filter::Reach;
 use shared::track::pursuit::{Measurement, Pursuit, Settings};
+use shared::track::watch::{Bounds, Sample, Watch};
 
 /// Control ticks that each kind of tick is measured over.
 const TICKS: u64 = 100;
@@ -60,6 +61,7 @@ pub fn run() -> Result<(), Failure> {
     estimators(&mut counter, &mut table);
     wire(&mut counter, &mut table);
     tracking(&mut counter, &mut table);
+    watching(&mut counter, &mut table);
     let word = generator(&mut counter, &mut table)?;
     planner(&mut counter, &mut table)?;
     let (tick, segment, frame, reports) = control(&mut counter, &mut table)?;
@@ -178,6 +180,26 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     }
     table.row("filter: a measurement of three axes", measured.per(1), None);
     table.row("filter: where to go by now, three axes", aimed.per(1), None);
+}
+
+/// The same target followed well: the watch has no reason for a trial.
+fn watching(counter: &mut Counter, table: &mut Table) {
+    let bounds = Bounds {
+        unseen: [800 << 32; 3],
+        ..Bounds::default()
+    };
+    let mut watch = Watch::default();
+    let mut sum = Sum::default();
+    for frame in 0..TICKS as i64 {
+        let sample = Sample {
+            capture: Instant::from_micros(16_667 * frame as u64),
+            stage: [(67 * frame + frame % 2) << 32; 3],
+            error: [(frame * 7 % 3) << 32; 3],
+            variance: [0.2, 0.2, 5.0],
+        };
+        counter.add(&mut sum, || watch.see(black_box(&sample), true, &bounds));
+    }
+    table.row("watch: a frame of three axes", sum.per(1), None);
 }
 
 /// Words as the board's image makes them, into its ring. Also returns the tenths of instructions

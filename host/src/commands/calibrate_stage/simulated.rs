@@ -1,6 +1,6 @@
 //! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
 
-use super::{Bench, Options};
+use super::{Bench, Options, Pass};
 use host::error::Failure;
 use host::images::{Capture, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
@@ -10,6 +10,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::frame::message::Mounting;
 use shared::safety::State;
 
+/// How long a pass takes at most, ms, and the time between two pictures of it.
+const PASS_MS: u64 = 400;
+const PICTURE_MS: u64 = 16;
+
 /// Twin and scene.
 pub struct Simulated {
     twin: Twin,
@@ -17,6 +21,8 @@ pub struct Simulated {
     /// How the cameras move for a mm that the stage is sent.
     mounted: Matrix3<f64>,
     seed: u64,
+    /// Stamp minus capture, µs.
+    late_us: i64,
 }
 
 /// Switches it on, at zero.
@@ -45,6 +51,7 @@ pub fn bench(options: &Options, rig: &RigFile, stage: &Stage) -> Result<Simulate
         scene,
         mounted: turn.matrix() * Matrix3::from_diagonal(&axes),
         seed: options.scene.seed,
+        late_us: (options.late * 1e3).round() as i64,
     })
 }
 
@@ -64,6 +71,24 @@ impl Bench for Simulated {
                 return self.position_mm();
             }
         }
+    }
+
+    fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
+        self.twin
+            .command("setpoint", setpoint(position_mm))
+            .map_err(super::super::station_failed)?;
+        let mut pass = Pass::default();
+        for ms in 0..PASS_MS {
+            self.twin.advance(self.twin.now().plus_micros(1_000));
+            let now_s = self.twin.now().micros() as f64 * 1e-6;
+            pass.path.push((now_s, self.twin.position_mm()));
+            if ms % PICTURE_MS == 0 {
+                let mut capture = self.look()?;
+                capture.time_us = capture.time_us.saturating_add_signed(self.late_us);
+                pass.captures.push(capture);
+            }
+        }
+        Ok(Some(pass))
     }
 
     fn look(&mut self) -> Result<Capture, Failure> {

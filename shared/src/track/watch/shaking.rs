@@ -1,15 +1,15 @@
 //! A loop that shakes: windows of frames in which the apparent target moves as much as the stage.
 //!
-//! A loop can sustain a motion only if what it does comes back to it in full: if the apparent target
-//! `p` moves, because of the stage, at least about as much as the stage `s`. A mount of gain `g`
-//! makes `p = (1 - g) s`, one that is turned by `a` makes `|p| = 2 sin(a/2) |s|`, stamps that are
-//! off by `d` make `|p| = 2 sin(w d/2) |s|` at the angular frequency `w`. The loop is stable up to
-//! `g` = 1.8 or `a` = 50 degrees, where `|p|` is 0.8 `|s|`.
+//! A loop can sustain a motion only if what it does comes back to it in full: if the apparent
+//! target `p` moves, because of the stage, at least about as much as the stage `s`. A mount of gain
+//! `g` makes `p = (1 - g) s`, one that is turned by `a` makes `|p| = 2 sin(a/2) |s|`, stamps that
+//! are off by `d` make `|p| = 2 sin(w d/2) |s|` at the angular frequency `w`. The loop is stable up
+//! to `g` = 1.8 or `a` = 50 degrees, where `|p|` is 0.8 `|s|`.
 //!
-//! A window *feeds* the loop if `p` has 74 % of the energy of `s`. The prediction overshoots at some
-//! frequencies, so a motion that does not die away is suspicious from 30 % on if it is large.
-//! A target that is followed well moves as much as the stage, too. Then the error is small: what has
-//! less than a quarter of the stage's energy is no shaking.
+//! A window *feeds* the loop if `p` has 74 % of the energy of `s`. The prediction overshoots at
+//! some frequencies, so a motion that does not die away is suspicious from 30 % on if it is large.
+//! A target that is followed well moves as much as the stage, too. Then the error is small: what
+//! has less than a quarter of the stage's energy is no shaking.
 
 use super::window::{Energy, Spread};
 

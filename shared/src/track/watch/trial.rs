@@ -6,13 +6,13 @@
 //! while the stage moves, `m`, and over an equal time while it stands, `r`:
 //!
 //! * *Free*: the target moves on, `r > m/25`. Whatever was suspicious, the stage did not cause it.
-//! * *Coupled*: the target rests, `r < m/25`, and while the stage moved it made at least 74 % of the
-//!   stage's energy (see [`shaking`](super::shaking)). The loop feeds itself.
+//! * *Coupled*: the target rests, `r < m/25`, and while the stage moved it made at least 74 % of
+//!   the stage's energy (see [`shaking`](super::shaking)). The loop feeds itself.
 //! * *Lost*: on an axis the ramp does not show in the error. Its steps do not move the cameras.
 //! * *Calm*: the target rests, and did not move much with the stage either.
 //!
-//! A target may happen to come to rest when the stage does. So a verdict is a matter of points: 6 make
-//! the fault, and what a trial is worth depends on how probable the coincidence is.
+//! A target may happen to come to rest when the stage does. So a verdict is a matter of points: 6
+//! make the fault, and what a trial is worth depends on how probable the coincidence is.
 
 use super::super::filter::{believed, within};
 use super::Sample;
@@ -103,7 +103,8 @@ impl Trial {
     }
 
     /// Takes in a frame, `last` being the one before. `window` goes on from before the trial, and
-    /// `before` are the variances of the last whole window. `large` is the energy of a large motion.
+    /// `before` are the variances of the last whole window. `large` is the energy of a large
+    /// motion.
     pub fn see(
         &mut self,
         [last, sample]: [&Sample; 2],
@@ -200,10 +201,10 @@ impl Trial {
 /// Whether an axis that moved most has no effect on the error, and no other axis is coupled; and if
 /// so, whether one trial is enough.
 ///
-/// The share of the stage's motion that the error shows is `-cov(e, s)/var(s)`: 1 for a right mount,
-/// 0 for a stall. Below 0.05, or as near to it as the target's own motion allows, it is lost. A
-/// mount that sees a tenth of the motion is not. No target comes to rest exactly as the stage does,
-/// so an error that is steady to a fourteenth of a long ramp is enough.
+/// The share of the stage's motion that the error shows is `-cov(e, s)/var(s)`: 1 for a right
+/// mount, 0 for a stall. Below 0.05, or as near to it as the target's own motion allows, it is
+/// lost. A mount that sees a tenth of the motion is not. No target comes to rest exactly as the
+/// stage does, so an error that is steady to a fourteenth of a long ramp is enough.
 fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bool> {
     let [x, y, z] = ramp;
     let all = x.stage + y.stage + z.stage;
