@@ -4,12 +4,12 @@
 //! The [`line`] is shared between the caller, who sends commands and waits for answers, and a
 //! thread that takes in what the station says and looks for a lost line. The caller hears of a lost
 //! line from the next call that can fail, and decides what to do when it is back. A second thread
-//! sends the heartbeat and does nothing else ([`sender`]). So the heartbeat goes on while the
+//! sends the heartbeat and does nothing else (`sender`). So the heartbeat goes on while the
 //! caller looks at pictures, and stops with the process: a host that crashed does not keep a stage
 //! moving.
 //!
 //! *Invariant:* a stage that moves because of this program stops before the line is closed,
-//! whatever ends the run ([`stop`]).
+//! whatever ends the run (`stop`).
 
 mod busy;
 mod line;

@@ -21,7 +21,7 @@ pub struct Packet {
     pub command: Command,
 }
 
-/// A request to the station. The wire numbers are in [`super::command`]; append-only.
+/// A request to the station. The wire numbers are in `schema.txt`; append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
 pub enum Command {
