@@ -8,7 +8,7 @@ use shared::motion::Bound;
 pub struct Refused {
     /// The field with its index, such as `max_jerk_mm_s3[0]`.
     pub field: String,
-    /// What it must be, such as `must be at least 1456`.
+    /// The bound in words, such as `must be at least 1456`.
     pub reason: String,
 }
 

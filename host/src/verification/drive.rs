@@ -334,7 +334,7 @@ mod tests {
         assert_eq!(rate, 520_000); // 1,900 ns are 526 kHz
     }
 
-    /// What `verify` accepts the station accepts, and the other way round: one check for both.
+    /// `verify` and the station use one check, so that both accept the same stages.
     #[test]
     fn other_fields_are_checked_as_the_station_does() {
         let mut stage = default_stage();

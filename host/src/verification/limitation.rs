@@ -261,7 +261,8 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
     }
 }
 
-/// Where an axis would stand outside its travel once its position is known, and what follows.
+/// Describes an axis that will stand outside its travel once its position is known; `None` if it
+/// will not.
 fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
     let [low, high] = stage.travel_mm[axis];
     let outside = |mm: f64| mm < low || mm > high;

@@ -446,11 +446,11 @@ pub enum ConfigField {
     Driver,
     /// A number beyond a bound.
     Value {
-        /// Which number.
+        /// The number that is refused.
         setting: Setting,
-        /// Of which axis, from 0; `None` for one that belongs to no axis.
+        /// Its axis, from 0; `None` for a number that belongs to no axis.
         axis: Option<u8>,
-        /// What would do.
+        /// The nearest value that is accepted.
         bound: Bound,
     },
 }

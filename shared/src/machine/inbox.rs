@@ -15,7 +15,7 @@ pub(super) const STOPS: usize = 8;
 /// Dropped commands of one tick that are answered.
 pub(super) const DROPPED: usize = 16;
 
-/// What came since the last control tick.
+/// Commands that came since the last control tick.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inbox {
     /// In the order they came, all after the last stop.
@@ -31,7 +31,7 @@ pub(super) struct Inbox {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Full;
 
-/// What a stop dropped.
+/// Counts of the commands that a stop dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Dropped {
     /// Flow frames among the dropped commands.

@@ -111,7 +111,7 @@ pub struct Machine {
     inbox: Inbox,
     outbox: Outbox,
     inputs: Inputs,
-    /// What forbids any motion and was sensed since the last tick.
+    /// Inputs that forbid any motion, sensed since the last tick.
     glimpsed: Glimpsed,
     /// An emergency stop or a driver's fault counts in this tick.
     forbidden: bool,
@@ -141,7 +141,7 @@ pub struct Machine {
     trust: Trust,
     /// Axes whose zero is known; all of them when the trust is `Homed`.
     referenced: [bool; 3],
-    /// Where the stage may go while the position is unknown.
+    /// Limits of the stage's way while the position is unknown.
     window: Window,
     /// The drivers hold the motors.
     motors: bool,
@@ -282,7 +282,7 @@ impl Machine {
         self.faults.worst()
     }
 
-    /// Whether the drivers are to hold the motors.
+    /// Returns true if the drivers are to hold the motors.
     pub fn motors_on(&self) -> bool {
         self.motors
     }

@@ -20,7 +20,7 @@ use crate::steps::Position;
 /// Steps to 2⁻³² steps.
 const STEP: i64 = 1 << 32;
 
-/// Where a move sends each axis, 2⁻³² steps from zero; `None` for an axis that it does not name.
+/// Goals of a move, 2⁻³² steps from zero; `None` for an axis that it does not name.
 type Goals = [Option<i64>; 3];
 
 impl Machine {
@@ -31,8 +31,8 @@ impl Machine {
         }
     }
 
-    /// As [`Machine::use_limits`], if other limits hold now: an axis may have come back from outside
-    /// its travel. Only at rest.
+    /// Does as [`Machine::use_limits`] if other limits hold now: an axis may have come back from
+    /// outside its travel. Only at rest.
     pub(super) fn renew_limits(&mut self) {
         let Some(limits) = self.limits_here() else {
             return;

@@ -22,7 +22,7 @@ pub(super) struct Answer {
     pub outcome: Outcome,
 }
 
-/// What waits to be sent.
+/// Reports that wait to be sent.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
     reports: Deque<Report, REPORTS>,

@@ -6,7 +6,7 @@
 
 use crate::track::{Fine, add};
 
-/// Where the position began to be unknown, 2⁻³² steps from zero.
+/// Place at which the position began to be unknown, 2⁻³² steps from zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Window {
     anchor: Fine,

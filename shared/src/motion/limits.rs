@@ -76,7 +76,7 @@ impl fmt::Display for Bound {
 pub struct LimitFault {
     /// The field at fault.
     pub field: Field,
-    /// What would do.
+    /// The nearest value that is accepted.
     pub bound: Bound,
 }
 

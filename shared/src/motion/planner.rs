@@ -101,9 +101,10 @@ impl Planner {
         self.aim(targets, [0; AXES], false);
     }
 
-    /// As [`Planner::set_target`] for the axes that have a target. An axis without one goes on to where
-    /// it was sent; if it followed a moving target it brakes to rest. At rest it makes no step, not
-    /// even to take up lost motion.
+    /// Sends the axes that have a target, as [`Planner::set_target`] does.
+    ///
+    /// An axis without one goes on to its earlier target; if it followed a moving target it brakes to
+    /// rest. At rest it makes no step, not even to take up lost motion.
     pub fn set_targets_of(&mut self, targets: [Option<Position>; AXES]) {
         let quantum = self.distance_quantum();
         self.line = None;
@@ -281,7 +282,7 @@ impl Planner {
         self.axes.each_ref().map(|axis| axis.stopping_way(quantum))
     }
 
-    /// Which axes do not move in the present tick, nor have speed left after it.
+    /// Axes that do not move in the present tick and have no speed left after it.
     pub fn resting(&self) -> [bool; AXES] {
         self.axes.each_ref().map(Axis::is_at_rest)
     }

@@ -145,7 +145,7 @@ impl Axis {
         self.acceleration = acceleration;
     }
 
-    /// Where full braking ends.
+    /// Position at which full braking ends.
     pub(super) fn stop(&self, quantum: i64) -> Position {
         self.position.saturating_add(self.stopping_way(quantum))
     }
