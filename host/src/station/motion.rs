@@ -3,7 +3,8 @@
 //! What a host sets in motion it must also end: whoever closes the line asks [`Motion::may_go_on`]
 //! first. The answer is on the safe side. A motion counts as ended when its command was answered
 //! and a status from that control tick or later says that the stage stands, or when a stop was
-//! answered; until then it goes on.
+//! answered; until then it goes on. After the answer to a stop the stage is on its ramp
+//! ([`Motion::is_on_its_ramp`]) until a status says that it stands.
 
 use shared::frame::message::{Command, Status};
 
@@ -19,6 +20,8 @@ pub(super) struct Motion {
     /// Sequence numbers of the stops that were sent, the latest last.
     stops: std::collections::VecDeque<u16>,
     stopped_tick: Option<u32>,
+    /// Control tick of the answer to the stop that ended a motion, until the stage stands.
+    ramp: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -70,7 +73,10 @@ impl Motion {
     pub fn answered(&mut self, sequence: u16, tick: u32, is_denied: bool) {
         if self.stops.contains(&sequence) {
             self.stopped_tick.get_or_insert(tick);
-            self.ended();
+            if self.may_go_on() {
+                self.ended();
+                self.ramp = Some(tick);
+            }
         }
         let is_latest = self
             .moving
@@ -87,12 +93,14 @@ impl Motion {
 
     /// Notes how the station is.
     pub fn told(&mut self, status: &Status) {
-        let stands_since = |moving: &mut Moving| {
-            let is_later = |tick: u32| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
-            moving.answered.is_some_and(is_later) && !status.state.is_moving()
-        };
+        if status.state.is_moving() {
+            return;
+        }
+        let is_later = |tick: u32| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+        let stands_since = |moving: &mut Moving| moving.answered.is_some_and(is_later);
         self.moving.take_if(stands_since);
         self.before.take_if(stands_since);
+        self.ramp.take_if(|tick| is_later(*tick));
     }
 
     /// Returns whether the stage may move because of this conversation.
@@ -100,10 +108,16 @@ impl Motion {
         self.moving.is_some()
     }
 
+    /// Returns whether a stop was answered and no status has told since that the stage stands.
+    pub fn is_on_its_ramp(&self) -> bool {
+        self.ramp.is_some()
+    }
+
     /// Nothing moves any more, by other knowledge.
     pub fn ended(&mut self) {
         self.moving = None;
         self.before = None;
+        self.ramp = None;
     }
 
     /// Only answers to later stops count.

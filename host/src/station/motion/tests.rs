@@ -52,6 +52,22 @@ fn answer_to_any_stop_ends_a_motion() {
 }
 
 #[test]
+fn answered_stop_leaves_the_stage_on_its_ramp() {
+    let mut motion = Motion::default();
+    motion.sent(7, &JOG);
+    motion.sent(8, &Command::Stop);
+    assert!(!motion.is_on_its_ramp());
+    motion.answered(8, 100, false);
+    motion.told(&status(99, State::Idle));
+    motion.told(&status(101, State::Stopping));
+    assert!(motion.is_on_its_ramp());
+    motion.sent(9, &Command::Stop);
+    motion.answered(9, 102, false);
+    motion.told(&status(200, State::Stopped));
+    assert!(!motion.is_on_its_ramp());
+}
+
+#[test]
 fn stop_before_a_command_does_not_count() {
     let mut motion = Motion::default();
     motion.sent(7, &Command::Stop);

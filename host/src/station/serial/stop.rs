@@ -83,7 +83,8 @@ impl Serial {
         {
             let line = self.shared.line();
             let is_given_up = matches!(line.stop, Stop::Unanswered { .. });
-            if is_given_up || !line.client.motion().may_go_on() {
+            let motion = line.client.motion();
+            if is_given_up || !(motion.may_go_on() || motion.is_on_its_ramp()) {
                 return;
             }
         }
