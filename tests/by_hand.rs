@@ -1,8 +1,8 @@
 //! The commands that drive a station by hand, as their user meets them: a station on a
 //! pseudo-terminal, the built program, its words and exit codes.
 
+use host::client::stage::default_stage;
 use host::rig_file::{HomeSwitch, RigFile};
-use host::station::stage::default_stage;
 use serde_json::{Value, json};
 use shared::frame::message::{End, LastRun, ResetCause, Side};
 use shared::safety::{Fault, State};

@@ -1,9 +1,9 @@
 //! A station and a target that moves; between them nothing but what cameras would say, late and
 //! with their noise.
 
+use host::client::stage::{configuration, default_stage};
 use host::random::Random;
 use host::rig_file::{Care, Stage};
-use host::station::stage::{configuration, default_stage};
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Denial, Frame, LastRun, Mounting, Outcome, Packet, Report, ResetCause, Status, Sums,

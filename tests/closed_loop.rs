@@ -1,10 +1,10 @@
 //! The paper's closed loop with station B on a serial line, in real time: pictures on this side,
 //! everything from frame to step pins on the other.
 
-use host::experiment::follower::Place;
-use host::experiment::tracking::{self, BOUND_MM, MOVES, Run, Settings};
+use host::client::stage::default_stage;
+use host::paper::tracking::{self, BOUND_MM, MOVES, Run, Settings};
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::default_stage;
+use host::servo::follower::Place;
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;

@@ -3,9 +3,9 @@
 //! Every command that moves a stage ends alike: the stage stands, stopped by command and without a
 //! fault, before the program ends.
 
+use host::client::serial::Serial;
+use host::client::stage::{HEARTBEAT_MS, default_stage};
 use host::rig_file::RigFile;
-use host::station::serial::Serial;
-use host::station::stage::{HEARTBEAT_MS, default_stage};
 use shared::frame::message::{Command as StationCommand, Packet, Report};
 use shared::frame::receive::Receiver;
 use shared::safety::State;

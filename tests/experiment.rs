@@ -1,7 +1,7 @@
 //! The paper's experiments as a user runs them: Tables 1, 2, 5 and 6 from the program's own output.
 
+use host::client::stage::default_stage;
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::default_stage;
 use serde_json::Value;
 use std::process::Output;
 use trinocular_tests::binary::trinocular;

@@ -4,9 +4,9 @@
 //! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged
 //! in again under the same name.
 
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::{PORT, RING_WORDS};
 use host::plant::Plant;
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::{PORT, RING_WORDS};
 use serialport::{SerialPort as _, TTYPort};
 use shared::frame::encode::encode;
 use shared::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};

@@ -86,7 +86,7 @@ fn schema_lists_every_variant_at_its_number() {
     }
     for (number, fault) in (0..).zip(Fault::ALL) {
         assert_eq!(fault.number(), number);
-        let name = host::station::diagnosis::fault(fault).name;
+        let name = host::client::diagnosis::fault(fault).name;
         assert!(
             SCHEMA.contains(&format!("{} {name}", fault.number())),
             "schema.txt lacks fault {name}"

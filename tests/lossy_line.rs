@@ -1,11 +1,11 @@
 //! The host on a line that loses chosen packets, and at a station that sends numbers that cannot be
 //! true.
 
-use host::experiment::follower::{Follower, Place};
+use host::client::StationError;
+use host::client::serial::Serial;
+use host::client::stage::default_stage;
 use host::rig_file::Stage;
-use host::station::StationError;
-use host::station::serial::Serial;
-use host::station::stage::default_stage;
+use host::servo::follower::{Follower, Place};
 use shared::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
 use shared::frame::receive::Receiver;
 use shared::safety::State;

@@ -1,10 +1,10 @@
 //! `calibrate-stage`, as its user meets it: a simulated stage, and a station on a port whose
 //! pictures somebody puts into a folder.
 
+use host::client::stage::default_stage;
 use host::images::folder::save;
 use host::images::{Scene, SceneSettings, Texture};
 use host::rig_file::{Care, RigFile};
-use host::station::stage::default_stage;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Read as _};

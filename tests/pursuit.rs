@@ -2,11 +2,11 @@
 //! `track --cameras` does, but for the cameras. The twin is the station, so that no second is
 //! waited for.
 
-use host::experiment::follower::{Follower, Place};
-use host::experiment::pursuit::{Clock, Pursuit};
+use host::client::stage::default_stage;
 use host::flow::team::Absence;
 use host::images::{Capture, Image, Scene, SceneSettings, Texture};
-use host::station::stage::default_stage;
+use host::servo::follower::{Follower, Place};
+use host::servo::pursuit::{Clock, Pursuit};
 use host::sums::Estimator;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;

@@ -2,7 +2,7 @@
 //! did, record by record.
 
 use crate::emulator::Emulator;
-use host::station::twin::{PORT, RING_WORDS, Twin};
+use host::client::twin::{PORT, RING_WORDS, Twin};
 use shared::frame::message::{LastRun, Report, ResetCause};
 use shared::frame::receive::Receiver;
 use shared::machine::Board;

@@ -1,8 +1,8 @@
 //! From a new setpoint to the first port word that it changes, in the step generator's own time.
 
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::Twin;
 use host::random::Random;
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Mounting};
 use shared::replay::Record;
 use shared::time::Instant;

@@ -1,7 +1,7 @@
 //! A small part of `trinocular bench robustness`, which asserts more with more measurements.
 
-use host::robustness::tally::{Tally, failures_of_all};
-use host::robustness::{condition, phase, sweep};
+use host::accuracy_study::tally::{Tally, failures_of_all};
+use host::accuracy_study::{condition, phase, sweep};
 
 /// Every condition with one poster: measured or refused as it should be, no gross error, and sigma
 /// near the truth. Some 330 measurements share a poster, so limits are half as wide again as those

@@ -1,9 +1,9 @@
 //! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this
 //! computer's clock, strangers, and QEMU.
 
-use host::station::StationError;
-use host::station::serial::Serial;
-use host::station::stage::default_stage;
+use host::client::StationError;
+use host::client::serial::Serial;
+use host::client::stage::default_stage;
 use shared::frame::encode::encode;
 use shared::frame::message::{Command, Denial, Hello, Mounting, Report, ResetCause, Status};
 use shared::frame::{PROTOCOL, SCHEMA_HASH};

@@ -1,9 +1,9 @@
 //! A host that falls silent: how far the stage goes then, at the pins, at any moment of any motion.
 
+use host::client::stage::{HEARTBEAT_MS, default_stage};
+use host::client::twin::Twin;
 use host::random::Random;
 use host::rig_file::Stage;
-use host::station::stage::{HEARTBEAT_MS, default_stage};
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Mounting};
 use shared::safety::{Fault, State, Trust};
 

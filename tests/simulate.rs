@@ -4,9 +4,9 @@
 #[path = "simulate/command.rs"]
 mod command;
 
-use host::simulation::figures::Figures;
-use host::simulation::run::{Options, Run, run};
-use host::simulation::scenario::{Scenario, Sight};
+use host::scenario::figures::Figures;
+use host::scenario::file::{Scenario, Sight};
+use host::scenario::run::{Options, Run, run};
 use std::path::{Path, PathBuf};
 use trinocular_tests::replaying::{BOARD, Recording};
 

@@ -5,9 +5,9 @@
 //! emergency stops, limit switches, noise on the line, occlusions. Each is mended as a person
 //! would. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
 
+use host::client::stage::default_stage;
+use host::client::twin::Twin;
 use host::random::Random;
-use host::station::stage::default_stage;
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Frame, Mounting, Sums};
 use shared::safety::{Inputs, State};
 use shared::sums::centred::FixedCentredSums;

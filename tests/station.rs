@@ -12,10 +12,10 @@ mod moves;
 #[path = "station/stops.rs"]
 mod stops;
 
+use host::client::StationError;
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::Twin;
 use host::rig_file::{Driver, Stage};
-use host::station::StationError;
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::Twin;
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Config, ConfigField, Denial, Frame, Mounting, Packet, Status, Sums,

@@ -1,10 +1,10 @@
 //! What `verify` predicts, against pictures that are rendered, tracked and estimated as any others.
 
+use host::budget::sigma::{MARGIN_PX, Predictor};
+use host::budget::view::View;
 use host::flow::{Flow, Settings};
 use host::images::{Scene, SceneSettings, Texture};
 use host::sums::Sums;
-use host::verification::sigma::{MARGIN_PX, Predictor};
-use host::verification::view::View;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 

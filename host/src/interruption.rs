@@ -2,7 +2,7 @@
 //! on other systems.
 //!
 //! One flag for the whole program. The first signal sets it. What moves a stage sees the flag and
-//! stops: every [`Serial`](crate::station::serial::Serial) watches for signals from its connection
+//! stops: every [`Serial`](crate::client::serial::Serial) watches for signals from its connection
 //! on, so that no command can forget to. A second signal ends the program at once, with exit code
 //! 3; the station then stops by itself because it hears no heartbeat.
 

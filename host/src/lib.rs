@@ -5,26 +5,26 @@
 // Output goes through `notice!` or a writer whose errors are handled: these macros panic instead.
 #![cfg_attr(not(test), deny(clippy::print_stderr, clippy::print_stdout))]
 
+pub mod accuracy_study;
 pub mod alignment;
+pub mod budget;
 pub mod calibration;
+pub mod client;
 pub mod error;
-pub mod experiment;
 pub mod flow;
+pub mod hand_eye;
 pub mod images;
 pub mod input;
 pub mod interruption;
-pub mod mounting;
 pub mod notice;
 pub mod output;
+pub mod paper;
 pub mod plant;
 pub mod points;
 pub mod printable;
 pub mod random;
 pub mod report;
 pub mod rig_file;
-pub mod robustness;
-pub mod simulation;
-pub mod station;
+pub mod scenario;
+pub mod servo;
 pub mod sums;
-pub mod validation;
-pub mod verification;

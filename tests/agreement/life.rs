@@ -1,9 +1,9 @@
 //! An eventful life of a station: a few thousand frames and everything that can go wrong with them.
 
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::Twin;
 use host::random::Random;
 use host::rig_file::HomeSwitch;
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Frame, Mounting, Side, Sums};
 use shared::rig::Rig;
 use shared::safety::{Inputs, State};

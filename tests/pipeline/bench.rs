@@ -1,8 +1,8 @@
 //! A poster before a rig, photographed and measured as `estimate` does it.
 
-use host::experiment::moves;
 use host::flow::{Flow, Measurement, Refusal, Settings};
 use host::images::{Capture, Scene, SceneSettings, Texture};
+use host::paper::moves;
 use host::sums::Sums;
 use shared::rig::Rig;
 

@@ -1,7 +1,7 @@
 //! Faults are complete, ranked, and named before they can be cleared.
 
 use super::{denial, setpoint, status, twin, wait};
-use host::station::twin::Twin;
+use host::client::twin::Twin;
 use shared::frame::message::{Command, Denial};
 use shared::safety::{Fault, Faults, Inputs, State, Trust};
 

@@ -2,9 +2,9 @@
 //! which way the motors turn for it.
 
 use super::{denial, frame, status, twin, wait};
+use host::client::stage::default_stage;
+use host::client::twin::Twin;
 use host::rig_file::Stage;
-use host::station::stage::default_stage;
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Denial, Mounting, Sums};
 use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;

@@ -1,8 +1,8 @@
 //! Motors are switched on and off as asked, and never while the stage moves.
 
 use super::{denial, setpoint, status, twin, wait};
-use host::station::stage::default_stage;
-use host::station::twin::Twin;
+use host::client::stage::default_stage;
+use host::client::twin::Twin;
 use shared::frame::message::{Command, Denial, Mounting};
 use shared::safety::{Inputs, Trust};
 
@@ -14,7 +14,7 @@ fn motors_go_on_with_the_first_configuration() {
     let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
     assert!(!status(&mut twin).motors);
     assert_eq!(denial(twin.command("motors", ON)), Denial::Unconfigured);
-    let config = host::station::stage::configuration(&default_stage(), Mounting::OnStage);
+    let config = host::client::stage::configuration(&default_stage(), Mounting::OnStage);
     let config = Command::Config(config.unwrap());
     twin.command("config", config).unwrap();
     assert!(status(&mut twin).motors);

@@ -1,9 +1,9 @@
 //! Only what was asked moves, in the direction that was asked, within the window and the travel.
 
 use super::{denial, frame, setpoint, status, twin, wait};
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::Twin;
 use host::rig_file::{HomeSwitch, Stage};
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::Twin;
 use shared::frame::message::{Command, Denial, Mounting, Side};
 use shared::safety::{Inputs, State, Trust};
 use shared::time::Instant;

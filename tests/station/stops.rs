@@ -1,8 +1,8 @@
 //! A stop is the last word, and every command is answered.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use host::station::stage::{configuration, default_stage};
-use host::station::twin::Twin;
+use host::client::stage::{configuration, default_stage};
+use host::client::twin::Twin;
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Denial, LastRun, Mounting, Outcome, Packet, Report, ResetCause,

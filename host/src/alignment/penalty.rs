@@ -12,8 +12,8 @@ use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
+use crate::budget::view::View;
 use crate::flow::geometry::Geometry;
-use crate::verification::view::View;
 
 /// Error in Z, per cent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

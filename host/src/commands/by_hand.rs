@@ -2,13 +2,13 @@
 //! refusals that say what to do next.
 
 use clap::{Args, ValueEnum};
+use host::client::diagnosis::{self, remedy};
+use host::client::serial::Serial;
+use host::client::stage::{HEARTBEAT_MS, configuration};
+use host::client::{StationError, ports};
 use host::error::{Failure, InputError};
 use host::interruption;
 use host::rig_file::{RigFile, Stage};
-use host::station::diagnosis::{self, remedy};
-use host::station::serial::Serial;
-use host::station::stage::{HEARTBEAT_MS, configuration};
-use host::station::{StationError, ports};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
 use shared::safety::{Fault, State};

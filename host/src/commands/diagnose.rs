@@ -5,8 +5,8 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument};
 use super::status;
 use clap::Args;
+use host::client::diagnosis;
 use host::error::Failure;
-use host::station::diagnosis;
 
 /// Explain the station's states and numbered faults; with --port also what is the matter with a
 /// station

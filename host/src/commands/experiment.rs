@@ -4,12 +4,12 @@ use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
 use clap::Args;
+use host::client::stage::default_stage;
 use host::error::{Failure, InputError};
-use host::experiment::{present, tracking};
 use host::output::{Output, Replace, marked};
+use host::paper::{present, tracking};
 use host::printable::printable;
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::default_stage;
 use std::io::Write;
 use std::path::PathBuf;
 

@@ -3,9 +3,9 @@
 use std::io::Write;
 
 use clap::Args;
+use host::client::serial::Serial;
+use host::client::{StationError, diagnosis, ports, reset_cause};
 use host::error::Failure;
-use host::station::serial::Serial;
-use host::station::{StationError, diagnosis, ports, reset_cause};
 use serde_json::json;
 use shared::frame::message::{End, Hello, LastRun, Mismatch};
 use std::path::{Path, PathBuf};

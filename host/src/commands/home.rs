@@ -7,10 +7,10 @@ use super::by_hand::{
 };
 use super::progress::Progress;
 use clap::Args;
+use host::client::diagnosis;
 use host::error::Failure;
 use host::notice;
 use host::rig_file::Stage;
-use host::station::diagnosis;
 use serde_json::json;
 use shared::frame::message::{Command, Status};
 use shared::safety::{State, Trust};

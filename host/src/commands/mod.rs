@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::Path;
 
 use clap::{Parser, Subcommand};
+use host::client::StationError;
 use host::error::{Failure, InputError};
-use host::station::StationError;
 
 mod align;
 mod bench;
@@ -128,8 +128,8 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 /// An experiment that could not be run: a bad scene is the user's, the rest the station's.
-fn failed(error: host::experiment::Error) -> Failure {
-    use host::experiment::Error;
+fn failed(error: host::servo::Error) -> Failure {
+    use host::servo::Error;
     match error {
         Error::Scene(scene) => Failure::Usage(scene.to_string()),
         Error::Station(station) => station_failed(station),
@@ -138,7 +138,7 @@ fn failed(error: host::experiment::Error) -> Failure {
 }
 
 /// As [`failed`], for an experiment with a station on `port`: the message names it.
-fn failed_at(port: Option<&str>, error: host::experiment::Error) -> Failure {
+fn failed_at(port: Option<&str>, error: host::servo::Error) -> Failure {
     match (port, failed(error)) {
         (Some(port), Failure::Station(reason)) if !reason.starts_with(port) => {
             Failure::Station(format!("{port}: {reason}"))

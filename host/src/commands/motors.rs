@@ -4,8 +4,8 @@ use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument};
 use clap::{Args, ValueEnum};
+use host::client::diagnosis;
 use host::error::Failure;
-use host::station::diagnosis;
 use shared::frame::message::Command;
 
 /// Switch the motors of the stage on or off

@@ -1,10 +1,10 @@
 //! The option that names a station's serial port, shared by the commands that may use one.
 
 use clap::Args;
+use host::client::ports;
+use host::client::stage::HEARTBEAT_MS;
 use host::error::Failure;
-use host::experiment::follower::Place;
-use host::station::ports;
-use host::station::stage::HEARTBEAT_MS;
+use host::servo::follower::Place;
 
 /// Where the station is.
 #[derive(Clone, Debug, Args)]

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use clap::Args;
+use host::client::ports::{Candidate, candidates};
 use host::error::Failure;
-use host::station::ports::{Candidate, candidates};
 
 /// List the serial ports a station may be on
 ///

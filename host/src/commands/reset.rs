@@ -4,8 +4,8 @@ use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument};
 use clap::Args;
+use host::client::diagnosis::{self, next_step};
 use host::error::Failure;
-use host::station::diagnosis::{self, next_step};
 use shared::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone

@@ -2,11 +2,11 @@
 
 use super::progress::Progress;
 use clap::Args;
+use host::accuracy_study::condition::{self, Condition};
+use host::accuracy_study::tally::{Tally, failures_of_all};
+use host::accuracy_study::{phase, present, sweep};
 use host::error::Failure;
 use host::images::SceneError;
-use host::robustness::condition::{self, Condition};
-use host::robustness::tally::{Tally, failures_of_all};
-use host::robustness::{phase, present, sweep};
 use std::io::Write;
 use std::sync::Mutex;
 

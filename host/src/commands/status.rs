@@ -4,9 +4,9 @@ use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument, condition};
 use clap::Args;
+use host::client::diagnosis::{self, next_step};
+use host::client::{StationError, reset_cause};
 use host::error::Failure;
-use host::station::diagnosis::{self, next_step};
-use host::station::{StationError, reset_cause};
 use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
 use shared::track::pursuit::Sight;

@@ -4,10 +4,10 @@ use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument, position};
 use clap::Args;
+use host::client::serial::{Holder, end_other_host};
+use host::client::{diagnosis, ports};
 use host::error::Failure;
 use host::notice;
-use host::station::serial::{Holder, end_other_host};
-use host::station::{diagnosis, ports};
 use shared::frame::message::Command;
 
 /// Stop the stage on a ramp; it stays stopped until `reset`

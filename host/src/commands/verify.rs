@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use host::budget::limitation::Severity;
+use host::budget::{Settings, Verification, present};
 use host::error::{Failure, InputError};
 use host::rig_file::RigFile;
-use host::verification::limitation::Severity;
-use host::verification::{Settings, Verification, present};
 use serde_json::json;
 
 use super::report::ReportOption;

@@ -1,7 +1,7 @@
 //! What tests order the station to do.
 
 use host::rig_file::Driver;
-use host::station::stage::{configuration, default_stage};
+use host::client::stage::{configuration, default_stage};
 use shared::frame::message::{Command, Config, Mounting};
 
 /// The default stage with these drivers, the cameras on it.

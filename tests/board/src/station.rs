@@ -6,7 +6,7 @@ use crate::order::config;
 use crate::time::{Beats, MS, US};
 use crate::wiring;
 use host::rig_file::Driver;
-use host::station::client::Client;
+use host::client::conversation::Client;
 use shared::frame::message::{Command, Denial, Report, Status};
 use shared::frame::receive::Receiver;
 

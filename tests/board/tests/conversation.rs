@@ -2,7 +2,7 @@
 //! equal the twin's.
 
 use host::rig_file::Driver;
-use host::station::stage::timing;
+use host::client::stage::timing;
 use shared::frame::message::{Command, Denial};
 use shared::safety::State;
 use station_board::board::Make;

@@ -54,7 +54,7 @@ fn noise(kind: usize, random: &mut Random, whole: &[u8]) -> Vec<u8> {
 /// Lets time pass with noise of all kinds on a link.
 fn run_with_noise(station: &mut Station, link: Link, every: Beats, times: usize) {
     let mut random = Random::seeded(times as u64);
-    let mut client = host::station::client::Client::default();
+    let mut client = host::client::conversation::Client::default();
     let (_, whole) = client.packet(Command::Ping { host_us: 1 });
     for kind in (0..6).cycle().take(times) {
         let bytes = noise(kind, &mut random, &whole);

@@ -3,7 +3,7 @@
 //! Laws: no panic; an error names the file; what is read ends within an hour.
 #![no_main]
 
-use host::simulation::scenario::Scenario;
+use host::scenario::file::Scenario;
 use libfuzzer_sys::fuzz_target;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;

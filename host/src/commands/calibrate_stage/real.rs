@@ -2,12 +2,12 @@
 
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
 use super::{Bench, Options};
+use host::client::stage::setpoint;
 use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::setpoint;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -1,11 +1,11 @@
 //! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
 
 use super::{Bench, Options, Pass};
+use host::client::stage::setpoint;
+use host::client::twin::Twin;
 use host::error::Failure;
 use host::images::{Capture, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::setpoint;
-use host::station::twin::Twin;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::frame::message::Mounting;
 use shared::safety::State;

@@ -1,9 +1,9 @@
 //! Driven by live cameras.
 
 use super::Options;
+use host::client::stage::default_stage;
 use host::error::{Failure, InputError};
 use host::rig_file::{RigFile, Stage};
-use host::station::stage::default_stage;
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -3,13 +3,13 @@
 use super::Options;
 use super::captures::{Captures, Summary};
 use crate::commands::by_hand::on_interrupt;
+use host::client::stage::default_stage;
 use host::error::{Failure, InputError};
 use host::images::Capture;
 use host::images::folder::Folder;
 use host::images::folder::watch::{Settings, Watch};
 use host::notice;
 use host::rig_file::RigFile;
-use host::station::stage::default_stage;
 use shared::frame::message::Mounting;
 use std::cell::Cell;
 use std::io::Write;

@@ -1,0 +1,365 @@
+//! What the stage can do at the station's word rate, and how far it goes before it stands.
+//!
+//! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The
+//! worst moment for a stop is the one in which the axis still speeds up, at `a`, and will be at
+//! full speed once the acceleration is gone: that adds `v a/j - a³/6j²`. The planner's grid adds
+//! `(v + a·1 ms)·1 ms`. These are the terms of [`shared::motion::Planner`]'s stop bound at its
+//! largest.
+//!
+//! When the host falls silent the axis goes on for the heartbeat time and the ticks until the
+//! station acts on it, `T`. Farthest comes either one that cruises, `v T` and the ramp; or one that
+//! still speeds up at the stop, at `a`, and so was slower before: with `D(u)` what it lacks of the
+//! full speed a time `u` before it would be there, `v (T + a/j) - ∫ D` over `T + a/j`, and the
+//! ramp. Both are below the bound of any speed and acceleration,
+//! `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
+
+use serde::Serialize;
+use shared::frame::message::{Config, ConfigField, Mounting};
+use shared::machine::{check, limit_field};
+use shared::motion::{AxisConfig, AxisLimits, ConfigFault, Limits};
+use shared::steps::{DriverTiming, WordRate};
+
+use crate::client::bound::{Refused, refused};
+use crate::client::stage::{HEARTBEAT_MS, configuration, timing};
+use crate::rig_file::Stage;
+
+/// The word rate of the firmware and the twin.
+pub const WORD_RATE: WordRate = WordRate::MHZ_1;
+
+/// From the end of the heartbeat time to the stop: the tick that notices, the tick already planned,
+/// and the one in which the last ping came, s.
+const NOTICE_S: f64 = 3e-3;
+
+/// Control ticks of the planner, s.
+const TICK_S: f64 = 1e-3;
+
+/// Names of the stage's axes.
+pub const AXES: [&str; 3] = ["X", "Y", "Z"];
+
+/// What one axis can do.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Axis {
+    /// One step, mm.
+    pub step_mm: f64,
+    /// Steps per second at full speed.
+    pub steps_per_s: f64,
+    /// The most that the word rate makes.
+    pub most_steps_per_s: u32,
+    /// Largest way from the order to stop to rest, mm.
+    pub stop_mm: f64,
+    /// Largest way from the host's last sign of life to rest, mm.
+    pub silence_mm: f64,
+    /// Length of the shortest move that reaches full speed, mm.
+    pub full_speed_mm: f64,
+    /// Length of the travel, mm.
+    pub travel_mm: f64,
+}
+
+/// The drivers at the station's word rate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Drivers {
+    /// Their name.
+    pub name: &'static str,
+    /// Port words per second.
+    pub word_rate_hz: u32,
+    /// The highest word rate they could take, Hz; `None` if they are too slow for any.
+    pub highest_word_rate_hz: Option<u32>,
+}
+
+/// The stage.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Drive {
+    /// Per axis.
+    pub axes: [Axis; 3],
+    /// The step drivers.
+    pub drivers: Drivers,
+    /// Longest silence of the host that the station bears, ms.
+    pub heartbeat_ms: u16,
+    /// Why the station would refuse this stage: field of the rig file, reason. Empty if it takes
+    /// it.
+    pub faults: Vec<(String, String)>,
+}
+
+impl Drive {
+    /// Of this stage behind the station's ports.
+    pub fn of(stage: &Stage) -> Self {
+        let mut faults = Vec::new();
+        let config = configuration(stage, Mounting::OnStage);
+        let heartbeat_ms = match &config {
+            Ok(config) => {
+                faults.extend(refusals(config));
+                config.heartbeat_ms
+            }
+            Err(error) => {
+                faults.push(("stage".to_owned(), error.to_string()));
+                HEARTBEAT_MS
+            }
+        };
+        let paces = match &config {
+            Ok(config) => paces(stage, &config.axes),
+            Err(_) => wanted(stage),
+        };
+        let driver = timing(stage.driver);
+        if let Err(fault) = driver.check(WORD_RATE) {
+            faults.push((
+                "stage.driver".to_owned(),
+                format!("{} {fault}", stage.driver.name()),
+            ));
+        }
+        Self {
+            axes: [0, 1, 2].map(|i| axis(stage, i, &paces, heartbeat_ms)),
+            drivers: Drivers {
+                name: stage.driver.name(),
+                word_rate_hz: WORD_RATE.hz(),
+                highest_word_rate_hz: highest_word_rate(&driver),
+            },
+            heartbeat_ms,
+            faults,
+        }
+    }
+}
+
+/// The fields that the station would refuse: all limits of axes and, without one, its own first.
+fn refusals(config: &Config) -> Vec<(String, String)> {
+    let axes = config.axes.iter().enumerate();
+    let limits = axes.filter_map(|(axis, config)| {
+        let fault = AxisLimits::new(config, WORD_RATE).err()?;
+        Some(limit_field(ConfigFault { axis, fault }))
+    });
+    let limits: Vec<ConfigField> = limits.collect();
+    let first = match limits.is_empty() {
+        true => check(config, WORD_RATE).err(),
+        false => None,
+    };
+    let fields = limits.into_iter().chain(first);
+    // The driver's fault has words of its own.
+    let fields = fields.filter(|field| *field != ConfigField::Driver);
+    fields
+        .map(|field| {
+            let Refused { field, reason } = refused(&field);
+            (format!("stage.{field}"), reason)
+        })
+        .collect()
+}
+
+/// Speed, acceleration and jerk of the three axes, mm/s, mm/s², mm/s³.
+type Paces = [[f64; 3]; 3];
+
+fn wanted(stage: &Stage) -> Paces {
+    [0, 1, 2].map(|i| {
+        [
+            stage.max_speed_mm_s[i],
+            stage.max_acceleration_mm_s2[i],
+            stage.max_jerk_mm_s3[i],
+        ]
+    })
+}
+
+/// What is left of the limits on the planner's grid: a lower jerk makes a longer ramp. Where the
+/// planner refuses the stage, what it was asked for.
+fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
+    let Ok(limits) = Limits::new(axes, WORD_RATE) else {
+        return wanted(stage);
+    };
+    // Fine units per slot to mm/s, then per tick.
+    let (speeds, accelerations, jerks) = (limits.speeds(), limits.accelerations(), limits.jerks());
+    [0, 1, 2].map(|i| {
+        let per_s = f64::from(WORD_RATE.slots_per_s()) / 2f64.powi(32) / stage.steps_per_mm[i];
+        [
+            f64::from(speeds[i]) * per_s,
+            f64::from(accelerations[i]) * per_s / TICK_S,
+            f64::from(jerks[i]) * per_s / (TICK_S * TICK_S),
+        ]
+    })
+}
+
+fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
+    let [v, a, j] = paces[i];
+    // More than this is never reached before it must be eased off again.
+    let up = a.min((2.0 * v * j).sqrt());
+    let down = up.min((v * j).sqrt());
+    let ramp_mm = 0.5 * v * (v / down + down / j);
+    let easing_mm = v * up / j - up.powi(3) / (6.0 * j * j);
+    let grid_mm = (v + up * TICK_S) * TICK_S;
+    let silence_s = 1e-3 * f64::from(heartbeat_ms) + NOTICE_S;
+    // Before the stop it sped up at `up`, from rest or for all of the silence.
+    let lacking = up * up / (2.0 * j);
+    let speeding_s = silence_s.min((v - lacking) / up);
+    let lacking_mm = speeding_s * (lacking + 0.5 * up * speeding_s) + v * (silence_s - speeding_s);
+    let unslowed_mm = v * silence_s + (easing_mm - lacking_mm).max(0.0);
+    let [low, high] = stage.travel_mm[i];
+    Axis {
+        step_mm: 1.0 / stage.steps_per_mm[i],
+        steps_per_s: stage.max_speed_mm_s[i] * stage.steps_per_mm[i],
+        most_steps_per_s: WORD_RATE.slots_per_s(),
+        stop_mm: ramp_mm + easing_mm + grid_mm,
+        silence_mm: unslowed_mm + ramp_mm + grid_mm,
+        full_speed_mm: 2.0 * ramp_mm,
+        travel_mm: high - low,
+    }
+}
+
+/// The highest rate whose words are long enough for the driver.
+fn highest_word_rate(driver: &DriverTiming) -> Option<u32> {
+    const STEP_HZ: u32 = 8_000;
+    // From 16 MHz down; there are 2,000 of them.
+    let rates = (4..=2_000).rev().map(|n| WordRate::from_hz(n * STEP_HZ));
+    rates
+        .flatten()
+        .find(|rate| driver.check(*rate).is_ok())
+        .map(WordRate::hz)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::client::stage::default_stage;
+    use crate::client::twin::Twin;
+    use crate::rig_file::Driver;
+    use shared::frame::message::Command;
+    use shared::motion::Planner;
+    use shared::steps::Position;
+
+    fn stages() -> [Stage; 3] {
+        let quick = Stage {
+            max_speed_mm_s: [300.0, 40.0, 150.0],
+            max_acceleration_mm_s2: [1_000.0, 9_000.0, 3_000.0],
+            max_jerk_mm_s3: [20_000.0, 90_000.0, 40_000.0],
+            ..default_stage()
+        };
+        let soft = Stage {
+            max_jerk_mm_s3: [3_000.0; 3],
+            ..default_stage()
+        };
+        [default_stage(), quick, soft]
+    }
+
+    /// Drives the planner along a long way and orders a stop in every tick: the farthest is within
+    /// the bound, and the bound is near.
+    #[test]
+    fn the_planner_stops_within_the_bound_and_not_far_below() {
+        for stage in stages() {
+            let far = Stage {
+                travel_mm: [[-2_000.0, 2_000.0]; 3],
+                ..stage
+            };
+            let drive = Drive::of(&far);
+            assert_eq!(drive.faults, []);
+            let config = configuration(&far, Mounting::OnStage).unwrap();
+            let limits = Limits::new(&config.axes, WORD_RATE).unwrap();
+            let mut planner = Planner::new(limits, [Position::centre(0); 3]);
+            planner.set_target([Position::centre(120_000); 3]);
+            let mut farthest = [0.0; 3];
+            for _ in 0..4_000 {
+                planner.plan_tick();
+                for (farthest, way) in farthest.iter_mut().zip(planner.stopping_ways()) {
+                    let mm = way as f64 / 4_294_967_296.0 / 80.0;
+                    *farthest = mm.max(*farthest);
+                }
+            }
+            for (axis, farthest) in drive.axes.iter().zip(farthest) {
+                let ratio = farthest / axis.stop_mm;
+                assert!((0.9..=1.0).contains(&ratio), "{ratio}: {axis:?}");
+            }
+        }
+    }
+
+    /// The twin's host falls silent at full speed: the pins stop within the bound.
+    #[test]
+    fn a_silent_host_costs_no_more_than_predicted() {
+        let stage = Stage {
+            travel_mm: [[-1_000.0, 1_000.0]; 3],
+            ..default_stage()
+        };
+        let slow = Stage {
+            max_acceleration_mm_s2: [300.0; 3],
+            max_jerk_mm_s3: [4_000.0; 3],
+            ..stage.clone()
+        };
+        for stage in [stage, slow] {
+            let predicted = Drive::of(&stage).axes[0].silence_mm;
+            let mut farthest: f64 = 0.0;
+            // In mid-acceleration, at full speed, and shortly after a ping or long after one.
+            for after_ms in [
+                60, 150, 220, 250, 280, 300, 1_001, 1_005, 1_008, 1_013, 1_019,
+            ] {
+                let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
+                let position_um = [900_000; 3];
+                twin.command("setpoint", Command::Setpoint { position_um })
+                    .unwrap();
+                twin.advance(twin.now().plus_micros(1_000 * after_ms));
+                twin.set_pings(false);
+                let last = twin.position_mm()[0];
+                twin.advance(twin.now().plus_micros(2_000_000));
+                farthest = farthest.max(twin.position_mm()[0] - last);
+            }
+            // The pings are 20 ms apart: the last one may be some ms older than the last look.
+            assert!(
+                farthest <= predicted && farthest > 0.8 * predicted,
+                "{farthest} of {predicted} mm"
+            );
+        }
+    }
+
+    #[test]
+    fn both_ways_are_within_the_bound_of_any_speed_and_acceleration() {
+        for stage in stages() {
+            for (i, axis) in Drive::of(&stage).axes.iter().enumerate() {
+                // Of the limits on the planner's grid, none of which is lower by more than a sixth
+                // here.
+                let [v, a, j] = [
+                    stage.max_speed_mm_s[i],
+                    stage.max_acceleration_mm_s2[i],
+                    stage.max_jerk_mm_s3[i] * 5.0 / 6.0,
+                ];
+                let bound = v * 0.103
+                    + v * a / j
+                    + a.powi(3) / (3.0 * j * j)
+                    + 0.5 * v * (v / a * 1.02 + a / j)
+                    + (v + a * TICK_S) * TICK_S;
+                assert!(axis.silence_mm <= bound, "{axis:?}: {bound}");
+                assert!(axis.stop_mm <= axis.silence_mm);
+            }
+        }
+    }
+
+    #[test]
+    fn every_refusal_is_named() {
+        let stage = Stage {
+            max_speed_mm_s: [100.0, 7_000.0, 100.0],
+            driver: Driver::Drv8825,
+            ..default_stage()
+        };
+        let drive = Drive::of(&stage);
+        let named: Vec<&str> = drive
+            .faults
+            .iter()
+            .map(|(field, _)| field.as_str())
+            .collect();
+        assert_eq!(named, ["stage.max_speed_mm_s[1]", "stage.driver"]);
+        assert_eq!(drive.faults[0].1, "must be at most 6250");
+        assert!(drive.faults[1].1.contains("step_high_ns"));
+        let rate = drive.drivers.highest_word_rate_hz.unwrap();
+        assert_eq!(rate, 520_000); // 1,900 ns are 526 kHz
+    }
+
+    /// `verify` and the station use one check, so that both accept the same stages.
+    #[test]
+    fn other_fields_are_checked_as_the_station_does() {
+        let mut stage = default_stage();
+        stage.care.slow_speed_mm_s = 0.001;
+        let drive = Drive::of(&stage);
+        let named = ("stage.slow_speed_mm_s", "must be at least 0.002");
+        assert_eq!(drive.faults.len(), 1);
+        assert_eq!((&*drive.faults[0].0, &*drive.faults[0].1), named);
+    }
+
+    #[test]
+    fn a_short_travel_shows_that_full_speed_is_never_reached() {
+        let axis = &Drive::of(&default_stage()).axes[0];
+        // v²/a + v a/j = 5 + 4 mm, and 2 % more on the planner's grid.
+        assert!((9.0..9.2).contains(&axis.full_speed_mm), "{axis:?}");
+        assert_eq!(axis.travel_mm, 120.0);
+        assert_eq!(axis.steps_per_s, 8_000.0);
+    }
+}

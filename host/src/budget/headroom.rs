@@ -1,0 +1,509 @@
+//! How far the numbers of this rig stay from the ends of their fixed-point formats.
+//!
+//! Every sum is a mean over the points, so it is largest for points that all lie where one point
+//! would make it largest. That is searched for over the corners of what all cameras see, the depths
+//! of the range, and displacements of up to the rated 100 mm each way along every axis, as long as
+//! the depth stays in the range. The sums are the station's own ([`CentredSums`], [`PairSums`]).
+//!
+//! Some numbers must not become too *small*: spread and determinant shrink with depth. For these
+//! the depth is searched at which the station's own estimators refuse.
+
+use serde::Serialize;
+use shared::estimate::{Gate, closed_form, midpoint};
+use shared::frame::message::MATRIX_BITS;
+use shared::rig::Rig;
+use shared::sums::View as PointView;
+use shared::sums::centred::{CentredSums, FixedCentredSums};
+use shared::sums::pair::{FixedPairSums, PairSums};
+
+use super::view::View;
+use crate::rig_file::Stage;
+
+/// Largest displacement along each axis that the station is rated for, mm.
+pub const RATED_MOVE_MM: f64 = 100.0;
+
+/// Most points it is rated for.
+pub const RATED_POINTS: u32 = 4_000;
+
+/// One number of the wire or the station.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Room {
+    /// Its name in the code.
+    pub name: &'static str,
+    /// Its format.
+    pub format: &'static str,
+    /// Largest size over the rated range.
+    pub worst: f64,
+    /// Largest size the format holds.
+    pub limit: f64,
+    /// `log2(limit/worst)`: negative if it overflows.
+    pub bits_left: f64,
+}
+
+impl Room {
+    fn new(name: &'static str, format: &'static str, worst: f64, limit: f64) -> Self {
+        Self {
+            name,
+            format,
+            worst,
+            limit,
+            bits_left: (limit / worst).log2(),
+        }
+    }
+}
+
+/// Everything that could overflow or vanish.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Headroom {
+    /// The numbers that must not become too large.
+    pub rooms: Vec<Room>,
+    /// Depth beyond which the station's midpoint finds no displacement in points that all lie in
+    /// one place, mm.
+    pub midpoint_to_mm: f64,
+    /// The same of the closed form; `None` if it is not made for this rig.
+    pub closed_form_to_mm: Option<f64>,
+}
+
+/// Largest sizes met so far.
+#[derive(Default)]
+struct Worst {
+    mean_mm: f64,
+    shift_mm: f64,
+    centroid: f64,
+    first: f64,
+    second: f64,
+    flow_mm: f64,
+}
+
+impl Headroom {
+    /// Of a rig whose targets stay between two depths, mm. `None` if the cameras have nothing in
+    /// common there.
+    pub fn of(
+        rig: &Rig,
+        stage: Option<&Stage>,
+        view: &View,
+        depth_range_mm: [f64; 2],
+    ) -> Option<Self> {
+        let worst = search(rig, view, depth_range_mm)?;
+        let points = f64::from(RATED_POINTS);
+        let freedom = 2.0 * points * rig.cameras.len() as f64 - 3.0;
+        let nm = |mm: f64| mm * 1e6;
+        let (i32_end, u16_end, u32_end) = (2f64.powi(31), 2f64.powi(16), 2f64.powi(32));
+        let q = |bits: i32| 2f64.powi(31 - bits);
+        let is_pairs = PairSums::new(rig).is_ok();
+        let mut rooms = vec![
+            Room::new("points", "u16", points, u16_end),
+            Room::new("freedom", "u16, saturating", freedom, u16_end),
+            Room::new("mean_nm", "i32, nm", nm(worst.mean_mm), i32_end),
+            Room::new(
+                "centroid",
+                "Q2.29",
+                worst.centroid,
+                q(FixedCentredSums::CENTROID_BITS),
+            ),
+            // T_z times the spread's mantissa, which is below 1.
+            Room::new(
+                "coupling",
+                "Q28.3, nm",
+                nm(RATED_MOVE_MM),
+                q(FixedCentredSums::COUPLING_BITS),
+            ),
+            Room::new("residual_nm", "u32, nm", nm(worst.shift_mm), u32_end),
+            Room::new("displacement_nm", "i32, nm", nm(RATED_MOVE_MM), i32_end),
+        ];
+        if is_pairs {
+            rooms.extend([
+                Room::new("a1 b1", "Q1.30", worst.first, q(FixedPairSums::FIRST_BITS)),
+                Room::new(
+                    "a2 a3 b2 b3",
+                    "Q2.29",
+                    worst.second,
+                    q(FixedPairSums::SECOND_BITS),
+                ),
+                Room::new(
+                    "d1 d2 d3 d4",
+                    "Q7.24, mm",
+                    worst.flow_mm,
+                    q(FixedPairSums::FLOW_BITS),
+                ),
+                Room::new(
+                    "displacement of the closed form",
+                    "Q7.24, mm",
+                    RATED_MOVE_MM,
+                    q(24),
+                ),
+            ]);
+        }
+        if let Some(stage) = stage {
+            let largest = |values: &mut dyn Iterator<Item = f64>| {
+                values.map(f64::abs).fold(f64::MIN_POSITIVE, f64::max)
+            };
+            let matrix = largest(&mut stage.matrix.into_iter().flatten());
+            let travel = largest(
+                &mut (0..3).flat_map(|i| stage.travel_mm[i].map(|end| end * stage.steps_per_mm[i])),
+            );
+            rooms.push(Room::new("matrix", "Q2.29", matrix, q(MATRIX_BITS as i32)));
+            rooms.push(Room::new("travel", "±2^29 steps", travel, 2f64.powi(29)));
+            rooms.extend(distances(stage));
+        }
+        Some(Self {
+            rooms,
+            midpoint_to_mm: farthest(|depth| midpoint_works(rig, view, depth)),
+            closed_form_to_mm: is_pairs
+                .then(|| farthest(|depth| closed_form_works(rig, view, depth))),
+        })
+    }
+}
+
+/// The distances of a stage in steps, as far as the station checks them.
+fn distances(stage: &Stage) -> impl Iterator<Item = Room> {
+    let finest = stage.steps_per_mm.into_iter().fold(0.0, f64::max);
+    let gate_mm = f64::from(Gate::DEFAULT.max_displacement_nm) * 1e-6;
+    let seen = (0..3).map(|i| {
+        let gain: f64 = stage.matrix[i].iter().map(|m| m.abs()).sum();
+        gain * gate_mm * stage.steps_per_mm[i]
+    });
+    let care = &stage.care;
+    let watched = [care.largest_error_mm, care.largest_unseen_mm];
+    let watched = watched.into_iter().flatten().fold(0.0, f64::max);
+    let homes = (0..3).filter_map(|i| Some((i, care.home[i]?)));
+    let search = homes.clone().map(|(i, _)| {
+        let [low, high] = stage.travel_mm[i];
+        ((high - low) * 1.25 + care.back_off_mm) * stage.steps_per_mm[i]
+    });
+    let place = homes.map(|(i, home)| home.position_mm.abs() * stage.steps_per_mm[i]);
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let end = 2f64.powi(29);
+    let window = care.unknown_window_mm * finest;
+    [
+        (
+            "displacement in steps",
+            "±2^29 steps",
+            largest(&mut seen.into_iter()),
+            end,
+        ),
+        ("window of an unknown position", "±2^29 steps", window, end),
+        ("watched distances", "±2^29 steps", watched * finest, end),
+        (
+            "search for a home switch",
+            "±2^29 steps",
+            largest(&mut search.into_iter()),
+            end,
+        ),
+        (
+            "home position",
+            "±2^28 steps",
+            largest(&mut place.into_iter()),
+            end / 2.0,
+        ),
+    ]
+    .into_iter()
+    .filter(|(_, _, worst, _)| *worst > 0.0)
+    .map(|(name, format, worst, limit)| Room::new(name, format, worst, limit))
+}
+
+fn search(rig: &Rig, view: &View, [near, far]: [f64; 2]) -> Option<Worst> {
+    const DEPTHS: i32 = 24;
+    let mut worst = Worst::default();
+    let mut seen = false;
+    let least = near.max(view.nearest_common().0 * (1.0 + 1e-9));
+    let far = far.min(view.farthest_common().0 * (1.0 - 1e-9));
+    if least >= far {
+        return None;
+    }
+    for step in 0..=DEPTHS {
+        let depth = least * (far / least).powf(f64::from(step) / f64::from(DEPTHS));
+        let Some(common) = view.common(depth) else {
+            continue;
+        };
+        seen = true;
+        for [x, y] in common.corners_and_middle() {
+            for move_mm in moves() {
+                let after = [x + move_mm[0], y + move_mm[1], depth + move_mm[2]];
+                if (near..=far).contains(&after[2]) {
+                    worst.meet(rig, [x, y, depth], after);
+                }
+            }
+        }
+    }
+    seen.then_some(worst)
+}
+
+fn moves() -> impl Iterator<Item = [f64; 3]> {
+    let ends = [-RATED_MOVE_MM, 0.0, RATED_MOVE_MM];
+    ends.into_iter()
+        .flat_map(move |x| ends.map(|y| [x, y]))
+        .flat_map(move |[x, y]| ends.map(|z| [x, y, z]))
+}
+
+fn views(rig: &Rig, from: [f64; 3], to: [f64; 3]) -> Vec<PointView> {
+    let seen = |camera: &shared::rig::Camera, at: [f64; 3]| {
+        [0, 1].map(|i| (at[i] - camera.offset_mm[i]) / at[2])
+    };
+    rig.cameras
+        .iter()
+        .map(|camera| PointView {
+            start: seen(camera, from),
+            end: seen(camera, to),
+        })
+        .collect()
+}
+
+fn grow(worst: &mut f64, values: impl IntoIterator<Item = f64>) {
+    for value in values {
+        *worst = worst.max(value.abs());
+    }
+}
+
+impl Worst {
+    /// A frame whose points are all at one place.
+    fn meet(&mut self, rig: &Rig, from: [f64; 3], to: [f64; 3]) {
+        let views = views(rig, from, to);
+        if let Some(sums) = centred(rig, &views) {
+            grow(&mut self.mean_mm, sums.mean_mm);
+            grow(&mut self.centroid, sums.centroid);
+            // No residual is larger than the largest shift itself.
+            let shift = |view: &PointView| {
+                let [x, y] = view.flow();
+                x.hypot(y) * 0.5 * (from[2] + to[2])
+            };
+            grow(&mut self.shift_mm, views.iter().map(shift));
+        }
+        if let Some(pair) = pair(rig, &views) {
+            grow(&mut self.first, [pair.a1, pair.b1]);
+            grow(&mut self.second, [pair.a2, pair.a3, pair.b2, pair.b3]);
+            grow(&mut self.flow_mm, [pair.d1, pair.d2, pair.d3, pair.d4]);
+        }
+    }
+}
+
+fn centred(rig: &Rig, views: &[PointView]) -> Option<CentredSums> {
+    let mut sums = CentredSums::new(rig).ok()?;
+    sums.add(views).then_some(sums)
+}
+
+fn pair(rig: &Rig, views: &[PointView]) -> Option<PairSums> {
+    let mut sums = PairSums::new(rig).ok()?;
+    let [left, middle, right] = views else {
+        return None;
+    };
+    sums.add([*left, *middle, *right]);
+    Some(sums)
+}
+
+/// A point in the middle of the common view that does not move: what remains is what depth does.
+fn at_rest(rig: &Rig, view: &View, depth: f64) -> Option<Vec<PointView>> {
+    let [.., [x, y]] = view.common(depth)?.corners_and_middle();
+    let at = [x, y, depth];
+    Some(views(rig, at, at))
+}
+
+fn midpoint_works(rig: &Rig, view: &View, depth: f64) -> bool {
+    let sums = at_rest(rig, view, depth).and_then(|views| centred(rig, &views));
+    let fixed = sums.and_then(|sums| sums.quantise().ok());
+    fixed.is_some_and(|fixed| midpoint::solve_fixed(&fixed).is_ok())
+}
+
+fn closed_form_works(rig: &Rig, view: &View, depth: f64) -> bool {
+    let sums = at_rest(rig, view, depth).and_then(|views| pair(rig, &views));
+    let fixed = sums.and_then(|sums| sums.quantise().ok());
+    fixed.is_some_and(|fixed| closed_form::solve_fixed(&fixed).is_ok())
+}
+
+/// The largest depth that works, mm, between 10 mm and 1,000 m: from the far end down to the first
+/// that does, then halved.
+fn farthest(works: impl Fn(f64) -> bool) -> f64 {
+    let (nearest, farthest) = (10.0, 1e6);
+    let (mut low, mut high) = (farthest, farthest);
+    while !works(low) {
+        high = low;
+        low /= 1.2;
+        if low < nearest {
+            return 0.0;
+        }
+    }
+    while high - low > 0.5 {
+        let middle = 0.5 * (low + high);
+        if works(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use shared::rig::Camera;
+
+    const RANGE_MM: [f64; 2] = [300.0, 2000.0];
+
+    fn room<'a>(headroom: &'a Headroom, name: &str) -> &'a Room {
+        headroom.rooms.iter().find(|r| r.name == name).unwrap()
+    }
+
+    fn of(rig: &Rig) -> Headroom {
+        Headroom::of(rig, None, &View::new(rig, 0.0), RANGE_MM).unwrap()
+    }
+
+    /// Random frames of the rated range, quantised: none comes nearer to the end of its format than
+    /// stated, and some come near.
+    #[test]
+    fn no_frame_of_the_rated_range_is_worse_than_the_worst() {
+        let rig = Rig::paper();
+        let (headroom, view) = (of(&rig), View::new(&rig, 0.0));
+        let mut random = Random::new(3, 0);
+        let names = [
+            "mean_nm",
+            "centroid",
+            "coupling",
+            "a1 b1",
+            "a2 a3 b2 b3",
+            "d1 d2 d3 d4",
+        ];
+        let mut least = names.map(|_| f64::INFINITY);
+        for _ in 0..3000 {
+            let mut centred = CentredSums::new(&rig).unwrap();
+            let mut pair = PairSums::new(&rig).unwrap();
+            let moved = [0, 1, 2].map(|_| random.between(-100.0, 100.0));
+            for _ in 0..random.below(8) + 1 {
+                let depth = random.between(300.0, 2000.0);
+                if !(300.0..=2000.0).contains(&(depth + moved[2])) {
+                    continue;
+                }
+                let common = view.common(depth).unwrap();
+                let [x, y] = [0, 1].map(|i| random.between(common.low[i], common.high[i]));
+                let to = [x + moved[0], y + moved[1], depth + moved[2]];
+                let views = views(&rig, [x, y, depth], to);
+                assert!(centred.add(&views));
+                pair.add([views[0], views[1], views[2]]);
+            }
+            let (Ok(c), Ok(p)) = (centred.quantise(), pair.quantise()) else {
+                continue; // no point was left
+            };
+            let groups: [&[i32]; 6] = [
+                &c.mean_nm,
+                &c.centroid,
+                &[c.coupling],
+                &[p.a1, p.b1],
+                &[p.a2, p.a3, p.b2, p.b3],
+                &[p.d1, p.d2, p.d3, p.d4],
+            ];
+            for (least, words) in least.iter_mut().zip(groups) {
+                let largest = words.iter().map(|w| w.unsigned_abs()).max().unwrap();
+                *least = least.min((2f64.powi(31) / f64::from(largest)).log2());
+            }
+        }
+        for (name, met) in names.into_iter().zip(least) {
+            let stated = room(&headroom, name).bits_left;
+            assert!(
+                met >= stated - 1e-3 && met < stated + 1.5,
+                "{name}: {met} bits left, stated {stated}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_papers_rig_has_room_everywhere() {
+        let headroom = of(&Rig::paper());
+        assert!(headroom.rooms.iter().all(|room| room.bits_left > 0.0));
+        // As the closed form's own documentation says of 70 and 68 mm.
+        let to = headroom.closed_form_to_mm.unwrap();
+        assert!((2100.0..2300.0).contains(&to), "{to}");
+        assert!(headroom.midpoint_to_mm > 10_000.0);
+    }
+
+    #[test]
+    fn a_wide_rig_overflows_by_name_and_a_narrow_one_ends_early() {
+        let camera = |x| Camera::ideal([400.0; 2], [960.0, 540.0], [x, 0.0]);
+        let wide = Rig {
+            image_size_px: [1920, 1080],
+            cameras: [-500.0, 0.0, 500.0].into_iter().map(camera).collect(),
+        };
+        let headroom = of(&wide);
+        assert!(room(&headroom, "d1 d2 d3 d4").bits_left < 0.0);
+        let narrow = Rig {
+            image_size_px: [1920, 1080],
+            cameras: [-10.0, 0.0, 10.0].into_iter().map(camera).collect(),
+        };
+        assert!(of(&narrow).closed_form_to_mm.unwrap() < 400.0);
+    }
+
+    /// A room that is overrun belongs to a stage that the station refuses, and one that is not to a
+    /// stage that it takes: at the edge of each distance.
+    #[test]
+    fn distances_end_where_the_station_refuses() {
+        use crate::client::stage::{configuration, default_stage};
+        use crate::rig_file::HomeSwitch;
+        use shared::frame::message::{Mounting, Side};
+        let base = || {
+            let mut stage = default_stage();
+            stage.steps_per_mm = [50_000.0; 3];
+            stage.max_speed_mm_s = [5.0; 3];
+            stage
+        };
+        type Set = fn(&mut Stage, f64);
+        let cases: [(&str, f64, Set); 5] = [
+            ("travel", 10_000.0, |stage, mm| {
+                stage.travel_mm[0] = [0.0, mm]
+            }),
+            ("window of an unknown position", 10_000.0, |stage, mm| {
+                stage.care.unknown_window_mm = mm;
+            }),
+            ("watched distances", 10_000.0, |stage, mm| {
+                stage.care.largest_unseen_mm = Some(mm);
+            }),
+            ("search for a home switch", 8_000.0, |stage, mm| {
+                stage.travel_mm[1] = [0.0, mm];
+                let position_mm = 0.0;
+                let side = Side::Negative;
+                stage.care.home[1] = Some(HomeSwitch { side, position_mm });
+            }),
+            ("home position", 5_000.0, |stage, mm| {
+                let position_mm = mm;
+                let side = Side::Positive;
+                stage.care.home[2] = Some(HomeSwitch { side, position_mm });
+            }),
+        ];
+        for (name, about_mm, set) in cases {
+            let verdict = |mm: f64| {
+                let mut stage = base();
+                set(&mut stage, mm);
+                let config = configuration(&stage, Mounting::OnStage).unwrap();
+                let taken = shared::machine::check(&config, shared::steps::WordRate::MHZ_1);
+                let rig = Rig::paper();
+                let view = View::new(&rig, 0.0);
+                let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();
+                (taken.is_ok(), room(&headroom, name).bits_left >= 0.0)
+            };
+            // The edge to a µm, by halves.
+            let (mut low, mut high) = (about_mm, 1.2 * about_mm);
+            assert_eq!(
+                (verdict(low), verdict(high)),
+                ((true, true), (false, false)),
+                "{name}"
+            );
+            while high - low > 2e-3 {
+                let middle = 0.5 * (low + high);
+                let (taken, room) = verdict(middle);
+                if taken != room {
+                    // The station rounds inwards, to whole µm.
+                    assert!(room && high - low < 0.1, "{name} at {middle} mm");
+                }
+                if taken { low = middle } else { high = middle }
+            }
+        }
+    }
+
+    #[test]
+    fn other_rigs_have_no_pair_sums() {
+        let mut two = Rig::paper();
+        two.cameras.pop();
+        let headroom = of(&two);
+        assert_eq!(headroom.closed_form_to_mm, None);
+        assert!(headroom.rooms.iter().all(|room| room.name != "a1 b1"));
+    }
+}

@@ -1,0 +1,176 @@
+//! The host's half of a serial line: numbers packets, writes them, and keeps the heartbeat.
+//!
+//! The heartbeat has a thread of its own that does nothing else. It shares with the rest of the
+//! program only this half of the line, which is locked while a packet is numbered and written and
+//! no longer: neither reading the line nor a caller that looks at what was read holds it up. The
+//! thread asks the system for a high priority, so that pings go out in time on a busy computer.
+
+use super::super::conversation::Numbering;
+use serialport::SerialPort;
+use shared::frame::message::Command;
+use std::io::Write as _;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two pings.
+const PING: Duration = Duration::from_millis(20);
+
+/// How long the thread sleeps when there is nothing to ping.
+const IDLE: Duration = Duration::from_secs(60);
+
+/// What is written to, and when next.
+struct Writer {
+    /// `None` while the line is down.
+    port: Option<Box<dyn SerialPort>>,
+    numbering: Numbering,
+    /// Why the last write failed.
+    broken: Option<String>,
+    pings: bool,
+    next_ping: Instant,
+    over: bool,
+}
+
+impl Writer {
+    fn send(&mut self, command: Command) -> u16 {
+        let (sequence, bytes) = self.numbering.packet(command);
+        self.write(&bytes);
+        sequence
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        let Some(port) = &mut self.port else { return };
+        if let Err(cause) = port.write_all(bytes) {
+            self.port = None;
+            self.broken = Some(format!("cannot write: {cause}"));
+        }
+    }
+}
+
+/// The writing half of a line, shared with its heartbeat.
+pub(super) struct Sender {
+    writer: Mutex<Writer>,
+    /// Told when the heartbeat begins or the line is closed.
+    changed: Condvar,
+    /// Zero of the host's clock.
+    epoch: Instant,
+}
+
+impl Sender {
+    /// Starts without a port and without a heartbeat.
+    pub fn new(epoch: Instant) -> Self {
+        Self {
+            writer: Mutex::new(Writer {
+                port: None,
+                numbering: Numbering::default(),
+                broken: None,
+                pings: false,
+                next_ping: epoch,
+                over: false,
+            }),
+            changed: Condvar::new(),
+            epoch,
+        }
+    }
+
+    fn writer(&self) -> MutexGuard<'_, Writer> {
+        // A panic elsewhere leaves a line that can still be used, to stop for one.
+        self.writer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The host's clock, µs.
+    pub fn now_us(&self) -> u64 {
+        u64::try_from(self.epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
+    }
+
+    /// Writes to `port` from now on; without one, to nothing.
+    pub fn set_port(&self, port: Option<Box<dyn SerialPort>>) {
+        let mut writer = self.writer();
+        writer.port = port;
+        writer.broken = None;
+    }
+
+    /// Why a write has failed since the port was set, once.
+    pub fn broken(&self) -> Option<String> {
+        self.writer().broken.take()
+    }
+
+    /// Starts or ends the heartbeat.
+    pub fn set_pings(&self, on: bool) {
+        let mut writer = self.writer();
+        writer.pings = on;
+        writer.next_ping = Instant::now();
+        self.changed.notify_all();
+    }
+
+    /// Numbers a command and writes it; returns its number.
+    pub fn send(&self, command: Command) -> u16 {
+        self.writer().send(command)
+    }
+
+    /// Uses up a sequence number without writing: it will never be answered.
+    pub fn skip(&self) -> u16 {
+        self.writer().numbering.packet(Command::Stop).0
+    }
+
+    /// Says hello. A closing zero first: the line may hold half a packet.
+    pub fn greet(&self) {
+        let mut writer = self.writer();
+        writer.write(&[0]);
+        writer.send(Command::Hello);
+    }
+
+    /// Ends the heartbeat's thread.
+    pub fn close(&self) {
+        self.writer().over = true;
+        self.changed.notify_all();
+    }
+
+    /// Starts the heartbeat's thread.
+    pub fn start_heartbeat(self: &Arc<Self>) -> std::io::Result<JoinHandle<()>> {
+        let sender = Arc::clone(self);
+        std::thread::Builder::new()
+            .name("heartbeat".to_owned())
+            .spawn(move || {
+                raise_priority();
+                sender.beat();
+            })
+    }
+
+    fn beat(&self) {
+        let mut writer = self.writer();
+        while !writer.over {
+            let now = Instant::now();
+            let pause = match writer.pings {
+                true => writer.next_ping.saturating_duration_since(now),
+                false => IDLE,
+            };
+            if pause.is_zero() {
+                let host_us = self.now_us();
+                writer.send(Command::Ping { host_us });
+                // After a pause of this process one ping is enough.
+                writer.next_ping = (writer.next_ping + PING).max(now);
+                continue;
+            }
+            let (guard, _) = self
+                .changed
+                .wait_timeout(writer, pause)
+                .unwrap_or_else(PoisonError::into_inner);
+            writer = guard;
+        }
+    }
+}
+
+/// Asks for the calling thread to run before all ordinary ones. Without the right to that it stays
+/// as it is: on Linux the right is `CAP_SYS_NICE`, or a limit for nice values (`ulimit -e 40`).
+#[cfg(target_os = "linux")]
+fn raise_priority() {
+    /// The highest ordinary priority.
+    const NICE: i32 = -20;
+    let this_thread = rustix::thread::gettid();
+    // Linux keeps a nice value for each thread and takes a thread's number here.
+    let _ = rustix::process::setpriority_process(Some(this_thread), NICE);
+}
+
+#[cfg(not(target_os = "linux"))]
+fn raise_priority() {}

@@ -1,0 +1,107 @@
+//! The paper's section 4.2: single moves seen by resting cameras, through the whole vision path
+//! (its Table 5).
+
+use crate::flow::{Flow, Refusal, Settings};
+use crate::images::{Scene, SceneSettings, Texture, TextureKind};
+use crate::servo::Error;
+use crate::sums::Sums;
+use serde::Serialize;
+use shared::rig::Rig;
+
+/// A move and what the paper estimated, mm.
+pub const PRINTED: [([f64; 3], [f64; 3]); 8] = [
+    ([10.0, 10.0, 0.0], [10.2277, 10.4544, 0.2204]),
+    ([15.0, 15.0, 0.0], [15.0612, 15.2314, 0.3384]),
+    ([20.0, 20.0, 0.0], [19.8168, 19.2955, 1.3064]),
+    ([0.0, 0.0, 3.0], [0.8342, 0.3312, 2.8683]),
+    ([0.0, 0.0, 5.0], [0.7917, 1.3999, 5.1455]),
+    ([0.0, 0.0, 7.0], [1.8516, 1.3700, 6.1966]),
+    ([15.0, 15.0, 2.0], [15.6381, 15.7348, 1.7697]),
+    ([20.0, 20.0, 2.0], [20.2748, 19.6554, 1.5016]),
+];
+
+/// Bounds on the midpoint's error, mm.
+pub const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
+
+/// One move, the paper's estimate and ours, mm. `None` where an estimator gave no answer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// How the target moved.
+    #[serde(rename = "true")]
+    pub true_mm: [f64; 3],
+    /// The paper's estimate.
+    #[serde(rename = "paper")]
+    pub paper_mm: [f64; 3],
+    /// Eq. 9.
+    pub closed_form: Option<[f64; 3]>,
+    /// Eq. 7.
+    pub least_squares: Option<[f64; 3]>,
+    /// Ours.
+    pub midpoint: Option<[f64; 3]>,
+    /// Its standard deviation.
+    #[serde(skip)]
+    pub sigma_mm: Option<[f64; 3]>,
+    /// Points behind them.
+    #[serde(skip)]
+    pub points: usize,
+    /// Why there is no answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// All eight moves of a rendered poster.
+///
+/// # Errors
+/// If the scene cannot be rendered or the reference pictures show nothing usable.
+pub fn run(texture: TextureKind, seed: u64, settings: SceneSettings) -> Result<Vec<Row>, Error> {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
+    let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
+    flow.set_reference(&scene.render([0.0; 3], 0, seed))
+        .map_err(Error::Reference)?;
+    let rows = PRINTED
+        .iter()
+        .enumerate()
+        .map(|(index, (true_mm, paper_mm))| {
+            let picture = scene.render(*true_mm, 1, seed.wrapping_add(1 + index as u64));
+            let row = Row {
+                true_mm: *true_mm,
+                paper_mm: *paper_mm,
+                closed_form: None,
+                least_squares: None,
+                midpoint: None,
+                sigma_mm: None,
+                points: 0,
+                refused: None,
+            };
+            match estimates(&rig, &mut flow, &picture) {
+                Err(refusal) => Row {
+                    refused: Some(refusal.to_string()),
+                    ..row
+                },
+                Ok((sums, points)) => {
+                    let estimates = sums.estimates();
+                    let midpoint = estimates.midpoint.ok();
+                    Row {
+                        closed_form: estimates.closed_form.ok(),
+                        least_squares: estimates.least_squares.ok(),
+                        midpoint: midpoint.as_ref().map(|estimate| estimate.displacement_mm),
+                        sigma_mm: midpoint.map(|estimate| estimate.sigma_mm()),
+                        points,
+                        ..row
+                    }
+                }
+            }
+        });
+    Ok(rows.collect())
+}
+
+fn estimates(
+    rig: &Rig,
+    flow: &mut Flow,
+    picture: &crate::images::Capture,
+) -> Result<(Sums, usize), Refusal> {
+    let measured = flow.measure(picture)?;
+    let sums = Sums::of(rig, &measured).map_err(|_| Refusal::WrongRig)?;
+    Ok((sums, measured.tracks.len()))
+}

@@ -1,0 +1,254 @@
+//! The cameras on the stage: from where the target is to the sums of a frame.
+
+use super::file::{Cameras, Sight};
+use crate::flow::{Flow, Settings, Track};
+use crate::images::{Capture, Image, Scene, SceneSettings, Texture};
+use crate::random::Random;
+use crate::servo::{Error, frame};
+use crate::sums::{Estimator, Sums};
+use shared::frame::message::Sums as FrameSums;
+use shared::rig::Rig;
+
+/// Half the width, height and depth of the cloud of points, mm.
+const CLOUD_MM: [f64; 3] = [140.0, 120.0, 110.0];
+
+/// What an occluder looks like: an even grey.
+const OCCLUDER_GREY: f64 = 128.0;
+
+/// Cameras that have taken their keyframe.
+#[derive(Debug)]
+pub struct Eyes {
+    rig: Rig,
+    seed: u64,
+    kind: Kind,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Rendered {
+        scene: Box<Scene>,
+        flow: Box<Flow>,
+    },
+    Points {
+        noise_px: f64,
+        /// In space, and where each camera saw it at the keyframe, noise included.
+        points: Vec<([f64; 3], Vec<[f64; 2]>)>,
+    },
+}
+
+impl Eyes {
+    /// Takes the keyframe.
+    ///
+    /// # Errors
+    /// If the scene cannot be rendered, or its pictures are no reference.
+    pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, Error> {
+        let rig = Rig::paper();
+        let kind = match cameras.sight {
+            Sight::Rendered {
+                texture,
+                noise_grey,
+            } => {
+                let settings = SceneSettings {
+                    depth_mm: cameras.depth_mm,
+                    noise_grey,
+                    ..SceneSettings::default()
+                };
+                let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
+                let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
+                flow.set_reference(&scene.render([0.0; 3], 0, capture_seed(seed, 0)))
+                    .map_err(Error::Reference)?;
+                Kind::Rendered {
+                    scene: Box::new(scene),
+                    flow: Box::new(flow),
+                }
+            }
+            Sight::Points { count, noise_px } => {
+                let mut random = Random::new(capture_seed(seed, 0), 0);
+                let mut point = |_| {
+                    let [x, y, z] = CLOUD_MM.map(|half| random.between(-half, half));
+                    let point_mm = [x, y, cameras.depth_mm + z];
+                    let seen = rig.cameras.iter().map(|camera| {
+                        let px = camera.project(point_mm);
+                        px.map(|px| px + noise_px * random.gaussian())
+                    });
+                    (point_mm, seen.collect())
+                };
+                Kind::Points {
+                    noise_px,
+                    points: (0..count).map(&mut point).collect(),
+                }
+            }
+        };
+        Ok(Self { rig, seed, kind })
+    }
+
+    /// The sums of capture `number` (from 1), with the target displaced by `relative_mm` as seen
+    /// from the cameras.
+    ///
+    /// # Errors
+    /// Why there are none, in words.
+    pub fn see(&self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, String> {
+        let seed = capture_seed(self.seed, number);
+        match &self.kind {
+            Kind::Rendered { scene, flow } => {
+                self.measure(flow, &scene.render(relative_mm, number, seed))
+            }
+            Kind::Points { noise_px, points } => {
+                let tracks = self.project(points, *noise_px, relative_mm, seed);
+                let sums = Sums::new(&self.rig, &tracks).and_then(|s| s.frame(Estimator::Midpoint));
+                sums.map_err(|refusal| refusal.to_string())
+            }
+        }
+    }
+
+    /// The same with something before the target.
+    ///
+    /// # Errors
+    /// As it should: there is nothing to see.
+    pub fn see_occluder(&self, number: u64) -> Result<FrameSums, String> {
+        match &self.kind {
+            Kind::Rendered { scene, flow } => {
+                let seed = capture_seed(self.seed, number);
+                let noise = scene.settings().noise_grey;
+                self.measure(flow, &self.occluder(noise, number, seed))
+            }
+            Kind::Points { .. } => Err("no point is seen".to_owned()),
+        }
+    }
+
+    fn measure(&self, flow: &Flow, capture: &Capture) -> Result<FrameSums, String> {
+        let measured = frame::measure(flow, &self.rig, capture, Estimator::Midpoint);
+        measured.map(|(_, sums)| sums)
+    }
+
+    fn occluder(&self, noise_grey: f64, number: u64, seed: u64) -> Capture {
+        let [width, height] = self.rig.image_size_px.map(|side| side as usize);
+        let view = |camera: usize| {
+            let mut random = Random::new(seed, camera as u64);
+            // The cast clamps to 0..=255.
+            let level = |_| (OCCLUDER_GREY + noise_grey * random.gaussian()).round() as u8;
+            Image {
+                width,
+                height,
+                grey: (0..width * height).map(level).collect(),
+            }
+        };
+        Capture {
+            time_us: number,
+            views: (0..self.rig.cameras.len()).map(view).collect(),
+        }
+    }
+
+    /// The points that lie within every camera's image.
+    fn project(
+        &self,
+        points: &[([f64; 3], Vec<[f64; 2]>)],
+        noise_px: f64,
+        relative_mm: [f64; 3],
+        seed: u64,
+    ) -> Vec<Track> {
+        let mut random = Random::new(seed, 0);
+        let [width, height] = self.rig.image_size_px.map(f64::from);
+        let inside = |[x, y]: [f64; 2]| (0.0..width).contains(&x) && (0.0..height).contains(&y);
+        let mut tracks = Vec::with_capacity(points.len());
+        for (point_mm, seen) in points {
+            let now_mm = std::array::from_fn(|i| point_mm[i] + relative_mm[i]);
+            let cameras = self.rig.cameras.iter().zip(seen);
+            let pixels: Vec<[[f64; 2]; 2]> = cameras
+                .map(|(camera, start)| {
+                    let now = camera.project(now_mm);
+                    [*start, now.map(|px| px + noise_px * random.gaussian())]
+                })
+                .collect();
+            let whole = pixels.iter().flatten().all(|pixel| inside(*pixel));
+            if whole && now_mm[2] > 0.0 {
+                tracks.push(Track { pixels });
+            }
+        }
+        tracks
+    }
+}
+
+/// Noise differs from capture to capture, and is the same in every run.
+fn capture_seed(seed: u64, number: u64) -> u64 {
+    Random::new(seed, number.wrapping_add(1)).next_u64()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::images::TextureKind;
+    use shared::estimate::midpoint;
+
+    fn cameras(sight: Sight) -> Cameras {
+        Cameras {
+            sight,
+            frames_per_s: 60.0,
+            latency_ms: 20.0,
+            depth_mm: 850.0,
+        }
+    }
+
+    fn displacement_mm(sums: &FrameSums) -> [f64; 3] {
+        let FrameSums::Midpoint(sums) = sums else {
+            panic!("midpoint sums were asked for");
+        };
+        let estimate = midpoint::solve_fixed(sums).expect("usable");
+        estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6)
+    }
+
+    /// A scenario with points in place of pictures is about as hard: their errors are alike on
+    /// every axis.
+    #[test]
+    fn points_are_about_as_uncertain_as_pictures() {
+        let rendered = Sight::Rendered {
+            texture: TextureKind::Natural,
+            noise_grey: 2.0,
+        };
+        let spread = |sight: Sight| -> [f64; 3] {
+            let eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
+            let seen: Vec<[f64; 3]> = (1..=30)
+                .map(|number| displacement_mm(&eyes.see(number, [0.3, -0.2, 0.4]).expect("seen")))
+                .collect();
+            std::array::from_fn(|axis| {
+                let mean = seen.iter().map(|v| v[axis]).sum::<f64>() / 30.0;
+                (seen.iter().map(|v| (v[axis] - mean).powi(2)).sum::<f64>() / 29.0).sqrt()
+            })
+        };
+        let [pictures, points] = [rendered, Sight::POINTS].map(spread);
+        println!("pictures {pictures:.5?} mm, points {points:.5?} mm");
+        for (pictures, points) in pictures.into_iter().zip(points) {
+            assert!(
+                (0.6..1.7).contains(&(points / pictures)),
+                "{pictures} {points}"
+            );
+        }
+    }
+
+    #[test]
+    fn both_kinds_see_where_the_target_is_and_nothing_through_an_occluder() {
+        let rendered = Sight::Rendered {
+            texture: TextureKind::Natural,
+            noise_grey: 2.0,
+        };
+        let points = Sight::Points {
+            count: 100,
+            noise_px: 0.03,
+        };
+        let moved_mm = [3.0, -2.0, 5.0];
+        for sight in [rendered, points] {
+            let eyes = Eyes::open(&cameras(sight), 3).expect("a scene");
+            let seen = displacement_mm(&eyes.see(7, moved_mm).expect("seen"));
+            for (axis, bound) in [0.01, 0.01, 0.05].into_iter().enumerate() {
+                assert!((seen[axis] - moved_mm[axis]).abs() < bound, "{seen:?}");
+            }
+            assert_eq!(eyes.see(7, moved_mm), eyes.see(7, moved_mm));
+            assert_ne!(eyes.see(7, moved_mm), eyes.see(8, moved_mm));
+            assert!(eyes.see_occluder(7).is_err());
+            assert!(
+                eyes.see(9, [0.0, 5_000.0, 0.0]).is_err()
+                    || matches!(sight, Sight::Rendered { .. })
+            );
+        }
+    }
+}

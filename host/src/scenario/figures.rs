@@ -1,0 +1,314 @@
+//! Figures of a run, from its trace alone.
+//!
+//! *Error* is where the cameras are minus where the target is, each from its place at the keyframe,
+//! at every millisecond: the truth of the step pins, not the station's estimate. Speed and
+//! acceleration of the stage are differences of its position over 20 ms, which are means of the
+//! derivative; a position is known to one step, so a difference of order `k` is off by `2^(k-1)`
+//! steps over the window's `k`th power at most.
+
+use super::file::{Measure, Scenario};
+use super::motion::Way;
+use super::trace::{Frames, SAMPLE_S, Sample, Trace};
+use crate::client::diagnosis;
+use crate::client::stage::HEARTBEAT_MS;
+use crate::rig_file::Stage;
+use serde::Serialize;
+
+/// Speed and acceleration are means over so much time, s.
+const WINDOW_S: f64 = 0.020;
+
+/// The same in samples.
+const WINDOW: usize = (WINDOW_S / SAMPLE_S) as usize;
+
+/// From the end of the heartbeat time to the stop: the tick of the last ping, the one that notices,
+/// the one already planned, and the words in the engine, s.
+const NOTICE_S: f64 = 3.6e-3;
+
+/// After something that stops the stage at once it has stopped within this, s.
+const ABRUPT_S: f64 = 0.005;
+
+/// What a run shows.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figures {
+    /// Root mean square of the error per axis, mm.
+    pub rms_mm: [f64; 3],
+    /// Largest error per axis, mm.
+    pub max_mm: [f64; 3],
+    /// The slowest jump: from the arrival of the first frame that shows it until the error stays
+    /// within the tolerance, ms. `None` without a jump, or if one does not settle before the target
+    /// moves on.
+    pub settle_ms: Option<f64>,
+    /// From a capture to the first port word that its frame can change.
+    pub latency_ms: Latency,
+    /// Steps at the pins from start to end.
+    pub steps: [i64; 3],
+    /// Steps that were planned and not made, all axes.
+    pub lost: u64,
+    /// Names of the faults that were latched, in their order.
+    pub faults: Vec<&'static str>,
+    /// Names of the station's states, in their order.
+    pub states: Vec<&'static str>,
+    /// Names of what the station knew of the target, in their order.
+    pub sights: Vec<&'static str>,
+    /// Root mean square of the error's length, mm.
+    pub rms_3d_mm: f64,
+    /// Length of the mean error, mm: of a target on a straight line, the steady lag.
+    pub lag_mm: f64,
+    /// How far the stage goes beyond a jump's end, over the jump, the worst axis. `None` without a
+    /// jump.
+    pub overshoot: Option<f64>,
+    /// Root mean square of the stage's distance from its mean position, mm: of a target that
+    /// stands, the jitter.
+    pub jitter_mm: [f64; 3],
+    /// Reversals of direction at the pins per second.
+    pub reversals_per_s: [f64; 3],
+    /// Greatest speed of the stage, mm/s.
+    pub speed_mm_s: [f64; 3],
+    /// Greatest acceleration of the stage, abrupt stops left out, mm/s².
+    pub acceleration_mm_s2: [f64; 3],
+    /// What became of the captures.
+    pub frames: Frames,
+    /// What the stage did when the host fell silent.
+    pub silences: Vec<Silence>,
+    /// Commands of the scenario that the station refused.
+    pub refused_commands: Vec<String>,
+}
+
+/// Percentiles, ms. `None` if no frame was used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Latency {
+    /// Half of the frames are faster.
+    pub p50: Option<f64>,
+    /// One in a hundred is slower.
+    pub p99: Option<f64>,
+}
+
+/// What the stage did after the host's last ping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Silence {
+    /// When that was, s.
+    pub at_s: f64,
+    /// Speed then, mm/s.
+    pub speed_mm_s: [f64; 3],
+    /// The farthest it was from where it was then, mm.
+    pub way_mm: [f64; 3],
+    /// [`silence_bound_mm`] of that speed.
+    pub bound_mm: [f64; 3],
+    /// Whether it stood before the host spoke again.
+    pub stood: bool,
+}
+
+impl Figures {
+    /// Of this run of this scenario.
+    pub fn of(scenario: &Scenario, trace: &Trace) -> Self {
+        let Measure {
+            from_s, until_s, ..
+        } = scenario.measure;
+        let samples = trace.within(from_s, until_s);
+        let errors = || samples.iter().map(Sample::error_mm);
+        let rms_mm = per_axis(|i| rms(errors().map(|e| e[i])));
+        let mean_mm = per_axis(|i| mean(errors().map(|e| e[i])));
+        let way = Way::new(&scenario.legs);
+        Self {
+            rms_mm,
+            max_mm: per_axis(|i| largest(errors().map(|e| e[i].abs()))),
+            settle_ms: settle_ms(scenario, trace, &way),
+            latency_ms: latency(&trace.latencies_us),
+            steps: trace.steps,
+            lost: trace.missing_steps.iter().map(|n| n.unsigned_abs()).sum(),
+            faults: (trace.faults.iter())
+                .map(|fault| diagnosis::fault(*fault).name)
+                .collect(),
+            states: (trace.states.iter())
+                .map(|state| diagnosis::state(*state).name)
+                .collect(),
+            sights: (trace.sights.iter())
+                .map(|sight| diagnosis::sight(*sight))
+                .collect(),
+            rms_3d_mm: length(rms_mm),
+            lag_mm: length(mean_mm),
+            overshoot: overshoot(trace, &way),
+            jitter_mm: per_axis(|i| {
+                let position = || samples.iter().map(|sample| sample.camera_mm[i]);
+                let middle = mean(position());
+                rms(position().map(|mm| mm - middle))
+            }),
+            reversals_per_s: reversals_per_s(samples),
+            speed_mm_s: per_axis(|i| largest_difference(&trace.samples, &[], i, 1)),
+            acceleration_mm_s2: per_axis(|i| {
+                largest_difference(&trace.samples, &trace.abrupt_s, i, 2)
+            }),
+            frames: trace.frames.clone(),
+            silences: (trace.silences_s.iter())
+                .map(|silence| silence_of(*silence, trace, &scenario.stage))
+                .collect(),
+            refused_commands: trace.refused_commands.clone(),
+        }
+    }
+}
+
+/// How far [`Figures::speed_mm_s`] and [`Figures::acceleration_mm_s2`] may be above the truth for
+/// want of resolution, on an axis with so many steps per mm.
+pub fn resolution(steps_per_mm: f64) -> [f64; 2] {
+    let step_mm = steps_per_mm.recip();
+    [step_mm / WINDOW_S, 2.0 * step_mm / WINDOW_S.powi(2)]
+}
+
+/// The longest way of an axis from the host's last ping to rest, mm: from speed `v` and any
+/// acceleration up to `a`, for the heartbeat time and what it takes to notice, `T`, and then the
+/// planner's ramp; no faster than `most`.
+///
+/// ```text
+/// v' = v + aT    v'' = v' + a²/2j    d = vT + aT²/2 + v'a/j + a³/3j² + (v''/2)(v''/a + a/j)
+/// ```
+pub fn silence_bound_mm(v: f64, most: f64, a: f64, j: f64) -> f64 {
+    let t = f64::from(HEARTBEAT_MS) * 1e-3 + NOTICE_S;
+    let cruise = (v * t + a * t * t / 2.0).min(most.max(v) * t);
+    let after = (v + a * t).min(most);
+    let peak = (after + a * a / (2.0 * j)).min(most);
+    cruise + after * a / j + a.powi(3) / (3.0 * j * j) + peak / 2.0 * (peak / a + a / j)
+}
+
+fn per_axis(get: impl FnMut(usize) -> f64) -> [f64; 3] {
+    [0, 1, 2].map(get)
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), x| (sum + x, count + 1));
+    sum / f64::from(count.max(1))
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    mean(values.map(|x| x * x)).sqrt()
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, f64::max)
+}
+
+fn settle_ms(scenario: &Scenario, trace: &Trace, way: &Way) -> Option<f64> {
+    let tolerance = scenario.measure.settle_within_mm;
+    let mut slowest = None;
+    for jump in way.jumps() {
+        let shown_s = trace.captures_s.iter().find(|at_s| **at_s >= jump.at_s)?;
+        let arrival_s = shown_s + scenario.cameras.latency_ms * 1e-3;
+        let samples = trace.within(jump.at_s, jump.until_s);
+        let outside = |sample: &&Sample| {
+            let error = sample.error_mm();
+            (0..3).any(|i| error[i].abs() > tolerance[i])
+        };
+        let last = samples.iter().rev().find(outside).map(|s| s.time_s);
+        if last == samples.last().map(|sample| sample.time_s) {
+            return None;
+        }
+        let settled_s = last.map_or(jump.at_s, |last| last + SAMPLE_S);
+        // To the microsecond, which all instants are.
+        let settle_ms = ((settled_s - arrival_s) * 1e6).round().max(0.0) / 1e3;
+        slowest = Some(settle_ms.max(slowest.unwrap_or(0.0)));
+    }
+    slowest
+}
+
+fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
+    let mut worst = None;
+    for jump in way.jumps() {
+        for sample in trace.within(jump.at_s, jump.until_s) {
+            for (error, by) in sample.error_mm().into_iter().zip(jump.by_mm) {
+                if by != 0.0 {
+                    // Adding zero turns -0 into 0.
+                    worst = Some((error / by + 0.0).max(worst.unwrap_or(0.0)));
+                }
+            }
+        }
+    }
+    worst
+}
+
+fn latency(latencies_us: &[u32]) -> Latency {
+    let mut sorted = latencies_us.to_vec();
+    sorted.sort_unstable();
+    // The nearest rank: the smallest that so many are not above.
+    let percentile = |share: f64| {
+        let rank = (share * sorted.len() as f64).ceil() as usize;
+        let value = sorted.get(rank.max(1) - 1)?;
+        Some(f64::from(*value) / 1e3)
+    };
+    Latency {
+        p50: percentile(0.50),
+        p99: percentile(0.99),
+    }
+}
+
+fn reversals_per_s(samples: &[Sample]) -> [f64; 3] {
+    let [Some(first), Some(last)] = [samples.first(), samples.last()] else {
+        return [0.0; 3];
+    };
+    let seconds = (last.time_s - first.time_s).max(SAMPLE_S);
+    per_axis(|i| f64::from(last.reversals[i] - first.reversals[i]) / seconds)
+}
+
+/// The largest first or second difference of an axis's position over the window, as a derivative;
+/// windows that touch an abrupt stop left out.
+fn largest_difference(samples: &[Sample], abrupt_s: &[f64], axis: usize, order: usize) -> f64 {
+    let at = |index: usize| samples[index].camera_mm[axis];
+    let differences = (0..samples.len().saturating_sub(order * WINDOW)).map(|first| {
+        let (from_s, until_s) = (
+            samples[first].time_s,
+            samples[first + order * WINDOW].time_s,
+        );
+        let touches = |stop_s: &f64| *stop_s <= until_s && stop_s + ABRUPT_S >= from_s;
+        if abrupt_s.iter().any(touches) {
+            return 0.0;
+        }
+        match order {
+            1 => (at(first + WINDOW) - at(first)).abs() / WINDOW_S,
+            _ => {
+                let second = at(first + 2 * WINDOW) - 2.0 * at(first + WINDOW) + at(first);
+                second.abs() / WINDOW_S.powi(2)
+            }
+        }
+    });
+    largest(differences)
+}
+
+fn silence_of([at_s, until_s]: [f64; 2], trace: &Trace, stage: &Stage) -> Silence {
+    let position = |time_s: f64| {
+        let sample = trace.within(time_s, f64::INFINITY).first();
+        sample
+            .or(trace.samples.last())
+            .map_or([0.0; 3], |s| s.camera_mm)
+    };
+    let half_s = WINDOW_S / 2.0;
+    let (before, start, after) = (
+        position((at_s - half_s).max(0.0)),
+        position(at_s),
+        position(at_s + half_s),
+    );
+    let seconds = half_s + half_s.min(at_s);
+    let speed_mm_s = per_axis(|i| (after[i] - before[i]) / seconds);
+    let during = trace.within(at_s, until_s);
+    let end = trace.within(until_s - WINDOW_S, until_s);
+    Silence {
+        at_s,
+        speed_mm_s,
+        way_mm: per_axis(|i| largest(during.iter().map(|s| (s.camera_mm[i] - start[i]).abs()))),
+        bound_mm: per_axis(|i| {
+            silence_bound_mm(
+                speed_mm_s[i].abs(),
+                stage.max_speed_mm_s[i],
+                stage.max_acceleration_mm_s2[i],
+                stage.max_jerk_mm_s3[i],
+            )
+        }),
+        stood: end
+            .iter()
+            .all(|sample| Some(sample.camera_mm) == end.last().map(|s| s.camera_mm)),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,393 @@
+//! The loop: cameras, host and station on virtual time, whatever happens next first.
+//!
+//! Frames are in a pipeline as in life: a capture is taken every period, and each frame arrives its
+//! own latency later, so that several may be under way. The truth is sampled every millisecond from
+//! the edges at the station's pins.
+
+mod events;
+mod look;
+
+use super::cameras::Eyes;
+use super::file::{Happening, Scenario};
+use super::motion::Way;
+use super::trace::{Sample, Trace};
+use crate::client::StationError;
+use crate::client::stage::configuration;
+use crate::client::twin::Twin;
+use crate::servo::Error;
+use look::Look;
+use shared::frame::message::{Command, Frame, Mounting, Status};
+use shared::safety::{Fault, State};
+use shared::time::Instant;
+use std::collections::BTreeMap;
+
+/// Between two samples, µs.
+const SAMPLE_US: u64 = 1_000;
+
+/// The pins are looked at this often for reversals, µs: a segment of the planner.
+const LOOK_US: u64 = 250;
+
+/// How long the stage may take to come to rest at the end, µs.
+const REST_US: u64 = 10_000_000;
+
+/// How a scenario is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Whether the station predicts where the target is; without it the stage goes to where the
+    /// target was seen.
+    pub prediction: bool,
+    /// The name that the station gives in its hello, at most 16 bytes.
+    pub board: &'static str,
+    /// Whether the twin keeps a [`Tape`](crate::client::tape::Tape).
+    pub record: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            prediction: true,
+            board: "twin",
+            record: false,
+        }
+    }
+}
+
+/// A scenario that has been run.
+#[derive(Debug)]
+pub struct Run {
+    /// What happened.
+    pub trace: Trace,
+    /// The station, at rest.
+    pub twin: Twin,
+}
+
+/// Something that is due. The order is that in which things of one instant happen.
+#[derive(Debug)]
+enum Due {
+    Begin(usize),
+    End(usize),
+    Capture(u64),
+    Arrival(Box<Frame>),
+    Sample(u64),
+}
+
+impl Due {
+    const fn rank(&self) -> u8 {
+        match self {
+            Self::Begin(_) | Self::End(_) => 0,
+            Self::Capture(_) => 1,
+            Self::Arrival(_) => 2,
+            Self::Sample(_) => 3,
+        }
+    }
+}
+
+/// A command that waits for its answer.
+#[derive(Debug)]
+enum Asked {
+    Frame,
+    Zero,
+    Other(&'static str),
+}
+
+struct World<'a> {
+    scenario: &'a Scenario,
+    way: Way,
+    eyes: Eyes,
+    twin: Twin,
+    /// The keyframe: on the common clock, and on the station's.
+    start: Instant,
+    reference: Instant,
+    /// Where the cameras were then, mm from where the station was switched on.
+    origin_mm: [f64; 3],
+    /// By instant, rank, and number; the number keeps them in the order in which they were made.
+    agenda: BTreeMap<(u64, u8, u64), Due>,
+    made: u64,
+    /// Per event: it lasts; captures it is still for.
+    lasts: Vec<bool>,
+    frames_left: Vec<u32>,
+    asked: Vec<(u16, Asked)>,
+    /// Steps at the pins when the position was last zeroed.
+    zero_steps: [i64; 3],
+    looked: Look,
+    last_estimate: Option<u16>,
+    latched: Option<Fault>,
+    trace: Trace,
+}
+
+/// Runs a scenario. `progress` is told the share done, 0 to 1, at every capture.
+///
+/// # Errors
+/// If the scene shows nothing usable, or the station refuses the stage. What goes wrong afterwards
+/// is part of the trace.
+pub fn run(
+    scenario: &Scenario,
+    options: Options,
+    mut progress: impl FnMut(f64),
+) -> Result<Run, Error> {
+    let mut world = World::new(scenario, options)?;
+    let end_us = seconds_us(world.way.seconds());
+    while let Some(entry) = world.agenda.first_entry() {
+        let at_us = entry.key().0;
+        if at_us > end_us {
+            break;
+        }
+        let due = entry.remove();
+        world.live_until(at_us);
+        if matches!(due, Due::Capture(_)) {
+            progress(at_us as f64 / end_us as f64);
+        }
+        world.happen(at_us, due);
+    }
+    world.come_to_rest();
+    Ok(Run {
+        trace: world.trace,
+        twin: world.twin,
+    })
+}
+
+fn seconds_us(seconds: f64) -> u64 {
+    (seconds * 1e6).round() as u64
+}
+
+impl<'a> World<'a> {
+    /// Switches the station on, at zero, and takes the keyframe.
+    fn new(scenario: &'a Scenario, options: Options) -> Result<Self, Error> {
+        let eyes = Eyes::open(&scenario.cameras, scenario.seed)?;
+        let mut config = configuration(&scenario.stage, Mounting::OnStage)?;
+        config.tracking.prediction &= options.prediction;
+        let power_on = match options.record {
+            true => Twin::power_on_recorded,
+            false => Twin::power_on,
+        };
+        let mut twin = power_on(&scenario.stage, options.board)?;
+        twin.command("config", Command::Config(config))?;
+        twin.zero()?;
+        // On a tick, so that samples show what each tick said; and some time after the first ping.
+        let start_us = (twin.now().micros() / SAMPLE_US + 50) * SAMPLE_US;
+        let start = Instant::from_micros(start_us);
+        twin.advance(start);
+        let mut world = Self {
+            way: Way::new(&scenario.legs),
+            eyes,
+            start,
+            reference: station_time(&twin)?,
+            origin_mm: twin.position_mm(),
+            agenda: BTreeMap::new(),
+            made: 0,
+            lasts: vec![false; scenario.events.len()],
+            frames_left: vec![0; scenario.events.len()],
+            asked: Vec::new(),
+            zero_steps: twin.steps(),
+            looked: Look::at(twin.steps()),
+            last_estimate: None,
+            latched: None,
+            trace: Trace::default(),
+            scenario,
+            twin,
+        };
+        for (index, event) in scenario.events.iter().enumerate() {
+            world.plan(seconds_us(event.at_s), Due::Begin(index));
+            if event.what.seconds() > 0.0 {
+                let end_s = event.at_s + event.what.seconds();
+                world.plan(seconds_us(end_s), Due::End(index));
+            }
+            if event.what.is_abrupt() {
+                world.trace.abrupt_s.push(event.at_s);
+            }
+        }
+        world.plan(0, Due::Sample(0));
+        world.plan_capture(1);
+        Ok(world)
+    }
+
+    fn plan(&mut self, at_us: u64, due: Due) {
+        self.made += 1;
+        self.agenda.insert((at_us, due.rank(), self.made), due);
+    }
+
+    fn plan_capture(&mut self, number: u64) {
+        let at_s = number as f64 / self.scenario.cameras.frames_per_s;
+        self.plan(seconds_us(at_s), Due::Capture(number));
+    }
+
+    /// Lets time pass, with a look at the pins now and then.
+    fn live_until(&mut self, at_us: u64) {
+        let end = self.start.plus_micros(at_us);
+        while self.twin.now() < end {
+            let next = self.twin.now().micros() / LOOK_US * LOOK_US + LOOK_US;
+            self.twin.advance(Instant::from_micros(next).min(end));
+            self.looked.again(self.twin.steps());
+        }
+    }
+
+    fn happen(&mut self, at_us: u64, due: Due) {
+        match due {
+            Due::Begin(index) => self.begin(at_us, index),
+            Due::End(index) => self.end(index),
+            Due::Capture(number) => {
+                self.capture(at_us, number);
+                self.plan_capture(number + 1);
+            }
+            Due::Arrival(frame) => match self.is_silent() {
+                true => self.trace.frames.lost += 1,
+                false => self.send(Asked::Frame, Command::Frame(*frame)),
+            },
+            Due::Sample(number) => {
+                self.sample(at_us);
+                self.plan(at_us + SAMPLE_US, Due::Sample(number + 1));
+            }
+        }
+    }
+
+    fn capture(&mut self, at_us: u64, number: u64) {
+        let time_s = at_us as f64 * 1e-6;
+        self.trace.frames.taken += 1;
+        self.trace.captures_s.push(time_s);
+        let (mut latency_ms, mut dropped) = (self.scenario.cameras.latency_ms, false);
+        let mut view_mm = self.way.at(time_s);
+        let camera_mm = self.camera_mm();
+        for (axis, mm) in view_mm.iter_mut().enumerate() {
+            *mm -= camera_mm[axis];
+        }
+        for what in self.take_frame_events() {
+            match what {
+                Happening::Drop { .. } => dropped = true,
+                Happening::Late { by_ms, .. } => latency_ms += by_ms,
+                Happening::Outlier { by_mm, .. } => {
+                    view_mm = std::array::from_fn(|i| view_mm[i] + by_mm[i]);
+                }
+                _ => {}
+            }
+        }
+        if dropped {
+            self.trace.frames.lost += 1;
+            return;
+        }
+        let occluded = self
+            .lasting()
+            .any(|what| matches!(what, Happening::Occlusion { .. }));
+        let seen = match occluded {
+            true => self.eyes.see_occluder(number),
+            false => self.eyes.see(number, view_mm),
+        };
+        match (seen, station_time(&self.twin)) {
+            (Ok(sums), Ok(capture)) => {
+                let frame = Frame {
+                    capture,
+                    reference: self.reference,
+                    sums,
+                };
+                let arrival_us = at_us + seconds_us(latency_ms * 1e-3);
+                self.plan(arrival_us, Due::Arrival(Box::new(frame)));
+            }
+            (Err(reason), _) => self.trace.frames.refuse(reason),
+            (_, Err(silent)) => self.trace.frames.refuse(silent.to_string()),
+        }
+    }
+
+    fn send(&mut self, asked: Asked, command: Command) {
+        let sequence = self.twin.send(command);
+        self.asked.push((sequence, asked));
+    }
+
+    fn camera_mm(&self) -> [f64; 3] {
+        let now = self.twin.position_mm();
+        std::array::from_fn(|i| now[i] - self.origin_mm[i])
+    }
+
+    fn sample(&mut self, at_us: u64) {
+        let time_s = at_us as f64 * 1e-6;
+        self.collect_answers(time_s);
+        let status = self.twin.status().copied();
+        if let Some(status) = &status {
+            self.watch(status);
+        }
+        self.trace.samples.push(Sample {
+            time_s,
+            target_mm: self.way.at(time_s),
+            camera_mm: self.camera_mm(),
+            reversals: self.looked.reversals,
+            state: status.map_or(State::Unconfigured, |status| status.state),
+        });
+    }
+
+    fn watch(&mut self, status: &Status) {
+        let (trace, latched) = (&mut self.trace, &mut self.latched);
+        if trace.states.last() != Some(&status.state) {
+            trace.states.push(status.state);
+        }
+        if trace.sights.last() != Some(&status.sight) {
+            trace.sights.push(status.sight);
+        }
+        if *latched != status.fault {
+            trace.faults.extend(status.fault);
+            *latched = status.fault;
+        }
+        if let Some(estimate) = status.estimate
+            && self.last_estimate != Some(estimate.sequence)
+        {
+            self.last_estimate = Some(estimate.sequence);
+            trace.latencies_us.push(estimate.latency_us);
+        }
+    }
+
+    fn collect_answers(&mut self, time_s: f64) {
+        for (sequence, asked) in std::mem::take(&mut self.asked) {
+            let Some(answer) = self.twin.answer(sequence) else {
+                self.asked.push((sequence, asked));
+                continue;
+            };
+            match (asked, answer) {
+                (Asked::Frame, answer) => self.trace.frames.answer(answer),
+                (Asked::Zero, Ok(())) => self.zero_steps = self.twin.steps(),
+                (Asked::Other(_), Ok(())) => {}
+                (asked, Err(denial)) => {
+                    let name = match asked {
+                        Asked::Other(name) => name,
+                        Asked::Frame | Asked::Zero => "zero",
+                    };
+                    let text = format!("{name} at {time_s:.3} s: {denial}");
+                    self.trace.refused_commands.push(text);
+                }
+            }
+        }
+    }
+
+    /// Stops the stage, and compares what was planned with what the pins have made.
+    fn come_to_rest(&mut self) {
+        let waiting = self.asked.iter();
+        let waiting = waiting.filter(|(_, asked)| matches!(asked, Asked::Frame));
+        self.trace.frames.unanswered = waiting.count() as u32;
+        self.trace.frames.under_way = self
+            .agenda
+            .values()
+            .filter(|due| matches!(due, Due::Arrival(_)))
+            .count() as u32;
+        self.twin.set_pings(true);
+        self.twin.send(Command::Stop);
+        let end = self.twin.now().plus_micros(REST_US);
+        let moves = |twin: &Twin| twin.status().is_none_or(|status| status.state.is_moving());
+        // Past the next status at least, and until all words are out.
+        loop {
+            self.twin.advance(self.twin.now().plus_micros(200_000));
+            if !moves(&self.twin) || self.twin.now() >= end {
+                break;
+            }
+        }
+        let steps = self.twin.steps();
+        self.trace.steps = steps;
+        let planned = self.twin.status().map_or([0; 3], |s| s.position_steps);
+        self.trace.missing_steps =
+            std::array::from_fn(|i| i64::from(planned[i]) - (steps[i] - self.zero_steps[i]));
+    }
+}
+
+/// The present instant on the station's clock, as the host knows it.
+fn station_time(twin: &Twin) -> Result<Instant, StationError> {
+    let there = twin.station_time(twin.now());
+    there.ok_or(StationError::Silent {
+        command: "ping",
+        waited_ms: 0,
+    })
+}

@@ -1,0 +1,108 @@
+//! Two stations on one clock, and what the cameras on B see of the poster on A.
+
+use super::Error;
+use super::follower::{Follower, Moment, Place};
+use crate::client::stage::default_stage;
+use crate::client::twin::Twin;
+use crate::images::{Capture, Scene, SceneSettings, Texture};
+use crate::rig_file::Stage;
+use shared::frame::message::Mounting;
+use shared::rig::Rig;
+use shared::time::Instant;
+
+/// Both stations, the poster and the cameras.
+///
+/// The clock is virtual if B is a twin. If B is on a serial line it is the host's, and A, which has
+/// no hardware, lives through it piece by piece whenever its position is asked for.
+#[derive(Debug)]
+pub struct World {
+    /// Carries the poster; driven by setpoints.
+    pub a: Twin,
+    /// Carries the cameras; driven by flow frames.
+    pub b: Follower,
+    scene: Scene,
+    seed: u64,
+    captures: u64,
+}
+
+/// A picture and what nobody tells the station about it.
+#[derive(Debug)]
+pub struct Exposure {
+    /// When it was taken, and where the cameras were.
+    pub moment: Moment,
+    /// Where the poster was, mm from where A was switched on.
+    pub target_mm: [f64; 3],
+    /// What the cameras saw.
+    pub capture: Capture,
+}
+
+impl World {
+    /// Switches both stations on, at zero, with the poster at an unknown distance before the
+    /// cameras. `stage` is B's; the poster's is the default one, so that the target moves alike
+    /// whatever B can do.
+    ///
+    /// # Errors
+    /// If the scene cannot be rendered, B cannot be reached or a station refuses the stage.
+    pub fn new(
+        rig: &Rig,
+        stage: &Stage,
+        place: Place<'_>,
+        texture: &Texture,
+        settings: SceneSettings,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        // The scene first: drawing it takes a while, and a station that is on has a heartbeat to
+        // keep.
+        let scene = Scene::new(rig, texture, settings)?;
+        let mut world = Self {
+            a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,
+            b: Follower::start(place, stage)?,
+            scene,
+            seed,
+            captures: 0,
+        };
+        world.advance(world.a.now().max(world.b.now()));
+        Ok(world)
+    }
+
+    /// The common clock.
+    pub fn now(&self) -> Instant {
+        match self.b.twin() {
+            Some(twin) => self.a.now().max(twin.now()),
+            // The host's clock never rests: what the world has lived through is what counts.
+            None => self.a.now(),
+        }
+    }
+
+    /// Lets time pass for both.
+    pub fn advance(&mut self, end: Instant) {
+        self.b.advance(end);
+        self.a.advance(end);
+    }
+
+    /// Where the poster is, and where the cameras are, mm from where they were switched on.
+    pub fn positions_mm(&self) -> [[f64; 3]; 2] {
+        [self.a.position_mm(), self.b.position_mm()]
+    }
+
+    /// All cameras take a picture, at `due` or as soon after it as B's position is known.
+    ///
+    /// # Errors
+    /// If B cannot be reached.
+    pub fn expose(&mut self, due: Instant) -> Result<Exposure, Error> {
+        let moment = self.b.moment(due.max(self.now()))?;
+        self.a.advance(moment.at);
+        let target_mm = self.a.position_mm();
+        let relative_mm = std::array::from_fn(|i| target_mm[i] - moment.camera_mm[i]);
+        self.captures += 1;
+        let seed = self
+            .seed
+            .wrapping_mul(1_000_003)
+            .wrapping_add(self.captures);
+        Ok(Exposure {
+            moment,
+            target_mm,
+            capture: self.scene.render(relative_mm, moment.at.micros(), seed),
+        })
+    }
+}
