@@ -1,7 +1,7 @@
 //! What `verify` predicts, against pictures that are rendered, tracked and estimated as any others.
 
 use host::budget::sigma::{MARGIN_PX, Predictor};
-use host::budget::view::View;
+use host::field_of_view::FieldOfView;
 use host::flow::{Flow, Settings};
 use host::images::{Scene, SceneSettings, Texture};
 use host::sums::Sums;
@@ -26,7 +26,7 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
     let seen = seen.expect("a small move");
     let sums = Sums::of(&rig, &seen).expect("a rig");
     let stated = midpoint::solve(&sums.centred).expect("points");
-    let view = View::new(&rig, MARGIN_PX);
+    let view = FieldOfView::new(&rig, MARGIN_PX);
     let points = u32::try_from(seen.tracks.len()).expect("a few hundred");
     let predicted = Predictor::new(&rig, &view, depth_mm, stated.sigma_px)
         .expect("a common view")

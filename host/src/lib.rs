@@ -11,6 +11,7 @@ pub mod budget;
 pub mod calibration;
 pub mod client;
 pub mod error;
+pub mod field_of_view;
 pub mod flow;
 pub mod hand_eye;
 pub mod images;

@@ -12,7 +12,7 @@ use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
-use crate::budget::view::View;
+use crate::field_of_view::FieldOfView;
 use crate::flow::geometry::Geometry;
 
 /// Error in Z, per cent.
@@ -147,7 +147,7 @@ pub fn cost(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Cost {
 /// Views of a grid of points in the common view.
 fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
     const SIDE: i32 = 8;
-    let Some(common) = View::new(truth, 0.0).common(depth_mm) else {
+    let Some(common) = FieldOfView::new(truth, 0.0).common(depth_mm) else {
         return Vec::new();
     };
     let place = |i: usize, n: i32| {

@@ -1,8 +1,7 @@
-//! An alignment as the paper's Table 4, with what it means.
+//! An alignment in words: facts and warnings.
 
 use super::Alignment;
 use super::penalty::Cost;
-use crate::report::{Cell, Table};
 
 /// Offsets with a standard deviation above this are not what an alignment should reach, px.
 pub const GOAL_PX: f64 = 0.02;
@@ -11,33 +10,6 @@ pub const GOAL_PX: f64 = 0.02;
 const SIGNIFICANT: f64 = 5.0;
 /// and moves a point at the image's border by this much, px.
 const VISIBLE_PX: f64 = 0.1;
-
-/// Offsets and new principal points.
-pub fn table(found: &Alignment) -> Table {
-    let mut table = Table::new(
-        "Datum offsets (the paper's Table 4), px",
-        ["camera", "X", "Y", "sigma X", "sigma Y", "principal point"],
-    );
-    for camera in &found.cameras {
-        let sigma = camera.sigma_px.map(|sigma| {
-            if sigma > 0.0 {
-                Cell::number(sigma, 4)
-            } else {
-                Cell::right("kept")
-            }
-        });
-        let [sigma_x, sigma_y] = sigma;
-        table = table.row([
-            Cell::text(camera.name.as_str()),
-            Cell::number(camera.offset_px[0], 3),
-            Cell::number(camera.offset_px[1], 3),
-            sigma_x,
-            sigma_y,
-            Cell::vector(&camera.principal_px, 3, 8),
-        ]);
-    }
-    table
-}
 
 /// Names and values that are no table.
 pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {

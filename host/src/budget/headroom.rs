@@ -16,7 +16,7 @@ use shared::sums::View as PointView;
 use shared::sums::centred::{CentredSums, FixedCentredSums};
 use shared::sums::pair::{FixedPairSums, PairSums};
 
-use super::view::View;
+use crate::field_of_view::FieldOfView;
 use crate::rig_file::Stage;
 
 /// Largest displacement along each axis that the station is rated for, mm.
@@ -81,7 +81,7 @@ impl Headroom {
     pub fn of(
         rig: &Rig,
         stage: Option<&Stage>,
-        view: &View,
+        view: &FieldOfView,
         depth_range_mm: [f64; 2],
     ) -> Option<Self> {
         let worst = search(rig, view, depth_range_mm)?;
@@ -202,7 +202,7 @@ fn distances(stage: &Stage) -> impl Iterator<Item = Room> {
     .map(|(name, format, worst, limit)| Room::new(name, format, worst, limit))
 }
 
-fn search(rig: &Rig, view: &View, [near, far]: [f64; 2]) -> Option<Worst> {
+fn search(rig: &Rig, view: &FieldOfView, [near, far]: [f64; 2]) -> Option<Worst> {
     const DEPTHS: i32 = 24;
     let mut worst = Worst::default();
     let mut seen = false;
@@ -292,19 +292,19 @@ fn pair(rig: &Rig, views: &[PointView]) -> Option<PairSums> {
 }
 
 /// A point in the middle of the common view that does not move: what remains is what depth does.
-fn at_rest(rig: &Rig, view: &View, depth: f64) -> Option<Vec<PointView>> {
+fn at_rest(rig: &Rig, view: &FieldOfView, depth: f64) -> Option<Vec<PointView>> {
     let [.., [x, y]] = view.common(depth)?.corners_and_middle();
     let at = [x, y, depth];
     Some(views(rig, at, at))
 }
 
-fn midpoint_works(rig: &Rig, view: &View, depth: f64) -> bool {
+fn midpoint_works(rig: &Rig, view: &FieldOfView, depth: f64) -> bool {
     let sums = at_rest(rig, view, depth).and_then(|views| centred(rig, &views));
     let fixed = sums.and_then(|sums| sums.quantise().ok());
     fixed.is_some_and(|fixed| midpoint::solve_fixed(&fixed).is_ok())
 }
 
-fn closed_form_works(rig: &Rig, view: &View, depth: f64) -> bool {
+fn closed_form_works(rig: &Rig, view: &FieldOfView, depth: f64) -> bool {
     let sums = at_rest(rig, view, depth).and_then(|views| pair(rig, &views));
     let fixed = sums.and_then(|sums| sums.quantise().ok());
     fixed.is_some_and(|fixed| closed_form::solve_fixed(&fixed).is_ok())
@@ -346,7 +346,7 @@ mod tests {
     }
 
     fn of(rig: &Rig) -> Headroom {
-        Headroom::of(rig, None, &View::new(rig, 0.0), RANGE_MM).unwrap()
+        Headroom::of(rig, None, &FieldOfView::new(rig, 0.0), RANGE_MM).unwrap()
     }
 
     /// Random frames of the rated range, quantised: none comes nearer to the end of its format than
@@ -354,7 +354,7 @@ mod tests {
     #[test]
     fn no_frame_of_the_rated_range_is_worse_than_the_worst() {
         let rig = Rig::paper();
-        let (headroom, view) = (of(&rig), View::new(&rig, 0.0));
+        let (headroom, view) = (of(&rig), FieldOfView::new(&rig, 0.0));
         let mut random = Random::new(3, 0);
         let names = [
             "mean_nm",
@@ -475,7 +475,7 @@ mod tests {
                 let config = configuration(&stage, Mounting::OnStage).unwrap();
                 let taken = shared::machine::check(&config, shared::steps::WordRate::MHZ_1);
                 let rig = Rig::paper();
-                let view = View::new(&rig, 0.0);
+                let view = FieldOfView::new(&rig, 0.0);
                 let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();
                 (taken.is_ok(), room(&headroom, name).bits_left >= 0.0)
             };

@@ -7,8 +7,8 @@ use shared::frame::message::Side;
 use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;
 use super::sigma::WINDOW_PX;
-use super::view::View;
 use super::{AtDepth, Verification};
+use crate::field_of_view::FieldOfView;
 use crate::flow::geometry::Geometry;
 use crate::flow::stereo::matched_depths_mm;
 use crate::rig_file::{RigFile, Stage};
@@ -55,7 +55,7 @@ const MOST_MAGNIFICATION: f64 = 1.3;
 const CROWDED: f64 = 3.0;
 
 /// All limits of `rig`, the worst first.
-pub(super) fn find(rig: &RigFile, view: &View, found: &Verification) -> Vec<Limitation> {
+pub(super) fn find(rig: &RigFile, view: &FieldOfView, found: &Verification) -> Vec<Limitation> {
     let mut limits = Vec::new();
     let mut add = |severity, name: &str, text: String| {
         limits.push(Limitation {
@@ -74,7 +74,7 @@ pub(super) fn find(rig: &RigFile, view: &View, found: &Verification) -> Vec<Limi
 
 type Add<'a> = dyn FnMut(Severity, &str, String) + 'a;
 
-fn cameras(rig: &RigFile, view: &View, found: &Verification, add: &mut Add<'_>) {
+fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Add<'_>) {
     let [near, far] = found.settings.depth_range_mm;
     let (nearest, [a, b]) = view.nearest_common();
     let (farthest, parting) = view.farthest_common();

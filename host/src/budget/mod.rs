@@ -1,6 +1,6 @@
 //! What a rig will be able to do, from its description alone.
 //!
-//! - [`view`]: what the cameras see, together and between two;
+//! - [`field_of_view`](crate::field_of_view): what the cameras see, together and between two;
 //! - [`sigma`]: how well a displacement will be known, per axis, over depth and number of points;
 //! - [`drive`]: step rates and stopping distances of the stage;
 //! - [`headroom`]: how far all numbers stay from the ends of their fixed-point formats;
@@ -15,10 +15,10 @@ pub mod headroom;
 pub mod limitation;
 pub mod present;
 pub mod sigma;
-pub mod view;
 
 use serde::Serialize;
 
+use crate::field_of_view::FieldOfView;
 use crate::flow::geometry::Geometry;
 use crate::flow::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
@@ -26,7 +26,6 @@ use drive::Drive;
 use headroom::Headroom;
 use limitation::Limitation;
 use sigma::{MARGIN_PX, Predictor};
-use view::View;
 
 /// What to predict for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -111,7 +110,7 @@ const BETWEEN_ROWS: u32 = 6;
 impl Verification {
     /// Of `rig`.
     pub fn of(rig: &RigFile, settings: Settings) -> Self {
-        let view = View::new(&rig.rig, MARGIN_PX);
+        let view = FieldOfView::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
         // Cameras in one place match nothing.
         let matched = Geometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
@@ -174,7 +173,7 @@ fn depths(near: f64, far: f64) -> Vec<(f64, bool)> {
 
 fn at_depth(
     rig: &RigFile,
-    view: &View,
+    view: &FieldOfView,
     settings: &Settings,
     matched_mm: [f64; 2],
     (depth_mm, is_row): (f64, bool),

@@ -22,7 +22,7 @@
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
 
-use super::view::{Rectangle, View};
+use crate::field_of_view::{FieldOfView, Rectangle};
 use crate::flow::lucas_kanade::Large;
 use crate::sums::widening;
 
@@ -60,7 +60,7 @@ pub struct Predictor {
 impl Predictor {
     /// For points at `depth_mm` whose flow has noise of `noise_px` (standard deviation of each
     /// component in each camera). `None` where the cameras have nothing in common.
-    pub fn new(rig: &Rig, view: &View, depth_mm: f64, noise_px: f64) -> Option<Self> {
+    pub fn new(rig: &Rig, view: &FieldOfView, depth_mm: f64, noise_px: f64) -> Option<Self> {
         let common = view.common(depth_mm)?;
         let (mut normal, mut noisy) = (Matrix3::zeros(), Matrix3::zeros());
         for [x, y] in gauss_points(&common) {
@@ -169,7 +169,7 @@ mod tests {
     use shared::sums::centred::CentredSums;
 
     fn predictor(rig: &Rig, depth_mm: f64, noise_px: f64) -> (Predictor, Rectangle) {
-        let view = View::new(rig, MARGIN_PX);
+        let view = FieldOfView::new(rig, MARGIN_PX);
         let common = view.common(depth_mm).unwrap();
         (
             Predictor::new(rig, &view, depth_mm, noise_px).unwrap(),
@@ -309,7 +309,7 @@ mod tests {
     fn where_nothing_is_seen_nothing_is_predicted() {
         let rig = Rig::paper();
         assert_eq!(
-            Predictor::new(&rig, &View::new(&rig, MARGIN_PX), 100.0, 0.1),
+            Predictor::new(&rig, &FieldOfView::new(&rig, MARGIN_PX), 100.0, 0.1),
             None
         );
     }

@@ -10,6 +10,7 @@ use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::output::{Output, Replace};
 use host::printable::printable;
+use host::report::{Cell, Table};
 use host::rig_file::RigFile;
 use serde_json::json;
 
@@ -130,7 +131,7 @@ fn write(rig: &Path, text: &str, to: Output, found: &Alignment) -> Result<(), In
 }
 
 fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {
-    writeln!(out, "{}", present::table(found).to_text())?;
+    writeln!(out, "{}", table(found).to_text())?;
     for (name, value) in present::facts(found) {
         writeln!(out, "{name:>16}: {value}")?;
     }
@@ -146,4 +147,31 @@ fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(
         )?;
     }
     Ok(())
+}
+
+/// Offsets and new principal points, as in the paper's Table 4.
+fn table(found: &Alignment) -> Table {
+    let mut table = Table::new(
+        "Datum offsets (the paper's Table 4), px",
+        ["camera", "X", "Y", "sigma X", "sigma Y", "principal point"],
+    );
+    for camera in &found.cameras {
+        let sigma = camera.sigma_px.map(|sigma| {
+            if sigma > 0.0 {
+                Cell::number(sigma, 4)
+            } else {
+                Cell::right("kept")
+            }
+        });
+        let [sigma_x, sigma_y] = sigma;
+        table = table.row([
+            Cell::text(camera.name.as_str()),
+            Cell::number(camera.offset_px[0], 3),
+            Cell::number(camera.offset_px[1], 3),
+            sigma_x,
+            sigma_y,
+            Cell::vector(&camera.principal_px, 3, 8),
+        ]);
+    }
+    table
 }

@@ -7,8 +7,8 @@
 //!
 //! * [`file`] says what a file may hold, [`motion`] how the target moves;
 //! * [`run`] is the loop, with [`cameras`] that render pictures or project points;
-//! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to, [`expect`] what
-//!   it must be;
+//! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to;
+//! * [`expect`] is what must come of it, [`judge`] says what was missed;
 //! * [`present`] shows it.
 //!
 //! *Invariant:* nothing depends on how fast this machine is: a scenario gives the same step edges
@@ -18,6 +18,7 @@ pub mod cameras;
 pub mod expect;
 pub mod figures;
 pub mod file;
+pub mod judge;
 pub mod motion;
 pub mod present;
 mod read;

@@ -4,7 +4,7 @@
 //! depth scales the result by about `Z/(Z + Vz)`), so one draw proves little: here every move is
 //! recovered from many sets, and the mean, the spread and the worst case are given.
 
-use super::scene::{point, section_3_rig, views};
+use super::scene::{SEED, point, section_3_rig, views};
 use super::{estimates, in_parallel};
 use crate::random::Random;
 use serde::Serialize;
@@ -12,9 +12,6 @@ use shared::estimate::Refusal;
 
 /// Points in a set, as in the paper.
 pub const POINTS: usize = 50;
-
-/// The seed of all sets; the set's number is the stream.
-pub(super) const SEED: u64 = 0x7461_626c_6573_3132;
 
 /// One row of the paper's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -5,6 +5,9 @@ use serde::Serialize;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
 
+/// The seed of all sets; the set's number is the stream.
+pub(super) const SEED: u64 = 0x7461_626c_6573_3132;
+
 /// Depth of the points at the reference instant, mm. The paper does not print it: this range gives
 /// its tables.
 pub const DEPTH_MM: [f64; 2] = [780.0, 1010.0];
@@ -76,7 +79,7 @@ impl Sample {
     /// 50 points in view of the rig of section 3.
     pub fn draw() -> Self {
         let rig = section_3_rig();
-        let mut random = Random::new(super::recovery::SEED, 0);
+        let mut random = Random::new(SEED, 0);
         let points_mm: Vec<[f64; 3]> = (0..50)
             .map(|_| point(&rig, [0.0; 3], &mut random))
             .collect();

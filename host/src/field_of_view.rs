@@ -43,12 +43,12 @@ impl Rectangle {
 
 /// The fields of view of a rig's cameras.
 #[derive(Clone, Debug)]
-pub struct View {
+pub struct FieldOfView {
     /// Per camera: where it stands, mm, and the directions it sees.
     cameras: Vec<([f64; 2], Rectangle)>,
 }
 
-impl View {
+impl FieldOfView {
     /// Of every camera of `rig`, without `margin_px` along the border of its image: what is tracked
     /// needs a window around it.
     pub fn new(rig: &Rig, margin_px: f64) -> Self {
@@ -203,7 +203,7 @@ mod tests {
     #[test]
     fn areas_and_volumes_are_those_of_the_projections() {
         let rig = Rig::paper();
-        let view = View::new(&rig, 12.0);
+        let view = FieldOfView::new(&rig, 12.0);
         let mut random = Random::new(5, 0);
         let (count, depths) = (200_000, [400.0, 1600.0]);
         let (mut all, mut two) = (0, 0);
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn nothing_is_common_before_the_nearest_depth() {
-        let view = View::new(&Rig::paper(), 0.0);
+        let view = FieldOfView::new(&Rig::paper(), 0.0);
         let (nearest, pair) = view.nearest_common();
         assert_eq!(pair, [0, 2]);
         assert!(view.common(nearest - 0.01).is_none());
@@ -243,7 +243,7 @@ mod tests {
         let mut rig = Rig::paper();
         rig.image_size_px = [320, 30];
         rig.cameras[2].principal_px[1] = -1000.0;
-        let view = View::new(&rig, 0.0);
+        let view = FieldOfView::new(&rig, 0.0);
         assert_eq!(view.nearest_common().0, f64::INFINITY);
         assert!(view.common(1e6).is_none());
         assert!(view.area_seen_by(2, 1000.0) > 0.0);
@@ -257,7 +257,7 @@ mod tests {
         let mut rig = Rig::paper();
         rig.cameras[0].principal_px[0] = -40.0;
         rig.cameras[2].principal_px[0] = 359.0;
-        let view = View::new(&rig, 12.0);
+        let view = FieldOfView::new(&rig, 12.0);
         let (farthest, pair) = view.farthest_common();
         assert_eq!(pair, [0, 2]);
         // 138 mm between them, closed by 52 px of 533.16 and of 534.55 px.
@@ -273,7 +273,7 @@ mod tests {
         ] {
             assert_eq!(view.common(depth).is_some(), is_common, "{depth}");
         }
-        let parallel = View::new(&Rig::paper(), 12.0);
+        let parallel = FieldOfView::new(&Rig::paper(), 12.0);
         assert_eq!(parallel.farthest_common().0, f64::INFINITY);
     }
 
@@ -283,7 +283,7 @@ mod tests {
         for camera in &mut rig.cameras {
             camera.distortion = [-0.3, 0.1, 0.001, -0.001, 0.0];
         }
-        let common = View::new(&rig, 5.0).common(900.0).unwrap();
+        let common = FieldOfView::new(&rig, 5.0).common(900.0).unwrap();
         for step in 0..=20 {
             let share = f64::from(step) / 20.0;
             let [x, y] = [0, 1].map(|i| common.low[i] + share * (common.high[i] - common.low[i]));
