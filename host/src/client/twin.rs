@@ -1,7 +1,8 @@
 //! The station without hardware: the very code of the board, on virtual time.
 //!
-//! Commands and reports travel as the bytes that a serial port would carry; segments become port
-//! words, and a simulated stage counts the edges that these make. Nothing here looks past the bytes
+//! A twin is an [emulated station](EmulatedStation), a [plant](Plant) at its step pins, and the
+//! [`Client`] at the other end. Commands and reports travel as the bytes that a serial port would
+//! carry; segments become port words, and the plant counts the edges that these make. Nothing here looks past the bytes
 //! and the pins, except for tests and reports.
 
 use super::StationError;
@@ -12,9 +13,10 @@ use crate::plant::Plant;
 use crate::rig_file::Stage;
 use shared::frame::encode::Bytes;
 use shared::frame::message::{Command, Denial, LastRun, Mounting, ResetCause, Status};
-use shared::machine::{Board, Machine, Output};
+use shared::machine::Board;
+use shared::replay::{EmulatedStation, Event};
 use shared::safety::Inputs;
-use shared::steps::{Generator, PortMap, WordRate};
+use shared::steps::{PortMap, WordRate};
 use shared::time::Instant;
 use std::collections::VecDeque;
 
@@ -35,17 +37,16 @@ const PING_US: u64 = 20_000;
 /// How long an answer may take, µs of virtual time.
 const PATIENCE_US: u64 = 100_000;
 
-/// Board and stage, without the link's other end.
+/// The emulated board and the stage at its pins.
 #[derive(Debug)]
 struct Hardware {
-    machine: Machine,
-    generator: Generator,
+    station: EmulatedStation,
     plant: Plant,
     rate: WordRate,
     /// Words made and not yet on the pins.
     ring: VecDeque<u32>,
-    inputs: Inputs,
-    now: Instant,
+    /// Room for a segment's words.
+    words: Box<[u32]>,
     /// What was sent, and when.
     to_host: Vec<(Instant, Bytes)>,
     tape: Option<Tape>,
@@ -63,20 +64,17 @@ impl Hardware {
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
         };
+        let pins = PortMap {
+            invert: stage.invert,
+            ..PORT
+        };
         Self {
-            machine: Machine::new(board),
-            generator: Generator::new(PORT).expect("six distinct pins below 16"),
-            plant: Plant::new(
-                PortMap {
-                    invert: stage.invert,
-                    ..PORT
-                },
-                stage.steps_per_mm,
-            ),
+            station: EmulatedStation::new(board, PORT, RING_WORDS as u32)
+                .expect("six distinct pins below 16"),
+            plant: Plant::new(pins, stage.steps_per_mm),
             rate,
             ring: std::iter::repeat_n(0, RING_WORDS).collect(),
-            inputs: Inputs::default(),
-            now: Instant::default(),
+            words: vec![0; RING_WORDS].into(),
             to_host: Vec::new(),
             tape: None,
         }
@@ -84,45 +82,42 @@ impl Hardware {
 
     fn receive(&mut self, bytes: &[u8]) {
         if let Some(tape) = &mut self.tape {
-            tape.received(self.now, bytes);
+            tape.received(self.station.now(), bytes);
         }
-        self.machine.receive(self.now, bytes);
+        self.station.receive(bytes);
     }
 
     /// Lets virtual time pass until `end`.
     fn run_until(&mut self, end: Instant) {
         loop {
-            // The ring never holds more than its own length before a segment is added.
-            match self.machine.poll(self.now, RING_WORDS) {
-                Output::Send(bytes) => {
+            let event = self.station.run(end, &mut self.words);
+            let now = self.station.now();
+            self.feed_plant(now);
+            match event {
+                Event::Idle(_) => return,
+                Event::Sent(bytes) => {
                     if let Some(tape) = &mut self.tape {
-                        tape.sent(self.now, &bytes);
+                        tape.sent(now, &bytes);
                     }
-                    self.to_host.push((self.now, bytes));
+                    self.to_host.push((now, bytes));
                 }
-                Output::Segment(segment) => {
-                    self.generator.set_invert(self.machine.inverted());
-                    self.generator
-                        .load(&segment)
-                        .expect("the planner turns slowly and segments are used up");
-                    let mut words = vec![0; usize::from(segment.slots()) * 2];
-                    let made = self.generator.fill(&mut words);
-                    assert_eq!(made, words.len(), "a segment fills its slots");
+                Event::Segment(segment, filled) => {
+                    let words = &self.words[..filled];
                     if let Some(tape) = &mut self.tape {
-                        tape.segment(self.now, &segment, &words);
+                        tape.segment(now, &segment, words);
                     }
                     self.ring.extend(words);
                 }
-                Output::Idle(until) if until > end => break,
-                Output::Idle(until) => self.pass(until),
+                Event::Refused(fault) => {
+                    unreachable!("the planner turns slowly and segments are used up: {fault:?}")
+                }
             }
         }
-        self.pass(end);
     }
 
-    /// Puts the words of the time until `instant` on the pins.
-    fn pass(&mut self, instant: Instant) {
-        let due = instant.micros() * u64::from(self.rate.hz()) / 1_000_000;
+    /// Puts the words of the time until `now` on the pins.
+    fn feed_plant(&mut self, now: Instant) {
+        let due = now.micros() * u64::from(self.rate.hz()) / 1_000_000;
         let count = (due - self.plant.words()).min(self.ring.len() as u64) as usize;
         let (front, back) = self.ring.as_slices();
         if count <= front.len() {
@@ -132,9 +127,18 @@ impl Hardware {
             self.plant.feed(&back[..count - front.len()]);
         }
         self.ring.drain(..count);
-        self.now = instant;
-        self.inputs.words_emitted = self.plant.words().saturating_sub(RING_WORDS as u64);
-        self.machine.sense(self.inputs);
+    }
+
+    fn set_switches(&mut self, switches: Inputs) {
+        self.station.set_switches(switches);
+        if let Some(tape) = &mut self.tape {
+            let words_emitted = self.plant.words().saturating_sub(RING_WORDS as u64);
+            let inputs = Inputs {
+                words_emitted,
+                ..switches
+            };
+            tape.switched(self.station.now(), inputs);
+        }
     }
 }
 
@@ -226,7 +230,7 @@ impl Twin {
 
     /// Virtual time.
     pub fn now(&self) -> Instant {
-        self.hardware.now
+        self.hardware.station.now()
     }
 
     /// An instant of virtual time on the station's clock, as the host knows it; `None` until the
@@ -324,14 +328,7 @@ impl Twin {
 
     /// Sets the switches that the station senses.
     pub fn set_switches(&mut self, switches: Inputs) {
-        let words_emitted = self.hardware.inputs.words_emitted;
-        self.hardware.inputs = Inputs {
-            words_emitted,
-            ..switches
-        };
-        if let Some(tape) = &mut self.hardware.tape {
-            tape.switched(self.hardware.now, self.hardware.inputs);
-        }
+        self.hardware.set_switches(switches);
     }
 
     /// The station's latest status.

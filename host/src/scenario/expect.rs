@@ -27,8 +27,8 @@ pub struct Expect {
     pub reversals_per_s: Option<f64>,
     /// The 99th percentile of [`latency_ms`](super::figures::Figures::latency_ms).
     pub latency_ms: Option<f64>,
-    /// Without prediction, [`rms_3d_mm`](super::figures::Figures::rms_3d_mm) must be at least so many times larger. The
-    /// scenario is run a second time for this.
+    /// Without prediction, [`rms_3d_mm`](super::figures::Figures::rms_3d_mm) must be larger by at
+    /// least this factor. The scenario is run a second time for this.
     pub prediction_gain: Option<f64>,
     /// [`steps`](super::figures::Figures::steps), exactly ...
     pub steps: Option<[i64; 3]>,

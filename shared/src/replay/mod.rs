@@ -20,5 +20,5 @@ mod trace;
 
 pub use log::{Entry, Log, LogFault, Writer};
 pub use probe::{Edges, Probe};
-pub use station::{Event, Replay, Station};
+pub use station::{Event, Replay, Station, Station as EmulatedStation};
 pub use trace::{Digest, Edge, Record, Trace};
