@@ -4,7 +4,7 @@
 use host::client::stage::default_stage;
 use host::paper::tracking::{self, BOUND_MM, MOVES, Run, Settings};
 use host::rig_file::{RigFile, Stage};
-use host::servo::follower::Place;
+use host::servo::station_link::StationPlace;
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
@@ -24,7 +24,7 @@ static ALONE: Mutex<()> = Mutex::new(());
 /// Table 6 with the station on this port.
 fn table_6(path: &str) -> Run {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let place = Place::Port {
+    let place = StationPlace::Port {
         path,
         heartbeat_ms: HEARTBEAT_MS,
     };

@@ -5,7 +5,7 @@ use host::client::StationError;
 use host::client::serial::Serial;
 use host::client::stage::default_stage;
 use host::rig_file::Stage;
-use host::servo::follower::{Follower, Place};
+use host::servo::station_link::{StationLink, StationPlace};
 use shared::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
 use shared::frame::receive::Receiver;
 use shared::safety::State;
@@ -306,11 +306,11 @@ fn unanswered_jog_is_not_repeated_but_explained() {
 fn follow(alter: impl FnMut(Report) -> Report + Send + 'static) -> Result<(), StationError> {
     let mut alter = alter;
     let end = station_behind(|_| false, move |report| Some(alter(report)));
-    let place = Place::Port {
+    let place = StationPlace::Port {
         path: &end.path,
         heartbeat_ms: 5_000,
     };
-    let mut follower = Follower::start(place, &default_stage())?;
+    let mut follower = StationLink::start(place, &default_stage())?;
     for _ in 0..20 {
         let moment = follower.moment(follower.now())?;
         follower.advance(moment.at.plus_micros(20_000));

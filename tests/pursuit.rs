@@ -5,8 +5,9 @@
 use host::client::stage::default_stage;
 use host::flow::team::Absence;
 use host::images::{Capture, Image, Scene, SceneSettings, Texture};
-use host::servo::follower::{Follower, Place};
-use host::servo::pursuit::{Clock, Pursuit};
+use host::servo::frame_sets::{CaptureClock, FrameSetServo};
+use host::servo::station_link::{StationLink, StationPlace};
+use host::servo::visual_servo::ServoOutcome;
 use host::sums::Estimator;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
@@ -23,25 +24,25 @@ const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
 struct Bench {
     scene: Scene,
-    pursuit: Pursuit,
+    servo: FrameSetServo,
 }
 
 impl Bench {
-    fn new(clock: Clock) -> Self {
+    fn new(clock: CaptureClock) -> Self {
         let rig = Rig::paper();
         let stage = default_stage();
-        let station = Follower::start_as(Place::Twin, &stage, Mounting::OnStage);
+        let station = StationLink::start_as(StationPlace::Twin, &stage, Mounting::OnStage);
         let station = station.expect("a station");
         let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default());
         Self {
             scene: scene.expect("a scene"),
-            pursuit: Pursuit::new(&rig, Estimator::Midpoint, clock, station).expect("a rig"),
+            servo: FrameSetServo::new(&rig, Estimator::Midpoint, clock, station).expect("a rig"),
         }
     }
 
     /// What the cameras see now of a target at `target_mm`.
     fn capture(&self, target_mm: [f64; 3], time_us: u64) -> Capture {
-        let camera_mm = self.pursuit.station().position_mm();
+        let camera_mm = self.servo.station().position_mm();
         let relative_mm = std::array::from_fn(|i| target_mm[i] - camera_mm[i]);
         self.scene.render(relative_mm, time_us, time_us)
     }
@@ -49,7 +50,7 @@ impl Bench {
 
 #[test]
 fn cameras_on_the_stage_stay_with_the_target() {
-    let mut bench = Bench::new(Clock::Virtual {
+    let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,
     });
@@ -58,15 +59,15 @@ fn cameras_on_the_stage_stay_with_the_target() {
         let time_us = number * PERIOD_US;
         let share = time_us.min(WAY_US) as f64 / WAY_US as f64;
         let capture = bench.capture(TARGET_MM.map(|mm| share * mm), time_us);
-        let followed = bench.pursuit.follow(&capture).expect("a station");
-        match followed.map(|followed| followed.displacement_mm) {
+        let followed = bench.servo.follow(&capture).expect("a station");
+        match followed.map(|followed| followed.turn.outcome) {
             None => assert_eq!(number, 0),
-            Some(Ok(_)) => used += 1,
-            Some(Err(reason)) => refused.push(reason),
+            Some(ServoOutcome::Used(_)) => used += 1,
+            Some(other) => refused.push(other),
         }
     }
     assert!(used >= 95, "{used} used: {refused:?}");
-    let rest_mm = bench.pursuit.rest().expect("a station");
+    let rest_mm = bench.servo.rest().expect("a station");
     let error_mm: [f64; 3] = std::array::from_fn(|i| rest_mm[i] - TARGET_MM[i]);
     println!("{used} used, {error_mm:.4?} mm off at rest");
     for (error_mm, bound_mm) in error_mm.into_iter().zip(BOUND_MM) {
@@ -79,7 +80,7 @@ fn cameras_on_the_stage_stay_with_the_target() {
 fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
     const SPEED_MM_S: f64 = 12.0;
     let end = |stop: bool| {
-        let mut bench = Bench::new(Clock::Virtual {
+        let mut bench = Bench::new(CaptureClock::Virtual {
             latency_us: 20_000,
             period_us: PERIOD_US,
         });
@@ -88,11 +89,11 @@ fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
             let time_us = number * PERIOD_US;
             last_mm = SPEED_MM_S * time_us as f64 * 1e-6;
             let capture = bench.capture([last_mm, 0.0, 0.0], time_us);
-            bench.pursuit.follow(&capture).expect("a station");
+            bench.servo.follow(&capture).expect("a station");
         }
         let rest_mm = match stop {
-            true => bench.pursuit.stop(),
-            false => bench.pursuit.rest(),
+            true => bench.servo.stop(),
+            false => bench.servo.rest(),
         };
         rest_mm.expect("a station")[0] - last_mm
     };
@@ -108,27 +109,34 @@ fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
 #[test]
 fn two_real_clocks_are_brought_together() {
     const AHEAD_US: i64 = 5_000_000;
-    let mut bench = Bench::new(Clock::Real {
+    let mut bench = Bench::new(CaptureClock::Real {
         offset_us: -AHEAD_US,
     });
     let mut outcomes = Vec::new();
     for number in 0..12 {
         // A frame takes two milliseconds of the twin's time.
-        let now_us = bench.pursuit.station().now().micros() + AHEAD_US as u64;
+        let now_us = bench.servo.station().now().micros() + AHEAD_US as u64;
         let late_us = if number == 8 { 1_000_000 } else { 0 };
         let mut capture = bench.capture([0.0; 3], now_us);
         capture.time_us += late_us;
-        let followed = bench.pursuit.follow(&capture).expect("a station");
-        outcomes.push(followed.map(|followed| followed.displacement_mm));
+        let followed = bench.servo.follow(&capture).expect("a station");
+        outcomes.push(followed.map(|followed| followed.turn.outcome));
     }
     assert_eq!(outcomes[0], None);
     // No time has passed since the first.
-    assert!(matches!(&outcomes[1], Some(Err(reason)) if reason.contains("not after")));
+    let refusal = |outcome: &ServoOutcome| outcome.refusal().unwrap_or_default();
+    assert!(
+        outcomes[1]
+            .as_ref()
+            .is_some_and(|outcome| refusal(outcome).contains("not after"))
+    );
     for (number, outcome) in outcomes.iter().enumerate().skip(2) {
         match outcome {
-            Some(Err(reason)) if number == 8 => assert!(reason.contains("future"), "{reason}"),
-            Some(Ok(displacement_mm)) if number != 8 => {
-                let [x, y, z] = displacement_mm;
+            Some(late @ ServoOutcome::Unused(_)) if number == 8 => {
+                assert!(refusal(late).contains("future"), "{late:?}");
+            }
+            Some(ServoOutcome::Used(estimate)) if number != 8 => {
+                let [x, y, z] = estimate.displacement_mm;
                 assert!(x.abs().max(y.abs()) < 0.02 && z.abs() < 0.05, "{outcome:?}");
             }
             other => panic!("{number}: {other:?}"),
@@ -140,7 +148,7 @@ fn two_real_clocks_are_brought_together() {
 /// every row says which is missing, and that the position can be trusted.
 #[test]
 fn a_lost_camera_is_named_and_the_others_carry_on() {
-    let mut bench = Bench::new(Clock::Virtual {
+    let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,
     });
@@ -149,14 +157,15 @@ fn a_lost_camera_is_named_and_the_others_carry_on() {
         if number >= 5 {
             capture.views[2] = Image::missing();
         }
-        let followed = bench.pursuit.follow(&capture).expect("a station");
+        let followed = bench.servo.follow(&capture).expect("a station");
         let Some(followed) = followed else {
             assert_eq!(number, 0);
             continue;
         };
-        assert_eq!(followed.trust, Trust::Homed);
-        assert!(followed.displacement_mm.is_ok(), "{number}: {followed:?}");
-        match followed.absent.as_slice() {
+        let turn = followed.turn;
+        assert_eq!(turn.trust, Trust::Homed);
+        assert!(turn.outcome.is_used(), "{number}: {turn:?}");
+        match turn.absent.as_slice() {
             [] => assert!(number < 5, "{number}: nothing said"),
             absent => assert!(
                 number >= 5 && absent == [(2, Absence::Missing)],

@@ -17,6 +17,7 @@ pub mod hand_eye;
 pub mod images;
 pub mod input;
 pub mod interruption;
+pub mod measure;
 pub mod notice;
 pub mod output;
 pub mod paper;

@@ -128,17 +128,16 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 /// An experiment that could not be run: a bad scene is the user's, the rest the station's.
-fn failed(error: host::servo::Error) -> Failure {
-    use host::servo::Error;
+fn failed(error: host::servo::ServoError) -> Failure {
     match error {
-        Error::Scene(scene) => Failure::Usage(scene.to_string()),
-        Error::Station(station) => station_failed(station),
-        Error::Reference(refusal) => Failure::Scene(refusal.to_string()),
+        host::servo::ServoError::Scene(scene) => Failure::Usage(scene.to_string()),
+        host::servo::ServoError::Station(station) => station_failed(station),
+        host::servo::ServoError::Reference(refusal) => Failure::Scene(refusal.to_string()),
     }
 }
 
 /// As [`failed`], for an experiment with a station on `port`: the message names it.
-fn failed_at(port: Option<&str>, error: host::servo::Error) -> Failure {
+fn failed_at(port: Option<&str>, error: host::servo::ServoError) -> Failure {
     match (port, failed(error)) {
         (Some(port), Failure::Station(reason)) if !reason.starts_with(port) => {
             Failure::Station(format!("{port}: {reason}"))

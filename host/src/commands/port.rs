@@ -4,7 +4,7 @@ use clap::Args;
 use host::client::ports;
 use host::client::stage::HEARTBEAT_MS;
 use host::error::Failure;
-use host::servo::follower::Place;
+use host::servo::station_link::StationPlace;
 
 /// Where the station is.
 #[derive(Clone, Debug, Args)]
@@ -32,10 +32,10 @@ impl PortOption {
     }
 
     /// What the experiments take.
-    pub fn place<'a>(&self, port: Option<&'a str>) -> Place<'a> {
+    pub fn place<'a>(&self, port: Option<&'a str>) -> StationPlace<'a> {
         match port {
-            None => Place::Twin,
-            Some(path) => Place::Port {
+            None => StationPlace::Twin,
+            Some(path) => StationPlace::Port {
                 path,
                 heartbeat_ms: self.heartbeat,
             },

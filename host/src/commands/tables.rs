@@ -11,7 +11,7 @@ use host::paper::validation::Validation;
 use host::paper::validation::recovery::Row;
 use host::paper::{moves, present, tracking};
 use host::report::Page;
-use host::servo::follower::Place;
+use host::servo::station_link::StationPlace;
 use host::sums::Estimator;
 use serde_json::{Value, json};
 use std::io::Write;
@@ -58,7 +58,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     // table.
     let stage = default_stage();
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, &stage, Place::Twin, |share| {
+    let run = tracking::run(&settings, &stage, StationPlace::Twin, |share| {
         progress.at(0.5 * share)
     })
     .map_err(super::failed)?;
@@ -66,7 +66,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         estimator: Estimator::ClosedForm,
         ..settings
     };
-    let closed_form = tracking::run(&closed_form, &stage, Place::Twin, |share| {
+    let closed_form = tracking::run(&closed_form, &stage, StationPlace::Twin, |share| {
         progress.at(0.5 + 0.5 * share)
     })
     .map_err(super::failed)?;

@@ -14,8 +14,8 @@ use host::client::diagnosis::explain;
 use host::error::{Failure, InputError};
 use host::notice;
 use host::rig_file::RigFile;
-use host::servo::follower::Follower;
-use host::servo::path::Path;
+use host::servo::path::TargetPath;
+use host::servo::station_link::StationLink;
 use host::sums;
 use std::io::Write;
 use std::path::PathBuf;
@@ -154,8 +154,8 @@ pub struct Options {
     /// Steps are of (4, 4, 1) mm, every second; the line is along them, 5 mm/s; the circle has a
     /// radius of 10 mm, in 8 s; the Lissajous figure 20, 20 and 5 mm, once, twice and three times
     /// in 16 s.
-    #[arg(long, default_value_t = Path::Circle, help_heading = SCENE)]
-    path: Path,
+    #[arg(long, default_value_t = TargetPath::Circle, help_heading = SCENE)]
+    path: TargetPath,
 
     #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
@@ -219,7 +219,7 @@ impl Estimator {
 }
 
 /// Says who the station on the line is, and which fault its start has cleared.
-fn introduce(station: &Follower) {
+fn introduce(station: &StationLink) {
     let Some(serial) = station.serial() else {
         return;
     };

@@ -3,7 +3,7 @@
 use super::fit::Sample;
 use crate::flow::{Flow, Refusal, Settings};
 use crate::images::Capture;
-use crate::sums::Sums;
+use crate::measure::{MeasureRefusal, measure};
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
@@ -31,14 +31,10 @@ impl Watch {
     /// What pictures taken at `position_mm` show.
     ///
     /// # Errors
-    /// Why they show nothing, in words.
-    pub fn look(&self, position_mm: [f64; 3], capture: &Capture) -> Result<Sample, String> {
-        let measured = self
-            .flow
-            .measure(capture)
-            .map_err(|refusal| refusal.to_string())?;
-        let sums = Sums::of(&self.rig, &measured).map_err(|refusal| refusal.to_string())?;
-        let estimate = midpoint::solve(&sums.centred).map_err(|refusal| refusal.to_string())?;
+    /// With the reason why they show nothing.
+    pub fn look(&self, position_mm: [f64; 3], capture: &Capture) -> Result<Sample, MeasureRefusal> {
+        let (_, sums) = measure(&self.flow, &self.rig, capture)?;
+        let estimate = midpoint::solve(&sums.centred)?;
         Ok(Sample {
             position_mm,
             displacement_mm: estimate.displacement_mm,

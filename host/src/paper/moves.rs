@@ -3,7 +3,7 @@
 
 use crate::flow::{Flow, Refusal, Settings};
 use crate::images::{Scene, SceneSettings, Texture, TextureKind};
-use crate::servo::Error;
+use crate::servo::ServoError;
 use crate::sums::Sums;
 use serde::Serialize;
 use shared::rig::Rig;
@@ -53,12 +53,16 @@ pub struct Row {
 ///
 /// # Errors
 /// If the scene cannot be rendered or the reference pictures show nothing usable.
-pub fn run(texture: TextureKind, seed: u64, settings: SceneSettings) -> Result<Vec<Row>, Error> {
+pub fn run(
+    texture: TextureKind,
+    seed: u64,
+    settings: SceneSettings,
+) -> Result<Vec<Row>, ServoError> {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
-    let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
+    let mut flow = Flow::new(&rig, Settings::default()).map_err(ServoError::Reference)?;
     flow.set_reference(&scene.render([0.0; 3], 0, seed))
-        .map_err(Error::Reference)?;
+        .map_err(ServoError::Reference)?;
     let rows = PRINTED
         .iter()
         .enumerate()

@@ -3,7 +3,7 @@
 use super::moves::{self, Row};
 use super::tracking::{self, BOUND_MM, MOVE_MM, Pulses, Run, Settings, Stop};
 use crate::report::{Cell, Figure, LinePlot, Page, Path3d, Scatter, Style, Table};
-use crate::servo::servo::{Outcome, Step};
+use crate::servo::simulated::SimulatedStep;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -98,7 +98,7 @@ pub fn path(run: &Run, closed_form: Option<&Run>) -> Path3d {
 /// Fig. 8: where a laser on B marks the poster on A.
 pub fn laser(run: &Run) -> Scatter {
     let spot = |target: [f64; 3], camera: [f64; 3]| [camera[0] - target[0], camera[1] - target[1]];
-    let at_rest = |step: &&Step| !is_moving(run, step.time_s);
+    let at_rest = |step: &&SimulatedStep| !is_moving(run, step.time_s);
     let under_way = run
         .samples
         .iter()
@@ -154,15 +154,10 @@ pub fn curves(run: &Run) -> Vec<Figure> {
         |plot, i| plot.series(AXES[i], Style::Line, difference(i)),
     );
     let sigma = |i: usize| {
-        run.steps
-            .iter()
-            .filter_map(move |step| match &step.outcome {
-                Outcome::Used {
-                    sigma_mm: Some(sigma),
-                    ..
-                } => Some([step.time_s, sigma[i] * 1e3]),
-                _ => None,
-            })
+        run.steps.iter().filter_map(move |step| {
+            let sigma_mm = step.turn.outcome.estimate()?.sigma_mm?;
+            Some([step.time_s, sigma_mm[i] * 1e3])
+        })
     };
     let sigmas = (0..3).fold(
         LinePlot::new("Standard deviation of each estimate", "time, s", "µm").including(0.0),
@@ -176,10 +171,7 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let latency: Vec<u32> = run
         .steps
         .iter()
-        .filter_map(|step| match step.outcome {
-            Outcome::Used { latency_us, .. } => Some(latency_us),
-            _ => None,
-        })
+        .filter_map(|step| Some(step.turn.outcome.estimate()?.latency_us))
         .collect();
     let worst = latency.iter().max().copied().unwrap_or(0);
     let pulses = |station: usize| {

@@ -5,10 +5,10 @@ use crate::client::serial::Serial;
 use crate::client::stage::setpoint;
 use crate::images::{SceneSettings, Texture, TextureKind};
 use crate::rig_file::Stage;
-use crate::servo::Error;
-use crate::servo::follower::Place;
-use crate::servo::servo::{Outcome, Servo, Step, Timing};
-use crate::servo::world::World;
+use crate::servo::ServoError;
+use crate::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
+use crate::servo::station_link::StationPlace;
+use crate::servo::world::SimulatedWorld;
 use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::{Command, Status};
@@ -60,7 +60,7 @@ pub struct Settings {
     /// Depth, tilt, blur, noise.
     pub scene: SceneSettings,
     /// Rate and latency.
-    pub timing: Timing,
+    pub timing: ServoTiming,
     /// How long A rests after each move, s.
     pub rest_s: f64,
     /// The station's estimator.
@@ -73,7 +73,7 @@ impl Default for Settings {
             texture: TextureKind::Natural,
             seed: 1,
             scene: SceneSettings::default(),
-            timing: Timing::default(),
+            timing: ServoTiming::default(),
             rest_s: 1.0,
             estimator: Estimator::Midpoint,
         }
@@ -118,7 +118,7 @@ pub struct Run {
     /// After each move.
     pub stops: Vec<Stop>,
     /// Every picture.
-    pub steps: Vec<Step>,
+    pub steps: Vec<SimulatedStep>,
     /// Both stations every 5 ms; at every picture if B is on a serial line, where nothing else is
     /// known.
     pub samples: Vec<Sample>,
@@ -155,7 +155,7 @@ impl Run {
     pub fn used(&self) -> usize {
         self.steps
             .iter()
-            .filter(|step| matches!(step.outcome, Outcome::Used { .. }))
+            .filter(|step| step.turn.outcome.is_used())
             .count()
     }
 
@@ -189,13 +189,14 @@ impl Run {
 pub fn run(
     settings: &Settings,
     stage: &Stage,
-    place: Place<'_>,
+    place: StationPlace<'_>,
     mut progress: impl FnMut(f64),
-) -> Result<Run, Error> {
+) -> Result<Run, ServoError> {
     let rig = Rig::paper();
     let texture = Texture::of_kind(settings.texture, settings.seed);
-    let mut world = World::new(&rig, stage, place, &texture, settings.scene, settings.seed)?;
-    let mut servo = Servo::start(&mut world, &rig, settings.timing, settings.estimator)?;
+    let mut world =
+        SimulatedWorld::new(&rig, stage, place, &texture, settings.scene, settings.seed)?;
+    let mut servo = SimulatedServo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
     // How far the moves are behind their times, s.
@@ -214,7 +215,7 @@ pub fn run(
             }
             // Between its reports nobody knows where a station on a line is.
             while world.b.twin().is_some()
-                && world.now().plus_micros(5_000) < servo.next_picture(&world)
+                && world.now().plus_micros(5_000) < servo.next_capture(&world)
             {
                 world.advance(world.now().plus_micros(5_000));
                 samples.push(sample(&servo, &world));
@@ -227,7 +228,7 @@ pub fn run(
                     camera_mm: step.camera_mm,
                 });
             }
-            used += usize::from(matches!(step.outcome, Outcome::Used { .. }));
+            used += usize::from(step.turn.outcome.is_used());
             steps.push(step);
             progress((servo.time_s(&world) - late_s) / total_s);
         }
@@ -262,7 +263,7 @@ pub fn run(
     })
 }
 
-fn sample(servo: &Servo, world: &World) -> Sample {
+fn sample(servo: &SimulatedServo, world: &SimulatedWorld) -> Sample {
     let [target_mm, camera_mm] = servo.positions_mm(world);
     Sample {
         time_s: servo.time_s(world),

@@ -1,11 +1,13 @@
 //! The cameras on the stage: from where the target is to the sums of a frame.
 
 use super::file::{Cameras, Sight};
-use crate::flow::{Flow, Settings, Track};
+use crate::flow::Track;
 use crate::images::{Capture, Image, Scene, SceneSettings, Texture};
+use crate::measure::MeasureRefusal;
 use crate::random::Random;
-use crate::servo::{Error, frame};
-use crate::sums::{Estimator, Sums};
+use crate::servo::ServoError;
+use crate::servo::visual_servo::VisualServo;
+use crate::sums::Estimator;
 use shared::frame::message::Sums as FrameSums;
 use shared::rig::Rig;
 
@@ -18,6 +20,8 @@ const OCCLUDER_GREY: f64 = 128.0;
 /// Cameras that have taken their keyframe.
 #[derive(Debug)]
 pub struct Eyes {
+    /// The loop that measures what they see.
+    pub servo: VisualServo,
     rig: Rig,
     seed: u64,
     kind: Kind,
@@ -25,10 +29,7 @@ pub struct Eyes {
 
 #[derive(Debug)]
 enum Kind {
-    Rendered {
-        scene: Box<Scene>,
-        flow: Box<Flow>,
-    },
+    Rendered(Box<Scene>),
     Points {
         noise_px: f64,
         /// In space, and where each camera saw it at the keyframe, noise included.
@@ -41,8 +42,10 @@ impl Eyes {
     ///
     /// # Errors
     /// If the scene cannot be rendered, or its pictures are no reference.
-    pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, Error> {
+    pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, ServoError> {
         let rig = Rig::paper();
+        let mut servo =
+            VisualServo::new(&rig, Estimator::Midpoint).map_err(ServoError::Reference)?;
         let kind = match cameras.sight {
             Sight::Rendered {
                 texture,
@@ -54,13 +57,10 @@ impl Eyes {
                     ..SceneSettings::default()
                 };
                 let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
-                let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
-                flow.set_reference(&scene.render([0.0; 3], 0, capture_seed(seed, 0)))
-                    .map_err(Error::Reference)?;
-                Kind::Rendered {
-                    scene: Box::new(scene),
-                    flow: Box::new(flow),
-                }
+                servo
+                    .set_keyframe(&scene.render([0.0; 3], 0, capture_seed(seed, 0)))
+                    .map_err(ServoError::Reference)?;
+                Kind::Rendered(Box::new(scene))
             }
             Sight::Points { count, noise_px } => {
                 let mut random = Random::new(capture_seed(seed, 0), 0);
@@ -79,46 +79,48 @@ impl Eyes {
                 }
             }
         };
-        Ok(Self { rig, seed, kind })
+        Ok(Self {
+            servo,
+            rig,
+            seed,
+            kind,
+        })
     }
 
     /// The sums of capture `number` (from 1), with the target displaced by `relative_mm` as seen
     /// from the cameras.
     ///
     /// # Errors
-    /// Why there are none, in words.
-    pub fn see(&self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, String> {
+    /// With the reason why there are none.
+    pub fn see(&mut self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, MeasureRefusal> {
         let seed = capture_seed(self.seed, number);
-        match &self.kind {
-            Kind::Rendered { scene, flow } => {
-                self.measure(flow, &scene.render(relative_mm, number, seed))
+        let measured = match &self.kind {
+            Kind::Rendered(scene) => {
+                let images = scene.render(relative_mm, number, seed);
+                self.servo.measure(&images)
             }
             Kind::Points { noise_px, points } => {
-                let tracks = self.project(points, *noise_px, relative_mm, seed);
-                let sums = Sums::new(&self.rig, &tracks).and_then(|s| s.frame(Estimator::Midpoint));
-                sums.map_err(|refusal| refusal.to_string())
+                let points = self.project(points, *noise_px, relative_mm, seed);
+                self.servo.measure_points(&points)
             }
-        }
+        };
+        measured.map(|measured| measured.sums)
     }
 
     /// The same with something before the target.
     ///
     /// # Errors
     /// As it should: there is nothing to see.
-    pub fn see_occluder(&self, number: u64) -> Result<FrameSums, String> {
+    pub fn see_occluder(&mut self, number: u64) -> Result<FrameSums, MeasureRefusal> {
         match &self.kind {
-            Kind::Rendered { scene, flow } => {
+            Kind::Rendered(scene) => {
                 let seed = capture_seed(self.seed, number);
                 let noise = scene.settings().noise_grey;
-                self.measure(flow, &self.occluder(noise, number, seed))
+                let images = self.occluder(noise, number, seed);
+                self.servo.measure(&images).map(|measured| measured.sums)
             }
-            Kind::Points { .. } => Err("no point is seen".to_owned()),
+            Kind::Points { .. } => Err(MeasureRefusal::NothingSeen),
         }
-    }
-
-    fn measure(&self, flow: &Flow, capture: &Capture) -> Result<FrameSums, String> {
-        let measured = frame::measure(flow, &self.rig, capture, Estimator::Midpoint);
-        measured.map(|(_, sums)| sums)
     }
 
     fn occluder(&self, noise_grey: f64, number: u64, seed: u64) -> Capture {
@@ -206,7 +208,7 @@ mod tests {
             noise_grey: 2.0,
         };
         let spread = |sight: Sight| -> [f64; 3] {
-            let eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
+            let mut eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
             let seen: Vec<[f64; 3]> = (1..=30)
                 .map(|number| displacement_mm(&eyes.see(number, [0.3, -0.2, 0.4]).expect("seen")))
                 .collect();
@@ -237,7 +239,7 @@ mod tests {
         };
         let moved_mm = [3.0, -2.0, 5.0];
         for sight in [rendered, points] {
-            let eyes = Eyes::open(&cameras(sight), 3).expect("a scene");
+            let mut eyes = Eyes::open(&cameras(sight), 3).expect("a scene");
             let seen = displacement_mm(&eyes.see(7, moved_mm).expect("seen"));
             for (axis, bound) in [0.01, 0.01, 0.05].into_iter().enumerate() {
                 assert!((seen[axis] - moved_mm[axis]).abs() < bound, "{seen:?}");

@@ -14,7 +14,7 @@ use super::trace::{Sample, Trace};
 use crate::client::StationError;
 use crate::client::stage::configuration;
 use crate::client::twin::Twin;
-use crate::servo::Error;
+use crate::servo::ServoError;
 use look::Look;
 use shared::frame::message::{Command, Frame, Mounting, Status};
 use shared::safety::{Fault, State};
@@ -90,14 +90,13 @@ enum Asked {
     Other(&'static str),
 }
 
-struct World<'a> {
+struct RunningScenario<'a> {
     scenario: &'a Scenario,
     way: Way,
     eyes: Eyes,
     twin: Twin,
-    /// The keyframe: on the common clock, and on the station's.
+    /// The keyframe on the common clock.
     start: Instant,
-    reference: Instant,
     /// Where the cameras were then, mm from where the station was switched on.
     origin_mm: [f64; 3],
     /// By instant, rank, and number; the number keeps them in the order in which they were made.
@@ -124,8 +123,8 @@ pub fn run(
     scenario: &Scenario,
     options: Options,
     mut progress: impl FnMut(f64),
-) -> Result<Run, Error> {
-    let mut world = World::new(scenario, options)?;
+) -> Result<Run, ServoError> {
+    let mut world = RunningScenario::new(scenario, options)?;
     let end_us = seconds_us(world.way.seconds());
     while let Some(entry) = world.agenda.first_entry() {
         let at_us = entry.key().0;
@@ -150,10 +149,10 @@ fn seconds_us(seconds: f64) -> u64 {
     (seconds * 1e6).round() as u64
 }
 
-impl<'a> World<'a> {
+impl<'a> RunningScenario<'a> {
     /// Switches the station on, at zero, and takes the keyframe.
-    fn new(scenario: &'a Scenario, options: Options) -> Result<Self, Error> {
-        let eyes = Eyes::open(&scenario.cameras, scenario.seed)?;
+    fn new(scenario: &'a Scenario, options: Options) -> Result<Self, ServoError> {
+        let mut eyes = Eyes::open(&scenario.cameras, scenario.seed)?;
         let mut config = configuration(&scenario.stage, Mounting::OnStage)?;
         config.tracking.prediction &= options.prediction;
         let power_on = match options.record {
@@ -167,11 +166,11 @@ impl<'a> World<'a> {
         let start_us = (twin.now().micros() / SAMPLE_US + 50) * SAMPLE_US;
         let start = Instant::from_micros(start_us);
         twin.advance(start);
+        eyes.servo.set_keyframe_time(station_time(&twin)?);
         let mut world = Self {
             way: Way::new(&scenario.legs),
             eyes,
             start,
-            reference: station_time(&twin)?,
             origin_mm: twin.position_mm(),
             agenda: BTreeMap::new(),
             made: 0,
@@ -273,16 +272,12 @@ impl<'a> World<'a> {
         };
         match (seen, station_time(&self.twin)) {
             (Ok(sums), Ok(capture)) => {
-                let frame = Frame {
-                    capture,
-                    reference: self.reference,
-                    sums,
-                };
+                let frame = self.eyes.servo.frame(capture, sums);
                 let arrival_us = at_us + seconds_us(latency_ms * 1e-3);
                 self.plan(arrival_us, Due::Arrival(Box::new(frame)));
             }
-            (Err(reason), _) => self.trace.frames.refuse(reason),
-            (_, Err(silent)) => self.trace.frames.refuse(silent.to_string()),
+            (Err(refusal), _) => self.trace.frames.refuse(&refusal),
+            (_, Err(silent)) => self.trace.frames.refuse(&silent),
         }
     }
 

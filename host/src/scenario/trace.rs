@@ -5,6 +5,7 @@ use shared::frame::message::Denial;
 use shared::safety::{Fault, State};
 use shared::track::pursuit::Sight;
 use std::collections::BTreeMap;
+use std::fmt::Display;
 
 /// Between two samples, s.
 pub const SAMPLE_S: f64 = 1e-3;
@@ -51,8 +52,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    pub(super) fn refuse(&mut self, reason: String) {
-        *self.refused.entry(reason).or_default() += 1;
+    pub(super) fn refuse(&mut self, reason: &impl Display) {
+        *self.refused.entry(reason.to_string()).or_default() += 1;
     }
 
     pub(super) fn answer(&mut self, answer: Result<(), Denial>) {

@@ -1,34 +1,40 @@
-//! The paper's apparatus: station A, a twin, carries the target; station B, a twin or a station on
-//! a serial line, carries the cameras.
+//! The closed loop: cameras watch a target, and a station's stage follows it.
 //!
-//! * [`follower`]: station B, wherever it is;
-//! * [`world`]: both stations on one clock, and the pictures that B's cameras take of A's poster;
-//! * [`frame`]: from pictures to the sums of a flow frame;
-//! * [`servo`]: B's loop, from picture to flow frame, and what happened in every frame;
-//! * [`pursuit`]: the same for captures that come from outside;
-//! * [`path`]: where A goes.
+//! ```text
+//! frame set -> flow -> sums -> frame -> station -> stage
+//!     ^                                              |
+//!     +------------ cameras on the stage ------------+
+//! ```
+//!
+//! * [`visual_servo`]: the loop itself, the same for all sources of images;
+//! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
+//! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
+//! * [`station_link`]: the station, in this process or on a serial line.
+//!
+//! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
+//! way at once.
 
-pub mod follower;
-pub mod frame;
+pub mod frame_sets;
 pub mod path;
-pub mod pursuit;
-pub mod servo;
+pub mod simulated;
+pub mod station_link;
+pub mod visual_servo;
 pub mod world;
 
 use crate::client::StationError;
 use crate::flow::Refusal;
 use crate::images::SceneError;
 
-/// Why an experiment could not be run.
+/// A reason why a loop could not be run.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+pub enum ServoError {
     /// The scene cannot be rendered.
     #[error("scene")]
     Scene(#[from] SceneError),
     /// A station refused or faulted.
     #[error(transparent)]
     Station(#[from] StationError),
-    /// The first pictures cannot be used as a reference.
+    /// The first images cannot be used as a keyframe.
     #[error("no usable reference: {0}")]
     Reference(Refusal),
 }

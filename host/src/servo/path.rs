@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 /// A motion of the target in time, from zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Path {
+pub enum TargetPath {
     /// The paper's: a move of (4, 4, 1) mm every second.
     Steps,
     /// 5 mm/s along (4, 4, 1).
@@ -19,7 +19,7 @@ pub enum Path {
     Still,
 }
 
-impl Path {
+impl TargetPath {
     /// All of them.
     pub const ALL: [Self; 5] = [
         Self::Steps,
@@ -63,22 +63,22 @@ impl Path {
     }
 }
 
-impl fmt::Display for Path {
+impl fmt::Display for TargetPath {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
 }
 
-/// A name that no [`Path`] has.
+/// A name that no [`TargetPath`] has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no path: steps, line, circle, lissajous and still are")]
-pub struct UnknownPath(String);
+pub struct UnknownTargetPath(String);
 
-impl FromStr for Path {
-    type Err = UnknownPath;
+impl FromStr for TargetPath {
+    type Err = UnknownTargetPath;
 
-    fn from_str(name: &str) -> Result<Self, UnknownPath> {
+    fn from_str(name: &str) -> Result<Self, UnknownTargetPath> {
         let found = Self::ALL.into_iter().find(|path| path.name() == name);
-        found.ok_or_else(|| UnknownPath(name.to_owned()))
+        found.ok_or_else(|| UnknownTargetPath(name.to_owned()))
     }
 }

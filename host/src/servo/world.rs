@@ -1,7 +1,7 @@
 //! Two stations on one clock, and what the cameras on B see of the poster on A.
 
-use super::Error;
-use super::follower::{Follower, Moment, Place};
+use super::ServoError;
+use super::station_link::{Moment, StationLink, StationPlace};
 use crate::client::stage::default_stage;
 use crate::client::twin::Twin;
 use crate::images::{Capture, Scene, SceneSettings, Texture};
@@ -15,11 +15,11 @@ use shared::time::Instant;
 /// The clock is virtual if B is a twin. If B is on a serial line it is the host's, and A, which has
 /// no hardware, lives through it piece by piece whenever its position is asked for.
 #[derive(Debug)]
-pub struct World {
+pub struct SimulatedWorld {
     /// Carries the poster; driven by setpoints.
     pub a: Twin,
     /// Carries the cameras; driven by flow frames.
-    pub b: Follower,
+    pub b: StationLink,
     scene: Scene,
     seed: u64,
     captures: u64,
@@ -36,7 +36,7 @@ pub struct Exposure {
     pub capture: Capture,
 }
 
-impl World {
+impl SimulatedWorld {
     /// Switches both stations on, at zero, with the poster at an unknown distance before the
     /// cameras. `stage` is B's; the poster's is the default one, so that the target moves alike
     /// whatever B can do.
@@ -46,17 +46,17 @@ impl World {
     pub fn new(
         rig: &Rig,
         stage: &Stage,
-        place: Place<'_>,
+        place: StationPlace<'_>,
         texture: &Texture,
         settings: SceneSettings,
         seed: u64,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self, ServoError> {
         // The scene first: drawing it takes a while, and a station that is on has a heartbeat to
         // keep.
         let scene = Scene::new(rig, texture, settings)?;
         let mut world = Self {
             a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,
-            b: Follower::start(place, stage)?,
+            b: StationLink::start(place, stage)?,
             scene,
             seed,
             captures: 0,
@@ -89,7 +89,7 @@ impl World {
     ///
     /// # Errors
     /// If B cannot be reached.
-    pub fn expose(&mut self, due: Instant) -> Result<Exposure, Error> {
+    pub fn expose(&mut self, due: Instant) -> Result<Exposure, ServoError> {
         let moment = self.b.moment(due.max(self.now()))?;
         self.a.advance(moment.at);
         let target_mm = self.a.position_mm();

@@ -11,9 +11,10 @@ use host::images::Capture;
 use host::images::cameras::stamp::quickest;
 use host::notice;
 use host::rig_file::{RigFile, Stage};
-use host::servo::Error;
-use host::servo::follower::Follower;
-use host::servo::pursuit::{Clock, Followed, Pursuit};
+use host::servo::ServoError;
+use host::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
+use host::servo::station_link::StationLink;
+use host::servo::visual_servo::ServoStep;
 use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
@@ -35,7 +36,7 @@ pub struct Summary {
 /// Captures and the station that follows them.
 pub struct Captures<'a> {
     options: &'a Options,
-    pursuit: Pursuit,
+    servo: FrameSetServo,
     port: Option<&'a str>,
     /// What errors name.
     source: &'a Path,
@@ -57,22 +58,22 @@ impl<'a> Captures<'a> {
     ) -> Result<Self, Failure> {
         let failed = |error| failed_at(port, error);
         let place = options.station.place(port);
-        let station = Follower::start_as(place, stage, mounting);
+        let station = StationLink::start_as(place, stage, mounting);
         let station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
         let clock = match (port, now_us) {
-            (Some(_), Some(now_us)) => Clock::Real {
+            (Some(_), Some(now_us)) => CaptureClock::Real {
                 offset_us: offset_us(|| station.now().micros(), now_us),
             },
-            _ => Clock::Virtual {
+            _ => CaptureClock::Virtual {
                 latency_us: options.latency_us(),
                 period_us: options.period_us(),
             },
         };
-        let pursuit = Pursuit::new(&rig.rig, options.method.into(), clock, station);
+        let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         Ok(Self {
             options,
-            pursuit: pursuit.map_err(failed)?,
+            servo: servo.map_err(failed)?,
             port,
             source,
             is_live: now_us.is_some(),
@@ -94,13 +95,13 @@ impl<'a> Captures<'a> {
         // The end of live pictures is no end of the target's motion: a stage that goes where it
         // will be would run on.
         let rest = match self.is_live {
-            true => self.pursuit.stop(),
-            false => self.pursuit.rest(),
+            true => self.servo.stop(),
+            false => self.servo.rest(),
         };
         if let Ok(rest_mm) = rest
             && (self.is_live || outcome.is_ok())
         {
-            let steps = match self.pursuit.station().counted_steps() {
+            let steps = match self.servo.station().counted_steps() {
                 Some(steps) => format!(", {steps:?} steps"),
                 None => String::new(),
             };
@@ -122,8 +123,8 @@ impl<'a> Captures<'a> {
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
             let capture = capture?;
-            let followed = match self.pursuit.follow(&capture) {
-                Err(Error::Reference(refusal)) => {
+            let followed = match self.servo.follow(&capture) {
+                Err(ServoError::Reference(refusal)) => {
                     let since_us = dark
                         .as_ref()
                         .map_or(capture.time_us, |(since_us, _)| *since_us);
@@ -138,14 +139,14 @@ impl<'a> Captures<'a> {
                     continue;
                 }
                 // A signal is the usual end of live pictures.
-                Err(Error::Station(StationError::Cancelled)) if self.is_live => break,
+                Err(ServoError::Station(StationError::Cancelled)) if self.is_live => break,
                 followed => followed.map_err(|error| failed_at(self.port, error))?,
             };
             dark = None;
             if let Some(followed) = followed {
                 summary.frames += 1;
-                summary.refused += usize::from(followed.displacement_mm.is_err());
-                self.absences.warn(&followed.absent);
+                summary.refused += usize::from(!followed.turn.outcome.is_used());
+                self.absences.warn(&followed.turn.absent);
                 print(
                     self.options.json,
                     summary.frames,
@@ -186,19 +187,24 @@ fn print(
 ) -> Result<(), Failure> {
     let Followed {
         time_s,
-        displacement_mm,
         stage_mm,
-        trust,
-        absent,
+        turn,
     } = followed;
+    let ServoStep {
+        outcome,
+        absent,
+        trust,
+    } = turn;
+    let displacement_mm = outcome.estimate().map(|estimate| &estimate.displacement_mm);
+    let refusal = outcome.refusal().unwrap_or_default();
     let trust = diagnosis::trust(*trust);
     if as_json {
         let mut object =
             json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
         absences.note(absent, &mut object);
         match displacement_mm {
-            Ok(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
-            Err(reason) => object["refused"] = json!(reason),
+            Some(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
+            None => object["refused"] = json!(refusal),
         }
         writeln!(out, "{object}")?;
     } else {
@@ -207,11 +213,11 @@ fn print(
             writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
         }
         let (seen, outcome) = match displacement_mm {
-            Ok(displacement_mm) => {
+            Some(displacement_mm) => {
                 let outcome = format!("used{}", absences.without(absent));
                 (vector(displacement_mm), outcome)
             }
-            Err(reason) => (format!("{:>26}", "-"), reason.clone()),
+            None => (format!("{:>26}", "-"), refusal),
         };
         let stage = vector(stage_mm);
         writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;

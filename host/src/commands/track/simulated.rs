@@ -11,8 +11,9 @@ use host::error::Failure;
 use host::images::Texture;
 use host::notice;
 use host::rig_file::RigFile;
-use host::servo::servo::{Outcome, Servo, Step, Timing};
-use host::servo::world::World;
+use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
+use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
+use host::servo::world::SimulatedWorld;
 use serde_json::json;
 use shared::frame::message::Command;
 use std::io::Write;
@@ -32,7 +33,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
     let failed = |error| failed_at(port.as_deref(), error);
-    let world = World::new(
+    let world = SimulatedWorld::new(
         &rig,
         &stage,
         options.station.place(port.as_deref()),
@@ -41,12 +42,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         options.scene.seed,
     );
     let mut world = world.map_err(failed)?;
-    let timing = Timing {
+    let timing = ServoTiming {
         frames_per_s: options.fps,
         latency_us: options.latency_us(),
     };
     introduce(&world.b);
-    let servo = Servo::start(&mut world, &rig, timing, options.method.into());
+    let servo = SimulatedServo::start(&mut world, &rig, timing, options.method.into());
     let mut servo = servo.map_err(failed)?;
     let mut absences = Absences::new(&file.names);
     let mut progress = Progress::new("following");
@@ -74,8 +75,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 worst[i] = worst[i].max(error[i].abs());
             }
         }
-        unused += u32::from(!matches!(step.outcome, Outcome::Used { .. }));
-        absences.warn(&step.absent);
+        unused += u32::from(!step.turn.outcome.is_used());
+        absences.warn(&step.turn.absent);
         print(options.json, &step, error, &absences, out)?;
     }
     drop(progress);
@@ -101,19 +102,22 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 
 fn print(
     as_json: bool,
-    step: &Step,
+    step: &SimulatedStep,
     error: [f64; 3],
     absences: &Absences,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let Step {
+    let SimulatedStep {
         time_s,
         target_mm,
         camera_mm,
+        turn,
+    } = step;
+    let ServoStep {
         outcome,
         absent,
         trust,
-    } = step;
+    } = turn;
     let trust = diagnosis::trust(*trust);
     if as_json {
         let mut object = json!({
@@ -121,12 +125,12 @@ fn print(
         });
         absences.note(absent, &mut object);
         match outcome {
-            Outcome::Used {
+            ServoOutcome::Used(ServoEstimate {
                 displacement_mm,
                 sigma_mm,
                 points,
                 latency_us,
-            } => {
+            }) => {
                 object["displacement_mm"] = json!(displacement_mm);
                 object["sigma_mm"] = json!(sigma_mm);
                 object["points"] = json!(points);
@@ -149,11 +153,9 @@ fn print(
     Ok(())
 }
 
-fn reason(outcome: &Outcome) -> String {
+fn reason(outcome: &ServoOutcome) -> String {
     match outcome {
-        Outcome::Used { points, .. } => format!("{points} points"),
-        Outcome::Refused(reason) => reason.clone(),
-        Outcome::Denied(denial) => denial.to_string(),
-        Outcome::Unanswered => "no answer from the station".to_owned(),
+        ServoOutcome::Used(estimate) => format!("{} points", estimate.points),
+        other => other.refusal().unwrap_or_default(),
     }
 }

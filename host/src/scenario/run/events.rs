@@ -1,12 +1,12 @@
 //! Events of the scenario: what begins, what ends, and what lasts at present.
 
-use super::{Asked, World};
+use super::{Asked, RunningScenario};
 use crate::client::stage::HEARTBEAT_MS;
 use crate::scenario::file::{Event, Happening};
 use shared::frame::message::Command;
 use shared::safety::Inputs;
 
-impl World<'_> {
+impl RunningScenario<'_> {
     pub(super) fn begin(&mut self, at_us: u64, index: usize) {
         let Some(Event { what, .. }) = self.scenario.events.get(index).copied() else {
             return;

@@ -1,8 +1,7 @@
-//! Station B, wherever it is: the twin on virtual time, or a station on a serial line, whose time
-//! is everybody's.
+//! The link to the station: the twin on virtual time, or a station on a serial line in real time.
 //!
-//! What the experiment must know of it is where it stood when a picture was taken. The twin is
-//! asked for any instant, by the edges at its pins. A station on a line says where it stands in its
+//! What a loop must know of it is where it stood when a frame set was taken. The twin is asked for
+//! any instant, by the edges at its pins. A station on a line says where it stands in its
 //! reports: after every frame, and ten times a second. So the simulated cameras of such a station
 //! are triggered by its reports: a report names a position, and the picture is taken at the
 //! instant, in the station's own time, at which the pins stand there. Nothing is interpolated or
@@ -26,9 +25,9 @@ const REPORT_PATIENCE: Duration = Duration::from_secs(3);
 /// frame does better.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
 
-/// Where station B is to be.
+/// Place of the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place<'a> {
+pub enum StationPlace<'a> {
     /// In this process.
     Twin,
     /// On a serial port.
@@ -52,9 +51,9 @@ pub struct Moment {
     pub camera_mm: [f64; 3],
 }
 
-/// Why a frame that was sent is not known to have been used.
+/// Reason why a frame that was sent is not known to have been used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unused {
+pub enum FrameRefusal {
     /// The station did not use it.
     #[error("{0}")]
     Denied(Denial),
@@ -78,39 +77,39 @@ pub struct Live {
     delay_us: u64,
 }
 
-/// Station B.
+/// The station that a loop drives.
 #[derive(Debug)]
-pub enum Follower {
+pub enum StationLink {
     /// The station's own code in this process.
     Twin(Box<Twin>),
     /// A station on a serial line.
     Live(Live),
 }
 
-impl Follower {
+impl StationLink {
     /// Starts the station: configured, at rest, its position zero, its cameras on the stage.
     ///
     /// # Errors
     /// If it cannot be reached or refuses.
-    pub fn start(place: Place<'_>, stage: &Stage) -> Result<Self, StationError> {
+    pub fn start(place: StationPlace<'_>, stage: &Stage) -> Result<Self, StationError> {
         Self::start_as(place, stage, Mounting::OnStage)
     }
 
-    /// As [`Follower::start`], with the cameras where `mounting` says.
+    /// As [`StationLink::start`], with the cameras where `mounting` says.
     ///
     /// # Errors
-    /// As [`Follower::start`].
+    /// As [`StationLink::start`].
     pub fn start_as(
-        place: Place<'_>,
+        place: StationPlace<'_>,
         stage: &Stage,
         mounting: Mounting,
     ) -> Result<Self, StationError> {
         match place {
-            Place::Twin => {
+            StationPlace::Twin => {
                 let twin = Twin::start(stage, "twin B", mounting)?;
                 Ok(Self::Twin(Box::new(twin)))
             }
-            Place::Port { path, heartbeat_ms } => {
+            StationPlace::Port { path, heartbeat_ms } => {
                 let configuration = Config {
                     heartbeat_ms,
                     ..configuration(stage, mounting)?
@@ -223,24 +222,27 @@ impl Follower {
     /// nothing.
     ///
     /// # Errors
-    /// If the line breaks for longer than the station bears.
-    pub fn offer(&mut self, frame: Frame) -> Result<Result<EstimateReport, Unused>, StationError> {
+    /// If the link is down for longer than the heartbeat timeout.
+    pub fn offer(
+        &mut self,
+        frame: Frame,
+    ) -> Result<Result<EstimateReport, FrameRefusal>, StationError> {
         let sequence = self.send(Command::Frame(frame));
         let answer = match self.outcome(sequence) {
             Ok(answer) => answer,
             Err(lost) => {
                 self.resume(lost)?;
-                return Ok(Err(Unused::Interrupted));
+                return Ok(Err(FrameRefusal::Interrupted));
             }
         };
         Ok(match answer {
-            None => Err(Unused::Unanswered),
-            Some(Err(denial)) => Err(Unused::Denied(denial)),
+            None => Err(FrameRefusal::Unanswered),
+            Some(Err(denial)) => Err(FrameRefusal::Denied(denial)),
             Some(Ok(())) => self
                 .status()
                 .and_then(|status| status.estimate)
                 .filter(|estimate| estimate.sequence == sequence)
-                .ok_or(Unused::Unreported),
+                .ok_or(FrameRefusal::Unreported),
         })
     }
 
@@ -306,8 +308,7 @@ impl Follower {
         }
     }
 
-    /// Goes on after `lost`, if that was a short break of the line that the station did not even
-    /// notice.
+    /// Resumes after `lost`, if that was a disconnect shorter than the heartbeat timeout.
     ///
     /// # Errors
     /// `lost`, if it was anything else: the line is not back, the station restarted, or it stopped.

@@ -1,0 +1,144 @@
+//! The loop with frame sets from outside: live cameras, recorded images, a folder that grows.
+
+use super::ServoError;
+use super::station_link::StationLink;
+use super::visual_servo::{ServoStep, VisualServo};
+use crate::client::StationError;
+use crate::images::Capture;
+use crate::sums::Estimator;
+use shared::frame::message::Command;
+use shared::rig::Rig;
+use shared::time::Instant;
+
+/// Any ramp, and the last frame's motion, is over after so long, µs.
+const REST_US: u64 = 2_000_000;
+
+/// Relation of capture times to the station's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CaptureClock {
+    /// The station is a twin, its time virtual: the first frame set is taken now, the others follow
+    /// as they did.
+    Virtual {
+        /// From the images to their frame at the station, µs.
+        latency_us: u64,
+        /// The time between two frame sets, µs: the stage is looked at just before the next one.
+        period_us: u64,
+    },
+    /// Frame sets and station are real: the [link's clock](StationLink::now) minus that of the
+    /// capture times, µs.
+    Real {
+        /// Difference of the clocks, which run alike: both are the host's.
+        offset_us: i64,
+    },
+}
+
+/// One turn of the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Followed {
+    /// Capture time, s since the first frame set.
+    pub time_s: f64,
+    /// Position of the stage, mm from where the station was started.
+    pub stage_mm: [f64; 3],
+    /// The turn.
+    pub turn: ServoStep,
+}
+
+/// A [`VisualServo`] that is fed with frame sets, one after another.
+#[derive(Debug)]
+pub struct FrameSetServo {
+    servo: VisualServo,
+    clock: CaptureClock,
+    station: StationLink,
+    /// Capture time of the first frame set, µs.
+    first_us: Option<u64>,
+}
+
+impl FrameSetServo {
+    /// Makes a loop around a station that has been started.
+    ///
+    /// # Errors
+    /// [`ServoError::Reference`] if the rig has no two cameras in different places.
+    pub fn new(
+        rig: &Rig,
+        estimator: Estimator,
+        clock: CaptureClock,
+        station: StationLink,
+    ) -> Result<Self, ServoError> {
+        Ok(Self {
+            servo: VisualServo::new(rig, estimator).map_err(ServoError::Reference)?,
+            clock,
+            station,
+            first_us: None,
+        })
+    }
+
+    /// The station.
+    pub fn station(&self) -> &StationLink {
+        &self.station
+    }
+
+    /// Follows the target into the next frame set. The first one gives nothing: it is the keyframe.
+    ///
+    /// # Errors
+    /// [`ServoError::Reference`] if the first cannot be used; [`ServoError::Station`] if the
+    /// station cannot be reached or has a fault. A later frame set that cannot be used is no error.
+    pub fn follow(&mut self, capture: &Capture) -> Result<Option<Followed>, ServoError> {
+        let Some(first_us) = self.first_us else {
+            self.servo
+                .set_keyframe(capture)
+                .map_err(ServoError::Reference)?;
+            let taken = match self.clock {
+                CaptureClock::Virtual { .. } => self.station.now(),
+                CaptureClock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
+            };
+            self.servo.set_keyframe_time(taken);
+            self.first_us = Some(capture.time_us);
+            return Ok(None);
+        };
+        let since_us = capture.time_us.saturating_sub(first_us);
+        let (taken, arrival) = match self.clock {
+            CaptureClock::Virtual { latency_us, .. } => {
+                let taken = self.servo.keyframe_time().plus_micros(since_us);
+                (taken, Some(taken.plus_micros(latency_us)))
+            }
+            CaptureClock::Real { offset_us } => (self.real(capture.time_us, offset_us)?, None),
+        };
+        let turn = self
+            .servo
+            .step(&mut self.station, capture, taken, arrival)?;
+        if let CaptureClock::Virtual { period_us, .. } = self.clock {
+            self.station.advance(taken.plus_micros(period_us));
+        }
+        Ok(Some(Followed {
+            time_s: since_us as f64 * 1e-6,
+            stage_mm: self.station.position_mm(),
+            turn,
+        }))
+    }
+
+    /// Lets the last frame's motion end; returns where the stage stands then, mm.
+    ///
+    /// # Errors
+    /// If the station cannot be reached.
+    pub fn rest(&mut self) -> Result<[f64; 3], StationError> {
+        let end = self.station.now().plus_micros(REST_US);
+        self.station.advance(end);
+        Ok(self.station.position_mm())
+    }
+
+    /// Stops the stage on its ramp, and not where it was led to expect the target next; returns
+    /// where it stands then, mm.
+    ///
+    /// # Errors
+    /// If the station cannot be reached.
+    pub fn stop(&mut self) -> Result<[f64; 3], StationError> {
+        self.station.command("stop", Command::Stop)?;
+        self.rest()
+    }
+
+    /// Converts a real capture time to the station's clock.
+    fn real(&self, time_us: u64, offset_us: i64) -> Result<Instant, StationError> {
+        let here = Instant::from_micros(time_us.saturating_add_signed(offset_us));
+        self.station.station_time(here)
+    }
+}

@@ -1,0 +1,215 @@
+//! The closed loop itself: images of one instant to flow sums, flow sums to the station, and the
+//! station's answer.
+
+use super::station_link::{FrameRefusal, StationLink};
+use crate::client::StationError;
+use crate::flow::team::Absence;
+use crate::flow::{self, Flow, Settings, Track};
+use crate::images::Capture;
+use crate::measure::{MeasureRefusal, measure};
+use crate::sums::{Estimator, Sums};
+use shared::frame::message::{EstimateReport, Frame, Sums as FrameSums};
+use shared::rig::Rig;
+use shared::safety::Trust;
+use shared::time::Instant;
+
+/// Result of one turn of the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ServoOutcome {
+    /// A frame was sent, and the station used it.
+    Used(ServoEstimate),
+    /// The images gave no frame.
+    Refused(MeasureRefusal),
+    /// A frame was sent, and the station is not known to have used it.
+    Unused(FrameRefusal),
+}
+
+/// The station's own estimate from one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServoEstimate {
+    /// Displacement of the target since the keyframe, mm.
+    pub displacement_mm: [f64; 3],
+    /// Standard deviation of the displacement, mm; `None` for the closed form.
+    pub sigma_mm: Option<[f64; 3]>,
+    /// Points behind the estimate.
+    pub points: usize,
+    /// Time from the images to the first step that they could change, µs.
+    pub latency_us: u32,
+}
+
+impl ServoEstimate {
+    fn new(report: &EstimateReport, points: usize) -> Self {
+        let mm = |nm: f64| nm * 1e-6;
+        Self {
+            displacement_mm: report.displacement_nm.map(|nm| mm(f64::from(nm))),
+            sigma_mm: report
+                .sigma_nm
+                .map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            points,
+            latency_us: report.latency_us,
+        }
+    }
+}
+
+impl ServoOutcome {
+    /// Returns the station's estimate, if it used the frame.
+    pub fn estimate(&self) -> Option<&ServoEstimate> {
+        match self {
+            Self::Used(estimate) => Some(estimate),
+            Self::Refused(_) | Self::Unused(_) => None,
+        }
+    }
+
+    /// Returns true if the station used the frame.
+    pub fn is_used(&self) -> bool {
+        self.estimate().is_some()
+    }
+
+    /// Returns the reason why the images had no effect, if they had none.
+    pub fn refusal(&self) -> Option<String> {
+        match self {
+            Self::Used(_) => None,
+            Self::Refused(refusal) => Some(refusal.to_string()),
+            Self::Unused(refusal) => Some(refusal.to_string()),
+        }
+    }
+}
+
+/// One turn of the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ServoStep {
+    /// Result of the turn.
+    pub outcome: ServoOutcome,
+    /// Cameras that took no part, from 0, each with its reason.
+    pub absent: Vec<(usize, Absence)>,
+    /// Trust in the station's position, by its latest status.
+    pub trust: Trust,
+}
+
+/// Flow sums of one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// Sums for the station's estimator.
+    pub sums: FrameSums,
+    /// Points behind the sums.
+    pub points: usize,
+    /// Cameras that took no part, from 0, each with its reason.
+    pub absent: Vec<(usize, Absence)>,
+}
+
+/// The closed loop of images, flow, station and stage.
+///
+/// [`VisualServo::step`] is one whole turn. A caller with several frames under way at once takes
+/// it apart: [`VisualServo::measure`], then [`VisualServo::frame`], which it sends by itself.
+#[derive(Debug)]
+pub struct VisualServo {
+    rig: Rig,
+    flow: Flow,
+    estimator: Estimator,
+    /// Kept, because the station knows a keyframe by its exact instant, and the estimate of the
+    /// station's clock wanders.
+    keyframe: Instant,
+}
+
+impl VisualServo {
+    /// Makes a loop without a keyframe.
+    ///
+    /// # Errors
+    /// [`flow::Refusal::WrongRig`] if the rig has no two cameras in different places.
+    pub fn new(rig: &Rig, estimator: Estimator) -> Result<Self, flow::Refusal> {
+        Ok(Self {
+            rig: rig.clone(),
+            flow: Flow::new(rig, Settings::default())?,
+            estimator,
+            keyframe: Instant::default(),
+        })
+    }
+
+    /// Takes the keyframe: the view to be kept.
+    ///
+    /// # Errors
+    /// With the reason why the images are no keyframe.
+    pub fn set_keyframe(&mut self, images: &Capture) -> Result<(), flow::Refusal> {
+        self.flow.set_reference(images)
+    }
+
+    /// Sets the instant of the keyframe on the station's clock.
+    pub fn set_keyframe_time(&mut self, taken: Instant) {
+        self.keyframe = taken;
+    }
+
+    /// Instant of the keyframe on the station's clock.
+    pub fn keyframe_time(&self) -> Instant {
+        self.keyframe
+    }
+
+    /// Measures images against the keyframe.
+    ///
+    /// # Errors
+    /// With the reason why they give no sums.
+    pub fn measure(&mut self, images: &Capture) -> Result<Measured, MeasureRefusal> {
+        let (measured, sums) = measure(&self.flow, &self.rig, images)?;
+        Ok(Measured {
+            sums: sums.frame(self.estimator)?,
+            points: measured.tracks.len(),
+            absent: measured.absent,
+        })
+    }
+
+    /// Turns ideal correspondences, which need no images, into sums.
+    ///
+    /// # Errors
+    /// With the reason why they give no sums.
+    pub fn measure_points(&self, points: &[Track]) -> Result<Measured, MeasureRefusal> {
+        Ok(Measured {
+            sums: Sums::new(&self.rig, points)?.frame(self.estimator)?,
+            points: points.len(),
+            absent: Vec::new(),
+        })
+    }
+
+    /// Makes the frame of images that were taken at `taken` on the station's clock.
+    pub fn frame(&self, taken: Instant, sums: FrameSums) -> Frame {
+        Frame {
+            capture: taken,
+            reference: self.keyframe,
+            sums,
+        }
+    }
+
+    /// Measures images that were taken at `taken` on the station's clock, sends their frame and
+    /// waits for the answer. With an `arrival`, time passes until then before the frame is sent.
+    ///
+    /// # Errors
+    /// If the station cannot be reached or has a fault. Images that cannot be used are no error.
+    pub fn step(
+        &mut self,
+        station: &mut StationLink,
+        images: &Capture,
+        taken: Instant,
+        arrival: Option<Instant>,
+    ) -> Result<ServoStep, StationError> {
+        let (outcome, absent) = match self.measure(images) {
+            Err(refusal) => (ServoOutcome::Refused(refusal), Vec::new()),
+            Ok(measured) => {
+                if let Some(arrival) = arrival {
+                    station.advance(arrival);
+                }
+                let outcome = match station.offer(self.frame(taken, measured.sums))? {
+                    Ok(report) => ServoOutcome::Used(ServoEstimate::new(&report, measured.points)),
+                    Err(refusal) => ServoOutcome::Unused(refusal),
+                };
+                (outcome, measured.absent)
+            }
+        };
+        let status = station.status();
+        match status.and_then(|status| status.fault) {
+            Some(fault) => Err(StationError::Faulted(fault)),
+            None => Ok(ServoStep {
+                outcome,
+                absent,
+                trust: status.map_or(Trust::Unknown, |status| status.trust),
+            }),
+        }
+    }
+}
