@@ -71,7 +71,7 @@ pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputEr
             break;
         };
         let line = lines.at(start);
-        let fields = row.map_err(|reason| InputError::line(file, line, reason))?;
+        let fields = row.map_err(|reason| InputError::line(file, line, reason.to_string()))?;
         if fields == [""] {
             continue;
         }
@@ -105,6 +105,15 @@ fn not_utf8(file: &Path, before: &[u8]) -> InputError {
     }
 }
 
+/// Reason why a text is no row.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+enum LongRow {
+    #[error("a row of more than {LONGEST_ROW} bytes")]
+    Bytes,
+    #[error("a row of more than {MOST_COLUMNS} columns")]
+    Columns,
+}
+
 /// The rows of a CSV text, in memory that does not grow with them.
 struct Rows<'a> {
     text: &'a [u8],
@@ -127,7 +136,7 @@ impl<'a> Rows<'a> {
     }
 
     /// The next row's fields without the spaces around them, or why it cannot be one.
-    fn next(&mut self) -> Option<Result<Vec<&str>, String>> {
+    fn next(&mut self) -> Option<Result<Vec<&str>, LongRow>> {
         use csv_core::ReadRecordResult as Outcome;
         let (mut length, mut count) = (0, 0);
         loop {
@@ -141,12 +150,10 @@ impl<'a> Rows<'a> {
                 // Asked once more, the reader learns that this is the end of the text.
                 Outcome::InputEmpty => {}
                 Outcome::OutputFull => {
-                    let reason = format!("a row of more than {LONGEST_ROW} bytes");
-                    return Some(Err(reason));
+                    return Some(Err(LongRow::Bytes));
                 }
                 Outcome::OutputEndsFull => {
-                    let reason = format!("a row of more than {MOST_COLUMNS} columns");
-                    return Some(Err(reason));
+                    return Some(Err(LongRow::Columns));
                 }
                 Outcome::Record => break,
                 Outcome::End => return None,
@@ -277,7 +284,7 @@ impl<'a> Collector<'a> {
         })?;
         let pixel = |i: usize, text: &str| {
             coordinate(text, self.rig.rig.image_size_px[i % 2])
-                .map_err(|reason| refuse(HEADER[2 + i], reason))
+                .map_err(|reason| refuse(HEADER[2 + i], reason.to_string()))
         };
         let pixels = [
             [pixel(0, x0)?, pixel(1, y0)?],
@@ -329,25 +336,36 @@ impl<'a> Collector<'a> {
     }
 }
 
+/// Reason why a text is no coordinate of a point in an image.
+#[derive(Clone, Debug, thiserror::Error)]
+enum WrongCoordinate {
+    #[error("must not be empty")]
+    Empty,
+    #[error("`{0}` is not a number")]
+    NotANumber(String),
+    #[error("`{0}` is not a finite number")]
+    NotFinite(String),
+    #[error("{text} is farther outside the image than its own size ({size_px} px)")]
+    Outside { text: String, size_px: u32 },
+}
+
 /// One coordinate, px. A point may have left the image, but not by more than the image's own size.
-fn coordinate(text: &str, size_px: u32) -> Result<f64, String> {
+fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
     if text.is_empty() {
-        return Err("must not be empty".to_owned());
+        return Err(WrongCoordinate::Empty);
     }
     let value: f64 = text
         .parse()
-        .map_err(|_| format!("`{}` is not a number", quoted(text)))?;
+        .map_err(|_| WrongCoordinate::NotANumber(quoted(text)))?;
     if !value.is_finite() {
-        return Err(format!("`{}` is not a finite number", quoted(text)));
+        return Err(WrongCoordinate::NotFinite(quoted(text)));
     }
     let size = f64::from(size_px);
     if (-size..=2.0 * size).contains(&value) {
         Ok(value)
     } else {
-        Err(format!(
-            "{} is farther outside the image than its own size ({size_px} px)",
-            quoted(text)
-        ))
+        let text = quoted(text);
+        Err(WrongCoordinate::Outside { text, size_px })
     }
 }
 

@@ -84,13 +84,16 @@ impl Board {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pattern(pub [usize; 2]);
 
-impl FromStr for Pattern {
-    type Err = String;
+/// A text that is no [`Pattern`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not like 9x6: inner corners along the two sides, 3 to 100 each")]
+pub struct WrongPattern(String);
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || {
-            format!("`{text}` is not like 9x6: inner corners along the two sides, 3 to 100 each")
-        };
+impl FromStr for Pattern {
+    type Err = WrongPattern;
+
+    fn from_str(text: &str) -> Result<Self, WrongPattern> {
+        let wrong = || WrongPattern(text.to_owned());
         let (columns, rows) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
         let side = |text: &str| {
             text.trim()

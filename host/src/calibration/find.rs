@@ -43,6 +43,8 @@ pub enum NotFound {
     Hidden(usize),
 }
 
+impl std::error::Error for NotFound {}
+
 impl fmt::Display for NotFound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -7,6 +7,7 @@ use super::board::Board;
 use super::find::{Found, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
 use super::photographs::{self, Series};
+use super::rejection::ImageRejection;
 use super::rig::{self, Eye, Instant, RigSolution};
 use super::stand::doubts;
 use crate::error::InputError;
@@ -202,7 +203,7 @@ fn calibrate_camera(
     series: &Series,
     settings: &Settings,
     next: &mut dyn FnMut(),
-) -> Result<(CameraResult, Vec<Result<Found, String>>), InputError> {
+) -> Result<(CameraResult, Vec<Result<Found, ImageRejection>>), InputError> {
     let mut size = None;
     let mut found = Vec::with_capacity(series.files.len());
     for (_, path) in &series.files {
@@ -248,31 +249,32 @@ fn own_rms_px(cameras: &[CameraResult]) -> f64 {
 }
 
 /// A picture that is there twice says nothing new, but would count as if it did.
-fn reject_repeated(files: &[String], found: &mut [Result<Found, String>]) {
+fn reject_repeated(files: &[String], found: &mut [Result<Found, ImageRejection>]) {
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
         let [this, ..] = rest else { continue };
         // Noise moves every corner: to the last bit, only the same pixels give the same places.
-        let is_same = |other: &Result<Found, String>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        let is_same = |other: &Result<Found, ImageRejection>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
         if let Some(first) = before.iter().position(is_same) {
-            *this = Err(format!("the same picture as {}", files[first]));
+            *this = Err(ImageRejection::Repeated(files[first].clone()));
         }
     }
 }
 
 /// The rejected images, together with those rejected for the same reason.
 fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
-    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    let mut groups: Vec<(&ImageRejection, Vec<&str>)> = Vec::new();
     for (file, verdict) in files.iter().zip(verdicts) {
         let Verdict::Rejected(reason) = verdict else {
             continue;
         };
-        match groups.iter_mut().find(|(known, _)| known == reason) {
+        match groups.iter_mut().find(|(known, _)| *known == reason) {
             Some((_, group)) => group.push(file),
             None => groups.push((reason, vec![file])),
         }
     }
-    let text = |(reason, group): (&str, Vec<&str>)| format!("{}: {reason}", group.join(", "));
+    let text =
+        |(reason, group): (&ImageRejection, Vec<&str>)| format!("{}: {reason}", group.join(", "));
     groups.into_iter().map(text).collect()
 }
 
@@ -284,17 +286,18 @@ fn file_name(path: &Path) -> String {
 }
 
 /// The board in one file; `size` is that of the camera's images, once one has been read.
-fn corners(path: &Path, settings: &Settings, size: &mut Option<[u32; 2]>) -> Result<Found, String> {
-    let image = read_any(path).map_err(|error| error.reason)?;
+fn corners(
+    path: &Path,
+    settings: &Settings,
+    size: &mut Option<[u32; 2]>,
+) -> Result<Found, ImageRejection> {
+    let image = read_any(path).map_err(|error| ImageRejection::Unreadable(error.reason))?;
     let own = [image.width, image.height].map(|side| side as u32);
-    let [width, height] = *size.get_or_insert(own);
-    if own != [width, height] {
-        let [w, h] = own;
-        return Err(format!(
-            "{w} x {h} px, but the images before it are {width} x {height} px"
-        ));
+    let first = *size.get_or_insert(own);
+    if own != first {
+        return Err(ImageRejection::Size { found: own, first });
     }
-    find(&image, &settings.board, settings.half_window).map_err(|reason| reason.to_string())
+    Ok(find(&image, &settings.board, settings.half_window)?)
 }
 
 fn place(

@@ -21,6 +21,7 @@ use super::board::Board;
 use super::find::Found;
 use super::homography;
 use super::lens::{Lens, NAMES, PARAMETERS};
+use super::rejection::ImageRejection;
 use crate::rig_file::can_undistort;
 
 /// The fewest images that determine nine parameters with something left to test them.
@@ -44,7 +45,7 @@ pub enum Verdict {
         rms_px: f64,
     },
     /// Rejected, with the reason.
-    Rejected(String),
+    Rejected(ImageRejection),
 }
 
 /// A calibrated camera.
@@ -112,7 +113,7 @@ pub enum Refusal {
 pub fn calibrate(
     board: &Board,
     size_px: [u32; 2],
-    images: &[Result<Found, String>],
+    images: &[Result<Found, ImageRejection>],
     outlier: f64,
 ) -> Result<Intrinsics, (Refusal, Vec<Verdict>)> {
     let mut verdicts: Vec<Verdict> = images.iter().map(first_verdict).collect();
@@ -179,21 +180,21 @@ pub fn calibrate(
                 poses,
             });
         };
-        verdicts[index] = Verdict::Rejected(format!(
-            "residual {rms_px:.3} px, {:.1} times the median image's {middle:.3} px",
-            rms_px / middle
-        ));
+        verdicts[index] = Verdict::Rejected(ImageRejection::Residual {
+            rms_px,
+            median_px: middle,
+        });
     }
 }
 
-fn first_verdict(image: &Result<Found, String>) -> Verdict {
+fn first_verdict(image: &Result<Found, ImageRejection>) -> Verdict {
     match image {
         Ok(_) => Verdict::Used { rms_px: f64::NAN },
         Err(reason) => Verdict::Rejected(reason.clone()),
     }
 }
 
-fn reject_blurred(images: &[Result<Found, String>], verdicts: &mut [Verdict]) {
+fn reject_blurred(images: &[Result<Found, ImageRejection>], verdicts: &mut [Verdict]) {
     let blurs = images
         .iter()
         .filter_map(|image| image.as_ref().ok())
@@ -202,9 +203,10 @@ fn reject_blurred(images: &[Result<Found, String>], verdicts: &mut [Verdict]) {
     for (image, verdict) in images.iter().zip(verdicts) {
         let blur_px = image.as_ref().map_or(0.0, |found| found.blur_px);
         if blur_px > SHARP_PX && blur_px > BLURRED * middle {
-            *verdict = Verdict::Rejected(format!(
-                "blurred: edges {blur_px:.1} px wide, the median image's {middle:.1} px"
-            ));
+            *verdict = Verdict::Rejected(ImageRejection::Blurred {
+                blur_px,
+                median_px: middle,
+            });
         }
     }
 }

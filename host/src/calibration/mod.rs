@@ -25,6 +25,7 @@ pub mod intrinsics;
 pub mod lens;
 pub mod photographs;
 pub mod refine;
+pub mod rejection;
 pub mod rig;
 pub mod saddle;
 pub mod stand;

@@ -19,6 +19,7 @@ use super::blur::median;
 use super::board::Board;
 use super::intrinsics::pose;
 use super::lens::{Lens, PARAMETERS};
+use super::rejection::InstantRejection;
 use super::stand::{Stand, numbers, stands};
 
 /// Residuals below this reject no instant, px.
@@ -55,7 +56,7 @@ pub struct RigSolution {
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
     /// Per instant: the root mean square residual in px, or why it was not used.
-    pub instants: Vec<Result<f64, String>>,
+    pub instants: Vec<Result<f64, InstantRejection>>,
 }
 
 /// Why there is no rig.
@@ -123,10 +124,10 @@ pub fn calibrate(
     if !(2..=MAX_CAMERAS).contains(&count) {
         return Err(Refusal::Count(count));
     }
-    let mut verdicts: Vec<Result<f64, String>> = instants
+    let mut verdicts: Vec<Result<f64, InstantRejection>> = instants
         .iter()
         .map(|instant| match instant.iter().flatten().count() {
-            0 | 1 => Err("fewer than two cameras have a usable image".to_owned()),
+            0 | 1 => Err(InstantRejection::FewImages),
             _ => Ok(f64::NAN),
         })
         .collect();
@@ -172,10 +173,10 @@ pub fn calibrate(
         let worst = kept.iter().zip(&rms).max_by(|a, b| a.1.total_cmp(b.1));
         match worst {
             Some((index, rms_px)) if *rms_px > (outlier * middle).max(HARMLESS_PX) => {
-                verdicts[*index] = Err(format!(
-                    "the cameras disagree: residual {rms_px:.3} px, {:.1} times the median instant's {middle:.3} px",
-                    rms_px / middle
-                ));
+                verdicts[*index] = Err(InstantRejection::Residual {
+                    rms_px: *rms_px,
+                    median_px: middle,
+                });
             }
             _ => {
                 let covariance = solution.covariance + through_lenses(&solution.response, eyes);

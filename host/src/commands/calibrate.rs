@@ -77,19 +77,30 @@ Examples:
   trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
   trinocular calibrate boards/ --board 9x6 --square 25 --ros camera_info/ --json";
 
-fn positive(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+/// Reason why a text is not the number that an option takes.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+enum WrongNumber {
+    #[error("not a number")]
+    NotANumber,
+    #[error("must be greater than 0 and less than 100000")]
+    OutOfRange,
+    #[error("must be at least 1")]
+    BelowOne,
+}
+
+fn positive(text: &str) -> Result<f64, WrongNumber> {
+    let number: f64 = text.parse().map_err(|_| WrongNumber::NotANumber)?;
     if number > 0.0 && number < 1e5 {
         Ok(number)
     } else {
-        Err("must be greater than 0 and less than 100000".to_owned())
+        Err(WrongNumber::OutOfRange)
     }
 }
 
-fn at_least_one(text: &str) -> Result<f64, String> {
+fn at_least_one(text: &str) -> Result<f64, WrongNumber> {
     match positive(text)? {
         number if number >= 1.0 => Ok(number),
-        _ => Err("must be at least 1".to_owned()),
+        _ => Err(WrongNumber::BelowOne),
     }
 }
 
@@ -281,7 +292,7 @@ fn camera_json(camera: &CameraResult) -> Value {
     let (value, sigma) = (intrinsics.lens.0, intrinsics.sigma());
     let image = |(file, verdict): (&String, &Verdict)| match verdict {
         Verdict::Used { rms_px } => json!({ "file": file, "rms_px": rms_px }),
-        Verdict::Rejected(reason) => json!({ "file": file, "rejected": reason }),
+        Verdict::Rejected(reason) => json!({ "file": file, "rejected": reason.to_string() }),
     };
     let images: Vec<Value> = camera
         .files
@@ -322,9 +333,9 @@ fn rig_json(result: &Calibration, rig: &RigSolution, warnings: &[String]) -> Val
             })
         })
         .collect();
-    let instant = |(name, verdict): (&String, &Result<f64, String>)| match verdict {
+    let instant = |(name, verdict): (&String, &Result<f64, InstantRejection>)| match verdict {
         Ok(rms_px) => json!({ "name": name, "rms_px": rms_px }),
-        Err(reason) => json!({ "name": name, "left_out": reason }),
+        Err(reason) => json!({ "name": name, "left_out": reason.to_string() }),
     };
     let instants: Vec<Value> = result
         .instants

@@ -50,11 +50,16 @@ struct Offset {
     mm: [f64; 2],
 }
 
-impl FromStr for Offset {
-    type Err = String;
+/// A text that is no [`Offset`].
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("`{0}` is not like left=-70,0: camera=X,Y in mm")]
+struct WrongOffset(String);
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is not like left=-70,0: camera=X,Y in mm");
+impl FromStr for Offset {
+    type Err = WrongOffset;
+
+    fn from_str(text: &str) -> Result<Self, WrongOffset> {
+        let wrong = || WrongOffset(text.to_owned());
         let (camera, place) = text.split_once('=').ok_or_else(wrong)?;
         let (x, y) = place.split_once(',').ok_or_else(wrong)?;
         let number = |text: &str| {

@@ -53,23 +53,39 @@ struct Distance {
     um: i32,
 }
 
-impl std::str::FromStr for Distance {
-    type Err = String;
+/// Reason why a text is no [`Distance`].
+#[derive(Clone, Debug, thiserror::Error)]
+enum WrongDistance {
+    #[error("write an axis, =, and mm: x=1.5")]
+    Form,
+    #[error("no axis `{0}`: x, y, z")]
+    Axis(String),
+    #[error("`{0}` is no number")]
+    NotANumber(String),
+    #[error("must be -{LONGEST_MM} to {LONGEST_MM} mm")]
+    TooLong,
+    #[error("shorter than 0.001 mm")]
+    TooShort,
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl std::str::FromStr for Distance {
+    type Err = WrongDistance;
+
+    fn from_str(text: &str) -> Result<Self, WrongDistance> {
         let parts = text.split_once('=');
-        let (axis, mm) = parts.ok_or("write an axis, =, and mm: x=1.5")?;
+        let (axis, mm) = parts.ok_or(WrongDistance::Form)?;
         let axis = ["x", "y", "z"]
             .into_iter()
             .position(|name| axis.eq_ignore_ascii_case(name))
-            .ok_or_else(|| format!("no axis `{axis}`: x, y, z"))?;
-        let mm: f64 = mm.parse().map_err(|_| format!("`{mm}` is no number"))?;
+            .ok_or_else(|| WrongDistance::Axis(axis.to_owned()))?;
+        let wrong = |_| WrongDistance::NotANumber(mm.to_owned());
+        let mm: f64 = mm.parse().map_err(wrong)?;
         if !(mm.abs() <= LONGEST_MM) {
-            return Err(format!("must be -{LONGEST_MM} to {LONGEST_MM} mm"));
+            return Err(WrongDistance::TooLong);
         }
         let um = (mm * 1e3).round() as i32;
         if um == 0 && mm != 0.0 {
-            return Err("shorter than 0.001 mm".to_owned());
+            return Err(WrongDistance::TooShort);
         }
         Ok(Self { axis, um })
     }

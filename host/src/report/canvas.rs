@@ -8,7 +8,6 @@ use super::markup::{escape, printable_text};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use std::fmt::Display;
 
 /// Units per pixel.
 pub(super) const UNIT: f64 = 10.0;
@@ -61,16 +60,14 @@ pub(super) fn pen(colour: RGBColor, pixels: f64) -> ShapeStyle {
     }
 }
 
-/// An error of the drawing library, in words.
-pub(super) fn refusal<E: Display>(error: E) -> String {
-    error.to_string()
-}
+/// Error of the drawing library.
+pub(super) type DrawingError = DrawingAreaErrorKind<std::io::Error>;
 
 /// Draws a figure of so many pixels with its title, and returns the SVG document.
 pub(super) fn render(
     title: &str,
     size_px: [u32; 2],
-    draw: impl FnOnce(&Sheet) -> Result<(), String>,
+    draw: impl FnOnce(&Sheet) -> Result<(), DrawingError>,
 ) -> Result<String, Error> {
     let [width, height] = size_px.map(|side| side.clamp(200, 4000));
     let scale = UNIT as u32;
@@ -80,14 +77,13 @@ pub(super) fn render(
             SVGBackend::with_string(&mut body, (width * scale, height * scale)).into_drawing_area();
         sheet
             .fill(&WHITE)
-            .map_err(refusal)
             .and_then(|()| write_title(&sheet, title))
             .and_then(|()| draw(&sheet))
-            .and_then(|()| sheet.present().map_err(refusal))
+            .and_then(|()| sheet.present())
     };
-    drawn.map_err(|reason| Error::Draw {
+    drawn.map_err(|error| Error::Draw {
         title: title.to_owned(),
-        reason,
+        reason: error.to_string(),
     })?;
     // The library's header knows no scale and no name for readers who cannot see.
     let inside = body.split_once('>').map_or("", |(_, rest)| rest);
@@ -100,7 +96,7 @@ pub(super) fn render(
     ))
 }
 
-fn write_title(sheet: &Sheet, title: &str) -> Result<(), String> {
+fn write_title(sheet: &Sheet, title: &str) -> Result<(), DrawingError> {
     let style = lettering(TITLE, INK, HPos::Left, VPos::Center);
     // A title wider than the figure is set smaller, down to the size of its other text, and then
     // cut: the document's own title holds all of it.
@@ -146,10 +142,8 @@ pub(super) fn write_text(
     text: &str,
     at: Spot,
     style: &TextStyle,
-) -> Result<(), String> {
-    sheet
-        .draw_text(&printable_text(text), style, at)
-        .map_err(refusal)
+) -> Result<(), DrawingError> {
+    sheet.draw_text(&printable_text(text), style, at)
 }
 
 /// About how wide a text is, px. No font is at hand, and the reader's is not ours: this is the

@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::canvas::{
-    AXIS, GRID, INK, SOFT_INK, Sheet, Spot, TEXT, TITLE_LINE, UNIT, lettering, pen, refusal,
+    AXIS, DrawingError, GRID, INK, SOFT_INK, Sheet, Spot, TEXT, TITLE_LINE, UNIT, lettering, pen,
     text_width, units, write_text,
 };
 use super::stroke::{self, SAMPLE, Style};
@@ -24,7 +24,7 @@ pub(super) struct Entry<'a> {
 
 /// Draws the legend under the title and returns the height used by both, px. Series without a name
 /// are left out; a figure with one named series still shows it, since the name says what is drawn.
-pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, String> {
+pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, DrawingError> {
     let width = f64::from(sheet.dim_in_pixel().0) / UNIT;
     let named: Vec<&Entry> = entries
         .iter()
@@ -66,7 +66,7 @@ pub(super) struct Axes<'a> {
 }
 
 /// Draws grid, axes and labels below `top` px, and returns where data go on the sheet.
-pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, String> {
+pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, DrawingError> {
     let (width, height) = sheet.dim_in_pixel();
     let (width, height) = (f64::from(width) / UNIT, f64::from(height) / UNIT);
     let margin_right = 22.0;
@@ -101,8 +101,7 @@ pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, S
                 ends: y_ends,
                 ticks: y.ticks.clone(),
             },
-        )
-        .map_err(refusal)?;
+        )?;
     chart
         .configure_mesh()
         .bold_line_style(pen(GRID, 1.0))
@@ -115,8 +114,7 @@ pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, S
         .y_label_formatter(&|tick| y.label(*tick))
         .x_desc(axes.x_label)
         .y_desc(axes.y_label)
-        .draw()
-        .map_err(refusal)?;
+        .draw()?;
     Ok(Place(chart.as_coord_spec().clone()))
 }
 

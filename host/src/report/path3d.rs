@@ -4,8 +4,8 @@
 use super::Error;
 use super::axis::{Axis, drawable};
 use super::canvas::{
-    AXIS, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, pen, refusal, render,
-    text_width, units, write_text,
+    AXIS, DrawingError, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, pen,
+    render, text_width, units, write_text,
 };
 use super::chart::draw_legend;
 use super::plot::{Series, entries, points, say_no_data, unbroken};
@@ -153,13 +153,13 @@ impl View {
         sheet: &Sheet,
         ends: [[f64; 3]; 2],
         style: plotters::style::ShapeStyle,
-    ) -> Result<(), String> {
+    ) -> Result<(), DrawingError> {
         let path = ends.map(|end| self.spot(end)).to_vec();
-        sheet.draw(&PathElement::new(path, style)).map_err(refusal)
+        sheet.draw(&PathElement::new(path, style))
     }
 
     /// Floor and the two walls behind, with grid lines at the labels.
-    fn draw_walls(&self, sheet: &Sheet) -> Result<(), String> {
+    fn draw_walls(&self, sheet: &Sheet) -> Result<(), DrawingError> {
         let grid = pen(GRID, 1.0);
         for tick in self.ticks(0) {
             self.line(sheet, [[tick, -1.0, -1.0], [tick, 1.0, -1.0]], grid)?;
@@ -199,7 +199,7 @@ impl View {
             .map(|tick| (2.0 * axis.fraction(*tick) - 1.0).clamp(-1.0, 1.0))
     }
 
-    fn draw_labels(&self, sheet: &Sheet, names: &[String; 3]) -> Result<(), String> {
+    fn draw_labels(&self, sheet: &Sheet, names: &[String; 3]) -> Result<(), DrawingError> {
         // Each axis: its edge as a function of the position along it, where labels go from there,
         // how they are held.
         let edges: [fn(f64) -> [f64; 3]; 3] =
@@ -237,7 +237,7 @@ impl View {
     }
 
     /// The series on the floor, in grey: it tells depth from height.
-    fn draw_shadow(&self, sheet: &Sheet, series: &Series<3>) -> Result<(), String> {
+    fn draw_shadow(&self, sheet: &Sheet, series: &Series<3>) -> Result<(), DrawingError> {
         let floor = |point: &[f64; 3]| {
             let seen = point.iter().all(|value| drawable(*value));
             let [x, y, _] = self.unit(*point);
@@ -247,12 +247,10 @@ impl View {
             if series.style == Style::Points || run.len() == 1 {
                 for spot in run {
                     let dot = Circle::new(spot, units(1.6), SHADOW.filled());
-                    sheet.draw(&dot).map_err(refusal)?;
+                    sheet.draw(&dot)?;
                 }
             } else {
-                sheet
-                    .draw(&PathElement::new(stroke::thinned(&run), pen(SHADOW, 1.2)))
-                    .map_err(refusal)?;
+                sheet.draw(&PathElement::new(stroke::thinned(&run), pen(SHADOW, 1.2)))?;
             }
         }
         Ok(())

@@ -2,7 +2,9 @@
 
 use super::Error;
 use super::axis::{Axis, drawable};
-use super::canvas::{SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, render, units, write_text};
+use super::canvas::{
+    DrawingError, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, render, units, write_text,
+};
 use super::chart::{Axes, Entry, Place, draw_axes, draw_legend, ticks_for};
 use super::stroke::{self, Style};
 use plotters::style::text_anchor::{HPos, VPos};
@@ -141,7 +143,7 @@ pub(super) fn draw_series(
     series: &[Series<2>],
     place: &Place,
     top: f64,
-) -> Result<(), String> {
+) -> Result<(), DrawingError> {
     for (index, series) in series.iter().enumerate() {
         let spots = series.points.iter().map(|point| {
             let seen = point.iter().all(|value| drawable(*value));
@@ -169,7 +171,7 @@ pub(super) fn unbroken(spots: impl Iterator<Item = Option<Spot>>) -> Vec<Vec<Spo
 }
 
 /// Says in the middle of a figure that there is nothing in it.
-pub(super) fn say_no_data(sheet: &Sheet, top: f64) -> Result<(), String> {
+pub(super) fn say_no_data(sheet: &Sheet, top: f64) -> Result<(), DrawingError> {
     let [width, height] = size(sheet);
     let style = lettering(TEXT + 1.0, SOFT_INK, HPos::Center, VPos::Center);
     let middle = (units(0.5 * width), units(0.5 * (top + height)));

@@ -3,7 +3,7 @@
 use super::Error;
 use super::axis::{Axis, drawable};
 use super::canvas::{
-    AXIS, SOFT_INK, Sheet, Spot, TEXT, lettering, pen, refusal, render, units, write_text,
+    AXIS, DrawingError, SOFT_INK, Sheet, Spot, TEXT, lettering, pen, render, units, write_text,
 };
 use super::chart::{Axes, Place, draw_axes, draw_legend};
 use super::plot::{Series, draw_series, entries, points};
@@ -141,7 +141,7 @@ fn whole(circle: &Circle) -> bool {
         && circle.radius > 0.0
 }
 
-fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), String> {
+fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), DrawingError> {
     let [x, y] = circle.centre;
     let turn = (0..=96).map(|i| f64::from(i) / 96.0 * std::f64::consts::TAU);
     let rim: Vec<Spot> = turn
@@ -157,9 +157,7 @@ fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), Stri
         .copied()
         .min_by_key(|spot| spot.1)
         .unwrap_or_default();
-    sheet
-        .draw(&PathElement::new(rim, pen(AXIS, 1.4)))
-        .map_err(refusal)?;
+    sheet.draw(&PathElement::new(rim, pen(AXIS, 1.4)))?;
     let style = lettering(TEXT - 1.0, SOFT_INK, HPos::Center, VPos::Top);
     write_text(sheet, &circle.name, (top.0, top.1 + units(5.0)), &style)
 }

@@ -1,7 +1,7 @@
 //! How a series looks, in the plane of the sheet: the same strokes for plots and for paths in
 //! space.
 
-use super::canvas::{Sheet, Spot, UNIT, colour, pen, refusal, units};
+use super::canvas::{DrawingError, Sheet, Spot, UNIT, colour, pen, units};
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use std::collections::BTreeSet;
@@ -50,7 +50,7 @@ pub(super) fn draw(
     runs: &[Vec<Spot>],
     style: Style,
     index: usize,
-) -> Result<(), String> {
+) -> Result<(), DrawingError> {
     for run in runs {
         if style.has_line() && run.len() > 1 {
             let path = if style == Style::Steps {
@@ -75,21 +75,26 @@ pub(super) fn draw(
     Ok(())
 }
 
-fn draw_line(sheet: &Sheet, path: Vec<Spot>, style: Style, index: usize) -> Result<(), String> {
+fn draw_line(
+    sheet: &Sheet,
+    path: Vec<Spot>,
+    style: Style,
+    index: usize,
+) -> Result<(), DrawingError> {
     let solid = pen(colour(index), LINE);
     if style != Style::Dashed {
-        return sheet.draw(&PathElement::new(path, solid)).map_err(refusal);
+        return sheet.draw(&PathElement::new(path, solid));
     }
     if length_px(&path) > LONGEST_DASHED {
         let thin = pen(colour(index), LINE / 2.0);
-        return sheet.draw(&PathElement::new(path, thin)).map_err(refusal);
+        return sheet.draw(&PathElement::new(path, thin));
     }
     let dashes = DashedPathElement::new(path, units(DASH), units(GAP), solid);
-    sheet.draw(&dashes).map_err(refusal)
+    sheet.draw(&dashes)
 }
 
 /// The marker of series number `index`: shapes differ as well as colours.
-fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), String> {
+fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
     let fill = colour(index).filled();
     let r = units(MARKER);
     let corner = |x: f64, y: f64| {
@@ -118,14 +123,18 @@ fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), String> {
             fill,
         )),
     }
-    .map_err(refusal)
 }
 
 /// Width of a sample in a legend, px.
 pub(super) const SAMPLE: f64 = 28.0;
 
 /// The sample of a series in a legend, from `at` to the right.
-pub(super) fn sample(sheet: &Sheet, at: Spot, style: Style, index: usize) -> Result<(), String> {
+pub(super) fn sample(
+    sheet: &Sheet,
+    at: Spot,
+    style: Style,
+    index: usize,
+) -> Result<(), DrawingError> {
     let width = units(SAMPLE);
     if style.has_line() {
         draw_line(sheet, vec![at, (at.0 + width, at.1)], style, index)?;
