@@ -1,11 +1,4 @@
-//! What can go wrong between the command line and the result, and the exit code that says so.
-//!
-//! | code | meaning |
-//! |---|---|
-//! | 0 | done |
-//! | 1 | the input was bad: the message names file, line and field |
-//! | 2 | the command line was wrong |
-//! | 3 | the station refused, faulted or is in use, or a signal ended the run |
+//! Faults in files that the user gave.
 
 use std::error::Error;
 use std::fmt;
@@ -90,66 +83,6 @@ impl fmt::Display for InputError {
 
 impl Error for InputError {}
 
-/// Why a command did not end well.
-#[derive(Debug, thiserror::Error)]
-pub enum Failure {
-    /// A file or folder was bad.
-    #[error(transparent)]
-    Input(#[from] InputError),
-    /// The input was read, but some of its frames allow no estimate; each has been reported where
-    /// it stood.
-    #[error("{}: {refused} of {frames} frames refused", printable(.file.display()))]
-    Refused {
-        /// The file or folder the frames came from.
-        file: PathBuf,
-        /// Frames without an estimate.
-        refused: usize,
-        /// All frames.
-        frames: usize,
-    },
-    /// The options contradict each other.
-    #[error("{0}")]
-    Usage(String),
-    /// The pictures show nothing that could be followed, or the report cannot be written.
-    #[error("{0}")]
-    Scene(String),
-    /// The station refused or faulted.
-    #[error("station: {0}")]
-    Station(String),
-    /// Standard output could not be written.
-    #[error("standard output")]
-    Output(#[from] io::Error),
-}
-
-impl Failure {
-    /// The process's exit code.
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Input(_) | Self::Refused { .. } | Self::Scene(_) | Self::Output(_) => 1,
-            Self::Usage(_) => 2,
-            Self::Station(_) => 3,
-        }
-    }
-
-    /// The reader of standard output has seen enough (`trinocular ... | head -1`): no fault of
-    /// anybody's.
-    pub fn is_closed_output(&self) -> bool {
-        matches!(self, Self::Output(cause) if cause.kind() == io::ErrorKind::BrokenPipe)
-    }
-
-    /// The message and all its causes, in one line.
-    pub fn chain(&self) -> String {
-        let mut text = self.to_string();
-        let mut cause = self.source();
-        while let Some(inner) = cause {
-            text.push_str(": ");
-            text.push_str(&inner.to_string());
-            cause = inner.source();
-        }
-        printable_up_to(LONGEST_REASON, text.replace(['\n', '\r'], " "))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -179,19 +112,5 @@ mod tests {
             "{text}"
         );
         assert!(text.len() < 1000, "{text}");
-    }
-
-    #[test]
-    fn a_chain_is_one_line() {
-        let failure = Failure::from(io::Error::other("two\nlines"));
-        assert_eq!(failure.chain(), "standard output: two lines");
-    }
-
-    #[test]
-    fn exit_codes_are_the_documented_ones() {
-        let input = InputError::file(Path::new("a"), "b");
-        assert_eq!(Failure::from(input).exit_code(), 1);
-        assert_eq!(Failure::Usage(String::new()).exit_code(), 2);
-        assert_eq!(Failure::Station(String::new()).exit_code(), 3);
     }
 }

@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use host::error::Failure;
+use commands::failure::Failure;
 use host::notice;
 
 mod commands;

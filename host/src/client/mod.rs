@@ -134,6 +134,29 @@ pub enum StationError {
     },
 }
 
+impl StationError {
+    /// Returns the serial port that the message names, if it names one.
+    pub fn port(&self) -> Option<&str> {
+        match self {
+            Self::Port { path, .. }
+            | Self::Busy { path, .. }
+            | Self::Lost { path, .. }
+            | Self::Interrupted { path, .. }
+            | Self::Restarted { path, .. } => Some(path),
+            Self::Silent { .. }
+            | Self::Unanswered { .. }
+            | Self::Unstopped { .. }
+            | Self::Cancelled
+            | Self::Implausible(_)
+            | Self::Mismatch(_)
+            | Self::Denied { .. }
+            | Self::Faulted(_)
+            | Self::Garbled(_)
+            | Self::Stage { .. } => None,
+        }
+    }
+}
+
 fn mismatches(list: &[Mismatch]) -> String {
     let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
     list.iter().map(one).collect::<Vec<_>>().join(", ")

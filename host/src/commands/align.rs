@@ -3,9 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::alignment::{Alignment, Settings, present, rewrite};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::output::{Output, Replace};

@@ -4,8 +4,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::flow::alignment;
 use host::flow::frame_set::{FrameSet, frame_set, keyframe};
 use host::flow::laps::{Laps, Stage};
@@ -95,7 +96,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
         ..Settings::default()
     };
     let refused =
-        |refusal: Refusal| Failure::Scene(format!("{}: {refusal}", options.folder.display()));
+        |refusal: Refusal| Failure::Images(format!("{}: {refusal}", options.folder.display()));
     let flow = Flow::new(&rig, settings).map_err(refused)?;
     let mut timing = Timing::default();
     for _ in 0..options.repeat {

@@ -1,12 +1,13 @@
 //! What the commands that drive a station by hand share: the port, the stage of the rig file, and
 //! refusals that say what to do next.
 
+use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::client::diagnosis::{self, remedy};
 use host::client::serial::Serial;
 use host::client::stage::{HEARTBEAT_MS, configuration};
 use host::client::{StationError, ports};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::interruption;
 use host::rig_file::{RigFile, Stage};
 use serde_json::{Value, json};
@@ -111,8 +112,9 @@ impl Hand {
         argument: &PortArgument,
         connect: impl Fn(&str) -> Result<Serial, StationError>,
     ) -> Result<Self, Failure> {
-        let port = ports::resolve(&argument.port).map_err(super::station_failed)?;
-        let serial = connect(&port).map_err(|error| super::failed_at(Some(&port), error.into()))?;
+        let port =
+            ports::resolve(&argument.port).map_err(|error| Failure::of_station(None, error))?;
+        let serial = connect(&port).map_err(|error| Failure::of_station(Some(&port), error))?;
         Ok(Self { serial, port })
     }
 
@@ -253,9 +255,9 @@ impl Hand {
             StationError::Denied { denial, .. } => remedy(*denial),
             _ => None,
         };
-        match (super::failed_at(Some(&self.port), error.into()), next) {
-            (Failure::Station(reason), Some(next)) => Failure::Station(format!("{reason}; {next}")),
-            (failure, _) => failure,
+        match Failure::of_station(Some(&self.port), error) {
+            Failure::Station(failure) => Failure::Station(failure.with_next(next)),
+            failure => failure,
         }
     }
 }
@@ -263,7 +265,7 @@ impl Hand {
 /// The flag that a signal sets. A second signal ends the program at once, and the station stops
 /// without its heartbeat.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
-    interruption::watch().map_err(|cause| Failure::Scene(cause.to_string()))
+    interruption::watch().map_err(Failure::Signals)
 }
 
 /// The failure behind a motion that did not end by itself.
@@ -278,7 +280,7 @@ pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(),
             "stopped by somebody else"
         };
         let next = diagnosis::state(end.state).action;
-        return Err(Failure::Station(format!("{who}; next: {next}")));
+        return Err(Failure::Station(format!("{who}; next: {next}").into()));
     }
     Ok(())
 }

@@ -3,13 +3,15 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::calibration::board::{Board, Pattern};
 use host::calibration::folder::{Calibration, CameraResult, Settings, calibrate};
 use host::calibration::intrinsics::Verdict;
 use host::calibration::photographs::list;
+use host::calibration::rejection::InstantRejection;
 use host::calibration::rig::RigSolution;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::notice;
 use host::printable::printable;
 use host::rig_file::RigFile;

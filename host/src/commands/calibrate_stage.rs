@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 use super::by_hand::{Axis, StageArgument};
 use super::scene::SceneOptions;
+use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::Failure;
 use host::hand_eye::delay::{Delay, Passing, Path, delay};
 use host::hand_eye::fit::{Fit, Sample, fit};
 use host::hand_eye::plan::{FARTHEST, Stop, stops};
@@ -18,7 +18,7 @@ use host::hand_eye::rewrite::with_matrix;
 use host::hand_eye::watch::Watch;
 use host::images::Capture;
 use host::notice;
-use host::report::write_atomically;
+use host::output::{Output, Replace};
 use host::report::{Cell, Table};
 use host::rig_file::{RigFile, Stage};
 use serde_json::json;
@@ -168,7 +168,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let (samples, fit, delay) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {
         let text = with_matrix(path, &text, &fit.matrix)?;
-        write_atomically(to, &text).map_err(super::unwritable)?;
+        Output::open(to, Replace::Anything)?.write(&text)?;
     }
     if options.json {
         writeln!(
@@ -203,7 +203,7 @@ fn measure(
         let capture = bench.look()?;
         let Some(watch) = &watch else {
             let started = Watch::start(&rig.rig, &capture).map_err(|refusal| {
-                Failure::Scene(format!("the first pictures cannot be used: {refusal}"))
+                Failure::Images(format!("the first pictures cannot be used: {refusal}"))
             })?;
             watch = Some(started);
             continue;
@@ -214,7 +214,7 @@ fn measure(
         }
     }
     // The reference is no sample: it is what the others are measured against.
-    let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Scene(refusal.to_string()))?;
+    let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Images(refusal.to_string()))?;
     let delay = match &watch {
         Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
         None => None,
@@ -249,7 +249,7 @@ fn measure_delay(
     let found = delay(&passings, &path, &fit.matrix);
     found
         .map(Some)
-        .map_err(|refusal| Failure::Scene(refusal.to_string()))
+        .map_err(|refusal| Failure::Images(refusal.to_string()))
 }
 
 fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failure> {

@@ -4,9 +4,9 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::calibration::exchange::{self, Assembled, CameraFile, Member};
-use host::error::Failure;
 use host::notice;
 use host::printable::printable;
 use host::rig_file::RigFile;

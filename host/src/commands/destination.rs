@@ -3,9 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::calibration::exchange;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::output::{NewFolders, Output, Replace, write_all};
 use host::rig_file::{RigFile, Stage};
 

@@ -4,9 +4,9 @@ use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument};
 use super::status;
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::diagnosis;
-use host::error::Failure;
 
 /// Explain the station's states and numbered faults; with --port also what is the matter with a
 /// station

@@ -3,8 +3,9 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::flow::{Flow, Settings};
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};

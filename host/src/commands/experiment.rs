@@ -3,9 +3,10 @@
 use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::stage::default_stage;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::output::{Output, Replace, marked};
 use host::paper::{present, tracking};
 use host::printable::printable;
@@ -86,7 +87,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
     let run = tracking::run(&settings, &stage, place, |share| progress.at(share))
-        .map_err(|error| super::failed_at(port.as_deref(), error))?;
+        .map_err(|error| Failure::of_servo(port.as_deref(), error))?;
     drop(progress);
     writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
     for (name, value) in present::facts(&settings, &run) {
@@ -94,12 +95,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     present::page(&settings, &run)
         .write(report)
-        .map_err(super::unwritable)?;
+        .map_err(Failure::Report)?;
     if let Some(output) = figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
         picture
             .and_then(|svg| Ok(output.write(&marked(&svg))?))
-            .map_err(super::unwritable)?;
+            .map_err(Failure::Report)?;
     }
     let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
     writeln!(
@@ -119,7 +120,6 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         return Ok(());
     }
     let [x, y, z] = tracking::BOUND_MM;
-    Err(Failure::Station(format!(
-        "the stops are not within {x}, {y}, {z} mm, or steps were lost"
-    )))
+    let reason = format!("the stops are not within {x}, {y}, {z} mm, or steps were lost");
+    Err(Failure::Station(reason.into()))
 }

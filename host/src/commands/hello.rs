@@ -2,10 +2,10 @@
 
 use std::io::Write;
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::serial::Serial;
 use host::client::{StationError, diagnosis, ports, reset_cause};
-use host::error::Failure;
 use serde_json::json;
 use shared::frame::message::{End, Hello, LastRun, Mismatch};
 use std::path::{Path, PathBuf};
@@ -37,11 +37,11 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let port = ports::resolve(&options.port).map_err(super::station_failed)?;
-    let failed = |error: StationError| super::failed_at(Some(&port), error.into());
+    let port = ports::resolve(&options.port).map_err(|error| Failure::of_station(None, error))?;
+    let failed = |error: StationError| Failure::of_station(Some(&port), error);
     let serial = Serial::connect(&port).map_err(failed)?;
     let Some(hello) = serial.who() else {
-        return Err(Failure::Station(format!("{port}: no hello")));
+        return Err(Failure::Station(format!("{port}: no hello").into()));
     };
     let mismatches = hello.mismatches();
     let last = serial.last_run().map_err(failed)?;

@@ -6,9 +6,9 @@ use super::by_hand::{
     Axis, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
 use super::progress::Progress;
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::diagnosis;
-use host::error::Failure;
 use host::notice;
 use host::rig_file::Stage;
 use serde_json::json;

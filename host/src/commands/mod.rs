@@ -1,11 +1,9 @@
 //! What `trinocular` can do: one file per command, each with its options and its `run`.
 
 use std::io::Write;
-use std::path::Path;
 
 use clap::{Parser, Subcommand};
-use host::client::StationError;
-use host::error::{Failure, InputError};
+use failure::Failure;
 
 mod align;
 mod bench;
@@ -17,6 +15,7 @@ mod destination;
 mod diagnose;
 mod estimate;
 mod experiment;
+pub mod failure;
 mod hello;
 mod home;
 mod jog;
@@ -125,36 +124,4 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Verify(options)) => verify::run(&options, out),
         Some(Command::Zero(options)) => zero::run(&options, out),
     }
-}
-
-/// An experiment that could not be run: a bad scene is the user's, the rest the station's.
-fn failed(error: host::servo::ServoError) -> Failure {
-    match error {
-        host::servo::ServoError::Scene(scene) => Failure::Usage(scene.to_string()),
-        host::servo::ServoError::Station(station) => station_failed(station),
-        host::servo::ServoError::Reference(refusal) => Failure::Scene(refusal.to_string()),
-    }
-}
-
-/// As [`failed`], for an experiment with a station on `port`: the message names it.
-fn failed_at(port: Option<&str>, error: host::servo::ServoError) -> Failure {
-    match (port, failed(error)) {
-        (Some(port), Failure::Station(reason)) if !reason.starts_with(port) => {
-            Failure::Station(format!("{port}: {reason}"))
-        }
-        (_, failure) => failure,
-    }
-}
-
-/// A port that cannot be used is bad input; anything else is the station's doing, or its other
-/// host's.
-fn station_failed(error: StationError) -> Failure {
-    match error {
-        StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),
-        error => Failure::Station(error.to_string()),
-    }
-}
-
-fn unwritable(error: host::report::Error) -> Failure {
-    Failure::Scene(error.to_string())
 }

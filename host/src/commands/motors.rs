@@ -3,9 +3,9 @@
 use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument};
+use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::client::diagnosis;
-use host::error::Failure;
 use shared::frame::message::Command;
 
 /// Switch the motors of the stage on or off

@@ -1,9 +1,9 @@
 //! The option that names a station's serial port, shared by the commands that may use one.
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::ports;
 use host::client::stage::HEARTBEAT_MS;
-use host::error::Failure;
 use host::servo::station_link::StationPlace;
 
 /// Where the station is.
@@ -28,7 +28,7 @@ impl PortOption {
     /// The port's path, if one was named.
     pub fn resolve(&self) -> Result<Option<String>, Failure> {
         let path = self.port.as_deref().map(ports::resolve).transpose();
-        path.map_err(super::station_failed)
+        path.map_err(|error| Failure::of_station(None, error))
     }
 
     /// What the experiments take.

@@ -2,9 +2,9 @@
 
 use std::io::Write;
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::ports::{Candidate, candidates};
-use host::error::Failure;
 
 /// List the serial ports a station may be on
 ///
@@ -20,7 +20,7 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let list = candidates().map_err(super::station_failed)?;
+    let list = candidates().map_err(|error| Failure::of_station(None, error))?;
     if options.json {
         for port in &list {
             let line = serde_json::to_string(port).map_err(std::io::Error::from)?;

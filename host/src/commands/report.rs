@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::output::{Output, Replace};
 use host::report::Page;
 
@@ -37,7 +38,7 @@ impl Report {
     /// Writes the page, if one is wanted.
     pub fn write(self, page: impl FnOnce() -> Page) -> Result<(), Failure> {
         match self.0 {
-            Some(output) => page().write(output).map_err(super::unwritable),
+            Some(output) => page().write(output).map_err(Failure::Report),
             None => Ok(()),
         }
     }

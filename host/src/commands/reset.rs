@@ -3,9 +3,9 @@
 use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument};
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::diagnosis::{self, next_step};
-use host::error::Failure;
 use shared::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone

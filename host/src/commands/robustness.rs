@@ -1,11 +1,11 @@
 //! `trinocular bench robustness`: what bad pictures do to measurements.
 
 use super::progress::Progress;
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::accuracy_study::condition::{self, Condition};
 use host::accuracy_study::tally::{Tally, failures_of_all};
 use host::accuracy_study::{phase, present, sweep};
-use host::error::Failure;
 use host::images::SceneError;
 use std::io::Write;
 use std::sync::Mutex;
@@ -73,10 +73,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if failures.is_empty() {
         return Ok(());
     }
-    Err(Failure::Scene(format!(
-        "claims that do not hold: {}",
-        failures.join("; ")
-    )))
+    Err(Failure::Claims(failures))
 }
 
 /// The conditions of these names, or all.
@@ -162,5 +159,5 @@ fn bias(options: &Options, out: &mut impl Write) -> Result<Vec<String>, Failure>
 }
 
 fn unrendered(error: SceneError) -> Failure {
-    Failure::Scene(error.to_string())
+    Failure::Images(error.to_string())
 }

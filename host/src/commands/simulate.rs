@@ -2,8 +2,9 @@
 
 use super::progress::Progress;
 use super::report::ReportOption;
+use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::printable::printable;
 use host::scenario::figures::Figures;
 use host::scenario::file::{Scenario, Sight};
@@ -132,7 +133,8 @@ impl Work {
                 progress.at((self.done_s + share * run_s) / self.total_s);
             }
         };
-        let run = run::run(scenario, options, tell).map_err(super::failed)?;
+        let run =
+            run::run(scenario, options, tell).map_err(|error| Failure::of_servo(None, error))?;
         self.done_s += run_s;
         Ok(run.trace)
     }

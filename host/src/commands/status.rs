@@ -3,10 +3,10 @@
 use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument, condition};
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::diagnosis::{self, next_step};
 use host::client::{StationError, reset_cause};
-use host::error::Failure;
 use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
 use shared::track::pursuit::Sight;
@@ -52,7 +52,8 @@ pub fn who(hand: &Hand) -> Result<(Hello, Option<LastRun>), Failure> {
         .last_run()
         .map_err(|error| hand.failed(error))?;
     let hello = hand.serial().who();
-    let hello = hello.ok_or_else(|| Failure::Station(format!("{}: no hello", hand.port())))?;
+    let hello =
+        hello.ok_or_else(|| Failure::Station(format!("{}: no hello", hand.port()).into()))?;
     Ok((hello, last))
 }
 

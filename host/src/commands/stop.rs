@@ -3,10 +3,10 @@
 use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument, position};
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::serial::{Holder, end_other_host};
 use host::client::{diagnosis, ports};
-use host::error::Failure;
 use host::notice;
 use shared::frame::message::Command;
 
@@ -23,7 +23,8 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let path = ports::resolve(&options.port.port).map_err(super::station_failed)?;
+    let path =
+        ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
     if let Some(other) = end_other_host(&path) {
         let Holder { pid, command } = other;
         notice!("`{command}` (process {pid}) had the port and was told to end");

@@ -3,9 +3,9 @@
 use super::progress::Progress;
 use super::report::ReportOption;
 use super::scene::SceneOptions;
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::stage::default_stage;
-use host::error::Failure;
 use host::paper::tracking::Stop;
 use host::paper::validation::Validation;
 use host::paper::validation::recovery::Row;
@@ -46,8 +46,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let report = options.report.open()?;
     let scene = options.scene.settings();
     let (texture, seed) = (options.scene.texture, options.scene.seed);
-    let validation = Validation::run().map_err(|refusal| Failure::Station(refusal.to_string()))?;
-    let rows = moves::run(texture, seed, scene).map_err(super::failed)?;
+    let validation = Validation::run()?;
+    let rows = moves::run(texture, seed, scene).map_err(|error| Failure::of_servo(None, error))?;
     let settings = tracking::Settings {
         texture,
         seed,
@@ -61,7 +61,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let run = tracking::run(&settings, &stage, StationPlace::Twin, |share| {
         progress.at(0.5 * share)
     })
-    .map_err(super::failed)?;
+    .map_err(|error| Failure::of_servo(None, error))?;
     let closed_form = tracking::Settings {
         estimator: Estimator::ClosedForm,
         ..settings
@@ -69,7 +69,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let closed_form = tracking::run(&closed_form, &stage, StationPlace::Twin, |share| {
         progress.at(0.5 + 0.5 * share)
     })
-    .map_err(super::failed)?;
+    .map_err(|error| Failure::of_servo(None, error))?;
     drop(progress);
 
     report.write(|| {

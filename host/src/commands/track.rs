@@ -9,9 +9,10 @@ mod simulated;
 
 use super::port::PortOption;
 use super::scene::SceneOptions;
+use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::client::diagnosis::explain;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::notice;
 use host::rig_file::RigFile;
 use host::servo::path::TargetPath;
@@ -300,7 +301,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     {
         // Elsewhere a reader who has seen enough is no failure; here the stage was stopped for it.
         let reason = "the run ended early: standard output was closed";
-        return Err(Failure::Station(reason.to_owned()));
+        return Err(Failure::Station(reason.to_owned().into()));
     }
     outcome
 }

@@ -3,10 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use crate::commands::failure::Failure;
 use clap::Args;
 use host::budget::limitation::Severity;
 use host::budget::{Settings, Verification, present};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::rig_file::RigFile;
 use serde_json::json;
 

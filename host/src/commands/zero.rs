@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::by_hand::{Hand, PortArgument, StageArgument, position};
+use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::Failure;
 use shared::frame::message::Command;
 
 /// Declare the present position of the stage to be zero on all axes

@@ -2,8 +2,9 @@
 
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
 use super::{Bench, Options};
+use crate::commands::failure::Failure;
 use host::client::stage::setpoint;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;

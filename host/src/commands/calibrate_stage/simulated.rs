@@ -1,9 +1,9 @@
 //! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
 
 use super::{Bench, Options, Pass};
+use crate::commands::failure::Failure;
 use host::client::stage::setpoint;
 use host::client::twin::Twin;
-use host::error::Failure;
 use host::images::{Capture, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -47,7 +47,7 @@ pub fn bench(options: &Options, rig: &RigFile, stage: &Stage) -> Result<Simulate
         .map_err(|error| Failure::Usage(error.to_string()))?;
     Ok(Simulated {
         twin: Twin::start(stage, "twin", Mounting::OnStage)
-            .map_err(super::super::station_failed)?,
+            .map_err(|error| Failure::of_station(None, error))?,
         scene,
         mounted: turn.matrix() * Matrix3::from_diagonal(&axes),
         seed: options.scene.seed,
@@ -63,7 +63,7 @@ impl Bench for Simulated {
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
         self.twin
             .command("setpoint", setpoint(position_mm))
-            .map_err(super::super::station_failed)?;
+            .map_err(|error| Failure::of_station(None, error))?;
         loop {
             self.twin.advance(self.twin.now().plus_micros(110_000));
             let status = self.twin.status().map(|status| status.state);
@@ -76,7 +76,7 @@ impl Bench for Simulated {
     fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
         self.twin
             .command("setpoint", setpoint(position_mm))
-            .map_err(super::super::station_failed)?;
+            .map_err(|error| Failure::of_station(None, error))?;
         let mut pass = Pass::default();
         for ms in 0..PASS_MS {
             self.twin.advance(self.twin.now().plus_micros(1_000));

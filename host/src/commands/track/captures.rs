@@ -2,10 +2,10 @@
 
 use super::absences::Absences;
 use super::{Options, introduce, vector};
-use crate::commands::failed_at;
+use crate::commands::failure::Failure;
 use crate::commands::progress::Count;
 use host::client::{StationError, diagnosis};
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::flow::Refusal;
 use host::images::Capture;
 use host::images::cameras::stamp::quickest;
@@ -56,7 +56,7 @@ impl<'a> Captures<'a> {
         source: &'a Path,
         now_us: Option<&dyn Fn() -> u64>,
     ) -> Result<Self, Failure> {
-        let failed = |error| failed_at(port, error);
+        let failed = |error| Failure::of_servo(port, error);
         let place = options.station.place(port);
         let station = StationLink::start_as(place, stage, mounting);
         let station = station.map_err(|error| failed(error.into()))?;
@@ -108,7 +108,7 @@ impl<'a> Captures<'a> {
             notice!("the stage came to rest at {rest_mm:.4?} mm{steps}");
         }
         let summary = outcome?;
-        rest.map_err(|error| failed_at(self.port, error.into()))?;
+        rest.map_err(|error| Failure::of_station(self.port, error))?;
         Ok(summary)
     }
 
@@ -140,7 +140,7 @@ impl<'a> Captures<'a> {
                 }
                 // A signal is the usual end of live pictures.
                 Err(ServoError::Station(StationError::Cancelled)) if self.is_live => break,
-                followed => followed.map_err(|error| failed_at(self.port, error))?,
+                followed => followed.map_err(|error| Failure::of_servo(self.port, error))?,
             };
             dark = None;
             if let Some(followed) = followed {

@@ -1,8 +1,9 @@
 //! Driven by live cameras.
 
 use super::Options;
+use crate::commands::failure::Failure;
 use host::client::stage::default_stage;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::rig_file::{RigFile, Stage};
 use shared::frame::message::Mounting;
 use std::io::Write;

@@ -3,8 +3,9 @@
 use super::Options;
 use super::captures::{Captures, Summary};
 use crate::commands::by_hand::on_interrupt;
+use crate::commands::failure::Failure;
 use host::client::stage::default_stage;
-use host::error::{Failure, InputError};
+use host::error::InputError;
 use host::images::Capture;
 use host::images::folder::Folder;
 use host::images::folder::watch::{Settings, Watch};

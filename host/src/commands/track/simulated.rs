@@ -1,13 +1,12 @@
 //! In closed loop with the simulator.
 
-use super::super::failed_at;
 use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
+use crate::commands::failure::Failure;
 use host::client::diagnosis;
 use host::client::serial::Serial;
 use host::client::stage::{default_stage, setpoint};
-use host::error::Failure;
 use host::images::Texture;
 use host::notice;
 use host::rig_file::RigFile;
@@ -32,7 +31,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
-    let failed = |error| failed_at(port.as_deref(), error);
+    let failed = |error| Failure::of_servo(port.as_deref(), error);
     let world = SimulatedWorld::new(
         &rig,
         &stage,
