@@ -37,7 +37,7 @@ use serde_json::json;
 /// With --port the station must know its position (`home` or `zero`), and somebody puts a capture
 /// into --images at every stop: the program says when.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
 pub struct Options {
     /// The rig file (TOML) with its stage
     #[command(flatten)]
