@@ -16,7 +16,6 @@ use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crate::error::InputError;
-use crate::interruption;
 
 mod place;
 mod staged;
@@ -113,8 +112,6 @@ impl Output {
 /// # Errors
 /// If one of them cannot be written.
 pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
-    // Where the system allows no handler, a signal ends the program as before.
-    let _ = interruption::watch();
     let mut staged = Vec::new();
     for (output, text) in &outputs {
         if let Place::File(target) = &output.place {

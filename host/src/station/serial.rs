@@ -94,6 +94,8 @@ pub struct Serial {
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
     cleared: Option<Fault>,
+    /// A host that sleeps stops no stage.
+    _awake: interruption::Awake,
     /// The caller has asked for a stop: a signal is no news any more.
     stops: bool,
 }
@@ -164,6 +166,7 @@ impl Serial {
             sender,
             threads: Vec::new(),
             cleared: None,
+            _awake: interruption::Awake::new(),
             stops: false,
         };
         let attendant = Arc::clone(&serial.shared);
