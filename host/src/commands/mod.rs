@@ -103,7 +103,10 @@ enum Command {
 /// Runs the command; results go to `out`, one line at a time.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     use Command::{CalibrateStage, Home, Jog};
-    let waits_for_rest = matches!(arguments.command, Some(Jog(_) | Home(_) | CalibrateStage(_)));
+    let waits_for_rest = matches!(
+        arguments.command,
+        Some(Jog(_) | Home(_) | CalibrateStage(_))
+    );
     let outcome = run_any(arguments, out);
     let is_done = outcome.as_ref().err().is_none_or(Failure::is_closed_output);
     let reason = match serial::ending() {
@@ -147,7 +150,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
 fn failed(error: host::experiment::Error) -> Failure {
     use host::experiment::Error;
     match error {
-        Error::Scene(scene) => Failure::Usage(scene.to_string()),
+        Error::Scene(scene) => Failure::Usage(scene::reason(&scene)),
         Error::Station(station) => station_failed(station),
         Error::Reference(refusal) => Failure::Scene(refusal.to_string()),
     }

@@ -65,11 +65,12 @@ fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
             stays(holder, "and did not end when it was told to", &way_out)
         }
         OtherHost::Foreign(holder) => {
-            let way_out = format!(
-                "end process {} and run `trinocular stop` again",
-                holder.pid
-            );
-            stays(holder, "and is no run of this program that it may end", &way_out)
+            let way_out = format!("end process {} and run `trinocular stop` again", holder.pid);
+            stays(
+                holder,
+                "and is no run of this program that it may end",
+                &way_out,
+            )
         }
     }
 }

@@ -157,7 +157,10 @@ mod tests {
         stage.care.slow_speed_mm_s = f64::MIN_POSITIVE;
         let allowance = Allowance::of_distance(&stage, [1e3; 3]);
         assert_eq!(allowance.limit, Duration::MAX);
-        assert_eq!(allowance.start(Instant::now()).spent(Instant::now(), None), None);
+        assert_eq!(
+            allowance.start(Instant::now()).spent(Instant::now(), None),
+            None
+        );
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::clock::Clock;
 use super::motion::Motion;
 use super::plausible::{self, Implausible, Known};
+use crate::printable::is_printable;
 use shared::frame::encode::{Bytes, encode};
 use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
 use shared::frame::receive::{Receiver, Rejects};
@@ -11,7 +12,7 @@ use std::collections::VecDeque;
 /// Answers kept until they are asked for.
 const ANSWERS: usize = 64;
 
-/// Stands for a control character in a board's name. No longer than what it replaces.
+/// Stands for a character in a board's name that is not printable. No longer than what it replaces.
 const UNPRINTABLE: char = '?';
 
 /// Sequence numbers of the packets to a station.
@@ -92,10 +93,11 @@ impl Client {
                 let name = hello.board.clone();
                 hello.board.clear();
                 for letter in name.chars() {
-                    let is_control = letter.is_control();
-                    let _ = hello
-                        .board
-                        .push(if is_control { UNPRINTABLE } else { letter });
+                    let shown = match is_printable(letter) {
+                        true => letter,
+                        false => UNPRINTABLE,
+                    };
+                    let _ = hello.board.push(shown);
                 }
                 self.hello = Some(hello);
                 // A line may have kept what the station told somebody else: of that, only what comes after our hello is for us.
@@ -122,7 +124,11 @@ impl Client {
                 tick,
                 outcome,
             } => {
-                self.answered_tick = Some(tick);
+                // An old answer that comes late makes no older status a fresh one.
+                let is_later = |before: u32| tick.wrapping_sub(before) <= u32::MAX / 2;
+                if self.answered_tick.is_none_or(is_later) {
+                    self.answered_tick = Some(tick);
+                }
                 let is_denied = matches!(outcome, Outcome::Denied(_));
                 self.motion.answered(sequence, tick, is_denied);
                 if self.answers.len() == ANSWERS {

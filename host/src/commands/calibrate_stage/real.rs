@@ -72,7 +72,10 @@ impl Bench for Real {
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
         self.hand.command("setpoint", setpoint(position_mm))?;
-        let travel_mm = self.stage.travel_mm.map(|[least, greatest]| greatest - least);
+        let travel_mm = self
+            .stage
+            .travel_mm
+            .map(|[least, greatest]| greatest - least);
         let allowance = Allowance::of_distance(&self.stage, travel_mm);
         let (end, interrupted) = self.hand.wait_for_rest(allowance, |_| {})?;
         why_it_stands(&self.hand, &end, interrupted)?;

@@ -108,7 +108,10 @@ impl Serial {
                 let mut line = self.shared.line();
                 line.attend();
                 if !line.is_up() {
-                    return Err(line.check().err().unwrap_or(StationError::Restless { waited_s: 0 }));
+                    return Err(line
+                        .check()
+                        .err()
+                        .unwrap_or(StationError::Restless { waited_s: 0 }));
                 }
                 let client = &mut line.client;
                 let status = client.status().copied();
