@@ -278,3 +278,16 @@ fn bad_rigs_and_options_are_refused() {
     verify(&desk, &["--json"]).failed(1, &[&place, "greater than 0"]);
     run(desk.folder.path(), &["verify", "none.toml"]).failed(1, &["none.toml", "cannot read"]);
 }
+
+#[test]
+fn absurd_lens_is_refused_by_line_and_field() {
+    for focal in ["1e-308", "0.5", "1e7"] {
+        let desk = desk();
+        let line = desk.change("rig.toml", "533.16", focal);
+        let place = format!("rig.toml:{line}: field `camera[0].focal_px[0]`");
+        verify(&desk, &[]).failed(1, &[&place, "out of range"]);
+    }
+    let desk = desk();
+    let line = desk.change("rig.toml", "-70.0", "-0.01");
+    verify(&desk, &[]).failed(1, &[&format!("rig.toml:{line}"), "offset_mm"]);
+}

@@ -275,5 +275,10 @@ mod tests {
         assert!(late.to_string().contains("5.0 % more") && late.to_string().contains("later"));
         let early = Absence::OutOfStep { share: -0.05 };
         assert!(early.to_string().contains("5.0 % less") && early.to_string().contains("earlier"));
+        let reversed = Absence::OutOfStep { share: -1.5 }.to_string();
+        assert!(
+            reversed.contains("sees -50.0 % of the motion"),
+            "{reversed}"
+        );
     }
 }

@@ -226,3 +226,37 @@ impl Client {
         self.rejects
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::station::stage::default_stage;
+    use crate::station::twin::Twin;
+    use shared::frame::message::Mounting;
+
+    fn feed(client: &mut Client, report: Report) {
+        client.feed(0, &encode(&report).expect("it fits"));
+    }
+
+    fn answer(sequence: u16, tick: u32) -> Report {
+        Report::Answer {
+            sequence,
+            tick,
+            outcome: Outcome::Accepted,
+        }
+    }
+
+    #[test]
+    fn late_answer_makes_no_old_status_fresh() {
+        let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
+        let known = *twin.status().expect("it tells");
+        let status = |tick| Report::Status(Status { tick, ..known });
+        let mut client = Client::default();
+        feed(&mut client, status(50));
+        feed(&mut client, answer(2, 100));
+        feed(&mut client, answer(1, 40));
+        assert_eq!(client.status_since_answer(), None);
+        feed(&mut client, status(100));
+        assert!(client.status_since_answer().is_some());
+    }
+}

@@ -145,6 +145,8 @@ impl Serial {
             let mut line = serial.shared.line();
             line.greet();
             line.begin_stop();
+            // Sends it, before hello is repeated.
+            line.attend();
         }
         match serial.hello() {
             Err(StationError::Implausible(cause)) => {
