@@ -3,6 +3,7 @@
 use std::fs;
 
 use super::folder::{AT_REST, desk_with_views};
+use super::verify::STAGE;
 use super::{Desk, run};
 
 const LOST: &str = "is an input of this command";
@@ -12,6 +13,7 @@ fn report_over_an_input_is_refused() {
     let desk = Desk::new();
     std::os::unix::fs::symlink("rig.toml", desk.path("link")).expect("ours");
     fs::hard_link(desk.path("rig.toml"), desk.path("second")).expect("ours");
+    desk.write("rig.toml", desk.read("rig.toml") + STAGE);
     let before = desk.read("rig.toml");
     for file in ["rig.toml", "./rig.toml", "link", "second"] {
         for more in [&[][..], &["--force"]] {

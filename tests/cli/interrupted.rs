@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::process::Stdio;
-use std::time::Duration;
+use std::time::Instant;
 
 use super::{Desk, run, trinocular};
 use trinocular_tests::binary::signal;
@@ -28,9 +28,11 @@ fn signal_while_files_are_written_mixes_none() {
     desk.write("0.toml", desk.read("rig.toml"));
     desk.write("1.toml", desk.read("rig.toml").replace(FOCAL[0], FOCAL[1]));
     let convert = |rig: &'static str| [&["convert", rig], &ARGUMENTS[..]].concat();
+    let start = Instant::now();
     assert_eq!(run(folder, &convert("0.toml")).code, Some(0));
+    let whole = start.elapsed();
     let (mut ended, mut done) = (0, 0);
-    for attempt in 0..60_u64 {
+    for attempt in 0..60_u32 {
         let rig = ["1.toml", "0.toml"][attempt as usize % 2];
         let mut program = trinocular()
             .args(convert(rig))
@@ -39,7 +41,8 @@ fn signal_while_files_are_written_mixes_none() {
             .stderr(Stdio::null())
             .spawn()
             .expect("it runs");
-        std::thread::sleep(Duration::from_micros(500 * (attempt % 40)));
+        // At any moment of a run, and a little later.
+        std::thread::sleep(whole * (attempt % 50) / 40);
         signal(&program, ["TERM", "INT", "QUIT"][attempt as usize % 3]);
         match program.wait().expect("it ends").success() {
             true => done += 1,
@@ -50,9 +53,9 @@ fn signal_while_files_are_written_mixes_none() {
             for entry in fs::read_dir(desk.path(place)).expect("ours") {
                 let path = entry.expect("ours").path();
                 let text = fs::read_to_string(&path).expect("it is whole");
-                let name = path.display();
-                assert!(!name.to_string().contains(".tmp"), "{name} is left over");
-                if name.to_string().contains("left") || name.to_string().contains("out") {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                assert!(!name.contains(".tmp"), "{name} is left over");
+                if ["out.toml", "left.yml", "left.yaml"].contains(&&*name) {
                     news.push(text.contains(FOCAL[1]));
                 }
             }

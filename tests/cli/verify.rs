@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::{Desk, Outcome, run};
 
-const STAGE: &str = "
+pub(super) const STAGE: &str = "
 [stage]
 steps_per_mm = [80.0, 80.0, 400.0]
 max_speed_mm_s = [100.0, 100.0, 20.0]
@@ -288,6 +288,6 @@ fn absurd_lens_is_refused_by_line_and_field() {
         verify(&desk, &[]).failed(1, &[&place, "out of range"]);
     }
     let desk = desk();
-    let line = desk.change("rig.toml", "-70.0", "-0.01");
-    verify(&desk, &[]).failed(1, &[&format!("rig.toml:{line}"), "offset_mm"]);
+    desk.change("rig.toml", "-70.0", "-0.01");
+    verify(&desk, &[]).failed(1, &["rig.toml:", "camera[1].offset_mm", "0.1 mm apart"]);
 }
