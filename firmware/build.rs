@@ -1,4 +1,5 @@
-//! Link arguments. They are here and not in `.cargo/config.toml`, which cargo ignores when it is called from another folder.
+//! Link arguments. They are here and not in `.cargo/config.toml`, which cargo ignores when it is
+//! called from another folder.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();

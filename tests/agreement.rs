@@ -1,4 +1,5 @@
-//! The twin, a replay of its log here, and a replay on an emulated Cortex-M4 do the same, bit for bit: packets to the host, segments, port words.
+//! The twin, a replay of its log here, and a replay on an emulated Cortex-M4 do the same, bit for
+//! bit: packets to the host, segments, port words.
 
 #[path = "agreement/life.rs"]
 mod life;
@@ -94,7 +95,8 @@ fn a_replay_does_what_the_twin_did() {
     recording().0.check_here();
 }
 
-/// The sequence number of a frame for the midpoint that the station used, half way through its life.
+/// The sequence number of a frame for the midpoint that the station used, half way through its
+/// life.
 fn frame_used(records: &[Record]) -> u16 {
     let used: Vec<u16> = records
         .iter()

@@ -63,7 +63,8 @@ impl Outcome {
         self.json()
     }
 
-    /// The run ended with `code`, having printed nothing but one error line that contains all of `parts`.
+    /// The run ended with `code`, having printed nothing but one error line that contains all of
+    /// `parts`.
     #[track_caller]
     pub fn failed(&self, code: i32, parts: &[&str]) {
         assert_eq!(self.code, Some(code), "{}", self.stderr);
@@ -126,10 +127,12 @@ fn build() -> PathBuf {
         .expect("cargo names the executable it built")
 }
 
-/// Builds what `choose` adds to the command, in the profile and target folder of the running test, and gives Cargo's messages.
+/// Builds what `choose` adds to the command, in the profile and target folder of the running test,
+/// and gives Cargo's messages.
 ///
-/// Cargo tells a test where a binary is only within the binary's own package, and a binary found lying in the target
-/// folder may be an old one. So Cargo is asked to bring it up to date, which takes a fraction of a second if it is.
+/// Cargo tells a test where a binary is only within the binary's own package, and a binary found
+/// lying in the target folder may be an old one. So Cargo is asked to bring it up to date, which
+/// takes a fraction of a second if it is.
 fn cargo_build(choose: impl Fn(&mut Command) -> &mut Command) -> Vec<serde_json::Value> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or(env!("CARGO").into()));
     cargo

@@ -1,4 +1,5 @@
-//! The commands that drive a station by hand, as their user meets them: a station on a pseudo-terminal, the built program, its words and exit codes.
+//! The commands that drive a station by hand, as their user meets them: a station on a
+//! pseudo-terminal, the built program, its words and exit codes.
 
 use host::rig_file::{HomeSwitch, RigFile};
 use host::station::stage::default_stage;

@@ -1,7 +1,9 @@
-//! `track --cameras` on a computer without cameras: the program as it is, and under it a [stand-in](../cameras) for the kernel's side of V4L2.
+//! `track --cameras` on a computer without cameras: the program as it is, and under it a
+//! [stand-in](../cameras) for the kernel's side of V4L2.
 //!
-//! Three cameras, triggered together, look at a poster that first stands and then moves. Their pictures come late, and each by another time: only their
-//! stamps tell which belong together. The twin follows.
+//! Three cameras, triggered together, look at a poster that first stands and then moves. Their
+//! pictures come late, and each by another time: only their stamps tell which belong together. The
+//! twin follows.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
@@ -142,7 +144,8 @@ fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
         let off_us = time_s * 1e6 - periods(*time_s) * PERIOD_US as f64;
         assert!(off_us.abs() <= 5.0, "{time_s} s: {off_us} us");
     }
-    // Which picture was the first is not known: one of the standing target, or a later one on a slow computer.
+    // Which picture was the first is not known: one of the standing target, or a later one on a
+    // slow computer.
     let error_mm = |first: i64| {
         let at = |n: i64| target_mm(usize::try_from(n).unwrap_or(0));
         let origin = at(first);
@@ -235,7 +238,8 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
         &["/dev/video90: has no images of 320 x 240", "160 x 120"],
     );
 
-    // Too many cameras for one USB line (ENOSPC), and one that another program has started meanwhile (EBUSY).
+    // Too many cameras for one USB line (ENOSPC), and one that another program has started
+    // meanwhile (EBUSY).
     for (errno, words) in [(28, "its USB line is full"), (16, "in use")] {
         let bench = Bench::new(["", &format!("start_error {errno}"), ""]);
         let outcome = Outcome::of(&mut bench.track(&[]));

@@ -1,4 +1,5 @@
-//! A station and a target that moves; between them nothing but what cameras would say, late and with their noise.
+//! A station and a target that moves; between them nothing but what cameras would say, late and
+//! with their noise.
 
 use host::random::Random;
 use host::rig_file::{Care, Stage};

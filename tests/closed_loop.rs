@@ -1,4 +1,5 @@
-//! The paper's closed loop with station B on a serial line, in real time: pictures on this side, everything from frame to step pins on the other.
+//! The paper's closed loop with station B on a serial line, in real time: pictures on this side,
+//! everything from frame to step pins on the other.
 
 use host::experiment::follower::Place;
 use host::experiment::tracking::{self, BOUND_MM, MOVES, Run, Settings};
@@ -13,7 +14,8 @@ use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station};
 
-/// The station's patience with us, ms. The machine that runs tests has other things to do, and is no part of what is tested.
+/// The station's patience with us, ms. The machine that runs tests has other things to do, and is
+/// no part of what is tested.
 const HEARTBEAT_MS: u16 = 5_000;
 
 /// One closed loop at a time: each wants a processor for itself.
@@ -114,7 +116,8 @@ fn track_follows_with_a_station_on_a_port() {
         .filter(|line| line["displacement_mm"].is_array())
         .count();
     assert!(used >= 5 && 2 * used > lines.len(), "{out}");
-    // It stood still after the last move it saw, or was on its way there; it moved at any rate, and never beyond the target.
+    // It stood still after the last move it saw, or was on its way there; it moved at any rate, and
+    // never beyond the target.
     let steps = end.steps();
     assert!(
         steps.iter().all(|steps| (60..=660).contains(steps)),
@@ -122,7 +125,8 @@ fn track_follows_with_a_station_on_a_port() {
     );
 }
 
-/// The target goes 12 mm and farther; a stage of 2 mm of travel each way goes that far and no farther, by twin and by port.
+/// The target goes 12 mm and farther; a stage of 2 mm of travel each way goes that far and no
+/// farther, by twin and by port.
 #[test]
 fn the_stage_of_the_rig_file_is_the_one_that_moves() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -172,8 +176,9 @@ fn the_stage_of_the_rig_file_is_the_one_that_moves() {
     );
 }
 
-/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program inherits the pseudo-terminal from this process,
-/// so to it the line does not break, as in `serial.rs`, but falls silent.
+/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program
+/// inherits the pseudo-terminal from this process, so to it the line does not break, as in
+/// `serial.rs`, but falls silent.
 fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<i32>, String) {
     let mut running = trinocular()
         .args([

@@ -27,7 +27,8 @@ pub fn image() -> &'static Path {
     })
 }
 
-/// The step pins of a station that has ended, from its trace: steps since the start, and rising edges per axis.
+/// The step pins of a station that has ended, from its trace: steps since the start, and rising
+/// edges per axis.
 pub fn pins(trace: &Path) -> ([i64; 3], [u64; 3]) {
     let bytes = std::fs::read(trace).expect("the image wrote its trace");
     let mut rest = &bytes[..];
@@ -112,7 +113,8 @@ impl Emulator {
         }
     }
 
-    /// A station that serves its UART; also returns the path of the pseudo-terminal it is on. What the station does goes to `trace`.
+    /// A station that serves its UART; also returns the path of the pseudo-terminal it is on. What
+    /// the station does goes to `trace`.
     pub fn live(trace: &Path) -> (Self, String) {
         let machine = ["-chardev", "pty,id=link", "-serial", "chardev:link"];
         let mut emulator = Self::start(&machine, &["live".into(), trace.into()]);

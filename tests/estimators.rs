@@ -50,7 +50,8 @@ fn object_right_down_away_is_plus_x_y_z() {
     }
 }
 
-/// In image terms: the target moves right, so its pixels move right; away, so they move to the centre.
+/// In image terms: the target moves right, so its pixels move right; away, so they move to the
+/// centre.
 #[test]
 fn flow_signs_are_those_of_ordinary_images() {
     let rig = ideal_rig(530.0, &LINE);
@@ -75,7 +76,8 @@ fn flow_signs_are_those_of_ordinary_images() {
     );
 }
 
-/// The paper's Appendix A: disparity products of any two points commute, whatever the baselines (its eq. 3).
+/// The paper's Appendix A: disparity products of any two points commute, whatever the baselines
+/// (its eq. 3).
 #[test]
 fn appendix_a_disparity_products_commute() {
     let rig = ideal_rig(530.0, &[[-90.0, 0.0], [0.0, 0.0], [31.0, 0.0]]);
@@ -90,8 +92,8 @@ fn appendix_a_disparity_products_commute() {
     }
 }
 
-/// The paper's Appendix B: the normal matrix of eq. 7 and its determinant (eq. 8), for sums of noisy, unrelated
-/// views too; and in the ideal geometry `a1 b3 = a3 b1`.
+/// The paper's Appendix B: the normal matrix of eq. 7 and its determinant (eq. 8), for sums of
+/// noisy, unrelated views too; and in the ideal geometry `a1 b3 = a3 b1`.
 #[test]
 fn appendix_b_normal_matrix_and_determinant() {
     let rig = ideal_rig(530.0, &LINE);
@@ -170,7 +172,8 @@ fn degenerate_input_is_refused_by_name() {
     let same = vec![views[0].clone(); 20];
     let mut sums = centred(&rig, &[]);
     for p in &same {
-        // three cameras still look from three places, but refitted positions differ by disparity only
+        // three cameras still look from three places, but refitted positions differ by disparity
+        // only
         assert!(sums.add(p));
     }
     assert!(
@@ -201,7 +204,8 @@ struct Rated {
     seed: u64,
 }
 
-/// The whole rated range: depth 300-2000 mm, focal length 300-2500 px, displacement to 100 mm, 8-4000 points.
+/// The whole rated range: depth 300-2000 mm, focal length 300-2500 px, displacement to 100 mm,
+/// 8-4000 points.
 fn rated(h: std::ops::Range<f64>) -> impl Strategy<Value = Rated> {
     let depth = (300.0..1900.0f64, 1.02..1.5f64)
         .prop_map(|(near, ratio)| [near, (near * ratio).min(2000.0)]);
@@ -239,7 +243,8 @@ fn worst_nm(fixed: [i32; 3], exact_mm: [f64; 3]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// 3,000 cases, or as many more as `PROPTEST_CASES` asks for; a test that cannot use two of three fails.
+/// 3,000 cases, or as many more as `PROPTEST_CASES` asks for; a test that cannot use two of three
+/// fails.
 fn cases() -> ProptestConfig {
     let config = ProptestConfig::default();
     let cases = config.cases.max(3_000);
@@ -253,8 +258,8 @@ fn cases() -> ProptestConfig {
 proptest! {
     #![proptest_config(cases())]
 
-    /// Closed form: within 1 µm of the oracle on unquantised sums. One case in four is beyond it: so far and noisy that the disparities
-    /// mean nothing, or the answer leaves the rated range.
+    /// Closed form: within 1 µm of the oracle on unquantised sums. One case in four is beyond it:
+    /// so far and noisy that the disparities mean nothing, or the answer leaves the rated range.
     #[test]
     fn closed_form_fixed_point_follows_the_oracle(case in rated(60.0..300.0)) {
         let sums = pairs(&case.rig, &case.cloud.views(&case.rig, &mut Random::seeded(case.seed)));

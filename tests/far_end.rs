@@ -1,6 +1,8 @@
-//! The far end of a pseudo-terminal: stations and strangers, each in a thread that ends with its handle.
+//! The far end of a pseudo-terminal: stations and strangers, each in a thread that ends with its
+//! handle.
 //!
-//! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged in again under the same name.
+//! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged
+//! in again under the same name.
 
 use host::plant::Plant;
 use host::station::stage::{configuration, default_stage};
@@ -189,8 +191,8 @@ pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
     far_end(machine(reset_cause, last_run))
 }
 
-/// As [`station`], behind a line that loses packets from the host for which `lost` returns true, and on which `told` changes what the station
-/// says, or loses it.
+/// As [`station`], behind a line that loses packets from the host for which `lost` returns true,
+/// and on which `told` changes what the station says, or loses it.
 pub fn station_behind(
     mut lost: impl FnMut(&Packet) -> bool + Send + 'static,
     mut told: impl FnMut(Report) -> Option<Report> + Send + 'static,
@@ -212,7 +214,8 @@ pub fn station_behind(
     })
 }
 
-/// The station on the port `path`, behind a line that loses packets from the host for which `lost` returns true.
+/// The station on the port `path`, behind a line that loses packets from the host for which `lost`
+/// returns true.
 pub fn bridge(path: &str, mut lost: impl FnMut(&Packet) -> bool + Send + 'static) -> FarEnd {
     let port = serialport::new(path, 921_600).timeout(Duration::from_secs(1));
     let mut port = port.open().expect("the station's port opens");
@@ -266,7 +269,8 @@ fn machine(
                 .map(|steps| [steps <= -RAIL_STEPS, steps >= RAIL_STEPS]),
             ..Inputs::default()
         });
-        // A computer that is busy elsewhere stops the station's clock, too: no real board misses a heartbeat for that.
+        // A computer that is busy elsewhere stops the station's clock, too: no real board misses a
+        // heartbeat for that.
         let passed = last.elapsed().min(Duration::from_millis(10));
         last = Instant::now();
         let until = station.now().micros() + passed.as_micros() as u64;

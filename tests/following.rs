@@ -1,7 +1,9 @@
-//! How well the station follows: the closed loop with its figures, asserted without rendering a picture.
+//! How well the station follows: the closed loop with its figures, asserted without rendering a
+//! picture.
 //!
-//! Cameras are simulated by what they would say and by their noise; everything from the frame's bytes to the planned position is the station's own
-//! code. 60 frames/s, 20 ms from picture to frame, the stage of the experiments.
+//! Cameras are simulated by what they would say and by their noise; everything from the frame's
+//! bytes to the planned position is the station's own code. 60 frames/s, 20 ms from picture to
+//! frame, the stage of the experiments.
 
 #[path = "following/consistency.rs"]
 mod consistency;
@@ -48,7 +50,8 @@ fn steepest(run: &Run) -> f64 {
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-/// Also in the shape that another stage gives it, and with the frame rate of the paper's experiment.
+/// Also in the shape that another stage gives it, and with the frame rate of the paper's
+/// experiment.
 #[test]
 fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
     type Step = fn(f64) -> [f64; 3];
@@ -206,7 +209,8 @@ fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
     );
 }
 
-/// As another stage carries a target that it is told about picture by picture: its speed goes up and down by a sixth with every one.
+/// As another stage carries a target that it is told about picture by picture: its speed goes up
+/// and down by a sixth with every one.
 #[test]
 fn an_uneven_motion_is_followed_without_lag_too() {
     for seed in SEEDS {

@@ -1,6 +1,7 @@
 //! The wire: committed bytes of every message, and what a bad line does to them.
 //!
-//! The bytes are in `golden/wire.txt`. After a change that is meant, `REGENERATE=1 cargo test -p trinocular-tests --test link` writes them anew.
+//! The bytes are in `golden/wire.txt`. After a change that is meant,
+//! `REGENERATE=1 cargo test -p trinocular-tests --test link` writes them anew.
 
 #[path = "link/samples.rs"]
 mod samples;

@@ -1,4 +1,5 @@
-//! Motion as the motors get it: planner and step generator together, judged by the edges at the pins alone.
+//! Motion as the motors get it: planner and step generator together, judged by the edges at the
+//! pins alone.
 
 #[path = "motion/edges.rs"]
 mod edges;
@@ -63,7 +64,8 @@ impl Station {
     }
 }
 
-/// Every millisecond another target, at rest or moving: near the last one mostly, sometimes anywhere in the travel.
+/// Every millisecond another target, at rest or moving: near the last one mostly, sometimes
+/// anywhere in the travel.
 #[test]
 fn ten_thousand_retargets_at_1_khz_keep_all_limits() {
     let mut random = Random::seeded(1);

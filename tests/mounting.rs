@@ -1,4 +1,5 @@
-//! `calibrate-stage`, as its user meets it: a simulated stage, and a station on a port whose pictures somebody puts into a folder.
+//! `calibrate-stage`, as its user meets it: a simulated stage, and a station on a port whose
+//! pictures somebody puts into a folder.
 
 use host::images::folder::save;
 use host::images::{Scene, SceneSettings, Texture};

@@ -1,6 +1,8 @@
-//! The whole vision path, images to millimetres, against known truth: rendered posters, and photographs.
+//! The whole vision path, images to millimetres, against known truth: rendered posters, and
+//! photographs.
 //!
-//! Whatever is measured must be right or be refused with a reason. What a case may be off by is stated beside it.
+//! Whatever is measured must be right or be refused with a reason. What a case may be off by is
+//! stated beside it.
 
 #[path = "pipeline/bench.rs"]
 mod bench;

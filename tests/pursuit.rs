@@ -1,5 +1,6 @@
-//! Captures that come from outside, followed by a station whose stage carries the cameras: what `track --cameras` does, but for the cameras. The twin is the
-//! station, so that no second is waited for.
+//! Captures that come from outside, followed by a station whose stage carries the cameras: what
+//! `track --cameras` does, but for the cameras. The twin is the station, so that no second is
+//! waited for.
 
 use host::experiment::follower::{Follower, Place};
 use host::experiment::pursuit::{Clock, Pursuit};
@@ -102,7 +103,8 @@ fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
     assert!(ran_on > 5.0, "{ran_on}");
 }
 
-/// The captures' clock is five seconds ahead; a frame that is taken for one of the future would be refused, as one is whose time is really wrong.
+/// The captures' clock is five seconds ahead; a frame that is taken for one of the future would be
+/// refused, as one is whose time is really wrong.
 #[test]
 fn two_real_clocks_are_brought_together() {
     const AHEAD_US: i64 = 5_000_000;
@@ -134,8 +136,8 @@ fn two_real_clocks_are_brought_together() {
     }
 }
 
-/// From the fifth picture on a camera gives none: the target is followed with the other two, and every row says which is missing, and that the
-/// position can be trusted.
+/// From the fifth picture on a camera gives none: the target is followed with the other two, and
+/// every row says which is missing, and that the position can be trusted.
 #[test]
 fn a_lost_camera_is_named_and_the_others_carry_on() {
     let mut bench = Bench::new(Clock::Virtual {

@@ -1,4 +1,5 @@
-//! A recorded life, repeated here and on an emulated Cortex-M4, and compared with what the twin did, record by record.
+//! A recorded life, repeated here and on an emulated Cortex-M4, and compared with what the twin
+//! did, record by record.
 
 use crate::emulator::Emulator;
 use host::station::twin::{PORT, RING_WORDS, Twin};
@@ -61,7 +62,8 @@ impl Recording {
         );
     }
 
-    /// Panics unless the emulated processor does what the twin did; gives the numbers of segments and packets that agree.
+    /// Panics unless the emulated processor does what the twin did; gives the numbers of segments
+    /// and packets that agree.
     pub fn check_emulated(&self) -> [usize; 2] {
         let folder = tempfile::tempdir().expect("a folder");
         let (log, trace) = (folder.path().join("log"), folder.path().join("trace"));
@@ -80,7 +82,8 @@ impl Recording {
             }
             panic!("twin and emulated processor differ at {text}\n{closer}");
         }
-        // On request the image tells all edges of a segment: those of the one that steps most are the same, too.
+        // On request the image tells all edges of a segment: those of the one that steps most are
+        // the same, too.
         let busiest = |record: &Record| match record {
             Record::Digest(at, digest) => {
                 Some((digest.edges.rises.map(u32::from).iter().sum::<u32>(), *at))
@@ -155,7 +158,8 @@ pub fn difference(a: &[Record], b: &[Record]) -> Option<(String, Option<Instant>
     Some((text, instant))
 }
 
-/// Replays in QEMU; with `closer`, what the image prints about the segment given out at that instant.
+/// Replays in QEMU; with `closer`, what the image prints about the segment given out at that
+/// instant.
 fn emulate(log: &Path, trace: &Path, closer: Option<Instant>) -> String {
     let mut arguments = vec!["replay".into(), log.into(), trace.into()];
     arguments.extend(closer.map(|at| at.micros().to_string().into()));

@@ -35,8 +35,9 @@ fn plans(twin: &Twin) -> impl Iterator<Item = (Instant, u32)> {
     })
 }
 
-/// Two twins do the same until one of them is sent elsewhere; the first segment in which they differ shows when that took effect. Before the way's end
-/// every setpoint changes something at once: the axes speed up, cruise or brake.
+/// Two twins do the same until one of them is sent elsewhere; the first segment in which they
+/// differ shows when that took effect. Before the way's end every setpoint changes something at
+/// once: the axes speed up, cruise or brake.
 #[test]
 fn a_new_setpoint_changes_the_pins_within_2_ms() {
     let mut random = Random::seeded(11);

@@ -3,8 +3,9 @@
 use host::robustness::tally::{Tally, failures_of_all};
 use host::robustness::{condition, phase, sweep};
 
-/// Every condition with one poster: measured or refused as it should be, no gross error, and sigma near the truth. Some 330 measurements share a poster,
-/// so limits are half as wide again as those of the full sweep.
+/// Every condition with one poster: measured or refused as it should be, no gross error, and sigma
+/// near the truth. Some 330 measurements share a poster, so limits are half as wide again as those
+/// of the full sweep.
 #[test]
 fn every_condition_is_measured_rightly_or_refused_for_its_reason() {
     let all: Vec<&condition::Condition> = condition::ALL.iter().collect();

@@ -1,4 +1,5 @@
-//! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this computer's clock, strangers, and QEMU.
+//! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this
+//! computer's clock, strangers, and QEMU.
 
 use host::station::StationError;
 use host::station::serial::Serial;
@@ -92,7 +93,8 @@ fn a_station_is_configured_moved_and_stopped() {
     assert!(serial.offset_us().is_some());
 }
 
-/// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it stops.
+/// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it
+/// stops.
 #[test]
 fn the_heartbeat_goes_on_without_the_caller() {
     let end = station();
@@ -198,7 +200,8 @@ fn a_line_is_found_again_and_used_when_told() {
         matches!(error, StationError::Interrupted { .. }) && error.to_string().contains(&end.path),
         "{error}"
     );
-    // Nothing goes through until somebody has decided, and nothing that was sent meanwhile does later.
+    // Nothing goes through until somebody has decided, and nothing that was sent meanwhile does
+    // later.
     serial.send(setpoint([9, 9, 9]));
     assert!(serial.command("setpoint", setpoint([9, 9, 9])).is_err());
     serial.resume().expect("nothing was lost");

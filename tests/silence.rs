@@ -7,7 +7,8 @@ use host::station::twin::Twin;
 use shared::frame::message::{Command, Mounting};
 use shared::safety::{Fault, State, Trust};
 
-/// From the last ping to the stop, s: the heartbeat time, the tick that notices, the tick already planned, and the one in which the ping came.
+/// From the last ping to the stop, s: the heartbeat time, the tick that notices, the tick already
+/// planned, and the one in which the ping came.
 const SILENCE_S: f64 = 1e-3 * HEARTBEAT_MS as f64 + 3e-3;
 
 /// What is on its way to the pins, s.
@@ -23,8 +24,9 @@ fn stage(max_speed_mm_s: f64) -> Stage {
     }
 }
 
-/// Farthest way from a moment with the speed `v`, mm/s, mm: it may have sped up at full acceleration `a` for all of the silence, up to `most`; then it
-/// eases off at the jerk `j` and brakes. On the planner's grid the jerk is up to a sixth lower.
+/// Farthest way from a moment with the speed `v`, mm/s, mm: it may have sped up at full
+/// acceleration `a` for all of the silence, up to `most`; then it eases off at the jerk `j` and
+/// brakes. On the planner's grid the jerk is up to a sixth lower.
 fn bound_mm(v: f64, most: f64) -> f64 {
     let (a, j, t) = (2_000.0, 50_000.0 * 5.0 / 6.0, SILENCE_S + RING_S);
     let first = (v + a * t).min(most);

@@ -1,4 +1,5 @@
-//! Scenarios: each does what its file expects, the same in every run and on an emulated Cortex-M4; and what the command says of bad files.
+//! Scenarios: each does what its file expects, the same in every run and on an emulated Cortex-M4;
+//! and what the command says of bad files.
 
 #[path = "simulate/command.rs"]
 mod command;
@@ -49,7 +50,8 @@ fn missed(scenario: &Scenario) -> Vec<String> {
     scenario.missed(&trace, &with, without.as_ref())
 }
 
-/// Rendered scenarios take a minute and are a stage of their own in `tests/run`; with points in place of pictures the same must come of them.
+/// Rendered scenarios take a minute and are a stage of their own in `tests/run`; with points in
+/// place of pictures the same must come of them.
 #[test]
 fn every_scenario_does_what_it_expects_with_points_for_cameras() {
     let names = files();
@@ -73,7 +75,8 @@ fn a_run_repeats_to_the_bit_and_another_seed_differs() {
     assert_ne!(log(&first), log(&live(&scenario, true)));
 }
 
-/// A scenario that cannot meet its expectations says so: each bound, one at a time, just below what was found.
+/// A scenario that cannot meet its expectations says so: each bound, one at a time, just below what
+/// was found.
 #[test]
 fn each_bound_is_judged() {
     let mut scenario = read("step.toml").with_points();

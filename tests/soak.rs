@@ -1,7 +1,9 @@
-//! The station and the host's conversation with it for a long time, on virtual time: memory and latency stay what they are.
+//! The station and the host's conversation with it for a long time, on virtual time: memory and
+//! latency stay what they are.
 //!
-//! A target is followed at 60 frames per second while faults come at random: silence, stops, emergency stops, limit switches, noise on the
-//! line, occlusions. Each is mended as a person would. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
+//! A target is followed at 60 frames per second while faults come at random: silence, stops,
+//! emergency stops, limit switches, noise on the line, occlusions. Each is mended as a person
+//! would. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
 
 use host::random::Random;
 use host::station::stage::default_stage;
@@ -29,7 +31,8 @@ fn resident_kib() -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Sums of a target that was displaced by this, mm: the midpoint estimator's, with a spread of 2^-5.
+/// Sums of a target that was displaced by this, mm: the midpoint estimator's, with a spread of
+/// 2^-5.
 fn displaced(mm: [f64; 3]) -> Sums {
     let nm = |mm: f64| (mm * 1e6).round() as i32;
     Sums::Midpoint(FixedCentredSums {

@@ -1,4 +1,5 @@
-//! The station as its host meets it: commands over the link, switches, frames, and what the pins do.
+//! The station as its host meets it: commands over the link, switches, frames, and what the pins
+//! do.
 
 #[path = "station/faults.rs"]
 mod faults;
@@ -244,7 +245,8 @@ fn a_silent_host_means_a_ramped_stop_and_no_resume() {
         (fault.state, fault.fault, fault.trust),
         (State::Faulted, Some(Fault::Heartbeat), Trust::Homed)
     );
-    // At 100 mm/s: 25 ms until the fault at most 2.5 mm, v²/2a another 2.5 mm, and the onset of braking at 50,000 mm/s³ some 2 mm.
+    // At 100 mm/s: 25 ms until the fault at most 2.5 mm, v²/2a another 2.5 mm, and the onset of
+    // braking at 50,000 mm/s³ some 2 mm.
     let way = twin.position_mm()[0] - at_loss[0];
     assert!(way > 1.0 && way < 8.0, "{way}");
     let stopped = twin.steps();
@@ -449,7 +451,8 @@ fn a_driver_that_needs_slower_words_is_refused_before_anything_moves() {
     assert_eq!(denial(refused), Denial::Config(ConfigField::Driver));
 }
 
-/// Whatever the host sends, in whatever pieces: the same log gives the same reports and the same pulses.
+/// Whatever the host sends, in whatever pieces: the same log gives the same reports and the same
+/// pulses.
 #[test]
 fn the_same_inputs_give_the_same_bits() {
     let run = |chunk: usize| {

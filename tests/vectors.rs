@@ -1,4 +1,5 @@
-//! The reference cases of `golden/estimators.json`: every estimator, in floating and in fixed point.
+//! The reference cases of `golden/estimators.json`: every estimator, in floating and in fixed
+//! point.
 
 use serde_json::Value;
 use shared::estimate::{closed_form, least_squares, midpoint};

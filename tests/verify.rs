@@ -8,8 +8,8 @@ use host::verification::view::View;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
-/// The sigma that a measurement states, which `tests/pipeline/sigma.rs` holds against true errors, and the one predicted for the
-/// same number of points and the noise that its own residual shows.
+/// The sigma that a measurement states, which `tests/pipeline/sigma.rs` holds against true errors,
+/// and the one predicted for the same number of points and the noise that its own residual shows.
 #[track_caller]
 fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f64) {
     let rig = Rig::paper();

@@ -1,11 +1,13 @@
 //! The board: clock, pins and word rate. The only place that names a pin.
 //!
-//! Each board is a small file with the same items; one cargo feature chooses it. Whatever a driver wants of STEP and DIR (pulse lengths,
-//! set-up, hold) is not here: it comes with the host's configuration, and the station refuses a driver that the word rate is too fast for.
+//! Each board is a small file with the same items; one cargo feature chooses it. Whatever a driver
+//! wants of STEP and DIR (pulse lengths, set-up, hold) is not here: it comes with the host's
+//! configuration, and the station refuses a driver that the word rate is too fast for.
 //!
 //! # Inputs
-//! Limit switches and the emergency stop are contacts that are closed when all is well, between pin and ground, with the chip's pull-up: a
-//! cut wire reads as open. A switch that is not there is a wire to ground.
+//! Limit switches and the emergency stop are contacts that are closed when all is well, between pin
+//! and ground, with the chip's pull-up: a cut wire reads as open. A switch that is not there is a
+//! wire to ground.
 //!
 //! The emergency stop's second contact, on boards with a [`Gate`], stops the step timer itself.
 

@@ -112,8 +112,9 @@ pub fn end(cause: Cause, places: impl Iterator<Item = u32>) -> ! {
     }
 }
 
-/// A panic becomes a fault of the processor: the undefined instruction. Its handler then knows where it came from without the tables of file names
-/// and lines that `info` would bring along (12 KiB).
+/// A panic becomes a fault of the processor: the undefined instruction. Its handler then knows
+/// where it came from without the tables of file names and lines that `info` would bring along (12
+/// KiB).
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     #[cfg(feature = "defmt")]

@@ -5,16 +5,19 @@
 //!  TIM8 compare 1 -> DMA2 stream 2 ("eraser") : idle word -> ring[n], half a word later
 //! ```
 //!
-//! TIM8 overflows once per word. Each overflow makes the player copy the next word of the ring into the port's set/reset register, so an edge
-//! lies where the timer puts it; what is left of jitter is the bus matrix granting the DMA its transfer, some tens of ns.
+//! TIM8 overflows once per word. Each overflow makes the player copy the next word of the ring into
+//! the port's set/reset register, so an edge lies where the timer puts it; what is left of jitter
+//! is the bus matrix granting the DMA its transfer, some tens of ns.
 //!
 //! # Why old words cannot be replayed
-//! A circular DMA goes round for ever, and would play the last millisecond of motion again and again if the refill stopped. Here a second stream
-//! runs half a word behind the first and overwrites each word that was just played with the *idle word*, which lowers the STEP pins and can
-//! raise none. Both streams are started by the same timer's events, so the eraser never lags by more than one word and needs no software
-//! at all: a word is played at most once after each time it was written. When the processor stops writing, for whatever reason, the ring
-//! runs dry within its remaining words (at most 1 ms of motion, [`LEAD`] blocks and the one that was filled) and from then on every
-//! word is the idle word.
+//! A circular DMA goes round for ever, and would play the last millisecond of motion again and
+//! again if the refill stopped. Here a second stream runs half a word behind the first and
+//! overwrites each word that was just played with the *idle word*, which lowers the STEP pins and
+//! can raise none. Both streams are started by the same timer's events, so the eraser never lags by
+//! more than one word and needs no software at all: a word is played at most once after each time
+//! it was written. When the processor stops writing, for whatever reason, the ring runs dry within
+//! its remaining words (at most 1 ms of motion, [`LEAD`] blocks and the one that was filled) and
+//! from then on every word is the idle word.
 //!
 //! | what happens | what ends the steps |
 //! |---|---|
@@ -25,18 +28,21 @@
 //! | a stream dies (transfer error), or loses a request | `check` sees it at the next segment, 250 µs later, and stops TIM8 |
 //! | reset | the pins become inputs; the drivers' enable lines have their own pull-ups |
 //!
-//! So a single failure, of the processor or of a stream, gives no step that was not planned. (The eraser alone failing is seen by the processor;
-//! only both failing within the same 250 µs would replay.)
+//! So a single failure, of the processor or of a stream, gives no step that was not planned. (The
+//! eraser alone failing is seen by the processor; only both failing within the same 250 µs would
+//! replay.)
 //!
-//! The alternatives were a second timer that counts words and gates TIM8, and TIM8 in one-pulse mode with its repetition counter. Both stop
-//! the timer at a count that software must move on in time, one write away from an error at each wrap, and both lose the time base on a stop. Erasing
+//! The alternatives were a second timer that counts words and gates TIM8, and TIM8 in one-pulse
+//! mode with its repetition counter. Both stop the timer at a count that software must move on in
+//! time, one write away from an error at each wrap, and both lose the time base on a stop. Erasing
 //! keeps it: after an underrun the next word still goes out when its time has come.
 //!
 //! # Blocks
-//! A segment of the machine is a *block* of 250 words; the ring holds five. Block `b` is played from `b` times 250 µs after the engine's
-//! start. A segment given out during block `b` becomes block `b + 3`, whose first word comes 750 µs after the segment was due:
-//! that is the machine's `delay_us`. A segment that comes later than its block is an underrun: nothing more is played until the
-//! machine has noticed (it sees that words are not emitted), faulted, and stands.
+//! A segment of the machine is a *block* of 250 words; the ring holds five. Block `b` is played
+//! from `b` times 250 µs after the engine's start. A segment given out during block `b` becomes
+//! block `b + 3`, whose first word comes 750 µs after the segment was due: that is the machine's
+//! `delay_us`. A segment that comes later than its block is an underrun: nothing more is played
+//! until the machine has noticed (it sees that words are not emitted), faulted, and stands.
 
 use crate::board::{GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
 use crate::pins::{self, IDLE_WORD};
@@ -65,8 +71,9 @@ pub const BLOCK: usize = WORD_RATE.slots_per_segment() as usize * 2;
 /// Blocks in the ring.
 const BLOCKS: u64 = 5;
 
-/// Blocks between the one being played when a segment is due and the segment's own: how long the machine may think about a tick. With the
-/// segment itself that is 1 ms of motion, the most that may be under way.
+/// Blocks between the one being played when a segment is due and the segment's own: how long the
+/// machine may think about a tick. With the segment itself that is 1 ms of motion, the most that
+/// may be under way.
 const LEAD: u64 = 3;
 const _: () = assert!(LEAD + 2 <= BLOCKS && (LEAD + 1) * SEGMENT_US <= 1000);
 
@@ -197,7 +204,8 @@ impl Block {
 }
 
 impl Engine {
-    /// Starts timer and streams on an empty ring, at a multiple of 250 µs of the station's clock, as segments are due.
+    /// Starts timer and streams on an empty ring, at a multiple of 250 µs of the station's clock,
+    /// as segments are due.
     fn start(&mut self) {
         // Registers without a clock cannot be written.
         pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
@@ -208,7 +216,8 @@ impl Engine {
         }
         prepare_timer();
         prepare_streams();
-        // Once per start, at most 270 µs; nothing is played meanwhile. The last of it undisturbed, since `check` compares by the word.
+        // Once per start, at most 270 µs; nothing is played meanwhile. The last of it undisturbed,
+        // since `check` compares by the word.
         let began_us =
             (Instant::now().as_micros() + UNDISTURBED_US) / SEGMENT_US * SEGMENT_US + SEGMENT_US;
         while Instant::now().as_micros() + UNDISTURBED_US < began_us {}
@@ -244,7 +253,8 @@ impl Engine {
         }
         let rest = segment.axes().iter().all(AxisMotion::is_rest);
         if rest {
-            // Idle words are in the ring already, so a pause may lie anywhere: it leads the blocks back to their place in time.
+            // Idle words are in the ring already, so a pause may lie anywhere: it leads the blocks
+            // back to their place in time.
             self.next = self.motion_end.max(playing.saturating_add(LEAD));
         } else if now.saturating_add(MARGIN_US) > self.block_start(self.next) {
             self.fail(Trouble::Late);

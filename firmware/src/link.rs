@@ -59,7 +59,8 @@ static RECEIVED: Channel<CriticalSectionRawMutex, Arrival, 4> = Channel::new();
 static TO_USB: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 static TO_UART: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 
-/// Who speaks (0 nobody, 1 USB, 2 UART) in the lowest two bits, and when it was last heard in the others, ms.
+/// Who speaks (0 nobody, 1 USB, 2 UART) in the lowest two bits, and when it was last heard in the
+/// others, ms.
 static SPEAKER: AtomicU32 = AtomicU32::new(0);
 
 impl Port {
@@ -178,7 +179,8 @@ async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
         }
         let _ = line.extend_from_slice(&bytes);
         if line.len().is_multiple_of(PACKET) {
-            // A USB host waits for more after a full packet. An empty packet of ours, one zero byte, means nothing and ends the wait.
+            // A USB host waits for more after a full packet. An empty packet of ours, one zero
+            // byte, means nothing and ends the wait.
             let _ = line.push(0);
         }
         let written = with_timeout(WRITE_LIMIT, tx.write_all(&line)).await;

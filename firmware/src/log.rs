@@ -3,7 +3,8 @@
 #[cfg(feature = "defmt")]
 use defmt_rtt as _;
 
-/// A line in the log. Without `defmt` its arguments are looked at by the compiler and by nothing else.
+/// A line in the log. Without `defmt` its arguments are looked at by the compiler and by nothing
+/// else.
 macro_rules! note {
     ($text:literal $(, $value:expr)* $(,)?) => {{
         #[cfg(feature = "defmt")]

@@ -1,7 +1,8 @@
-//! The station on an STM32F405 or F407: clocks, links, pins, watchdog, and the loop that moves bytes and words.
+//! The station on an STM32F405 or F407: clocks, links, pins, watchdog, and the loop that moves
+//! bytes and words.
 //!
-//! All that the station *decides* is in the crate `shared`; see its [`Machine`](shared::machine::Machine). This program gives the machine
-//! its clock and its wires:
+//! All that the station *decides* is in the crate `shared`; see its
+//! [`Machine`](shared::machine::Machine). This program gives the machine its clock and its wires:
 //!
 //! | module | what it does | runs |
 //! |---|---|---|
@@ -16,9 +17,11 @@
 //! | [`clock`] | the station's time | |
 //! | [`vectors`] | interrupts and the memory that survives a reset; with [`fault`] the only unsafe code | |
 //!
-//! *Invariant:* no task waits for a link while it holds something that motion needs. Motion never waits for the host.
+//! *Invariant:* no task waits for a link while it holds something that motion needs. Motion never
+//! waits for the host.
 //!
-//! Features: one board (`olimex-h405`, `feather-f405`, `skr-2`); `defmt` for a log over a debug probe.
+//! Features: one board (`olimex-h405`, `feather-f405`, `skr-2`); `defmt` for a log over a debug
+//! probe.
 #![no_std]
 #![no_main]
 

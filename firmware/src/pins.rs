@@ -4,7 +4,8 @@ use crate::board::{DRIVERS, GATE, LED, Line, STEP_PINS, STEP_PORT};
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Pupdr};
 
-/// The word that lowers every STEP pin and does nothing else: what the pins get when there is no motion.
+/// The word that lowers every STEP pin and does nothing else: what the pins get when there is no
+/// motion.
 pub const IDLE_WORD: u32 =
     (1 << STEP_PINS.step[0] | 1 << STEP_PINS.step[1] | 1 << STEP_PINS.step[2]) << 16;
 

@@ -13,7 +13,8 @@ use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::{Builder, Handler, UsbDevice};
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// The numbers by which the host's program finds the station: pid.codes' test product. Replace it before making more than one's own.
+/// The numbers by which the host's program finds the station: pid.codes' test product. Replace it
+/// before making more than one's own.
 const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 
@@ -21,8 +22,9 @@ type Otg = Driver<'static, USB_OTG_FS>;
 
 /// Ends what a host that went away did not fetch.
 ///
-/// A packet that waits in an endpoint outlives the reset with which the next host begins, since the manual (RM0090, 34.17) lets an endpoint's
-/// enable bit end with its transfer or by being disabled, and the driver does neither. Then nothing is ever written to that endpoint again.
+/// A packet that waits in an endpoint outlives the reset with which the next host begins, since the
+/// manual (RM0090, 34.17) lets an endpoint's enable bit end with its transfer or by being disabled,
+/// and the driver does neither. Then nothing is ever written to that endpoint again.
 struct Reconnection;
 
 impl Handler for Reconnection {

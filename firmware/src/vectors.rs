@@ -4,7 +4,8 @@
 //! linker or vector table without the compiler's help is said in these two, in few lines.
 //!
 //! # Priorities
-//! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few dozen instructions.
+//! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few
+//! dozen instructions.
 //!
 //! | priority | interrupt | longest work |
 //! |---|---|---|
@@ -86,8 +87,9 @@ pub const RETAINED_WORDS: usize = 10;
 
 /// Words that a reset leaves as they are; what they mean is the business of
 /// [`crash`](crate::crash). After power-on they hold anything.
-// SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared. Every bit pattern is a valid AtomicU32, and
-// all accesses go through atomics, which the compiler may not fold into the initial value.
+// SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared.
+// Every bit pattern is a valid AtomicU32, and all accesses go through atomics, which the compiler
+// may not fold into the initial value.
 #[unsafe(link_section = ".uninit.retained")]
 pub static RETAINED: [AtomicU32; RETAINED_WORDS] = [const { AtomicU32::new(0) }; RETAINED_WORDS];
 

@@ -11,7 +11,8 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker};
 use shared::safety::State;
 
-/// Nominal patience. Its oscillator runs at 17 to 47 kHz instead of 32 (data sheet), so it is 34 to 94 ms in truth.
+/// Nominal patience. Its oscillator runs at 17 to 47 kHz instead of 32 (data sheet), so it is 34 to
+/// 94 ms in truth.
 const PATIENCE_US: u32 = 50_000;
 
 /// How often the tasks are looked at.
@@ -111,7 +112,8 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>, tasks: u32) -
     let mut looks: u32 = 0;
     loop {
         ticker.next().await;
-        // A task that comes round every 10 ms may miss one look; two such looks still leave time for a third.
+        // A task that comes round every 10 ms may miss one look; two such looks still leave time
+        // for a third.
         seen |= ALIVE.swap(0, Relaxed);
         if seen & tasks == tasks {
             seen = 0;

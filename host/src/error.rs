@@ -20,8 +20,8 @@ const LONGEST_REASON: usize = 4_000;
 
 /// A fault in a file the user gave: where it is and what is wrong there.
 ///
-/// Reads `FILE:LINE: field `NAME`: reason`; line and field are left out where there is none (a file that
-/// does not exist has no line).
+/// Reads `FILE:LINE: field `NAME`: reason`; line and field are left out where there is none (a file
+/// that does not exist has no line).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputError {
     /// The file or folder at fault.
@@ -72,8 +72,8 @@ impl InputError {
     }
 }
 
-/// Names of files and what is in them come from others: they are printed without control characters,
-/// and not at any length.
+/// Names of files and what is in them come from others: they are printed without control
+/// characters, and not at any length.
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&printable(self.file.display()))?;
@@ -96,7 +96,8 @@ pub enum Failure {
     /// A file or folder was bad.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The input was read, but some of its frames allow no estimate; each has been reported where it stood.
+    /// The input was read, but some of its frames allow no estimate; each has been reported where
+    /// it stood.
     #[error("{}: {refused} of {frames} frames refused", printable(.file.display()))]
     Refused {
         /// The file or folder the frames came from.
@@ -130,7 +131,8 @@ impl Failure {
         }
     }
 
-    /// The reader of standard output has seen enough (`trinocular ... | head -1`): no fault of anybody's.
+    /// The reader of standard output has seen enough (`trinocular ... | head -1`): no fault of
+    /// anybody's.
     pub fn is_closed_output(&self) -> bool {
         matches!(self, Self::Output(cause) if cause.kind() == io::ErrorKind::BrokenPipe)
     }

@@ -1,7 +1,7 @@
 //! The command line of Trinocular.
 //!
-//! `main` only turns the outcome into an exit code and one line on standard error; every command is a file
-//! under `commands`.
+//! `main` only turns the outcome into an exit code and one line on standard error; every command is
+//! a file under `commands`.
 
 #![deny(clippy::print_stderr, clippy::print_stdout)]
 

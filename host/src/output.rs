@@ -151,8 +151,8 @@ impl Output {
 
 /// Writes all of these files or, on any error, none. What is written in place cannot be taken back.
 ///
-/// Ctrl-C and the other signals wait until the files are in their places; otherwise they could leave
-/// temporary files, or old and new files side by side.
+/// Ctrl-C and the other signals wait until the files are in their places; otherwise they could
+/// leave temporary files, or old and new files side by side.
 ///
 /// # Errors
 /// If one of them cannot be written.
@@ -182,7 +182,8 @@ fn unwritten(path: &Path, cause: &io::Error) -> InputError {
     InputError::io(path, "write", cause)
 }
 
-/// Texts near the end of what this program writes: pages close with the first, figures with the second.
+/// Texts near the end of what this program writes: pages close with the first, figures with the
+/// second.
 const MARKS: [&str; 2] = ["<footer>Trinocular ", FIGURE_MARK];
 const FIGURE_MARK: &str = "<!-- Trinocular ";
 

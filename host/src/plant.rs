@@ -1,8 +1,9 @@
 //! The stage as the port words move it: drivers and motors, seen from the pins.
 //!
-//! Shares no arithmetic with the step generator. It knows set/reset words and drivers only: a rising STEP edge is one step,
-//! in the direction the DIR pin shows at that moment. Every time is counted in words, so edges lie on word borders by nature,
-//! and the shortest times seen are kept for comparison with a driver's data sheet.
+//! Shares no arithmetic with the step generator. It knows set/reset words and drivers only: a
+//! rising STEP edge is one step, in the direction the DIR pin shows at that moment. Every time is
+//! counted in words, so edges lie on word borders by nature, and the shortest times seen are kept
+//! for comparison with a driver's data sheet.
 
 use shared::steps::{AXES, DriverTiming, PortMap, Requirement, WordRate};
 
@@ -62,7 +63,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// All pins low, all axes at zero. `steps_per_mm` must be positive for positions in mm to mean anything.
+    /// All pins low, all axes at zero. `steps_per_mm` must be positive for positions in mm to mean
+    /// anything.
     pub fn new(map: PortMap, steps_per_mm: [f64; AXES]) -> Self {
         let driver = |axis: usize| Driver {
             // Pins beyond 15 do not exist: such an axis never moves.

@@ -6,14 +6,14 @@
 //! 1,middle,159.9,101.7,163.8,105.5
 //! ```
 //!
-//! One row per point and camera: where the camera saw the point at the reference instant (`x0`, `y0`) and where
-//! it sees it now (`x1`, `y1`). Pixels as seen, from the centre of the top left pixel; principal point and lens
-//! distortion are the rig's business. Rows may come in any order; points keep the order of their first rows, so
-//! that the same file always gives the same sums.
+//! One row per point and camera: where the camera saw the point at the reference instant (`x0`,
+//! `y0`) and where it sees it now (`x1`, `y1`). Pixels as seen, from the centre of the top left
+//! pixel; principal point and lens distortion are the rig's business. Rows may come in any order;
+//! points keep the order of their first rows, so that the same file always gives the same sums.
 //!
-//! A byte order mark, CRLF, blank lines and spaces around fields are tolerated; everything else that is not as
-//! stated is refused with file, line and field, before any of it is used. Only a point that some camera has not
-//! seen is left out, and counted.
+//! A byte order mark, CRLF, blank lines and spaces around fields are tolerated; everything else
+//! that is not as stated is refused with file, line and field, before any of it is used. Only a
+//! point that some camera has not seen is left out, and counted.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

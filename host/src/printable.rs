@@ -21,10 +21,10 @@ pub const LONGEST: usize = 1_000;
 
 /// Returns the text without control characters and at most [`LONGEST`] characters long.
 ///
-/// Control characters, separators of lines and paragraphs and all format characters of Unicode, such
-/// as those that change the direction of writing, become escapes as in Rust's string literals. All else stays, backslashes too, so that a path of Windows
-/// reads as usual; hence the result is for people and cannot be turned back. A longer text is cut
-/// and ends with `...`.
+/// Control characters, separators of lines and paragraphs and all format characters of Unicode,
+/// such as those that change the direction of writing, become escapes as in Rust's string literals.
+/// All else stays, backslashes too, so that a path of Windows reads as usual; hence the result is
+/// for people and cannot be turned back. A longer text is cut and ends with `...`.
 pub fn printable(text: impl Display) -> String {
     printable_up_to(LONGEST, text)
 }

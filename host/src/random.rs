@@ -1,4 +1,5 @@
-//! Seeded randomness, the same on every machine: the only generator of the program and of its tests.
+//! Seeded randomness, the same on every machine: the only generator of the program and of its
+//! tests.
 
 /// Steele, Lea and Flood's splitmix64: a counter and a bit mixer. Any seed is a good seed.
 #[derive(Clone, Debug)]
@@ -15,7 +16,8 @@ impl Random {
         Self::seeded(start ^ stream.wrapping_mul(0xd1b5_4a32_d192_ed03))
     }
 
-    /// The algorithm's own sequence for `seed`, where no streams are needed. Sequences of neighbouring seeds share no visible relation.
+    /// The algorithm's own sequence for `seed`, where no streams are needed. Sequences of
+    /// neighbouring seeds share no visible relation.
     pub const fn seeded(seed: u64) -> Self {
         Self {
             state: seed,
@@ -47,7 +49,8 @@ impl Random {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
-    /// Mean 0, standard deviation 1, by Marsaglia's polar method: exact, and needs neither sine nor cosine.
+    /// Mean 0, standard deviation 1, by Marsaglia's polar method: exact, and needs neither sine nor
+    /// cosine.
     pub fn gaussian(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;

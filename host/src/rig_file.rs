@@ -14,14 +14,16 @@
 //! [stage]                               # optional; see `Stage`
 //! ```
 //!
-//! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the rig's axes to
-//! directions along the camera's; every pixel is rectified by it on its way in, so cameras need not be exactly parallel.
+//! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
+//! rig's axes to directions along the camera's; every pixel is rectified by it on its way in, so
+//! cameras need not be exactly parallel.
 //!
-//! Unknown, missing and impossible fields are refused with file, line and name of the field. Nothing but distortion,
-//! rotation and what is listed in [`Care`] has a default: a rig that was guessed makes a stage run away.
+//! Unknown, missing and impossible fields are refused with file, line and name of the field.
+//! Nothing but distortion, rotation and what is listed in [`Care`] has a default: a rig that was
+//! guessed makes a stage run away.
 //!
-//! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
-//! its fields, and cameras named left, middle and right stand in this order.
+//! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every
+//! rule stated on its fields, and cameras named left, middle and right stand in this order.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -119,8 +121,9 @@ impl RigFile {
         Ok((Self::parse(path, &text)?, text))
     }
 
-    /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made for: they need exactly
-    /// the cameras left, middle and right, at heights as equal as [`Rig::is_in_line`] wants them.
+    /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made
+    /// for: they need exactly the cameras left, middle and right, at heights as equal as
+    /// [`Rig::is_in_line`] wants them.
     pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
         Self::read_as(path, Shape::Line)
     }
@@ -181,7 +184,8 @@ impl RigFile {
         text
     }
 
-    /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is complete.
+    /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is
+    /// complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
     }
@@ -261,8 +265,8 @@ fn cameras(
     Ok(read.into_iter().unzip())
 }
 
-/// Heights that are near enough: the paper's pairs share their image rows. `rig` has left, middle, right in this order, `outer` are the tables
-/// of the first and the last.
+/// Heights that are near enough: the paper's pairs share their image rows. `rig` has left, middle,
+/// right in this order, `outer` are the tables of the first and the last.
 fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
     let error = rig.height_error().unwrap_or(f64::INFINITY);
     if error <= HEIGHT_ERROR_LIMIT {
@@ -355,7 +359,8 @@ fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
     Ok(Rotation::from_degrees(degrees))
 }
 
-/// Whether removing and applying the distortion leads back to the same pixel, all round the image's border.
+/// Whether removing and applying the distortion leads back to the same pixel, all round the image's
+/// border.
 pub(crate) fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
     const STEPS: u32 = 16;
     /// Far below what any tracker sees, far above rounding.

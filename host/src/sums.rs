@@ -47,7 +47,8 @@ impl Sums {
         Ok(Self { centred, pairs })
     }
 
-    /// Over the tracks of a measurement, in the cameras of `rig` that took part; sigma takes into account that its windows overlap and what all of them have in common.
+    /// Over the tracks of a measurement, in the cameras of `rig` that took part; sigma takes into
+    /// account that its windows overlap and what all of them have in common.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for fewer than two cameras.
@@ -84,21 +85,25 @@ impl Sums {
     }
 }
 
-/// Error of sub-pixel tracking that all points have in common, px: what is left of its dependence on the phase of the pixel grid when the
-/// points are spread over all phases. No residual shows it. `trinocular bench robustness --only bias` measures it: where all points move alike it is below
-/// 0.00003 px at every phase; motions along z and scenes of several depths mix the phases. With this value, errors of
-/// sharp posters at a noise of half a grey level are what sigma says or a little less (the rows `plain`, `still` and `500-mm` with `--noise`).
+/// Error of sub-pixel tracking that all points have in common, px: what is left of its dependence
+/// on the phase of the pixel grid when the points are spread over all phases. No residual shows it.
+/// `trinocular bench robustness --only bias` measures it: where all points move alike it is below
+/// 0.00003 px at every phase; motions along z and scenes of several depths mix the phases. With
+/// this value, errors of sharp posters at a noise of half a grey level are what sigma says or a
+/// little less (the rows `plain`, `still` and `500-mm` with `--noise`).
 const COMMON_PX: f64 = 0.000_05;
 
-/// By how much the variance of a mean over `count` flow components is larger than their scatter `sigma_px` tells, where `overlap` is for what they do
-/// not err independently in ([`crate::flow::scatter`] measures it):
+/// By how much the variance of a mean over `count` flow components is larger than their scatter
+/// `sigma_px` tells, where `overlap` is for what they do not err independently in
+/// ([`crate::flow::scatter`] measures it):
 ///
 /// ```text
 /// variance = overlap s²/count + common² = (overlap + common² count/s²) s²/count
 /// ```
 ///
-/// It reaches the station as fewer degrees of freedom, so the wire has no field for it. Depth noise is in the residual: where `g` is wrong, `v - g T` is not zero. A turn
-/// too small to be refused, or a camera slightly off, is in `overlap` too ([`crate::flow::turn`], [`crate::flow::step`]).
+/// It reaches the station as fewer degrees of freedom, so the wire has no field for it. Depth noise
+/// is in the residual: where `g` is wrong, `v - g T` is not zero. A turn too small to be refused,
+/// or a camera slightly off, is in `overlap` too ([`crate::flow::turn`], [`crate::flow::step`]).
 pub(crate) fn widening(overlap: f64, sigma_px: f64, count: f64) -> f64 {
     let common = COMMON_PX * COMMON_PX * count / (sigma_px * sigma_px);
     // Without scatter there is nothing to widen.

@@ -1,8 +1,8 @@
-//! The paper's section 3 as numbers: its Tables 1 and 2 for all three estimators, its Figs. 3 and 4, and how
-//! far each estimator is from the best that any could do with noisy images.
+//! The paper's section 3 as numbers: its Tables 1 and 2 for all three estimators, its Figs. 3 and
+//! 4, and how far each estimator is from the best that any could do with noisy images.
 //!
-//! Everything is drawn from seeded streams, one per set of points, and summed up in the order of the sets: the
-//! results are the same bits on one core and on many.
+//! Everything is drawn from seeded streams, one per set of points, and summed up in the order of
+//! the sets: the results are the same bits on one core and on many.
 //!
 //! - [`recovery`]: noise-free moves of random point sets, recovered (Tables 1 and 2);
 //! - [`noise`]: the same moves through noisy cameras, against the Cramér-Rao bound;
@@ -50,8 +50,8 @@ impl Validation {
     }
 }
 
-/// What each estimator makes of the same views: mm, target in the camera frame. `points` holds the views of
-/// one point in the left, the middle and the right camera.
+/// What each estimator makes of the same views: mm, target in the camera frame. `points` holds the
+/// views of one point in the left, the middle and the right camera.
 fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> {
     let mut pair = PairSums::new(rig)?;
     let mut centred = CentredSums::new(rig)?;

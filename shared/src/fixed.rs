@@ -1,9 +1,11 @@
 //! Fixed-point arithmetic: what has to hold for any numbers.
 //!
-//! Everything here is total: no panic, no wrap, for any input. Results that do not fit saturate. ([`product`] alone trusts its caller.)
+//! Everything here is total: no panic, no wrap, for any input. Results that do not fit saturate.
+//! ([`product`] alone trusts its caller.)
 //!
-//! Elsewhere a shift stands where the bits themselves are meant (a step in a [`Position`](crate::steps::Position), a pin in a port
-//! word) or where a comment beside it gives the format it leads to.
+//! Elsewhere a shift stands where the bits themselves are meant (a step in a
+//! [`Position`](crate::steps::Position), a pin in a port word) or where a comment beside it gives
+//! the format it leads to.
 
 /// `value 2^bits` rounded to the nearest `i32`, or `None` if it is not finite or does not fit.
 ///
@@ -39,7 +41,8 @@ pub fn multiply_shift(a: i32, b: i32, bits: u32) -> i64 {
 
 /// `a b`, exactly: two 63-bit sizes make at most 126 bits.
 ///
-/// A function of its own, because a checked 128-bit product takes some 300 bytes wherever it stands.
+/// A function of its own, because a checked 128-bit product takes some 300 bytes wherever it
+/// stands.
 #[inline(never)]
 pub fn wide(a: i64, b: i64) -> i128 {
     i128::from(a).wrapping_mul(i128::from(b))
@@ -47,7 +50,8 @@ pub fn wide(a: i64, b: i64) -> i128 {
 
 /// `a b`, saturating.
 ///
-/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it stands. Fast for factors of 32 bits.
+/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it
+/// stands. Fast for factors of 32 bits.
 #[inline(never)]
 pub fn times(a: i64, b: i64) -> i64 {
     if let (Ok(a), Ok(b)) = (i32::try_from(a), i32::try_from(b)) {
@@ -57,7 +61,8 @@ pub fn times(a: i64, b: i64) -> i64 {
     i64::try_from(product).unwrap_or(if product < 0 { i64::MIN } else { i64::MAX })
 }
 
-/// `a b`, for numbers that were shown to fit: checked in debug builds only. Three instructions on a Cortex-M4, where a check takes twenty.
+/// `a b`, for numbers that were shown to fit: checked in debug builds only. Three instructions on a
+/// Cortex-M4, where a check takes twenty.
 #[inline(always)]
 pub const fn product(a: i64, b: i64) -> i64 {
     debug_assert!(a.checked_mul(b).is_some());
@@ -66,7 +71,8 @@ pub const fn product(a: i64, b: i64) -> i64 {
 
 /// `a / divisor`, rounded down. A divisor below 1 counts as 1.
 ///
-/// Numbers of 32 bits take the processor's own division, an order of magnitude faster than one of 64 bits.
+/// Numbers of 32 bits take the processor's own division, an order of magnitude faster than one of
+/// 64 bits.
 #[inline(never)]
 pub fn quotient(a: i64, divisor: i64) -> i64 {
     let divisor = divisor.max(1);
@@ -91,8 +97,8 @@ pub fn root(a: i64) -> i64 {
 
 /// The integer square root, rounded down: exact for every input. Faster for 32 bits.
 ///
-/// Longer numbers by Zimmermann's Karatsuba square root (INRIA report 3805, 1999): the root of the upper half, then half as many digits
-/// again by one division.
+/// Longer numbers by Zimmermann's Karatsuba square root (INRIA report 3805, 1999): the root of the
+/// upper half, then half as many digits again by one division.
 #[inline(never)]
 pub fn square_root(value: u64) -> u32 {
     if let Ok(small) = u32::try_from(value) {
@@ -104,12 +110,14 @@ pub fn square_root(value: u64) -> u32 {
     let (high, low) = ((normal >> 32) as u32, normal as u32);
     let root = square_root_32(high); // 2^15 to 2^16
     let rest = high.wrapping_sub(root.wrapping_mul(root)); // at most 2 root
-    // (rest 2^16 + the next 16 bits) / (2 root), halved to stay within 32 bits; the bit that drops out goes to the new rest.
+    // (rest 2^16 + the next 16 bits) / (2 root), halved to stay within 32 bits; the bit that drops
+    // out goes to the new rest.
     let half = rest << 15 | low >> 17;
     let digits = half.checked_div(root).unwrap_or(0);
     let left = half.wrapping_sub(digits.wrapping_mul(root));
     let last = i64::from(left) << 17 | i64::from(low & 0x1_ffff);
-    // The division was by twice the root, without the square of the digits: never too small, and too large by one at most.
+    // The division was by twice the root, without the square of the digits: never too small, and
+    // too large by one at most.
     let digits = i64::from(digits);
     let root = (i64::from(root) << 16) + digits - i64::from(last < product(digits, digits));
     (root >> (shift / 2)) as u32
@@ -121,7 +129,8 @@ const ROOTS: [u16; 24] = [
     240, 244, 248, 252, 256,
 ];
 
-/// Newton's method from above, from 6 % too large at most: two steps leave it exact, or one too large.
+/// Newton's method from above, from 6 % too large at most: two steps leave it exact, or one too
+/// large.
 #[inline(never)]
 pub fn square_root_32(value: u32) -> u32 {
     if value == 0 {
@@ -139,9 +148,11 @@ pub fn square_root_32(value: u32) -> u32 {
     root >> (shift / 2)
 }
 
-/// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay below 2^63.
+/// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay
+/// below 2^63.
 ///
-/// Bit by bit: for values that are worked out once, where a 128-bit division would take more memory than time.
+/// Bit by bit: for values that are worked out once, where a 128-bit division would take more memory
+/// than time.
 #[inline(never)]
 pub fn ratio(a: u64, divisor: u64) -> u64 {
     let (Some(whole), Some(mut rest)) = (a.checked_div(divisor), a.checked_rem(divisor)) else {
@@ -164,9 +175,9 @@ pub fn ratio(a: u64, divisor: u64) -> u64 {
 
 /// One over a positive number, as a 32-bit mantissa and an exponent.
 ///
-/// For `d` normalised to a mantissa `m` in `[2^31, 2^32)`, `mantissa` is `2^63 / m` to within 2^-29.6 of itself, and
-/// `1/d = mantissa 2^(zeros - 95)`. Relative error at most 2^-29.6, of which 2^-31 comes from dropping
-/// the low bits of `d`: the test `reciprocal_error_bound` asserts it.
+/// For `d` normalised to a mantissa `m` in `[2^31, 2^32)`, `mantissa` is `2^63 / m` to within
+/// 2^-29.6 of itself, and `1/d = mantissa 2^(zeros - 95)`. Relative error at most 2^-29.6, of which
+/// 2^-31 comes from dropping the low bits of `d`: the test `reciprocal_error_bound` asserts it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reciprocal {
     mantissa: u32,
@@ -186,7 +197,8 @@ impl Reciprocal {
         })
     }
 
-    /// `numerator / divisor 2^bits`, rounded towards minus infinity within the reciprocal's error, saturating.
+    /// `numerator / divisor 2^bits`, rounded towards minus infinity within the reciprocal's error,
+    /// saturating.
     #[inline(always)]
     pub fn times(self, numerator: i64, bits: i32) -> i64 {
         // The upper half fits an i32, which makes this one product of the processor.
@@ -208,12 +220,14 @@ impl Reciprocal {
     }
 }
 
-/// `2^63 / m` for a mantissa `m` in `[2^31, 2^32)`, to within 2^-29.6 of itself; the result lies in `[2^31, 2^32)`.
+/// `2^63 / m` for a mantissa `m` in `[2^31, 2^32)`, to within 2^-29.6 of itself; the result lies in
+/// `[2^31, 2^32)`.
 ///
-/// A 16-bit quotient from the hardware divider, then one Newton step `r (2 - m r)` in 32 x 32 -> 64 bit products: a
-/// 64 by 32 bit division costs some 270 instructions on a Cortex-M4, this some 20. The quotient is off by less than 2^-14.9 relative,
-/// the step squares that to 2^-29.8 and errs below the true value. A mantissa outside the range (never made by
-/// [`Reciprocal::of`]) is taken as the nearest inside.
+/// A 16-bit quotient from the hardware divider, then one Newton step `r (2 - m r)` in 32 x 32 -> 64
+/// bit products: a 64 by 32 bit division costs some 270 instructions on a Cortex-M4, this some 20.
+/// The quotient is off by less than 2^-14.9 relative, the step squares that to 2^-29.8 and errs
+/// below the true value. A mantissa outside the range (never made by [`Reciprocal::of`]) is taken
+/// as the nearest inside.
 pub fn invert_mantissa(mantissa: u32) -> u32 {
     let mantissa = mantissa.max(1 << 31);
     let guess = u32::MAX / (mantissa >> 16); // 2^48 / m, at most 17 bits

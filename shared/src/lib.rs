@@ -19,12 +19,15 @@
 //! | [`replay`] | a run that can be repeated, and compared between machines |
 //! | [`fixed`], [`time`] | the arithmetic and the instants that all of them use |
 //!
-//! *Invariant:* nothing here reads a clock, allocates, blocks, or keeps global state; there are no callbacks, no `dyn`, no `async`.
-//! Time is an argument, and what must be done is returned as a value. The same calls give the same bits on every machine.
+//! *Invariant:* nothing here reads a clock, allocates, blocks, or keeps global state; there are no
+//! callbacks, no `dyn`, no `async`. Time is an argument, and what must be done is returned as a
+//! value. The same calls give the same bits on every machine.
 //!
-//! *Invariant:* from [`frame`] to [`steps`] everything is integer arithmetic, but for the filter in [`track`]: its deviations and rates are
-//! `f32`, with `+ - * /` in a fixed order, which give the same bits everywhere; positions stay integers there, too. Other floating point
-//! stays in [`rig`], in the accumulating half of [`sums`] and in the `solve` functions of [`estimate`], none of which the station runs.
+//! *Invariant:* from [`frame`] to [`steps`] everything is integer arithmetic, but for the filter in
+//! [`track`]: its deviations and rates are `f32`, with `+ - * /` in a fixed order, which give the
+//! same bits everywhere; positions stay integers there, too. Other floating point stays in [`rig`],
+//! in the accumulating half of [`sums`] and in the `solve` functions of [`estimate`], none of which
+//! the station runs.
 #![no_std]
 
 #[cfg(test)]

@@ -1,17 +1,18 @@
 //! Cameras as plain data, and the two projections everything else is written in.
 //!
-//! Ordinary image axes: x right, y down, z forward. Camera `k` sits at `(cx, cy, 0)` mm and sees the
-//! point `(X, Y, Z)` mm at the *normalised* coordinates
+//! Ordinary image axes: x right, y down, z forward. Camera `k` sits at `(cx, cy, 0)` mm and sees
+//! the point `(X, Y, Z)` mm at the *normalised* coordinates
 //!
 //! ```text
 //! xi = (X - cx) / Z        eta = (Y - cy) / Z        (dimensionless)
 //! px = fx * xi + ppx       py  = fy * eta + ppy      (pixels, after rotation and lens distortion)
 //! ```
 //!
-//! Normalised coordinates divide each camera's own focal lengths out, so cameras with different focal
-//! lengths need no common mean. They are along the rig's axes, however the camera is turned: a rotation moves all points of a ray
-//! alike, whatever their depth, so the view of a turned camera is that of a virtual parallel one at the same place.
-//! Everything behind [`Camera::normalise`] is therefore about parallel cameras.
+//! Normalised coordinates divide each camera's own focal lengths out, so cameras with different
+//! focal lengths need no common mean. They are along the rig's axes, however the camera is turned:
+//! a rotation moves all points of a ray alike, whatever their depth, so the view of a turned camera
+//! is that of a virtual parallel one at the same place. Everything behind [`Camera::normalise`] is
+//! therefore about parallel cameras.
 
 mod line;
 mod rotation;
@@ -55,7 +56,8 @@ impl Camera {
         self.denormalise([(x - self.offset_mm[0]) / z, (y - self.offset_mm[1]) / z])
     }
 
-    /// Whether the camera sees the normalised plane as it is but for scale and shift: neither turned nor distorted.
+    /// Whether the camera sees the normalised plane as it is but for scale and shift: neither
+    /// turned nor distorted.
     pub fn is_ideal(&self) -> bool {
         self.distortion == [0.0; 5] && self.rotation.degrees() == [0.0; 3]
     }
@@ -68,8 +70,9 @@ impl Camera {
 
     /// Pixels as seen to normalised coordinates, lens distortion and rotation removed.
     ///
-    /// The distortion has no closed inverse: the fixed-point iteration used by OpenCV's `undistortPoints` runs
-    /// until it moves less than 1e-13, at most 50 times. Exact (to rounding) for cameras without distortion.
+    /// The distortion has no closed inverse: the fixed-point iteration used by OpenCV's
+    /// `undistortPoints` runs until it moves less than 1e-13, at most 50 times. Exact (to rounding)
+    /// for cameras without distortion.
     pub fn normalise(&self, pixel: [f64; 2]) -> [f64; 2] {
         let seen: [f64; 2] =
             core::array::from_fn(|i| (pixel[i] - self.principal_px[i]) / self.focal_px[i]);
@@ -105,12 +108,14 @@ impl Camera {
 pub struct Rig {
     /// Width and height of every camera's image, px.
     pub image_size_px: [u32; 2],
-    /// The cameras. Rigs for the paper's two estimators have exactly left, middle, right, in this order.
+    /// The cameras. Rigs for the paper's two estimators have exactly left, middle, right, in this
+    /// order.
     pub cameras: heapless::Vec<Camera, MAX_CAMERAS>,
 }
 
 impl Rig {
-    /// The paper's rig: its Table 3 cameras, 70 mm left and 68 mm right of the middle one, 320 x 240 px.
+    /// The paper's rig: its Table 3 cameras, 70 mm left and 68 mm right of the middle one, 320 x
+    /// 240 px.
     pub fn paper() -> Self {
         let cameras = [
             Camera::ideal([533.16, 529.12], [154.43, 123.00], [-70.0, 0.0]),

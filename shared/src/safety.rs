@@ -61,7 +61,8 @@ pub enum Trust {
     Unknown,
     /// Homed or zeroed.
     Homed,
-    /// Homed once, but steps may have been lost since (abrupt stop): zero or home again. Treated as unknown.
+    /// Homed once, but steps may have been lost since (abrupt stop): zero or home again. Treated as
+    /// unknown.
     Degraded,
 }
 
@@ -76,15 +77,19 @@ pub enum Fault {
     Limit,
     /// 3: a driver reports a fault. Abrupt stop; the position is degraded.
     Driver,
-    /// 4: the step engine fell behind or stopped: words were not emitted in time. Abrupt stop; the position is degraded.
+    /// 4: the step engine fell behind or stopped: words were not emitted in time. Abrupt stop; the
+    /// position is degraded.
     Underrun,
-    /// 5: the target stayed farther away than allowed for longer than allowed. Ramped stop; the position is still good.
+    /// 5: the target stayed farther away than allowed for longer than allowed. Ramped stop; the
+    /// position is still good.
     FollowingError,
-    /// 6: the cameras did not see the stage move as it was commanded to: steps are lost, or a motor is off. Ramped stop; the position is degraded.
+    /// 6: the cameras did not see the stage move as it was commanded to: steps are lost, or a motor
+    /// is off. Ramped stop; the position is degraded.
     LostSteps,
     /// 7: no home switch within the search way. Ramped stop; where the axis is stays unknown.
     SwitchNotFound,
-    /// 8: a home switch that does not release when backed off, or does not stay tripped. Ramped stop; where the axis is stays unknown.
+    /// 8: a home switch that does not release when backed off, or does not stay tripped. Ramped
+    /// stop; where the axis is stays unknown.
     SwitchStuck,
     /// 9: the program restarted by itself: watchdog, brown-out, panic. Nothing moves until a reset;
     /// the position is unknown.
@@ -202,7 +207,8 @@ impl FromIterator<Fault> for Faults {
 /// The switches and what the step engine did, as sampled by the shell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// Per axis: limit switch at the negative end, at the positive end. `true` is tripped (contact open).
+    /// Per axis: limit switch at the negative end, at the positive end. `true` is tripped (contact
+    /// open).
     pub limits: [[bool; 2]; 3],
     /// The emergency stop is open.
     pub emergency_stop: bool,

@@ -1,10 +1,12 @@
-//! Instants of the station's clock. Nothing in this crate reads a clock: time is always an argument.
+//! Instants of the station's clock. Nothing in this crate reads a clock: time is always an
+//! argument.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Microseconds since the station started.
 ///
-/// On the wire it takes 48 bits, little-endian: enough for 8.9 years of uptime. Later instants saturate there.
+/// On the wire it takes 48 bits, little-endian: enough for 8.9 years of uptime. Later instants
+/// saturate there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instant(u64);
 

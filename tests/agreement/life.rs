@@ -204,7 +204,8 @@ impl Life {
         for _ in 0..count {
             let pause = 1_000 + self.random.below(4_000);
             self.wait(pause);
-            // Mostly the keyframe stays. Sometimes the previous picture becomes the new one, which the station knows if it used it.
+            // Mostly the keyframe stays. Sometimes the previous picture becomes the new one, which
+            // the station knows if it used it.
             let status = self.twin.status();
             let used = status.and_then(|status| status.estimate.map(|e| e.sequence));
             if (used == last.1 && self.random.below(5) == 0) || self.random.below(400) == 0 {

@@ -15,7 +15,8 @@ const NOISE_GREY: f64 = 2.0;
 /// Places in a pixel, along either side, whose light makes the pixel's.
 const SAMPLES: usize = 2;
 
-/// Three cameras as somebody built them who meant them to be parallel. Their optical axes are level on the whole.
+/// Three cameras as somebody built them who meant them to be parallel. Their optical axes are level
+/// on the whole.
 pub fn crooked_rig() -> Rig {
     let camera = |focal_px, principal_px, x, degrees| Camera {
         focal_px,
@@ -110,8 +111,8 @@ impl Eye {
     }
 }
 
-/// Grey level of the board at a place from its middle, mm: black outside the first corner, a white border one square wide, then a desk. Every edge
-/// is as soft as a lens makes it.
+/// Grey level of the board at a place from its middle, mm: black outside the first corner, a white
+/// border one square wide, then a desk. Every edge is as soft as a lens makes it.
 fn grey(u: f64, v: f64) -> f64 {
     const SOFT_MM: f64 = 0.9;
     let sides = CORNERS.map(|n| n as f64 + 1.0);
@@ -119,7 +120,8 @@ fn grey(u: f64, v: f64) -> f64 {
         u / SQUARE_MM + sides[0] / 2.0,
         v / SQUARE_MM + sides[1] / 2.0,
     ];
-    // From -1 to 1 and back at every whole number, and from 0 to 1 where a distance becomes positive.
+    // From -1 to 1 and back at every whole number, and from 0 to 1 where a distance becomes
+    // positive.
     let wave = |a: f64| {
         let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
         sign * ((a - a.round()) * SQUARE_MM / SOFT_MM).tanh()

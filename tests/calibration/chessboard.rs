@@ -1,4 +1,5 @@
-//! Photographs of a real board, against what OpenCV makes of them (`images/chessboard/opencv.json`).
+//! Photographs of a real board, against what OpenCV makes of them
+//! (`images/chessboard/opencv.json`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,7 +33,8 @@ fn opencv(half: &str) -> Value {
     all["half_windows"][half].clone()
 }
 
-/// Every focal length and principal point within `share` standard deviations, OpenCV's and ours; the distortion within twice as many.
+/// Every focal length and principal point within `share` standard deviations, OpenCV's and ours;
+/// the distortion within twice as many.
 #[track_caller]
 fn assert_agree(ours: &Value, theirs: &Value, share: f64) {
     for (key, sigma, share) in [
@@ -90,7 +92,8 @@ fn it_agrees_with_opencv_within_one_standard_deviation() {
     );
 }
 
-/// With OpenCV's window the same corners, and from the same corners the same camera: nothing but rounding is left.
+/// With OpenCV's window the same corners, and from the same corners the same camera: nothing but
+/// rounding is left.
 #[test]
 fn the_same_window_gives_the_same_result() {
     for half in ["5", "11"] {

@@ -122,8 +122,8 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
     assert_eq!(got.len(), moves.len() - 1);
     for (line, truth) in got.iter().zip(&moves[1..]) {
         let got = numbers(line, "displacement_mm");
-        // What a parallel rig may be off by, and one per cent of the way: three times what the calibration's own sigma makes of it (a
-        // third of a degree about y).
+        // What a parallel rig may be off by, and one per cent of the way: three times what the
+        // calibration's own sigma makes of it (a third of a degree about y).
         let way = truth.iter().map(|t| t * t).sum::<f64>().sqrt();
         for (i, tolerance) in [0.02, 0.02, 0.05].into_iter().enumerate() {
             let error = (got[i] - truth[i]).abs();
@@ -193,7 +193,8 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
     {
         let [x, y] = camera.offset_mm;
         assert_true(stand, "offset_mm", "offset_sigma_mm", &[x, y, 0.0]);
-        // About y the rig's own axes lie a little elsewhere: they are found from the cameras' places, as sigma says.
+        // About y the rig's own axes lie a little elsewhere: they are found from the cameras'
+        // places, as sigma says.
         assert_true(
             stand,
             "rotation_deg",
@@ -283,7 +284,8 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     with(&["--out", "none/rig.toml"]).failed_after_notes(1, &["none", "no such folder"]);
 }
 
-/// Copies of a picture would make every standard deviation too small; one pose alone leaves the lens open.
+/// Copies of a picture would make every standard deviation too small; one pose alone leaves the
+/// lens open.
 #[test]
 fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
     let desk = tempfile::tempdir().expect("a temporary folder");

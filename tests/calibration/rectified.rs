@@ -1,4 +1,5 @@
-//! A rig whose cameras are turned by a degree or two measures like a parallel one, if its file says how they are turned.
+//! A rig whose cameras are turned by a degree or two measures like a parallel one, if its file says
+//! how they are turned.
 
 use host::flow::{Flow, Settings, Track};
 use host::images::{Scene, SceneSettings, Texture};
@@ -64,7 +65,8 @@ fn exact_points_give_the_exact_displacement() {
             largest([0, 1, 2].map(|i| got[i] - moved[i]))
         };
         assert!(error(&rig) < 1e-9, "{moved:?}: {} mm", error(&rig));
-        // The test can fail: taken for parallel, the same cameras are wrong by a good part of a millimetre.
+        // The test can fail: taken for parallel, the same cameras are wrong by a good part of a
+        // millimetre.
         assert!(
             error(&Rig::paper()) > 0.1,
             "{moved:?}: {} mm",

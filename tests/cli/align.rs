@@ -14,10 +14,12 @@ use super::{Desk, Outcome, run};
 /// What left and right are off by across the line of cameras, where all of it shows, px.
 const OFF_PX: [f64; 3] = [-2.6, 0.0, 1.7];
 
-/// What right is off by along it, px: constraint (3) shows that part of it which is no common error of all disparities.
+/// What right is off by along it, px: constraint (3) shows that part of it which is no common error
+/// of all disparities.
 const ALONG_PX: f64 = 1.0;
 
-/// A desk with two captures in `views`, a comment in its rig file, and the true heights of the principal points.
+/// A desk with two captures in `views`, a comment in its rig file, and the true heights of the
+/// principal points.
 fn desk() -> (Desk, [f64; 3]) {
     let desk = Desk::new();
     let mut truth = Rig::paper();
@@ -201,7 +203,8 @@ fn photographs_show_what_the_rig_file_was_made_wrong_by() {
             .collect()
     };
     let right = offsets(&text);
-    // Left is 6 px too high and 3 px too far left. Of the latter, with equal baselines, half shows in left and half in right.
+    // Left is 6 px too high and 3 px too far left. Of the latter, with equal baselines, half shows
+    // in left and half in right.
     let wrong = offsets(&text.replacen("[224.5, 187.0]", "[221.5, 181.0]", 1));
     let expected = [[1.5, 6.0], [0.0, 0.0], [1.5, 0.0]];
     for ((wrong, right), expected) in wrong.iter().zip(right).zip(expected) {

@@ -1,5 +1,6 @@
-//! Bad input ends with exit code 1, nothing on standard output, nothing left behind, and one line that names file,
-//! line and field. (Every single rule of the two file formats is tested beside its reader.)
+//! Bad input ends with exit code 1, nothing on standard output, nothing left behind, and one line
+//! that names file, line and field. (Every single rule of the two file formats is tested beside its
+//! reader.)
 
 use std::fs;
 

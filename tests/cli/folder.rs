@@ -1,4 +1,5 @@
-//! `estimate` on folders of images: a textured poster in front of the paper's rig, drawn from its geometry alone.
+//! `estimate` on folders of images: a textured poster in front of the paper's rig, drawn from its
+//! geometry alone.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +13,8 @@ use super::{Desk, Outcome, run};
 /// Where the poster hangs at first, mm from the cameras.
 const DEPTH_MM: f64 = 900.0;
 
-/// Grey levels of the poster at a place on it, mm: smooth random blots in three sizes, the smallest five pixels wide.
+/// Grey levels of the poster at a place on it, mm: smooth random blots in three sizes, the smallest
+/// five pixels wide.
 fn poster(x: f64, y: f64) -> f64 {
     let octaves = [(37.0, 60.0), (19.0, 35.0), (9.0, 25.0)];
     let blots = octaves
@@ -143,7 +145,8 @@ fn the_papers_methods_serve_images_too() {
         assert_eq!(line["method"], method);
         assert!(line["sigma_mm"].is_null());
         let moved = line["displacement_mm"].as_array().expect("a displacement");
-        // Their z comes from a small difference and leaks into x; the signs and the size must be right.
+        // Their z comes from a small difference and leaks into x; the signs and the size must be
+        // right.
         for (got, expected) in moved.iter().zip([2.0, -1.0]) {
             assert!(
                 (got.as_f64().expect("a number") - expected).abs() < 0.5,

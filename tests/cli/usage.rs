@@ -93,7 +93,8 @@ fn a_closed_output_is_no_fault() {
     }
 }
 
-/// More pictures a second leave less time for the latency that is usual, and a run may end before there is anything to sum up.
+/// More pictures a second leave less time for the latency that is usual, and a run may end before
+/// there is anything to sum up.
 #[test]
 fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
     let short = ["track", "--sim", "--fps", "100", "--seconds", "0.5"];

@@ -153,7 +153,8 @@ fn nothing_is_predicted_where_nothing_is_matched() {
     );
 }
 
-/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view holds but some points.
+/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view
+/// holds but some points.
 #[test]
 fn unlike_lenses_and_narrow_views_are_named() {
     let desk = Desk::new();

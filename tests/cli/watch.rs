@@ -1,4 +1,5 @@
-//! `track --watch`: a folder that grows while the program runs is followed as if it had been complete.
+//! `track --watch`: a folder that grows while the program runs is followed as if it had been
+//! complete.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -35,7 +36,8 @@ fn watching(desk: &Desk, more: &[&str]) -> Child {
         .expect("the program starts")
 }
 
-/// Puts a capture into the growing folder as a slow camera program does: one file half, a pause longer than any that is taken for an end, the rest.
+/// Puts a capture into the growing folder as a slow camera program does: one file half, a pause
+/// longer than any that is taken for an end, the rest.
 fn give(desk: &Desk, number: usize) {
     for name in NAMES {
         let view = Path::new(name).join(format!("{number:04}.pgm"));
@@ -124,7 +126,8 @@ fn files_that_stay_bad_or_away_are_named() {
     }
     fs::write(desk.path("views/right/0000.pgm"), first).expect("ours");
 
-    // A capture that lacks a view is followed without, and told; so is one of a folder that is complete.
+    // A capture that lacks a view is followed without, and told; so is one of a folder that is
+    // complete.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("ours");
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {

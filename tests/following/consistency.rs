@@ -1,4 +1,5 @@
-//! The filter itself: against a textbook's in `f64`, against its own statement of how good it is, and bit for bit.
+//! The filter itself: against a textbook's in `f64`, against its own statement of how good it is,
+//! and bit for bit.
 
 use host::random::Random;
 use nalgebra::{Matrix2, RowVector2, Vector2};
@@ -21,7 +22,8 @@ fn fine(steps: f64) -> i64 {
     (steps * STEP) as i64
 }
 
-/// A filter of constant velocity as textbooks have it, with the adaptation that the module's documentation states.
+/// A filter of constant velocity as textbooks have it, with the adaptation that the module's
+/// documentation states.
 struct Textbook {
     state: Vector2<f64>,
     covariance: Matrix2<f64>,
@@ -69,7 +71,8 @@ impl Textbook {
     }
 }
 
-/// Targets that rest, drift, turn and jump in speed: within 0.005 step and 0.0002 steps/ms of the textbook's.
+/// Targets that rest, drift, turn and jump in speed: within 0.005 step and 0.0002 steps/ms of the
+/// textbook's.
 #[test]
 fn single_precision_is_enough() {
     let mut random = Random::seeded(11);
@@ -105,7 +108,8 @@ fn single_precision_is_enough() {
     );
 }
 
-/// The normalised squared error of position and speed, on average, for targets of different restlessness. A filter that knew it would have 2.
+/// The normalised squared error of position and speed, on average, for targets of different
+/// restlessness. A filter that knew it would have 2.
 #[test]
 fn the_covariance_is_honest() {
     let mut random = Random::seeded(12);

@@ -1,20 +1,23 @@
 //! Speed, acceleration and jerk of an axis from its step edges and nothing else.
 //!
-//! A step up to `n` says that the position passed `n` in that slot, a step down from `n` the same: so at slot `t` it lies within
-//! one slot's motion `r` of `n`. Of samples `n_i` at `t_i` the divided difference of order `k`, times `k!`, is a mean of the `k`th
-//! derivative over them, and off by at most
+//! A step up to `n` says that the position passed `n` in that slot, a step down from `n` the same:
+//! so at slot `t` it lies within one slot's motion `r` of `n`. Of samples `n_i` at `t_i` the
+//! divided difference of order `k`, times `k!`, is a mean of the `k`th derivative over them, and
+//! off by at most
 //!
 //! ```text
 //! k! Σ (r/2) / Π |t_i - t_j|     j ≠ i
 //! ```
 //!
-//! once `r/2` is added to all samples alike. So what exceeds a limit by more than this breaks it, whatever made the edges.
-//! Samples at least [`SPACING`] apart make the error small against the limits.
+//! once `r/2` is added to all samples alike. So what exceeds a limit by more than this breaks it,
+//! whatever made the edges. Samples at least [`SPACING`] apart make the error small against the
+//! limits.
 
 /// Least distance of the samples for speed, acceleration and jerk, s.
 const SPACING: [f64; 3] = [0.002, 0.005, 0.010];
 
-/// Acceleration changes in steps, once per millisecond: a mean of the jerk over 30 of these is that of a steady one to within 1 %.
+/// Acceleration changes in steps, once per millisecond: a mean of the jerk over 30 of these is that
+/// of a steady one to within 1 %.
 const JERK_IN_STEPS: f64 = 1.01;
 
 /// What an axis may do, and the scale of its edges.
@@ -48,7 +51,8 @@ impl Edges {
         self.passed.len()
     }
 
-    /// Panics if a limit was broken; gives the shares of speed, acceleration and jerk that were certainly reached.
+    /// Panics if a limit was broken; gives the shares of speed, acceleration and jerk that were
+    /// certainly reached.
     pub fn check(&self, bounds: &Bounds) -> [f64; 3] {
         let steps = |um: u32| f64::from(um) * 1e-6 * f64::from(bounds.steps_per_m);
         let limits = [
@@ -78,7 +82,8 @@ impl Edges {
         reached
     }
 
-    /// The mean derivative of this order from edge `first` on, and how much an error of 1 in all samples makes of it.
+    /// The mean derivative of this order from edge `first` on, and how much an error of 1 in all
+    /// samples makes of it.
     fn derivative(&self, first: usize, order: usize, slots_per_s: u32) -> Option<(f64, f64)> {
         let time = |edge: usize| self.passed[edge].0 as f64 / f64::from(slots_per_s);
         let mut samples = vec![first];

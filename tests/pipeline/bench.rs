@@ -6,7 +6,8 @@ use host::images::{Capture, Scene, SceneSettings, Texture};
 use host::sums::Sums;
 use shared::rig::Rig;
 
-/// How exact an estimate has to be at the paper's distance: what the project sets itself for the paper's Table 5.
+/// How exact an estimate has to be at the paper's distance: what the project sets itself for the
+/// paper's Table 5.
 pub const TOLERANCE_MM: [f64; 3] = moves::BOUND_MM;
 
 /// The true displacements of the paper's Table 5, mm.
@@ -42,7 +43,8 @@ impl Got {
         (0..3).all(|i| error[i].abs() <= bound_mm[i])
     }
 
-    /// Neither wrong nor wrongly sure: off by at most five standard deviations beyond the tolerance.
+    /// Neither wrong nor wrongly sure: off by at most five standard deviations beyond the
+    /// tolerance.
     pub fn is_honest(&self, truth_mm: [f64; 3]) -> bool {
         let bound = |i: usize| TOLERANCE_MM[i] + 5.0 * self.sigma_mm[i];
         self.is_within(truth_mm, std::array::from_fn(bound))

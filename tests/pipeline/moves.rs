@@ -22,7 +22,8 @@ fn right_down_and_away_are_positive_x_y_and_z() {
     let bench = Bench::new(&Texture::natural(9), SceneSettings::default());
     let looking_at = |moved: [f64; 3]| bench.scene.render(moved, 0, 1);
     let (rest, right) = (looking_at([0.0; 3]), looking_at([3.0, 0.0, 0.0]));
-    // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further right in the picture itself.
+    // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further
+    // right in the picture itself.
     let difference = |before: usize, after: usize| -> u64 {
         let row = |capture: &Capture, column: usize| -> Vec<i64> {
             let view = &capture.views[1];
@@ -91,7 +92,8 @@ fn changed_lighting_moves_nothing() {
     }
 }
 
-/// Far from the paper's distance and square view: what comes out is right, or honest about how far it is off.
+/// Far from the paper's distance and square view: what comes out is right, or honest about how far
+/// it is off.
 #[test]
 fn near_far_tilted_and_large_moves_are_right_or_refused() {
     let mut answered = 0;

@@ -1,4 +1,5 @@
-//! Posters that mislead: exact repetition in several forms, faint texture, and few marks that tell places apart.
+//! Posters that mislead: exact repetition in several forms, faint texture, and few marks that tell
+//! places apart.
 
 use host::images::Texture;
 use host::random::Random;
@@ -75,7 +76,8 @@ fn corner_of(texture: &Texture, side: usize) -> Texture {
     }
 }
 
-/// The same poster over an area of about 820 mm, with `count` small black or white squares of `size_mm` strewn over it.
+/// The same poster over an area of about 820 mm, with `count` small black or white squares of
+/// `size_mm` strewn over it.
 pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) -> Texture {
     let periods = (2048 / repeating.width).max(1);
     let side = periods * repeating.width;

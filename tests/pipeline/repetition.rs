@@ -1,4 +1,5 @@
-//! Posters on which every place looks like others: the answer is right, or refused with a reason. Never wrong and sure.
+//! Posters on which every place looks like others: the answer is right, or refused with a reason.
+//! Never wrong and sure.
 
 use host::flow::Refusal;
 use host::images::{SceneSettings, Texture, TextureKind};
@@ -44,7 +45,8 @@ impl Jury {
     }
 }
 
-/// Whole periods and half periods, along one axis and both, and two displacements that are no multiples.
+/// Whole periods and half periods, along one axis and both, and two displacements that are no
+/// multiples.
 fn treacherous(period_mm: f64, random: &mut Random) -> [[f64; 3]; 6] {
     let any = |random: &mut Random, most: f64| random.between(-most, most);
     [

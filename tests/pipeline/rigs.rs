@@ -55,7 +55,8 @@ fn five_cameras_in_a_cross() {
     assert_measures(rig(&cross), "cross");
 }
 
-/// What `verify` warns of: half of the points are matched where one camera magnifies 1.3 times as much as another, and nearly none at 1.7.
+/// What `verify` warns of: half of the points are matched where one camera magnifies 1.3 times as
+/// much as another, and nearly none at 1.7.
 #[test]
 fn unlike_focal_lengths_are_matched_up_to_a_limit() {
     let measured = |times: f64| {

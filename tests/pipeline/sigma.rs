@@ -1,4 +1,5 @@
-//! Whether the stated sigma is the true one: errors over many captures, each divided by its own sigma.
+//! Whether the stated sigma is the true one: errors over many captures, each divided by its own
+//! sigma.
 
 use host::images::{SceneSettings, Texture, TextureKind};
 use host::random::Random;
@@ -6,8 +7,9 @@ use shared::rig::Rig;
 
 use super::bench::{Bench, Watch};
 
-/// Mean square per axis of error over sigma: 1 if sigma is right, above 1 if it promises too much. Every displacement has its own
-/// reference, since the noise of a shared one would be in all of them.
+/// Mean square per axis of error over sigma: 1 if sigma is right, above 1 if it promises too much.
+/// Every displacement has its own reference, since the noise of a shared one would be in all of
+/// them.
 fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     let (posters, pairs) = (2, 20);
     let (mut squares, mut random) = ([0.0; 3], Random::seeded(21));
@@ -34,8 +36,8 @@ fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     squares.map(|sum| sum / (posters * pairs) as f64)
 }
 
-/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), so 1 is told from 0.5 and 1.65. Many more are in
-/// `trinocular bench robustness`.
+/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), so 1 is told from 0.5
+/// and 1.65. Many more are in `trinocular bench robustness`.
 #[test]
 fn sigma_is_true_where_noise_governs() {
     for noise_grey in [2.0, 6.0] {
@@ -49,8 +51,9 @@ fn sigma_is_true_where_noise_governs() {
     }
 }
 
-/// With sharp texture and little noise the points scatter because each one's place between the pixels differs. That is not shared by windows that
-/// overlap, so it averages out better than noise does, and sigma says so.
+/// With sharp texture and little noise the points scatter because each one's place between the
+/// pixels differs. That is not shared by windows that overlap, so it averages out better than noise
+/// does, and sigma says so.
 #[test]
 fn sigma_is_true_where_interpolation_governs() {
     for noise_grey in [0.5, 2.0] {
@@ -64,7 +67,8 @@ fn sigma_is_true_where_interpolation_governs() {
     }
 }
 
-/// The wire carries the honest value: what the station computes from the integers is what the host computes.
+/// The wire carries the honest value: what the station computes from the integers is what the host
+/// computes.
 #[test]
 fn the_station_is_told_the_same_sigma() {
     use host::flow::{Flow, Settings};

@@ -1,4 +1,5 @@
-//! The committed results: `tests/golden/pipeline.txt`, renewed by running these tests with `REGENERATE=1`.
+//! The committed results: `tests/golden/pipeline.txt`, renewed by running these tests with
+//! `REGENERATE=1`.
 
 use std::fmt::Write;
 use std::fs;
@@ -58,9 +59,11 @@ impl Row {
 
     /// The same result, but for what another machine's arithmetic may change.
     ///
-    /// The renderer's noise is drawn through logarithms, sines and cosines of the system's own library, the last bits of which differ between
-    /// systems. Where a grey level is then near the edge between two values, it may fall on the other side. Few pixels of many do, so an estimate changes
-    /// by much less than its standard deviation; but a point at the limit of a test may come or go.
+    /// The renderer's noise is drawn through logarithms, sines and cosines of the system's own
+    /// library, the last bits of which differ between systems. Where a grey level is then near the
+    /// edge between two values, it may fall on the other side. Few pixels of many do, so an
+    /// estimate changes by much less than its standard deviation; but a point at the limit of a
+    /// test may come or go.
     fn agrees_with(&self, other: &Self) -> bool {
         let numbers_agree = match (self.numbers, other.numbers) {
             (None, None) => true,

@@ -1,4 +1,5 @@
-//! Link arguments. They live here because a package's own `.cargo/config.toml` is ignored when cargo is started elsewhere.
+//! Link arguments. They live here because a package's own `.cargo/config.toml` is ignored when
+//! cargo is started elsewhere.
 
 use std::path::PathBuf;
 use std::{env, fs, io};
@@ -6,7 +7,8 @@ use std::{env, fs, io};
 fn main() -> io::Result<()> {
     let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default());
     fs::copy("memory.x", out.join("memory.x"))?;
-    // cortex-m-rt asks for the names of the interrupt handlers. The vector table names its functions itself.
+    // cortex-m-rt asks for the names of the interrupt handlers. The vector table names its
+    // functions itself.
     fs::write(out.join("device.x"), "")?;
     println!("cargo:rerun-if-changed=memory.x");
     println!("cargo:rustc-link-search={}", out.display());

@@ -1,4 +1,5 @@
-//! What the station makes of a frame: when its pictures were taken, whether it can be trusted, and which way the motors turn for it.
+//! What the station makes of a frame: when its pictures were taken, whether it can be trusted, and
+//! which way the motors turn for it.
 
 use super::{denial, frame, status, twin, wait};
 use host::rig_file::Stage;
@@ -79,7 +80,8 @@ fn the_gate_refuses_by_name() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
-/// The stage moves between capture and frame; the target does not. Whatever the latency, the stage must end where the target is.
+/// The stage moves between capture and frame; the target does not. Whatever the latency, the stage
+/// must end where the target is.
 #[test]
 fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
     let mut twin = twin();
@@ -131,7 +133,8 @@ fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
     );
 }
 
-/// Beside the stage the cameras do not move with it: the stage copies the displacement instead of chasing it for ever.
+/// Beside the stage the cameras do not move with it: the stage copies the displacement instead of
+/// chasing it for ever.
 #[test]
 fn with_fixed_cameras_the_stage_copies_the_target() {
     let mut twin = Twin::start(&default_stage(), "twin", Mounting::Fixed).unwrap();

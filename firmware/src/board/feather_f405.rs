@@ -1,4 +1,5 @@
-//! A plain STM32F405RG: Adafruit Feather STM32F405 Express. In brackets the names on its silk screen.
+//! A plain STM32F405RG: Adafruit Feather STM32F405 Express. In brackets the names on its silk
+//! screen.
 
 pub use super::plain_f405::{DRIVERS, STEP_PORT, assign};
 use super::{Gate, Line};
@@ -11,7 +12,8 @@ pub const NAME: &str = "feather-f405";
 /// The crystal.
 pub const CRYSTAL_HZ: u32 = 12_000_000;
 
-/// STEP on PC2 [12], PC4 [A4], PC6 [6]; DIR on PC3 [11], PC5 [A5], PC7 [5]. The host's configuration says which axes are inverted.
+/// STEP on PC2 [12], PC4 [A4], PC6 [6]; DIR on PC3 [11], PC5 [A5], PC7 [5]. The host's
+/// configuration says which axes are inverted.
 pub const STEP_PINS: PortMap = PortMap {
     step: [2, 4, 6],
     dir: [3, 5, 7],

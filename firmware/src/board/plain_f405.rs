@@ -10,7 +10,8 @@ use embassy_stm32::{Peripherals, pac};
 /// The port of all STEP and DIR pins.
 pub const STEP_PORT: pac::gpio::Gpio = pac::GPIOC;
 
-/// Switched on together when the station is configured: the drivers' enable line (nEN), PB15 (the Feather's MO).
+/// Switched on together when the station is configured: the drivers' enable line (nEN), PB15 (the
+/// Feather's MO).
 pub const DRIVERS: &[Line] = &[Line {
     port: pac::GPIOB,
     pin: 15,

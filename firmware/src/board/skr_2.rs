@@ -1,8 +1,9 @@
 //! BIGTREETECH SKR 2 with an STM32F407VG: a board for plug-in stepper drivers.
 //!
-//! Three of its five driver sockets have STEP and DIR on one port, and these carry the axes: X in the socket marked Y, Y in the one
-//! marked E0, Z in the one marked E1. (Its sockets X and Z, and the boards SKR Pro and Octopus, spread STEP and DIR of three axes over
-//! several ports, which one stream of port words cannot serve.) Motor power goes through a transistor that PC13 switches.
+//! Three of its five driver sockets have STEP and DIR on one port, and these carry the axes: X in
+//! the socket marked Y, Y in the one marked E0, Z in the one marked E1. (Its sockets X and Z, and
+//! the boards SKR Pro and Octopus, spread STEP and DIR of three axes over several ports, which one
+//! stream of port words cannot serve.) Motor power goes through a transistor that PC13 switches.
 //!
 //! This image replaces the maker's boot loader, which would expect a program 32 KiB higher.
 
@@ -30,7 +31,8 @@ pub const STEP_PINS: PortMap = PortMap {
     invert: [false; 3],
 };
 
-/// Switched on together when the station is configured: motor power first, then the enable line (nEN) of each socket.
+/// Switched on together when the station is configured: motor power first, then the enable line
+/// (nEN) of each socket.
 pub const DRIVERS: &[Line] = &[
     Line {
         port: pac::GPIOC,
@@ -76,7 +78,8 @@ pub fn assign(p: Peripherals) -> Result<Parts, ConfigError> {
     config.rx_pull = Pull::Up;
     let (tx_buffer, rx_buffer) = uart_buffers();
     Ok(Parts {
-        // The headers of negative ends are marked X-STOP, Y-STOP, Z-STOP; of positive ends E0DET, PROBE (signal), PWRDET.
+        // The headers of negative ends are marked X-STOP, Y-STOP, Z-STOP; of positive ends E0DET,
+        // PROBE (signal), PWRDET.
         limits: [
             [
                 ExtiInput::new(p.PC1, p.EXTI1, Pull::Up, Irqs),

@@ -1,9 +1,10 @@
 //! The part of the offsets that points can show: a robust mean of their residuals, with its sigma.
 //!
-//! The residual of camera `k` minus that of the reference camera, two components each, is what every point says about the offsets. They are fitted
-//! by `m + S (x - x̄)`, with `x` where the reference camera sees the point: the mean `m` does not depend on the slopes
-//! `S`, which tell of rolled cameras and unlike magnification. Weights are Tukey's (1974) biweight of the worst component of
-//! a point, in scatters (median absolute deviation).
+//! The residual of camera `k` minus that of the reference camera, two components each, is what
+//! every point says about the offsets. They are fitted by `m + S (x - x̄)`, with `x` where the
+//! reference camera sees the point: the mean `m` does not depend on the slopes `S`, which tell of
+//! rolled cameras and unlike magnification. Weights are Tukey's (1974) biweight of the worst
+//! component of a point, in scatters (median absolute deviation).
 
 use nalgebra::{Matrix3, Vector3};
 use shared::rig::Rig;
@@ -21,7 +22,8 @@ pub struct Point {
 /// What a point says about a rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Residual of each camera but the reference minus the reference's: x, y of the first, and so on; normalised.
+    /// Residual of each camera but the reference minus the reference's: x, y of the first, and so
+    /// on; normalised.
     pub components: Vec<f64>,
     /// Where the reference camera sees it, normalised.
     pub at: [f64; 2],
@@ -54,7 +56,8 @@ impl Sample {
     }
 }
 
-/// How a camera is turned against the reference, and by how much more it magnifies across the line of cameras: value and standard deviation.
+/// How a camera is turned against the reference, and by how much more it magnifies across the line
+/// of cameras: value and standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn {
     /// Roll, rad, positive clockwise in the image.
@@ -80,7 +83,8 @@ pub struct Fit {
     pub median_depth_mm: f64,
 }
 
-/// Error of a mean over many points that no scatter shows, px: matching errs alike where pictures are alike, and repeated captures of one scene repeat it.
+/// Error of a mean over many points that no scatter shows, px: matching errs alike where pictures
+/// are alike, and repeated captures of one scene repeat it.
 const COMMON_PX: f64 = 0.001;
 
 /// Residuals beyond this many scatters have no weight.
@@ -89,7 +93,8 @@ const TUKEY: f64 = 4.685;
 /// Largest scatter of disparities about a plane's that is still a flat target, px.
 const FLAT_PX: f64 = 0.5;
 
-/// Corrects `rig` until its points have no mean residual. `overlap` is by how much more the variance of a mean is than for independent points.
+/// Corrects `rig` until its points have no mean residual. `overlap` is by how much more the
+/// variance of a mean is than for independent points.
 ///
 /// # Errors
 /// [`Refusal::WrongRig`]; [`Refusal::NotFlat`] with a known depth.
@@ -132,8 +137,9 @@ fn samples(geometry: &Geometry, points: &[Point]) -> Vec<Sample> {
     points.iter().map(|p| Sample::of(geometry, p)).collect()
 }
 
-/// `rig` with the principal points of all cameras but the reference moved: what is seen too far by `e` was seen with a principal point that is farther by
-/// what `e` is on the sensor, `f e` for a camera that is not turned.
+/// `rig` with the principal points of all cameras but the reference moved: what is seen too far by
+/// `e` was seen with a principal point that is farther by what `e` is on the sensor, `f e` for a
+/// camera that is not turned.
 pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     let mut rig = rig.clone();
     let others = rig.cameras.iter_mut().enumerate();
@@ -150,7 +156,8 @@ pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     rig
 }
 
-/// By how much the inverse depth of a flat target on the reference camera's axis falls short, 1/mm, and its standard deviation.
+/// By how much the inverse depth of a flat target on the reference camera's axis falls short, 1/mm,
+/// and its standard deviation.
 fn depth_miss(
     geometry: &Geometry,
     points: &[Point],
@@ -268,7 +275,8 @@ impl<'a> Regression<'a> {
         self.planes.iter().map(|plane| plane[0]).collect()
     }
 
-    /// Variance of one component per unit of the inverse normal matrix, as of an M-estimator: `Σ ψ² / (Σ ψ')²` (Huber 1964).
+    /// Variance of one component per unit of the inverse normal matrix, as of an M-estimator:
+    /// `Σ ψ² / (Σ ψ')²` (Huber 1964).
     fn variance(&self, c: usize, overlap: f64) -> f64 {
         let scatters = self.scatters();
         let (mut squares, mut slope, mut total) = (0.0, 0.0, 0.0);

@@ -1,24 +1,30 @@
 //! Datum offsets of a rig's cameras from pictures of any textured scene: the paper's section 4.1.
 //!
-//! A principal point that is off by `δ_k` px moves all views of camera `k` by `e_k = δ_k/f_k`. Between parallel cameras in a plane the views of one point are
-//! `ξ_k = α - ρ c_k + e_k`, with the point's direction `α`, inverse depth `ρ` and the cameras' places `c_k`. Fitting `α` and `ρ` leaves
-//! a residual that is the same for every point of every scene: the part of `e` that is neither a common shift nor proportional to `c`. For the
-//! paper's three cameras these are its two tests: equal heights (eq. 2), and disparities in the ratio of the baselines (eq. 3).
+//! A principal point that is off by `δ_k` px moves all views of camera `k` by `e_k = δ_k/f_k`.
+//! Between parallel cameras in a plane the views of one point are `ξ_k = α - ρ c_k + e_k`, with the
+//! point's direction `α`, inverse depth `ρ` and the cameras' places `c_k`. Fitting `α` and `ρ`
+//! leaves a residual that is the same for every point of every scene: the part of `e` that is
+//! neither a common shift nor proportional to `c`. For the paper's three cameras these are its two
+//! tests: equal heights (eq. 2), and disparities in the ratio of the baselines (eq. 3).
 //!
 //! Two things cannot be seen in a scene of unknown depth, and are left as they were:
 //!
-//! * a common shift of all images: the reference camera (the one in the middle) keeps its principal point;
-//! * a shift in proportion to the cameras' places, which is a common error of all disparities: the correction changes no depth.
-//!   With a flat target at a known distance it is found too.
+//! * a common shift of all images: the reference camera (the one in the middle) keeps its principal
+//!   point;
+//! * a shift in proportion to the cameras' places, which is a common error of all disparities: the
+//!   correction changes no depth. With a flat target at a known distance it is found too.
 //!
-//! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets too.
+//! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets
+//! too.
 //!
-//! Cameras in line also show how they are rolled against each other, up to a degree or so: beyond, too few of their pictures match. What is significant
-//! goes into the corrected rig's rotations ([`roll`]).
+//! Cameras in line also show how they are rolled against each other, up to a degree or so: beyond,
+//! too few of their pictures match. What is significant goes into the corrected rig's rotations
+//! ([`roll`]).
 //!
-//! The steps: [`rough`] finds offsets of many pixels by a search across the epipolar lines; [`crate::flow`] matches points to hundredths of a
-//! pixel with the rig corrected so far; [`fit`] takes a robust mean of their residuals, with its sigma. [`penalty`] says what
-//! the offsets cost each estimator, [`rewrite`] puts what was found into the user's own rig file.
+//! The steps: [`rough`] finds offsets of many pixels by a search across the epipolar lines;
+//! [`crate::flow`] matches points to hundredths of a pixel with the rig corrected so far; [`fit`]
+//! takes a robust mean of their residuals, with its sigma. [`penalty`] says what the offsets cost
+//! each estimator, [`rewrite`] puts what was found into the user's own rig file.
 
 pub mod fit;
 pub mod penalty;
@@ -121,12 +127,14 @@ pub struct Datum {
     pub sigma_px: [f64; 2],
     /// The new principal point, px.
     pub principal_px: [f64; 2],
-    /// Roll against the reference camera beyond what the rig file says, degrees, positive clockwise as seen in the image, and its standard deviation;
-    /// only for rigs in line.
+    /// Roll against the reference camera beyond what the rig file says, degrees, positive clockwise
+    /// as seen in the image, and its standard deviation; only for rigs in line.
     pub roll_deg: Option<[f64; 2]>,
-    /// The new `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be nothing ([`roll::SIGNIFICANT`]): then the old one stays.
+    /// The new `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be
+    /// nothing ([`roll::SIGNIFICANT`]): then the old one stays.
     pub rotation_deg: Option<[f64; 3]>,
-    /// Magnification across the line of cameras against the reference camera, per cent, and its standard deviation; only for rigs in line.
+    /// Magnification across the line of cameras against the reference camera, per cent, and its
+    /// standard deviation; only for rigs in line.
     pub scale_percent: Option<[f64; 2]>,
 }
 
@@ -162,11 +170,13 @@ const LEAST_POINTS: usize = 20;
 /// Tolerance of the first matching, px: as far off as the rough offsets may be.
 const FIRST_TOLERANCE_PX: f64 = 3.0;
 
-/// Of the others, in scatters of the one before, and the least, px. Wider than the noise, so that a camera that is rolled is not cut to its middle rows.
+/// Of the others, in scatters of the one before, and the least, px. Wider than the noise, so that a
+/// camera that is rolled is not cut to its middle rows.
 const SECOND_TOLERANCE: f64 = 6.0;
 const LEAST_TOLERANCE_PX: f64 = 0.5;
 
-/// How often a rig with rolled cameras is turned and matched anew: a roll of degrees shows in the middle of the image first.
+/// How often a rig with rolled cameras is turned and matched anew: a roll of degrees shows in the
+/// middle of the image first.
 const TURNS: usize = 3;
 
 impl Alignment {

@@ -1,7 +1,8 @@
 //! What a wrong rig costs: the error in Z of each estimator, without noise.
 //!
-//! Points spread over what the cameras see at one depth make the paper's move of (4, 4, 1) mm. They are projected with the true principal points
-//! and rotations and estimated with the assumed ones. What is lateral in the move leaks into the closed form's Z.
+//! Points spread over what the cameras see at one depth make the paper's move of (4, 4, 1) mm. They
+//! are projected with the true principal points and rotations and estimated with the assumed ones.
+//! What is lateral in the move leaks into the closed form's Z.
 
 use serde::Serialize;
 use shared::estimate::{closed_form, midpoint};
@@ -19,13 +20,15 @@ use crate::verification::view::View;
 pub struct Cost {
     /// Of the midpoint.
     pub midpoint: Option<f64>,
-    /// Of the paper's closed form; `None` if it cannot be used with the rig or gives no displacement.
+    /// Of the paper's closed form; `None` if it cannot be used with the rig or gives no
+    /// displacement.
     pub closed_form: Option<f64>,
 }
 
 /// What an alignment is worth.
 ///
-/// The offsets that a scene shows cost the midpoint nothing: its depths and flows depend only on those that it does not show.
+/// The offsets that a scene shows cost the midpoint nothing: its depths and flows depend only on
+/// those that it does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Penalty {
     /// With the rig file as it is.
@@ -34,7 +37,8 @@ pub struct Penalty {
     pub after_percent: Cost,
     /// With 0.1 px of X left in one outer image, whichever costs more.
     pub tenth_px_percent: Cost,
-    /// With a common error of all disparities, 0.1 px to the farthest camera: the same for every estimator.
+    /// With a common error of all disparities, 0.1 px to the farthest camera: the same for every
+    /// estimator.
     pub unseen_percent: f64,
 }
 
@@ -42,8 +46,8 @@ pub struct Penalty {
 const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
 
 impl Penalty {
-    /// Of the principal points of `assumed`, where `found` has the right ones to within `sigma_px`, for targets at `depth_mm`. Without a known depth
-    /// the error of all disparities stays out.
+    /// Of the principal points of `assumed`, where `found` has the right ones to within `sigma_px`,
+    /// for targets at `depth_mm`. Without a known depth the error of all disparities stays out.
     pub fn of(
         assumed: &Rig,
         found: &Rig,

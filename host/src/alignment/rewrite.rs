@@ -1,4 +1,5 @@
-//! What an alignment found in the user's own rig file: everything else stays as it stands there, comments included.
+//! What an alignment found in the user's own rig file: everything else stays as it stands there,
+//! comments included.
 
 use std::path::Path;
 

@@ -1,20 +1,24 @@
-//! Cameras that are rolled about their own axes: what the slopes of the residuals show, and how a rig is turned to undo it.
+//! Cameras that are rolled about their own axes: what the slopes of the residuals show, and how a
+//! rig is turned to undo it.
 //!
-//! A camera that is rolled by `φ` sees at `R_z(φ) x` what it would see at `x`, so the residual across the line of cameras grows along the line, by `φ`
-//! per unit. The rig file's `rotation_deg` undoes it exactly: with the camera's rotation `R` so far, the new one is `R R_z(φ)`.
+//! A camera that is rolled by `φ` sees at `R_z(φ) x` what it would see at `x`, so the residual
+//! across the line of cameras grows along the line, by `φ` per unit. The rig file's `rotation_deg`
+//! undoes it exactly: with the camera's rotation `R` so far, the new one is `R R_z(φ)`.
 //!
-//! Only the roll against the reference camera shows. One that is common to all cameras turns the rig's axes and no view against another.
+//! Only the roll against the reference camera shows. One that is common to all cameras turns the
+//! rig's axes and no view against another.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::rig::{Camera, Rig, Rotation};
 
 use super::fit::Turn;
 
-/// A roll is undone when it is this many standard deviations from nothing: one camera in 370 is turned by chance, by as little as it can be told.
+/// A roll is undone when it is this many standard deviations from nothing: one camera in 370 is
+/// turned by chance, by as little as it can be told.
 pub const SIGNIFICANT: f64 = 3.0;
 
-/// Of a camera that has been turned once, what is left is undone down to this many standard deviations: the first matching may have missed the ends
-/// of its rows.
+/// Of a camera that has been turned once, what is left is undone down to this many standard
+/// deviations: the first matching may have missed the ends of its rows.
 const SETTLED: f64 = 0.5;
 
 /// By how much a camera is to be turned, rad; `None` if its roll may be nothing.
@@ -41,8 +45,8 @@ pub fn rolled(camera: &Camera, roll_rad: f64) -> Camera {
     }
 }
 
-/// The rig with every roll undone that is no matter of chance; `None` if there is none. `turned_rad` is by how much each camera has been turned so far, and
-/// is brought up to date.
+/// The rig with every roll undone that is no matter of chance; `None` if there is none.
+/// `turned_rad` is by how much each camera has been turned so far, and is brought up to date.
 pub fn undone(rig: &Rig, turns: &[Option<Turn>], turned_rad: &mut [f64]) -> Option<Rig> {
     let mut turned: Option<Rig> = None;
     for (k, (turn, sum)) in turns.iter().zip(turned_rad).enumerate() {

@@ -1,5 +1,5 @@
-//! Offsets of many pixels, to about one: corners are looked for far to either side of their epipolar lines, and the offset that most
-//! agree on wins.
+//! Offsets of many pixels, to about one: corners are looked for far to either side of their
+//! epipolar lines, and the offset that most agree on wins.
 
 use shared::rig::Rig;
 
@@ -66,7 +66,8 @@ pub fn align(rig: &Rig, captures: &[Capture], reach_px: f64) -> Result<Rig, Refu
     Ok(corrected(rig, geometry.reference, &mean))
 }
 
-/// Corners of the reference image and what is most like them in every other camera, wherever that is.
+/// Corners of the reference image and what is most like them in every other camera, wherever that
+/// is.
 fn matches(geometry: &Geometry, capture: &Capture, level: usize, reach_px: f64) -> Vec<Point> {
     let sides = geometry.rig.image_size_px.map(|side| side as usize);
     let is_whole = |view: &crate::images::Image| [view.width, view.height] == sides;

@@ -15,8 +15,9 @@ fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
     rig
 }
 
-/// What of these offsets can be seen in the paper's rig, with the middle camera kept: equal heights; and of the horizontal ones the part along
-/// `(h2, -h1-h2, h1)`, which is what constraint (3) is about.
+/// What of these offsets can be seen in the paper's rig, with the middle camera kept: equal
+/// heights; and of the horizontal ones the part along `(h2, -h1-h2, h1)`, which is what constraint
+/// (3) is about.
 fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     let cameras = Rig::paper().cameras;
     let e = |k: usize, i: usize| by_px[k][i] / cameras[k].focal_px[i];
@@ -100,8 +101,9 @@ fn a_rig_that_is_right_stays_as_it_is() {
     assert!(z.abs() < 0.1, "{z}");
 }
 
-/// Mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent numbers leave it uncertain by 0.26. With sharp pictures and little
-/// noise the points scatter because each one's place between the pixels differs, which averages out better than noise does.
+/// Mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent numbers
+/// leave it uncertain by 0.26. With sharp pictures and little noise the points scatter because each
+/// one's place between the pixels differs, which averages out better than noise does.
 #[test]
 fn sigma_is_true() {
     for (soft, noise_grey, least) in [(true, 2.0, 0.35), (true, 6.0, 0.35), (false, 2.0, 0.1)] {
@@ -167,7 +169,8 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
     let rig = shifted(by);
     let scene = Scene::new(&rig, &Texture::natural(6), tilted(850.0)).unwrap();
     let capture = [scene.render([0.0; 3], 0, 4)];
-    // The distance on the middle camera's axis, which meets the poster where it meets the world's axis.
+    // The distance on the middle camera's axis, which meets the poster where it meets the world's
+    // axis.
     let settings = Settings {
         depth_mm: Some(850.0),
         ..Settings::default()
@@ -263,7 +266,8 @@ fn a_rolled_camera_is_turned_back() {
     }
 }
 
-/// Mean square of the roll's error over its sigma, and how often a camera that is not rolled is turned.
+/// Mean square of the roll's error over its sigma, and how often a camera that is not rolled is
+/// turned.
 #[test]
 fn sigma_of_the_roll_is_true() {
     let (mut sum, mut count, mut false_alarms) = (0.0, 0, 0);

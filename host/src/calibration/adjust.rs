@@ -1,17 +1,21 @@
-//! Bundle adjustment: lenses, places of the cameras and places of the board that leave the least squares of residuals in px.
+//! Bundle adjustment: lenses, places of the cameras and places of the board that leave the least
+//! squares of residuals in px.
 //!
-//! Unknown are, per camera `k`, its [`Lens`] (9) and the motion from the reference camera's axes to its own (6); per view, the
-//! motion from the board's axes to the reference camera's (6). Motions change by a small rotation before the rotation they have and a
-//! shift after it: `R <- exp(δ) R, t <- t + ε`. Views know nothing of each other, so they are eliminated one by one
-//! (Schur's complement), which leaves 15 unknowns per camera, of which the caller says which are free:
+//! Unknown are, per camera `k`, its [`Lens`] (9) and the motion from the reference camera's axes to
+//! its own (6); per view, the motion from the board's axes to the reference camera's (6). Motions
+//! change by a small rotation before the rotation they have and a shift after it:
+//! `R <- exp(δ) R, t <- t + ε`. Views know nothing of each other, so they are eliminated one by one
+//! (Schur's complement), which leaves 15 unknowns per camera, of which the caller says which are
+//! free:
 //!
 //! ```text
 //! [U  W] [c]   [a]
 //! [Wᵀ V] [v] = [b]      (U - W V⁻¹ Wᵀ) c = a - W V⁻¹ b
 //! ```
 //!
-//! Levenberg's and Marquardt's damping `V + λ diag V`, `U + λ diag U` leads there from afar. At the solution `σ² (U - W V⁻¹ Wᵀ)⁻¹` is
-//! the covariance of the cameras' unknowns whatever the views are.
+//! Levenberg's and Marquardt's damping `V + λ diag V`, `U + λ diag U` leads there from afar. At the
+//! solution `σ² (U - W V⁻¹ Wᵀ)⁻¹` is the covariance of the cameras' unknowns whatever the views
+//! are.
 
 use nalgebra::{
     DMatrix, DVector, Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3,
@@ -66,7 +70,8 @@ pub struct Solution {
     pub sigma_px: f64,
     /// Covariance of the free unknowns, in the order they were given.
     pub covariance: DMatrix<f64>,
-    /// By how much the free unknowns change with every other unknown of the cameras (rows: free; columns: all).
+    /// By how much the free unknowns change with every other unknown of the cameras (rows: free;
+    /// columns: all).
     pub response: DMatrix<f64>,
 }
 
@@ -139,8 +144,8 @@ impl Bundle {
         sum.is_finite().then_some(sum)
     }
 
-    /// Moves everything that is free to where the squares are least. `free` are indices of the cameras' unknowns, [`PER_CAMERA`] each; the
-    /// views are always free.
+    /// Moves everything that is free to where the squares are least. `free` are indices of the
+    /// cameras' unknowns, [`PER_CAMERA`] each; the views are always free.
     ///
     /// # Errors
     /// [`Unsolved`].

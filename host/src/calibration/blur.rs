@@ -1,7 +1,8 @@
 //! How sharp a board's edges are.
 //!
-//! An edge between two grey levels that differ by `D`, blurred by a Gaussian, rises by at most `D / (sqrt(2 π) σ)` per pixel. Of the edges
-//! along each of the board's two directions the median counts; of the two medians the larger, because motion blurs one direction only.
+//! An edge between two grey levels that differ by `D`, blurred by a Gaussian, rises by at most
+//! `D / (sqrt(2 π) σ)` per pixel. Of the edges along each of the board's two directions the median
+//! counts; of the two medians the larger, because motion blurs one direction only.
 
 use super::board::Board;
 use crate::images::Image;

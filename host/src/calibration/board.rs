@@ -1,12 +1,15 @@
-//! The board: a chessboard's inner corners, numbered so that every camera means the same corner by the same number.
+//! The board: a chessboard's inner corners, numbered so that every camera means the same corner by
+//! the same number.
 //!
-//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the board is looked at, so its z axis
-//! goes into the board. That leaves the choice which end comes first. On a board with one even and one odd number of inner corners
-//! a half turn exchanges black and white, so the colours decide: *the square outside the first corner, diagonally across from
-//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn, a square one with even numbers after a quarter
-//! turn too: there the end nearest the top left of the image comes first, and
-//! [`super::rig`] turns the numbers of the other cameras until all agree, which it can because the cameras are nearly parallel. On a square board with
-//! odd numbers a quarter turn exchanges black and white, so the colours leave two of its four ends.
+//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the
+//! board is looked at, so its z axis goes into the board. That leaves the choice which end comes
+//! first. On a board with one even and one odd number of inner corners a half turn exchanges black
+//! and white, so the colours decide: *the square outside the first corner, diagonally across from
+//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn,
+//! a square one with even numbers after a quarter turn too: there the end nearest the top left of
+//! the image comes first, and [`super::rig`] turns the numbers of the other cameras until all
+//! agree, which it can because the cameras are nearly parallel. On a square board with odd numbers
+//! a quarter turn exchanges black and white, so the colours leave two of its four ends.
 
 use std::str::FromStr;
 
@@ -50,8 +53,8 @@ impl Board {
         self.symmetries().len() < ends
     }
 
-    /// Where corner `index` goes when the board is turned by `quarters` quarter turns clockwise about its middle. Odd numbers are for boards with
-    /// as many columns as rows.
+    /// Where corner `index` goes when the board is turned by `quarters` quarter turns clockwise
+    /// about its middle. Odd numbers are for boards with as many columns as rows.
     pub fn turned(&self, index: usize, quarters: usize) -> usize {
         let [columns, rows] = self.corners;
         let (c, r) = (index % columns, index / columns);
@@ -67,7 +70,8 @@ impl Board {
     /// The turns after which the board looks the same, in quarter turns.
     pub fn symmetries(&self) -> &'static [usize] {
         let [columns, rows] = self.corners;
-        // Colours of the square at `(c, r)` follow the parity of c + r; a quarter turn of (n + 1) squares keeps them for even n.
+        // Colours of the square at `(c, r)` follow the parity of c + r; a quarter turn of (n + 1)
+        // squares keeps them for even n.
         match (columns == rows, self.is_unique()) {
             (_, true) => &[0],
             (true, _) if columns.is_multiple_of(2) => &[0, 1, 2, 3],

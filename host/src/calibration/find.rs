@@ -11,7 +11,8 @@ use crate::images::Image;
 
 /// Half the refinement window over the distance to the nearest edge that is not the corner's own.
 ///
-/// Measured on photographs whose outer squares are cut to a third of their size: larger windows see the board's border.
+/// Measured on photographs whose outer squares are cut to a third of their size: larger windows see
+/// the board's border.
 const WINDOW: f64 = 0.18;
 /// Windows smaller than this see no more than the edge's blur, px.
 const LEAST_HALF_WINDOW: usize = 3;
@@ -58,8 +59,8 @@ impl fmt::Display for NotFound {
     }
 }
 
-/// Finds all inner corners of `board`. `half_window` sets half the refinement window in px; without, it follows the size of
-/// the squares.
+/// Finds all inner corners of `board`. `half_window` sets half the refinement window in px;
+/// without, it follows the size of the squares.
 ///
 /// # Errors
 /// [`NotFound`], about the most complete grid in the image.
@@ -76,7 +77,8 @@ pub fn find(image: &Image, board: &Board, half_window: Option<usize>) -> Result<
                     let blur_px = blur::of_edges(image, board, &corners);
                     return Ok(Found { corners, blur_px });
                 }
-                // Part of a larger board would do for one camera, but which part is anybody's guess.
+                // Part of a larger board would do for one camera, but which part is anybody's
+                // guess.
                 Err(reason) if is_larger(reason, board) => return Err(reason),
                 Err(reason) if grid.len() > most => {
                     most = grid.len();
@@ -143,7 +145,8 @@ fn bound(grid: &Grid, axis: usize) -> (i32, i32) {
     (along().min().unwrap_or(0), along().max().unwrap_or(0))
 }
 
-/// Without the outermost lines that are nearly empty: where the board's border meets something dark, a saddle or two may go on.
+/// Without the outermost lines that are nearly empty: where the board's border meets something
+/// dark, a saddle or two may go on.
 fn trimmed(grid: &Grid) -> Grid {
     let mut grid = grid.clone();
     loop {
@@ -183,8 +186,8 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         0 => size == [columns, rows],
         _ => size == [rows, columns],
     };
-    // Whether the square outside the first corner is black, as told by any corner: opposite squares are alike, neighbours are not, and
-    // a quarter turn takes one square to its neighbour.
+    // Whether the square outside the first corner is black, as told by any corner: opposite squares
+    // are alike, neighbours are not, and a quarter turn takes one square to its neighbour.
     let begins_black = |quarters: usize| {
         grid.iter().all(|(cell, member)| {
             let (c, r) = turned(quarters, *cell);
@@ -217,7 +220,8 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         .collect())
 }
 
-/// How far a corner is from the nearest edge that is not its own, px: the smallest height of the squares around it.
+/// How far a corner is from the nearest edge that is not its own, px: the smallest height of the
+/// squares around it.
 fn room_px(board: &Board, corners: &[[f64; 2]], index: usize) -> f64 {
     let [columns, rows] = board.corners;
     let (c, r) = (index % columns, index / columns);
@@ -273,7 +277,8 @@ mod tests {
         }
     }
 
-    /// However the board is turned, the first corner is one of those that a turn which keeps the colours leads to.
+    /// However the board is turned, the first corner is one of those that a turn which keeps the
+    /// colours leads to.
     #[test]
     fn the_first_corner_is_where_the_colours_allow_it() {
         for corners in [[7, 7], [5, 5], [6, 6], [7, 5], [7, 6]] {

@@ -13,8 +13,9 @@ use crate::error::InputError;
 use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
-/// How many times as large as the worst camera's own residual the rig's may be before it is worth a warning, and before there is no rig. Images that
-/// were taken a hand's tremor apart are beyond the first, those of different instants far beyond the second.
+/// How many times as large as the worst camera's own residual the rig's may be before it is worth a
+/// warning, and before there is no rig. Images that were taken a hand's tremor apart are beyond the
+/// first, those of different instants far beyond the second.
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
@@ -65,7 +66,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// The rig as a rig file holds it. None for a single camera. Only cameras with images of one size make a rig.
+    /// The rig as a rig file holds it. None for a single camera. Only cameras with images of one
+    /// size make a rig.
     pub fn rig_file(&self) -> Option<RigFile> {
         let lenses: Vec<_> = self
             .cameras
@@ -148,7 +150,8 @@ impl Calibration {
     }
 }
 
-/// Calibrates the cameras whose images are in `dir`. `progress` is told the share of images that have been looked at.
+/// Calibrates the cameras whose images are in `dir`. `progress` is told the share of images that
+/// have been looked at.
 ///
 /// # Errors
 /// If a camera or the rig cannot be calibrated; single bad images are rejected instead.

@@ -1,8 +1,9 @@
 //! Saddles that are the corners of one chessboard.
 //!
-//! From a seed the grid grows along the edge lines: the neighbour in a direction is the nearest saddle there whose edges run the same
-//! way, whose colours are exchanged, and to which an edge of one sign leads all the way. The last condition is what keeps
-//! patterns apart that only look alike from afar: two squares further on the sign has changed.
+//! From a seed the grid grows along the edge lines: the neighbour in a direction is the nearest
+//! saddle there whose edges run the same way, whose colours are exchanged, and to which an edge of
+//! one sign leads all the way. The last condition is what keeps patterns apart that only look alike
+//! from afar: two squares further on the sign has changed.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::PI;
@@ -27,7 +28,8 @@ pub struct Member {
     /// Whether the square between the two positive directions is bright.
     pub is_bright: bool,
     saddle: usize,
-    /// Where the cells' first and second coordinate grow, rad; the second is clockwise from the first on the screen.
+    /// Where the cells' first and second coordinate grow, rad; the second is clockwise from the
+    /// first on the screen.
     axes: [f64; 2],
 }
 
@@ -86,7 +88,8 @@ fn grow(plane: &Plane, saddles: &[Saddle], seed: usize) -> Grid {
     grid
 }
 
-/// The step from `cell` to `target` by those beside it: the one before or, at the end of a row, the ones in the neighbouring rows.
+/// The step from `cell` to `target` by those beside it: the one before or, at the end of a row, the
+/// ones in the neighbouring rows.
 fn known_step_px(grid: &Grid, cell: [i32; 2], target: [i32; 2]) -> Option<f64> {
     let [di, dj] = [0, 1].map(|i| target[i] - cell[i]);
     let shifted = |cell: [i32; 2], i: i32, j: i32| [cell[0] + i, cell[1] + j];

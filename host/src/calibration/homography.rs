@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// The homography that takes `from` to `to`, best in the algebraic sense: the direct linear transform with both sides shifted and scaled to
-/// mean 0 and mean square 2 (Hartley 1997). None for fewer than four points or points in line.
+/// The homography that takes `from` to `to`, best in the algebraic sense: the direct linear
+/// transform with both sides shifted and scaled to mean 0 and mean square 2 (Hartley 1997). None
+/// for fewer than four points or points in line.
 pub fn fit(from: &[[f64; 2]], to: &[[f64; 2]]) -> Option<Matrix3<f64>> {
     if from.len() != to.len() || from.len() < 4 {
         return None;

@@ -1,15 +1,17 @@
 //! One camera from its images of the board: Zhang's method (2000).
 //!
-//! Each view gives a homography `H = [h1 h2 h3]` of the board. Its first two columns, seen through the lens, are two sides of a square:
-//! `h1ᵀ ω h2 = 0` and `h1ᵀ ω h1 = h2ᵀ ω h2` with `ω = diag(1/fx², 1/fy², 1)` once the principal point, to begin with the middle of
-//! the image, has been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and [`super::adjust`] does the rest with all
-//! nine parameters.
+//! Each view gives a homography `H = [h1 h2 h3]` of the board. Its first two columns, seen through
+//! the lens, are two sides of a square: `h1ᵀ ω h2 = 0` and `h1ᵀ ω h1 = h2ᵀ ω h2` with
+//! `ω = diag(1/fx², 1/fy², 1)` once the principal point, to begin with the middle of the image, has
+//! been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and
+//! [`super::adjust`] does the rest with all nine parameters.
 //!
-//! *k3 is held at zero* if the lens would fold the image over with it and does not without: the board has not been far enough out to tell it, and beyond the
-//! board's reach it would do harm.
+//! *k3 is held at zero* if the lens would fold the image over with it and does not without: the
+//! board has not been far enough out to tell it, and beyond the board's reach it would do harm.
 //!
-//! *Images are rejected* for a board that is not found, for edges much more blurred than those of the other images, and for residuals much larger
-//! than those of the others: the worst first, then everything is solved again.
+//! *Images are rejected* for a board that is not found, for edges much more blurred than those of
+//! the other images, and for residuals much larger than those of the others: the worst first, then
+//! everything is solved again.
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -102,8 +104,8 @@ pub enum Refusal {
     },
 }
 
-/// Calibrates a camera from boards found in its images, given per image with the reason if there is none. Images whose residual is
-/// larger than `outlier` times the median image's are rejected.
+/// Calibrates a camera from boards found in its images, given per image with the reason if there is
+/// none. Images whose residual is larger than `outlier` times the median image's are rejected.
 ///
 /// # Errors
 /// [`Refusal`]; the verdicts so far come with it.
@@ -295,7 +297,8 @@ fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Opt
         (bb * ac - ab * bc) / determinant,
         (aa * bc - ab * ac) / determinant,
     ];
-    // Boards tilted about one axis only leave one of the two open, noise may turn its sign: then both are taken for equal.
+    // Boards tilted about one axis only leave one of the two open, noise may turn its sign: then
+    // both are taken for equal.
     let equal = (ac + bc) / (aa + 2.0 * ab + bb);
     let inverse = if separate.iter().all(|s| *s > 0.0) {
         separate

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! * [`board`] says which corner is which; [`find`] sees them, or says why not;
-//! * [`intrinsics`] solves a camera and rejects images, [`rig`] places several, [`stand`] in axes of their own;
+//! * [`intrinsics`] solves a camera and rejects images, [`rig`] places several, [`stand`] in axes
+//!   of their own;
 //! * [`adjust`] is the one least squares solver behind both, with its covariance;
 //! * [`folder`] does all this for the [`photographs`] in a folder;
 //! * [`exchange`] reads and writes what OpenCV and ROS know of a camera.

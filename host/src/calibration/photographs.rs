@@ -25,7 +25,8 @@ pub struct Series {
     pub files: Vec<(String, PathBuf)>,
 }
 
-/// Lists the images in `dir`, at least one camera's; left, middle and right come first, in this order.
+/// Lists the images in `dir`, at least one camera's; left, middle and right come first, in this
+/// order.
 pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
     if !dir.is_dir() {
         return Err(InputError::file(dir, "no such folder"));
@@ -92,7 +93,8 @@ fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Images of several cameras in one folder. Names that do not all end in numbers are those of one camera.
+/// Images of several cameras in one folder. Names that do not all end in numbers are those of one
+/// camera.
 fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let all = named(dir, names);
     let split = |stem: &str| {

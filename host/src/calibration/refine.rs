@@ -1,15 +1,16 @@
 //! A corner to a few hundredths of a pixel.
 //!
-//! At a corner `q` every edge points to it: the gradient `g` at a place `p` is either zero or at right angles to `p - q`. So `q` is
-//! where, over a window with weights `w`,
+//! At a corner `q` every edge points to it: the gradient `g` at a place `p` is either zero or at
+//! right angles to `p - q`. So `q` is where, over a window with weights `w`,
 //!
 //! ```text
 //! Σ w g gᵀ q = Σ w g gᵀ p
 //! ```
 //!
-//! (Förstner and Gülch 1987; OpenCV's `cornerSubPix` solves the same equations with the same weights), iterated because the
-//! window moves with `q`. The window must see the four squares around the corner and nothing else: a border or a
-//! neighbour's edge within it draws the result away, by whole pixels at worst.
+//! (Förstner and Gülch 1987; OpenCV's `cornerSubPix` solves the same equations with the same
+//! weights), iterated because the window moves with `q`. The window must see the four squares
+//! around the corner and nothing else: a border or a neighbour's edge within it draws the result
+//! away, by whole pixels at worst.
 
 use crate::images::Image;
 
@@ -17,7 +18,8 @@ use crate::images::Image;
 const STILL_PX: f64 = 1e-4;
 const MOST_ITERATIONS: usize = 100;
 
-/// Refines the corner near `start` within a window of `2 half + 1` px. None if there is no corner in it.
+/// Refines the corner near `start` within a window of `2 half + 1` px. None if there is no corner
+/// in it.
 pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     let side = 2 * half + 1;
     let mut patch = vec![0.0; (side + 2) * (side + 2)];
@@ -66,7 +68,8 @@ pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     Some(at)
 }
 
-/// Grey levels on the grid of pixels around `at`, between pixels linear; the image's border repeats. None far outside the image.
+/// Grey levels on the grid of pixels around `at`, between pixels linear; the image's border
+/// repeats. None far outside the image.
 fn sample(image: &Image, at: [f64; 2], reach: usize, patch: &mut [f64]) -> Option<()> {
     let [columns, rows] = [image.width, image.height].map(|n| n as f64);
     if !(at[0] >= 0.0 && at[1] >= 0.0 && at[0] <= columns - 1.0 && at[1] <= rows - 1.0) {

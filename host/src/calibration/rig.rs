@@ -1,11 +1,13 @@
 //! The rig from boards that several cameras saw at the same instant.
 //!
-//! Each camera's own calibration says where the board was before it; two cameras that saw the same board thus know how they stand to each
-//! other. The medians of all such answers are the start of a bundle adjustment over the cameras' places and the board's, with
-//! lenses held as calibrated: they used every image of their camera, this uses the simultaneous ones.
+//! Each camera's own calibration says where the board was before it; two cameras that saw the same
+//! board thus know how they stand to each other. The medians of all such answers are the start of a
+//! bundle adjustment over the cameras' places and the board's, with lenses held as calibrated: they
+//! used every image of their camera, this uses the simultaneous ones.
 //!
-//! *Sigma* has two parts, which do not correlate (a lens's error comes from residuals that no place of the board could take up, those of the rig from
-//! residuals that it did): the scatter of this adjustment, and the lenses' covariance through the response of the places to the lenses.
+//! *Sigma* has two parts, which do not correlate (a lens's error comes from residuals that no place
+//! of the board could take up, those of the rig from residuals that it did): the scatter of this
+//! adjustment, and the lenses' covariance through the response of the places to the lenses.
 //!
 //! The result stands in axes of its own: [`super::stand`].
 
@@ -45,8 +47,10 @@ pub struct RigSolution {
     pub stands: Vec<Stand>,
     /// Their standard deviations.
     pub sigma: Vec<Stand>,
-    /// How far the rig's axes may be turned against all cameras together, about x, y and z: standard deviations, degrees. A displacement is turned by as
-    /// much. The one about y is the largest by far: it rests on how far one camera stands before another, which boards seen from the front hardly tell.
+    /// How far the rig's axes may be turned against all cameras together, about x, y and z:
+    /// standard deviations, degrees. A displacement is turned by as much. The one about y is the
+    /// largest by far: it rests on how far one camera stands before another, which boards seen from
+    /// the front hardly tell.
     pub axes_sigma_deg: [f64; 3],
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
@@ -103,7 +107,8 @@ impl RigSolution {
     }
 }
 
-/// Places the cameras. Instants whose residual is larger than `outlier` times the median instant's are left out.
+/// Places the cameras. Instants whose residual is larger than `outlier` times the median instant's
+/// are left out.
 ///
 /// # Errors
 /// [`Refusal`].
@@ -200,8 +205,9 @@ struct Sighting {
     pose: Isometry3<f64>,
 }
 
-/// All cameras' sightings, the corners numbered alike: on boards that look the same after a turn, each camera's numbers are turned so
-/// that its view of the board is turned least against the first one's.
+/// All cameras' sightings, the corners numbered alike: on boards that look the same after a turn,
+/// each camera's numbers are turned so that its view of the board is turned least against the first
+/// one's.
 fn sightings(board: &Board, eyes: &[Eye], instant: &Instant) -> Vec<Sighting> {
     let mut all: Vec<Sighting> = Vec::new();
     for (camera, (eye, corners)) in eyes.iter().zip(instant).enumerate() {

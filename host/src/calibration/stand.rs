@@ -1,16 +1,19 @@
 //! Where cameras stand, in axes that suit them.
 //!
-//! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as near to the real one as it can: the plane's
-//! x runs along the line of the cameras, or, if they are not in line, along the mean of their x axes; z is the mean of their optical
-//! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's normal. What is left is a rotation per camera,
-//! which [`shared::rig::Camera`] undoes exactly, and an offset along z, which nothing undoes: it is reported.
+//! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as
+//! near to the real one as it can: the plane's x runs along the line of the cameras, or, if they
+//! are not in line, along the mean of their x axes; z is the mean of their optical axes, put at
+//! right angles to the line or, for cameras that spread in two directions, the plane's normal. What
+//! is left is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an offset
+//! along z, which nothing undoes: it is reported.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared::rig::{Camera, Rotation};
 
 use super::lens::Lens;
 
-/// Cameras spread in a second direction if they reach this far across their line, as a share of its length.
+/// Cameras spread in a second direction if they reach this far across their line, as a share of its
+/// length.
 const SPREAD: f64 = 0.1;
 /// The line of the cameras is the x axis if it is this near to it, as a cosine.
 const ALONG_X: f64 = 0.8;
@@ -18,7 +21,8 @@ const ALONG_X: f64 = 0.8;
 /// How a camera stands in the rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stand {
-    /// Right, down and forward of the rig's origin, along the rig's axes, mm. A plane rig has no third component.
+    /// Right, down and forward of the rig's origin, along the rig's axes, mm. A plane rig has no
+    /// third component.
     pub offset_mm: [f64; 3],
     /// Against the rig's axes: axis times angle, degrees.
     pub rotation_deg: [f64; 3],
@@ -28,7 +32,8 @@ impl Stand {
     /// The camera with this lens that stands here, as near as a plane rig has it.
     pub fn camera(&self, lens: &Lens) -> Camera {
         let [x, y, _] = self.offset_mm;
-        // What rounding has left beside the axis is cut off at the picometre: cameras in line are in line.
+        // What rounding has left beside the axis is cut off at the picometre: cameras in line are
+        // in line.
         let offset_mm = [x, y].map(|offset| (offset * 1e9).round() / 1e9 + 0.0);
         Camera {
             offset_mm,
@@ -47,8 +52,8 @@ pub(super) fn stands(numbers: &[f64]) -> Vec<Stand> {
     numbers.chunks_exact(6).map(of_camera).collect()
 }
 
-/// Cameras placed by others, given by the motions from some common axes to theirs. Axes in whose plane the cameras are stay as they
-/// are; otherwise new ones are chosen as for calibrated rigs.
+/// Cameras placed by others, given by the motions from some common axes to theirs. Axes in whose
+/// plane the cameras are stay as they are; otherwise new ones are chosen as for calibrated rigs.
 pub fn placed(motions: &[Isometry3<f64>]) -> Vec<Stand> {
     /// Above what rounding leaves of a shared plane, below what anybody can build.
     const IN_PLANE_MM: f64 = 1e-6;
@@ -63,7 +68,8 @@ pub fn placed(motions: &[Isometry3<f64>]) -> Vec<Stand> {
     stands(&along(&axes, motions))
 }
 
-/// What a user should know of cameras that stand like this, with standard deviations `sigma`, before trusting them as a rig.
+/// What a user should know of cameras that stand like this, with standard deviations `sigma`,
+/// before trusting them as a rig.
 pub fn doubts(names: &[&str], stands: &[Stand], sigma: &[Stand]) -> Vec<String> {
     /// Farther out of the plane than this share of the longest baseline.
     const OUT_OF_PLANE: f64 = 0.01;

@@ -1,4 +1,5 @@
-//! Known cameras look at known boards through known noise: the answers must be as near to the truth as they claim.
+//! Known cameras look at known boards through known noise: the answers must be as near to the truth
+//! as they claim.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -79,7 +80,8 @@ fn exact_corners_give_the_lens_back() {
     assert!(found.rms_px < 1e-7, "{}", found.rms_px);
 }
 
-/// Errors over their standard deviations must have mean square 1. Of 60 times nine, correlated within each run, it scatters by 0.12.
+/// Errors over their standard deviations must have mean square 1. Of 60 times nine, correlated
+/// within each run, it scatters by 0.12.
 #[test]
 fn a_cameras_sigma_is_true() {
     let runs = 60;
@@ -148,7 +150,8 @@ fn images_are_rejected_by_the_stated_rules() {
     assert_eq!(found.used(), 7);
 }
 
-/// Boards in the middle of the view say little about the bend of its corners: what would fold them over is left out.
+/// Boards in the middle of the view say little about the bend of its corners: what would fold them
+/// over is left out.
 #[test]
 fn a_bend_that_cannot_be_told_is_left_out() {
     let mut held = 0;
@@ -256,7 +259,8 @@ fn exact_corners_give_the_rig_back() {
     for (got, truth) in row(&solution.stands).iter().zip(stand::numbers(&motions())) {
         assert!((got - truth).abs() < 1e-6, "{solution:?}");
     }
-    // What the chosen axes promise: the line of the cameras is level on the whole, the middle camera is the origin.
+    // What the chosen axes promise: the line of the cameras is level on the whole, the middle
+    // camera is the origin.
     let [left, middle, right] = [0, 1, 2].map(|k| solution.stands[k].offset_mm);
     assert_eq!(middle, [0.0; 3]);
     assert!((left[0] + 70.0).abs() < 0.01 && (right[0] - 68.0).abs() < 0.01);
@@ -402,7 +406,8 @@ fn any_cameras_in_a_plane_stand_in_it() {
                 (x.hypot(y) - place[0].hypot(place[1])).abs() < 1e-9,
                 "{stands:?}"
             );
-            // A line of cameras becomes the x axis if it is near to it; other axes are the cameras' own, within what these are turned.
+            // A line of cameras becomes the x axis if it is near to it; other axes are the cameras'
+            // own, within what these are turned.
             let expected = if is_level {
                 [place[0].hypot(place[1]), 0.0]
             } else {
@@ -417,7 +422,8 @@ fn any_cameras_in_a_plane_stand_in_it() {
     }
 }
 
-/// A camera that hangs upside down is turned by 180 degrees, not by none; and a millionth of a degree is that.
+/// A camera that hangs upside down is turned by 180 degrees, not by none; and a millionth of a
+/// degree is that.
 #[test]
 fn half_turns_and_the_smallest_are_both_seen() {
     let turns = [[0.0; 3], [0.0, 0.0, 180.0], [1e-6, 0.0, 0.0]];

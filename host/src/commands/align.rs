@@ -15,14 +15,17 @@ use serde_json::json;
 
 /// Correct a rig's principal points (its datum offsets) from pictures of any textured scene
 ///
-/// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which costs the closed form most of its Z. What parallel cameras
-/// see of any scene must have equal heights and disparities in the ratio of the baselines; the offsets that make it so are
-/// printed with their standard deviation and written into a corrected rig file. A camera that is rolled against the others by more than three
-/// standard deviations gets a new `rotation_deg`.
+/// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which
+/// costs the closed form most of its Z. What parallel cameras see of any scene must have equal
+/// heights and disparities in the ratio of the baselines; the offsets that make it so are printed
+/// with their standard deviation and written into a corrected rig file. A camera that is rolled
+/// against the others by more than three standard deviations gets a new `rotation_deg`.
 ///
-/// Two things do not show in a scene of unknown depth and stay as they are: a common shift of all images (the camera in the middle keeps its principal
-/// point), and a common error of all disparities, as if infinity were elsewhere (no depth is changed). A flat target at a known --depth
-/// shows the second. Cameras that stand elsewhere than `offset_mm` says look like offsets too where a scene has but one depth: measure them well.
+/// Two things do not show in a scene of unknown depth and stay as they are: a common shift of all
+/// images (the camera in the middle keeps its principal point), and a common error of all
+/// disparities, as if infinity were elsewhere (no depth is changed). A flat target at a known
+/// --depth shows the second. Cameras that stand elsewhere than `offset_mm` says look like offsets
+/// too where a scene has but one depth: measure them well.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -36,7 +39,8 @@ pub struct Options {
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
-    /// Where the corrected rig file goes: the same text with other principal points, and other rotations of rolled cameras
+    /// Where the corrected rig file goes: the same text with other principal points, and other
+    /// rotations of rolled cameras
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
 
@@ -46,8 +50,8 @@ pub struct Options {
 
     /// Distance of a flat target, mm, along the axis of the camera in the middle, if it is known
     ///
-    /// Measured from the plane of the cameras' entrance pupils. The target may be tilted. 1 mm of error in it moves the outer principal
-    /// points of the paper's rig by 0.05 px.
+    /// Measured from the plane of the cameras' entrance pupils. The target may be tilted. 1 mm of
+    /// error in it moves the outer principal points of the paper's rig by 0.05 px.
     #[arg(long, value_name = "MM")]
     depth: Option<f64>,
 

@@ -32,9 +32,10 @@ enum What {
 
 /// Time the way from pictures to tracked points
 ///
-/// A frame set is the work from one capture to the next when all points are chosen anew: filter the new pictures, choose points in the
-/// middle picture before, match them in the other two, follow them into the new pictures of all cameras. With a
-/// keyframe, the points are those of the first capture: filter, and follow. Reading the files is not timed.
+/// A frame set is the work from one capture to the next when all points are chosen anew: filter the
+/// new pictures, choose points in the middle picture before, match them in the other two, follow
+/// them into the new pictures of all cameras. With a keyframe, the points are those of the first
+/// capture: filter, and follow. Reading the files is not timed.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 struct FlowOptions {

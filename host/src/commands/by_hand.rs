@@ -1,4 +1,5 @@
-//! What the commands that drive a station by hand share: the port, the stage of the rig file, and refusals that say what to do next.
+//! What the commands that drive a station by hand share: the port, the stage of the rig file, and
+//! refusals that say what to do next.
 
 use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
@@ -29,7 +30,8 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Where the station is.
 #[derive(Debug, Args)]
 pub struct PortArgument {
-    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports` lists all
+    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports`
+    /// lists all
     #[arg(long, value_name = "PATH")]
     pub port: String,
 }
@@ -37,7 +39,8 @@ pub struct PortArgument {
 /// What the station moves.
 #[derive(Debug, Args)]
 pub struct StageArgument {
-    /// Configure the station with the `stage` section of this rig file first; without it the station keeps the configuration it has
+    /// Configure the station with the `stage` section of this rig file first; without it the
+    /// station keeps the configuration it has
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
@@ -146,7 +149,8 @@ impl Hand {
         self.serial.fresh_status(true)
     }
 
-    /// As [`Hand::command`], and once more while the stage still ramps down or a fault has not been told.
+    /// As [`Hand::command`], and once more while the stage still ramps down or a fault has not been
+    /// told.
     pub fn command_at_rest(
         &mut self,
         name: &'static str,
@@ -241,7 +245,8 @@ impl Hand {
         }
     }
 
-    /// How it is before a command that moves it: at rest, and with a configuration or about to get one.
+    /// How it is before a command that moves it: at rest, and with a configuration or about to get
+    /// one.
     pub fn ready_to_move(
         &self,
         command: &'static str,
@@ -270,7 +275,8 @@ impl Hand {
     }
 }
 
-/// The flag that a signal sets. A second signal ends the program at once, and the station stops without its heartbeat.
+/// The flag that a signal sets. A second signal ends the program at once, and the station stops
+/// without its heartbeat.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     interruption::watch().map_err(|cause| Failure::Scene(cause.to_string()))
 }

@@ -20,19 +20,22 @@ use super::progress::Progress;
 
 /// Calibrate cameras and rig from photographs of a chessboard
 ///
-/// Finds the board's inner corners, solves every camera by Zhang's method (focal lengths, principal point, distortion k1 k2 p1 p2 k3), rejects bad
-/// images by name, then places the cameras by the images they took at the same instant. Every figure comes with its standard deviation.
+/// Finds the board's inner corners, solves every camera by Zhang's method (focal lengths, principal
+/// point, distortion k1 k2 p1 p2 k3), rejects bad images by name, then places the cameras by the
+/// images they took at the same instant. Every figure comes with its standard deviation.
 ///
-/// Take 10 or more images in which the board fills a good part of the view, tilted by 20 to 40 degrees in different directions, some of
-/// them reaching into the corners. Flat, sharp, evenly lit. A board with an even and an odd number of inner corners is best: its colours tell which
-/// end is which.
+/// Take 10 or more images in which the board fills a good part of the view, tilted by 20 to 40
+/// degrees in different directions, some of them reaching into the corners. Flat, sharp, evenly
+/// lit. A board with an even and an odd number of inner corners is best: its colours tell which end
+/// is which.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
     /// The photographs: a subfolder per camera, equal file names for images of the same instant
     ///
-    /// PNG, JPEG or PNM. The subfolders' names become the cameras' names: left, middle, right for the paper's rig. Or all images in one folder,
-    /// named by camera and number: left01.jpg, right01.jpg. One camera alone is calibrated too, but makes no rig.
+    /// PNG, JPEG or PNM. The subfolders' names become the cameras' names: left, middle, right for
+    /// the paper's rig. Or all images in one folder, named by camera and number: left01.jpg,
+    /// right01.jpg. One camera alone is calibrated too, but makes no rig.
     input: PathBuf,
 
     /// Inner corners of the board along its two sides, where four squares meet
@@ -52,8 +55,8 @@ pub struct Options {
 
     /// Half the window in which corners are refined, px
     ///
-    /// Without it the window follows the size of the squares, small enough that the board's border stays outside. 11 reproduces what most
-    /// examples of OpenCV do.
+    /// Without it the window follows the size of the squares, small enough that the board's border
+    /// stays outside. 11 reproduces what most examples of OpenCV do.
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u8).range(2..=50))]
     window: Option<u8>,
 

@@ -1,4 +1,5 @@
-//! `trinocular calibrate-stage`: how the cameras sit on the stage, from pictures taken along its axes.
+//! `trinocular calibrate-stage`: how the cameras sit on the stage, from pictures taken along its
+//! axes.
 
 mod real;
 mod simulated;
@@ -22,15 +23,19 @@ use host::report::{Cell, Table};
 use host::rig_file::{RigFile, Stage};
 use serde_json::json;
 
-/// Find how the cameras sit on the stage: the matrix of the rig file, from pictures of a target at rest
+/// Find how the cameras sit on the stage: the matrix of the rig file, from pictures of a target at
+/// rest
 ///
-/// The stage goes along each of its axes, a few mm either way, and stops for a picture of a textured target that does not move. The matrix that explains what
-/// the cameras saw is fitted and printed with its standard deviation; a fit that noise cannot explain is refused. It takes in the cameras'
-/// rotation, an axis that runs the wrong way, and steps_per_mm that are off.
+/// The stage goes along each of its axes, a few mm either way, and stops for a picture of a
+/// textured target that does not move. The matrix that explains what the cameras saw is fitted and
+/// printed with its standard deviation; a fit that noise cannot explain is refused. It takes in the
+/// cameras' rotation, an axis that runs the wrong way, and steps_per_mm that are off.
 ///
-/// A simulated stage then passes the target, and the delay of the cameras' time stamps is measured: what `track --delay` takes.
+/// A simulated stage then passes the target, and the delay of the cameras' time stamps is measured:
+/// what `track --delay` takes.
 ///
-/// With --port the station must know its position (`home` or `zero`), and somebody puts a capture into --images at every stop: the program says when.
+/// With --port the station must know its position (`home` or `zero`), and somebody puts a capture
+/// into --images at every stop: the program says when.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -38,7 +43,8 @@ pub struct Options {
     #[command(flatten)]
     stage: StageArgument,
 
-    /// A simulated stage with rendered cameras on it, mounted as --turned, --scaled and --mirrored say
+    /// A simulated stage with rendered cameras on it, mounted as --turned, --scaled and --mirrored
+    /// say
     #[arg(long, required_unless_present = "port")]
     sim: bool,
 
@@ -46,7 +52,8 @@ pub struct Options {
     #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "images")]
     port: Option<String>,
 
-    /// Where captures appear: one subfolder per camera, equal file names for one instant. Those that are there already are not used
+    /// Where captures appear: one subfolder per camera, equal file names for one instant. Those
+    /// that are there already are not used
     #[arg(long, value_name = "DIR", requires = "port")]
     images: Option<PathBuf>,
 

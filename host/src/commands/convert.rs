@@ -16,8 +16,9 @@ use super::destination::Destination;
 
 /// Turn calibrations of OpenCV and ROS into a rig file, or a rig file into theirs
 ///
-/// Reads one rig file (.toml), or one file per camera in the YAML of OpenCV's FileStorage or of ROS's camera_info (.yml, .yaml), whose
-/// name is the camera's. Prints the rig file on standard output unless told where to write.
+/// Reads one rig file (.toml), or one file per camera in the YAML of OpenCV's FileStorage or of
+/// ROS's camera_info (.yml, .yaml), whose name is the camera's. Prints the rig file on standard
+/// output unless told where to write.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -25,9 +26,11 @@ pub struct Options {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 
-    /// Where a camera is, right and down of the rig's origin in mm, if its file does not say; once for each camera
+    /// Where a camera is, right and down of the rig's origin in mm, if its file does not say; once
+    /// for each camera
     ///
-    /// Files that do say are ROS's with a projection matrix and OpenCV's with R and T (mm). Given, it counts instead of what the file says.
+    /// Files that do say are ROS's with a projection matrix and OpenCV's with R and T (mm). Given,
+    /// it counts instead of what the file says.
     #[arg(long = "offset", value_name = "CAMERA=X,Y", allow_hyphen_values = true)]
     offsets: Vec<Offset>,
 

@@ -1,4 +1,5 @@
-//! Where a rig is written to: our rig file, OpenCV's or ROS's files. Nothing that exists is overwritten unasked.
+//! Where a rig is written to: our rig file, OpenCV's or ROS's files. Nothing that exists is
+//! overwritten unasked.
 
 use std::path::{Path, PathBuf};
 
@@ -17,8 +18,8 @@ pub struct Destination {
 
     /// Write CAMERA.yml for OpenCV's FileStorage into this folder
     ///
-    /// Each holds image_width, image_height, camera_matrix, distortion_coefficients, and R and T, which take a point along the rig's
-    /// axes to the camera's (mm).
+    /// Each holds image_width, image_height, camera_matrix, distortion_coefficients, and R and T,
+    /// which take a point along the rig's axes to the camera's (mm).
     #[arg(long, value_name = "DIR")]
     opencv: Option<PathBuf>,
 
@@ -30,8 +31,8 @@ pub struct Destination {
 
     /// Overwrite files that exist
     ///
-    /// A rig file's stage section is kept even so; a rig file that cannot be read is not overwritten. All files are written, or
-    /// none if one of them cannot be.
+    /// A rig file's stage section is kept even so; a rig file that cannot be read is not
+    /// overwritten. All files are written, or none if one of them cannot be.
     #[arg(long)]
     force: bool,
 }
@@ -79,7 +80,8 @@ impl Destination {
 
 /// The rig file, and the stage that it keeps.
 fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Stage>), InputError> {
-    // What is read below is the file itself, whose stage section is kept. Other inputs have been read.
+    // What is read below is the file itself, whose stage section is kept. Other inputs have been
+    // read.
     Output::open(path, replace)?;
     let output = Output::open_successor(path, replace, path)?;
     let stage = match output.replaces_file() {

@@ -8,9 +8,11 @@ use clap::Args;
 use host::error::Failure;
 use host::station::diagnosis;
 
-/// Explain the station's states and numbered faults; with --port also what is the matter with a station
+/// Explain the station's states and numbered faults; with --port also what is the matter with a
+/// station
 ///
-/// Changes nothing. Exit code 0 whatever the station's state is, 3 if it does not answer or its firmware does not fit.
+/// Changes nothing. Exit code 0 whatever the station's state is, 3 if it does not answer or its
+/// firmware does not fit.
 #[derive(Debug, Args)]
 pub struct Options {
     /// Also ask the station on this serial port; `auto` is the only one on USB

@@ -17,24 +17,26 @@ use shared::estimate::Refusal;
 
 /// Estimate the target's displacement from matched points or from images
 ///
-/// Prints one line per displacement: x, y, z in mm, the standard deviation of each in mm where the method knows
-/// it, how many points were used and how many were rejected.
+/// Prints one line per displacement: x, y, z in mm, the standard deviation of each in mm where the
+/// method knows it, how many points were used and how many were rejected.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
     /// A CSV file of matched points, or a folder of image captures
     ///
-    /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as seen (principal
-    /// point not removed, from the centre of the top left pixel) at the reference instant and now. A point that
-    /// some camera has not seen is rejected and counted.
+    /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as
+    /// seen (principal point not removed, from the centre of the top left pixel) at the reference
+    /// instant and now. A point that some camera has not seen is rejected and counted.
     ///
-    /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images taken at the
-    /// same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the order of their names, in which
-    /// numbers count as numbers. Frame 1 is the second capture. Where a camera's file is missing, it is measured without that camera, and said;
-    /// where one cannot be read, the frame is refused.
+    /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
+    /// taken at the same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the
+    /// order of their names, in which numbers count as numbers. Frame 1 is the second capture.
+    /// Where a camera's file is missing, it is measured without that camera, and said; where one
+    /// cannot be read, the frame is refused.
     input: PathBuf,
 
-    /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions in mm
+    /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions
+    /// in mm
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
@@ -72,11 +74,13 @@ Examples:
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 enum Method {
-    /// The paper's eq. 9; needs exactly the cameras left, middle and right, within a millimetre of one line
+    /// The paper's eq. 9; needs exactly the cameras left, middle and right, within a millimetre of
+    /// one line
     ClosedForm,
     /// The paper's eq. 7; needs the same
     LeastSquares,
-    /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a plane
+    /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a
+    /// plane
     Midpoint,
 }
 

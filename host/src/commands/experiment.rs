@@ -37,7 +37,8 @@ pub struct Options {
 
     /// A rig file (TOML) whose `[stage]` station B moves; the cameras stay the paper's
     ///
-    /// Without it the stage is one of 80 steps/mm and 100 mm/s: give one with a --port that moves a real stage.
+    /// Without it the stage is one of 80 steps/mm and 100 mm/s: give one with a --port that moves a
+    /// real stage.
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 

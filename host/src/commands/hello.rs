@@ -12,11 +12,13 @@ use std::path::{Path, PathBuf};
 
 /// Ask the station on a serial port who it is
 ///
-/// Sends a hello and nothing else: no configuration, no motion. When the firmware does not fit this program, every field
-/// that differs is named and the exit code is 3. After a crash of the station's program it also prints the command that finds the lines of source.
+/// Sends a hello and nothing else: no configuration, no motion. When the firmware does not fit this
+/// program, every field that differs is named and the exit code is 3. After a crash of the
+/// station's program it also prints the command that finds the lines of source.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports` lists all
+    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports`
+    /// lists all
     #[arg(long, value_name = "PATH")]
     port: String,
 

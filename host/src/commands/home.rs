@@ -18,13 +18,16 @@ use shared::safety::{State, Trust};
 
 /// Find the home switches, and with them the position
 ///
-/// One axis after the other, Z first: fast onto the switch, back off, slowly onto it again, back off. Soft limits do not hold meanwhile: see that the
-/// way is free. A switch that is not met within five quarters of the axis's travel, or does not release, ends it with a fault. Ctrl-C stops the stage on a
-/// ramp. The rig file says which axes have a home switch, at which end, and where it trips.
+/// One axis after the other, Z first: fast onto the switch, back off, slowly onto it again, back
+/// off. Soft limits do not hold meanwhile: see that the way is free. A switch that is not met
+/// within five quarters of the axis's travel, or does not release, ends it with a fault. Ctrl-C
+/// stops the stage on a ramp. The rig file says which axes have a home switch, at which end, and
+/// where it trips.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Which axes; without any all that have a home switch in the rig file, or all three without --rig
+    /// Which axes; without any all that have a home switch in the rig file, or all three without
+    /// --rig
     #[arg(value_enum, ignore_case = true)]
     axes: Vec<Axis>,
 

@@ -21,8 +21,9 @@ const LONGEST_MM: f64 = 1000.0;
 
 /// Move the stage by a distance along its axes, in mm, and wait until it stands
 ///
-/// While the position is unknown it moves slowly, only as far as unknown_window_mm of the rig file (10 mm), and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the move. Ctrl-C stops
-/// the stage on a ramp.
+/// While the position is unknown it moves slowly, only as far as unknown_window_mm of the rig file
+/// (10 mm), and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the
+/// move. Ctrl-C stops the stage on a ramp.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {

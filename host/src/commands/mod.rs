@@ -39,14 +39,15 @@ mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
 ///
-/// All lengths are millimetres, all image positions pixels. Axes are those of ordinary images: x right, y down,
-/// z away from the cameras. A displacement is the target's, seen from the cameras.
+/// All lengths are millimetres, all image positions pixels. Axes are those of ordinary images: x
+/// right, y down, z away from the cameras. A displacement is the target's, seen from the cameras.
 ///
-/// The station is the board that drives the stage; the twin is the same code inside this program, with a simulated stage. A rig file (TOML) describes the
-/// cameras, and the stage if there is one: `calibrate` and `convert` write it, the README shows one.
+/// The station is the board that drives the stage; the twin is the same code inside this program,
+/// with a simulated stage. A rig file (TOML) describes the cameras, and the stage if there is one:
+/// `calibrate` and `convert` write it, the README shows one.
 ///
-/// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin, prints its Table 6 beside the
-/// paper's, and writes an HTML report. No hardware is needed.
+/// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin,
+/// prints its Table 6 beside the paper's, and writes an HTML report. No hardware is needed.
 #[derive(Debug, Parser)]
 #[command(
     name = "trinocular",
@@ -166,7 +167,8 @@ fn failed_at(port: Option<&str>, error: host::experiment::Error) -> Failure {
     }
 }
 
-/// A port that cannot be used is bad input; anything else is the station's doing, or its other host's.
+/// A port that cannot be used is bad input; anything else is the station's doing, or its other
+/// host's.
 fn station_failed(error: StationError) -> Failure {
     match error {
         StationError::Port { path, reason } => InputError::file(Path::new(&path), reason).into(),

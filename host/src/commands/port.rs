@@ -9,8 +9,8 @@ use host::station::stage::HEARTBEAT_MS;
 /// Where the station is.
 #[derive(Clone, Debug, Args)]
 pub struct PortOption {
-    /// A station on this serial port instead of the built-in twin, in real time; `auto` is the only one on USB. Its present position becomes
-    /// zero, and it moves at once
+    /// A station on this serial port instead of the built-in twin, in real time; `auto` is the only
+    /// one on USB. Its present position becomes zero, and it moves at once
     #[arg(long, value_name = "PATH")]
     port: Option<String>,
 

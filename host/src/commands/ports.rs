@@ -8,8 +8,9 @@ use host::station::ports::{Candidate, candidates};
 
 /// List the serial ports a station may be on
 ///
-/// Ports whose USB vendor and product are those of our boards come first, marked with a star. None is opened: what an unknown device does with
-/// bytes is not known. The emulated station's pseudo-terminal is not listed; its path is known to whoever started it.
+/// Ports whose USB vendor and product are those of our boards come first, marked with a star. None
+/// is opened: what an unknown device does with bytes is not known. The emulated station's
+/// pseudo-terminal is not listed; its path is known to whoever started it.
 #[derive(Debug, Args)]
 pub struct Options {
     /// Print one JSON object per port and line

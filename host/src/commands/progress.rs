@@ -48,7 +48,8 @@ impl Drop for Progress {
     }
 }
 
-/// A count of something whose end nobody knows: on a terminal, unless results go there too; elsewhere a line at every hundred.
+/// A count of something whose end nobody knows: on a terminal, unless results go there too;
+/// elsewhere a line at every hundred.
 pub struct Count {
     bar: Option<ProgressBar>,
     is_told: bool,

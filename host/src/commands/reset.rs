@@ -10,7 +10,8 @@ use shared::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone
 ///
-/// Moves nothing, and says what the station needs next. Refused while the cause of the fault is still there. Waits while the stage ramps down.
+/// Moves nothing, and says what the station needs next. Refused while the cause of the fault is
+/// still there. Waits while the stage ramps down.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

@@ -10,15 +10,18 @@ use host::robustness::{phase, present, sweep};
 use std::io::Write;
 use std::sync::Mutex;
 
-/// Measure rendered posters under bad conditions, and hold errors against the truth and the stated sigma
+/// Measure rendered posters under bad conditions, and hold errors against the truth and the stated
+/// sigma
 ///
-/// One row per condition: how many were measured and how many refused, for what reason; points; root mean square error; mean of (error/sigma)², which is 1
-/// where sigma is right; the share within three sigma (worst axis); gross errors, beyond five sigma and 0.02 mm. A second table holds what all points
-/// err by together at every sub-pixel phase.
+/// One row per condition: how many were measured and how many refused, for what reason; points;
+/// root mean square error; mean of (error/sigma)², which is 1 where sigma is right; the share
+/// within three sigma (worst axis); gross errors, beyond five sigma and 0.02 mm. A second table
+/// holds what all points err by together at every sub-pixel phase.
 ///
-/// Exit code 1 if a claim does not hold: error²/sigma² between 0.8 and 1.3 per axis over all rows, 99 % within three sigma, at most one gross error in
-/// 10,000 measurements, every condition measured or refused as it should be, cameras that fail or are late named, and a bias below 0.0005 px at every
-/// phase.
+/// Exit code 1 if a claim does not hold: error²/sigma² between 0.8 and 1.3 per axis over all rows,
+/// 99 % within three sigma, at most one gross error in 10,000 measurements, every condition
+/// measured or refused as it should be, cameras that fail or are late named, and a bias below
+/// 0.0005 px at every phase.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {

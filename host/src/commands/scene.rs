@@ -6,7 +6,8 @@ use host::images::{SceneError, SceneSettings, TextureKind};
 /// The poster and how the cameras take it.
 #[derive(Clone, Debug, Args)]
 pub struct SceneOptions {
-    /// The poster: natural, notes (on a plain wall), blobs, bricks or grid (the last two repeat, and are refused)
+    /// The poster: natural, notes (on a plain wall), blobs, bricks or grid (the last two repeat,
+    /// and are refused)
     #[arg(long, default_value_t = TextureKind::Natural)]
     pub texture: TextureKind,
 

@@ -16,8 +16,9 @@ use std::path::{Path, PathBuf};
 
 /// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
 ///
-/// A scenario file says how the target moves, what goes wrong and when, and what must come of it; the controller board's own code follows on
-/// virtual time, and every figure is taken from the edges at its step pins. tests/scenarios has examples of everything.
+/// A scenario file says how the target moves, what goes wrong and when, and what must come of it;
+/// the controller board's own code follows on virtual time, and every figure is taken from the
+/// edges at its step pins. tests/scenarios has examples of everything.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {

@@ -13,7 +13,8 @@ use shared::track::pursuit::Sight;
 
 /// Ask the station on a serial port how it is
 ///
-/// Changes nothing. With a latched fault the exit code is 3; `trinocular diagnose` explains all states and faults.
+/// Changes nothing. With a latched fault the exit code is 3; `trinocular diagnose` explains all
+/// states and faults.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

@@ -11,8 +11,9 @@ use host::station::{diagnosis, ports};
 
 /// Stop the stage on a ramp; it stays stopped until `reset`
 ///
-/// Goes before everything else at the station, keeps the position, and is sent to a station of other firmware, too. It is no emergency stop: that is a
-/// button. Another run of this program that has the port is told to end, as Ctrl-C does, and stops its stage.
+/// Goes before everything else at the station, keeps the position, and is sent to a station of
+/// other firmware, too. It is no emergency stop: that is a button. Another run of this program that
+/// has the port is told to end, as Ctrl-C does, and stops its stage.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

@@ -18,8 +18,9 @@ use std::io::Write;
 
 /// Print the paper's Tables 1, 2, 5 and 6, ours beside the printed values
 ///
-/// Tables 1 and 2 are computed from 1,000 random point sets without noise; Table 5 from rendered pictures of resting cameras; Table 6 in
-/// closed loop on the twin. A last table holds all estimators against the Cramér-Rao bound.
+/// Tables 1 and 2 are computed from 1,000 random point sets without noise; Table 5 from rendered
+/// pictures of resting cameras; Table 6 in closed loop on the twin. A last table holds all
+/// estimators against the Cramér-Rao bound.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -53,7 +54,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         scene,
         ..tracking::Settings::default()
     };
-    // Least squares does not run on the station; it equals the closed form to a nanometre in every table.
+    // Least squares does not run on the station; it equals the closed form to a nanometre in every
+    // table.
     let stage = default_stage();
     let mut progress = Progress::new("tracking");
     let run = tracking::run(&settings, &stage, Place::Twin, |share| {

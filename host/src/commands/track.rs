@@ -1,4 +1,5 @@
-//! `trinocular track`: the servo in closed loop, with the simulator, recorded images, a folder that grows, or live cameras.
+//! `trinocular track`: the servo in closed loop, with the simulator, recorded images, a folder that
+//! grows, or live cameras.
 
 mod absences;
 mod captures;
@@ -31,25 +32,30 @@ pub struct Source {
     #[arg(long, help_heading = SOURCE)]
     sim: bool,
 
-    /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names for one instant
+    /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names
+    /// for one instant
     ///
-    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. Where a camera's file is missing, the others carry on, and the row
-    /// says so. A capture of which a file cannot be read is passed over; it is said, and the exit code is 1.
+    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. Where a
+    /// camera's file is missing, the others carry on, and the row says so. A capture of which a
+    /// file cannot be read is passed over; it is said, and the exit code is 1.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
-    /// The same, while another program writes it: waits for new captures, until Ctrl-C or for --idle seconds
+    /// The same, while another program writes it: waits for new captures, until Ctrl-C or for
+    /// --idle seconds
     ///
-    /// A file counts as written when it has not changed for 0.2 s. A camera's file is waited for at most 2 s if there is a later capture or the camera has
-    /// fallen silent; then the other cameras carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be removed when their row
-    /// has been printed.
+    /// A file counts as written when it has not changed for 0.2 s. A camera's file is waited for at
+    /// most 2 s if there is a later capture or the camera has fallen silent; then the other cameras
+    /// carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be removed
+    /// when their row has been printed.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
     /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
     ///
-    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with `--features host/camera`. At the end
-    /// it is said what became of each camera's pictures, those its driver lost among them. A camera that is unplugged or falls silent is carried on
+    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with
+    /// `--features host/camera`. At the end it is said what became of each camera's pictures, those
+    /// its driver lost among them. A camera that is unplugged or falls silent is carried on
     /// without, as long as two are left.
     #[arg(
         long,
@@ -61,13 +67,16 @@ pub struct Source {
     cameras: Option<Vec<PathBuf>>,
 }
 
-/// Follow a target: simulated cameras in closed loop, recorded images, a folder that grows, or live cameras
+/// Follow a target: simulated cameras in closed loop, recorded images, a folder that grows, or live
+/// cameras
 ///
-/// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim and --cameras, one on a serial --port, in real
-/// time. One line per picture goes to standard output: where the target was seen, and where the stage is.
+/// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim
+/// and --cameras, one on a serial --port, in real time. One line per picture goes to standard
+/// output: where the target was seen, and where the stage is.
 ///
-/// With --sim the cameras ride on the stage and see a poster that moves along --path. With --cameras and --port they ride on it too, unless they
-/// are --fixed. Otherwise nothing the stage does can be seen: the cameras count as fixed, and the stage copies the target's motion.
+/// With --sim the cameras ride on the stage and see a poster that moves along --path. With
+/// --cameras and --port they ride on it too, unless they are --fixed. Otherwise nothing the stage
+/// does can be seen: the cameras count as fixed, and the stage copies the target's motion.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -76,8 +85,8 @@ pub struct Options {
 
     /// The rig file (TOML): its cameras, and its stage
     ///
-    /// Without a `stage` section the stage is one of 80 steps/mm and 100 mm/s, but never with --cameras and --port. Without a rig file, --sim has the
-    /// paper's cameras and that stage.
+    /// Without a `stage` section the stage is one of 80 steps/mm and 100 mm/s, but never with
+    /// --cameras and --port. Without a rig file, --sim has the paper's cameras and that stage.
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
@@ -98,13 +107,15 @@ pub struct Options {
 
     /// Print one JSON object per picture and line
     ///
-    /// time_s, displacement_mm (the target's since the first picture, as seen from the cameras), trust (in the station's position); stage_mm and
-    /// frame, or with --sim target_mm, camera_mm, sigma_mm, points and latency_ms. `warnings`, a list of sentences, is there only if a camera was left out; `refused` says why a picture was not used.
+    /// time_s, displacement_mm (the target's since the first picture, as seen from the cameras),
+    /// trust (in the station's position); stage_mm and frame, or with --sim target_mm, camera_mm,
+    /// sigma_mm, points and latency_ms. `warnings`, a list of sentences, is there only if a camera
+    /// was left out; `refused` says why a picture was not used.
     #[arg(long)]
     json: bool,
 
-    /// With the twin: from picture to frame at the station, ms of its virtual time; at most 3 less than from picture to picture [default: 20, or that if it
-    /// is less]
+    /// With the twin: from picture to frame at the station, ms of its virtual time; at most 3 less
+    /// than from picture to picture [default: 20, or that if it is less]
     #[arg(long, value_name = "MS")]
     latency: Option<u64>,
 
@@ -112,16 +123,19 @@ pub struct Options {
     #[arg(long, value_name = "S")]
     idle: Option<f64>,
 
-    /// Pictures so far apart are still of one time, ms; at most half the time between two pictures of a camera [default: 5, or that half if it is less]
+    /// Pictures so far apart are still of one time, ms; at most half the time between two pictures
+    /// of a camera [default: 5, or that half if it is less]
     #[arg(long, value_name = "MS", help_heading = CAMERAS)]
     window: Option<f64>,
 
-    /// From the middle of the exposure to the picture's time stamp, ms; negative if the stamp comes first
+    /// From the middle of the exposure to the picture's time stamp, ms; negative if the stamp comes
+    /// first
     ///
-    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the exposure and the read-out. Of its start: minus half the
-    /// exposure; but cameras on USB are stamped when their data begin to come, so half the exposure and what lies between. Of its
-    /// arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB. What it is wrong by, times the stage's speed, is an error of position while the
-    /// stage moves, and none at rest.
+    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the
+    /// exposure and the read-out. Of its start: minus half the exposure; but cameras on USB are
+    /// stamped when their data begin to come, so half the exposure and what lies between. Of its
+    /// arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB. What it is wrong by,
+    /// times the stage's speed, is an error of position while the stage moves, and none at rest.
     #[arg(
         long,
         value_name = "MS",
@@ -137,8 +151,9 @@ pub struct Options {
 
     /// How the target moves: steps, line, circle, lissajous or still
     ///
-    /// Steps are of (4, 4, 1) mm, every second; the line is along them, 5 mm/s; the circle has a radius of 10 mm, in 8 s; the Lissajous figure
-    /// 20, 20 and 5 mm, once, twice and three times in 16 s.
+    /// Steps are of (4, 4, 1) mm, every second; the line is along them, 5 mm/s; the circle has a
+    /// radius of 10 mm, in 8 s; the Lissajous figure 20, 20 and 5 mm, once, twice and three times
+    /// in 16 s.
     #[arg(long, default_value_t = Path::Circle, help_heading = SCENE)]
     path: Path,
 

@@ -14,9 +14,10 @@ use super::report::ReportOption;
 
 /// Predict what a rig can do, and name what limits it
 ///
-/// From the rig file alone: the standard deviation of a displacement per axis over depth and number of points, the space that the cameras see, step rates
-/// and stopping distances of the stage, and how far all numbers stay from the ends of their fixed-point formats. No picture is
-/// taken and nothing moves.
+/// From the rig file alone: the standard deviation of a displacement per axis over depth and number
+/// of points, the space that the cameras see, step rates and stopping distances of the stage, and
+/// how far all numbers stay from the ends of their fixed-point formats. No picture is taken and
+/// nothing moves.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -26,7 +27,8 @@ pub struct Options {
 
     /// Standard deviation of the flow of one point in one camera, each component, px
     ///
-    /// With 2 of 255 grey levels of noise, sharp pictures have 0.012 to 0.015 px, soft ones 0.03 to 0.054 px.
+    /// With 2 of 255 grey levels of noise, sharp pictures have 0.012 to 0.015 px, soft ones 0.03 to
+    /// 0.054 px.
     #[arg(long, value_name = "PX", default_value_t = Settings::default().noise_px)]
     noise: f64,
 

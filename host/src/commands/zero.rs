@@ -9,7 +9,8 @@ use shared::frame::message::Command;
 
 /// Declare the present position of the stage to be zero on all axes
 ///
-/// From then on the station trusts its position: it moves at full speed and keeps to the soft limits of its stage. Only at rest; moves nothing.
+/// From then on the station trusts its position: it moves at full speed and keeps to the soft
+/// limits of its stage. Only at rest; moves nothing.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

@@ -1,9 +1,12 @@
-//! Station B, wherever it is: the twin on virtual time, or a station on a serial line, whose time is everybody's.
+//! Station B, wherever it is: the twin on virtual time, or a station on a serial line, whose time
+//! is everybody's.
 //!
-//! What the experiment must know of it is where it stood when a picture was taken. The twin is asked for any instant, by the edges at its pins.
-//! A station on a line says where it stands in its reports: after every frame, and ten times a second. So the simulated cameras of such a
-//! station are triggered by its reports: a report names a position, and the picture is taken at the instant, in the station's own time, at which
-//! the pins stand there. Nothing is interpolated or guessed.
+//! What the experiment must know of it is where it stood when a picture was taken. The twin is
+//! asked for any instant, by the edges at its pins. A station on a line says where it stands in its
+//! reports: after every frame, and ten times a second. So the simulated cameras of such a station
+//! are triggered by its reports: a report names a position, and the picture is taken at the
+//! instant, in the station's own time, at which the pins stand there. Nothing is interpolated or
+//! guessed.
 
 use crate::rig_file::Stage;
 use crate::station::serial::Serial;
@@ -15,10 +18,12 @@ use shared::time::Instant;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
 
-/// How long a report may be awaited: thirty come in that time, and a line that fell silent is noticed and looked for before.
+/// How long a report may be awaited: thirty come in that time, and a line that fell silent is
+/// noticed and looked for before.
 const REPORT_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long the answer to a frame may be awaited; after that it was lost on the line, and the next frame does better.
+/// How long the answer to a frame may be awaited; after that it was lost on the line, and the next
+/// frame does better.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
 
 /// Where station B is to be.
@@ -30,7 +35,8 @@ pub enum Place<'a> {
     Port {
         /// Which.
         path: &'a str,
-        /// After so much silence of ours the station stops, ms, 20 to 10000. The heartbeat comes every 20 ms, if this computer finds the time.
+        /// After so much silence of ours the station stops, ms, 20 to 10000. The heartbeat comes
+        /// every 20 ms, if this computer finds the time.
         heartbeat_ms: u16,
     },
 }
@@ -150,7 +156,8 @@ impl Follower {
     /// An instant of that clock, as the station's.
     ///
     /// # Errors
-    /// If the line breaks, or no heartbeat comes back for three seconds: until the first the station's clock is not known.
+    /// If the line breaks, or no heartbeat comes back for three seconds: until the first the
+    /// station's clock is not known.
     pub fn station_time(&self, at: Instant) -> Result<Instant, StationError> {
         let station = match self {
             Self::Twin(twin) => twin.station_time(at),
@@ -212,7 +219,8 @@ impl Follower {
         }
     }
 
-    /// Sends a frame and waits for what the station makes of it; the inner error is why there is nothing.
+    /// Sends a frame and waits for what the station makes of it; the inner error is why there is
+    /// nothing.
     ///
     /// # Errors
     /// If the line breaks for longer than the station bears.
@@ -236,8 +244,8 @@ impl Follower {
         })
     }
 
-    /// What became of a frame, and the status that followed; `None` if no answer came. The frame takes effect at the next tick, and the answer is
-    /// on the line right after.
+    /// What became of a frame, and the status that followed; `None` if no answer came. The frame
+    /// takes effect at the next tick, and the answer is on the line right after.
     fn outcome(&mut self, sequence: u16) -> Result<Option<Result<(), Denial>>, StationError> {
         match self {
             Self::Twin(twin) => {
@@ -269,7 +277,8 @@ impl Follower {
         }
     }
 
-    /// Where the cameras are, mm from where the station was started: edges counted at the pins, or the latest report.
+    /// Where the cameras are, mm from where the station was started: edges counted at the pins, or
+    /// the latest report.
     pub fn position_mm(&self) -> [f64; 3] {
         match self {
             Self::Twin(twin) => twin.position_mm(),
@@ -285,9 +294,11 @@ impl Follower {
         self.twin().map(Twin::steps_from_zero)
     }
 
-    /// How long after the last picture the next may be taken, µs, for pictures `period_us` apart. `None`: at the exact time.
+    /// How long after the last picture the next may be taken, µs, for pictures `period_us` apart.
+    /// `None`: at the exact time.
     ///
-    /// A station on a line is late or early by its reports, one of which follows every frame. With half a period's grace that one is taken.
+    /// A station on a line is late or early by its reports, one of which follows every frame. With
+    /// half a period's grace that one is taken.
     pub fn grace_us(&self, period_us: u64) -> Option<u64> {
         match self {
             Self::Twin(_) => None,
@@ -295,7 +306,8 @@ impl Follower {
         }
     }
 
-    /// Goes on after `lost`, if that was a short break of the line that the station did not even notice.
+    /// Goes on after `lost`, if that was a short break of the line that the station did not even
+    /// notice.
     ///
     /// # Errors
     /// `lost`, if it was anything else: the line is not back, the station restarted, or it stopped.

@@ -1,4 +1,5 @@
-//! The paper's apparatus: station A, a twin, carries the target; station B, a twin or a station on a serial line, carries the cameras.
+//! The paper's apparatus: station A, a twin, carries the target; station B, a twin or a station on
+//! a serial line, carries the cameras.
 //!
 //! * [`follower`]: station B, wherever it is;
 //! * [`world`]: both stations on one clock, and the pictures that B's cameras take of A's poster;

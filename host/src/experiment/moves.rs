@@ -1,4 +1,5 @@
-//! The paper's section 4.2: single moves seen by resting cameras, through the whole vision path (its Table 5).
+//! The paper's section 4.2: single moves seen by resting cameras, through the whole vision path
+//! (its Table 5).
 
 use super::Error;
 use crate::flow::{Flow, Refusal, Settings};

@@ -1,4 +1,5 @@
-//! Captures from outside, one after another, and what the station makes of them: the [servo](super::servo) without a simulated world.
+//! Captures from outside, one after another, and what the station makes of them: the
+//! [servo](super::servo) without a simulated world.
 
 use super::Error;
 use super::follower::Follower;
@@ -19,14 +20,16 @@ const REST_US: u64 = 2_000_000;
 /// How the captures' times become the station's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
-    /// The station is a twin, its time virtual: the first capture is taken now, the others follow as they did.
+    /// The station is a twin, its time virtual: the first capture is taken now, the others follow
+    /// as they did.
     Virtual {
         /// From a picture to its frame at the station, µs.
         latency_us: u64,
         /// The time between two pictures, µs: the stage is looked at just before the next one.
         period_us: u64,
     },
-    /// Captures and station are real: the [follower's clock](Follower::now) minus the captures', µs.
+    /// Captures and station are real: the [follower's clock](Follower::now) minus the captures',
+    /// µs.
     Real {
         /// Difference of the clocks, which run alike: both are the host's.
         offset_us: i64,
@@ -38,7 +41,8 @@ pub enum Clock {
 pub struct Followed {
     /// When it was taken, s since the first.
     pub time_s: f64,
-    /// The station's own estimate of the target's displacement since the first capture, mm; or why the capture was not used.
+    /// The station's own estimate of the target's displacement since the first capture, mm; or why
+    /// the capture was not used.
     pub displacement_mm: Result<[f64; 3], String>,
     /// Where the stage is, mm from where the station was started.
     pub stage_mm: [f64; 3],
@@ -59,8 +63,8 @@ pub struct Pursuit {
     start: Option<Start>,
 }
 
-/// The first capture's time, by its clock and by the station's. The latter is kept: the station knows a reference by its exact instant, and the
-/// estimate of its clock wanders.
+/// The first capture's time, by its clock and by the station's. The latter is kept: the station
+/// knows a reference by its exact instant, and the estimate of its clock wanders.
 #[derive(Clone, Copy, Debug)]
 struct Start {
     first_us: u64,
@@ -96,8 +100,8 @@ impl Pursuit {
     /// The next capture. The first gives nothing: it is the view to be kept.
     ///
     /// # Errors
-    /// [`Error::Reference`] if the first cannot be used; [`Error::Station`] if the station cannot be reached or has a fault. A later capture that cannot
-    /// be used is no error.
+    /// [`Error::Reference`] if the first cannot be used; [`Error::Station`] if the station cannot
+    /// be reached or has a fault. A later capture that cannot be used is no error.
     pub fn follow(&mut self, capture: &Capture) -> Result<Option<Followed>, Error> {
         let Some(start) = self.start else {
             self.flow.set_reference(capture).map_err(Error::Reference)?;
@@ -148,7 +152,8 @@ impl Pursuit {
         Ok(self.station.position_mm())
     }
 
-    /// Stops the stage on its ramp, and not where it was led to expect the target next; where it stands then, mm.
+    /// Stops the stage on its ramp, and not where it was led to expect the target next; where it
+    /// stands then, mm.
     ///
     /// # Errors
     /// If the station cannot be reached.
@@ -163,7 +168,8 @@ impl Pursuit {
         self.station.station_time(here)
     }
 
-    /// Sends a frame: the station's estimate, mm; the inner error is why the station did not use it.
+    /// Sends a frame: the station's estimate, mm; the inner error is why the station did not use
+    /// it.
     fn send(
         &mut self,
         capture: Instant,

@@ -16,9 +16,11 @@ use shared::time::Instant;
 /// When things happen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Pictures per second; a station on a serial line takes them by its reports, up to twice as often.
+    /// Pictures per second; a station on a serial line takes them by its reports, up to twice as
+    /// often.
     pub frames_per_s: f64,
-    /// From the picture to the frame's arrival at the station, µs: exposure, flow, link. A station on a serial line waits at least so long.
+    /// From the picture to the frame's arrival at the station, µs: exposure, flow, link. A station
+    /// on a serial line waits at least so long.
     pub latency_us: u64,
 }
 
@@ -79,7 +81,8 @@ pub struct Servo {
     timing: Timing,
     estimator: Estimator,
     keyframe: Instant,
-    /// The keyframe in station time. Kept: the station knows a reference by its exact instant, and the clock's estimate wanders.
+    /// The keyframe in station time. Kept: the station knows a reference by its exact instant, and
+    /// the clock's estimate wanders.
     reference: Instant,
     /// Where both stood at the keyframe, mm.
     origin_mm: [[f64; 3]; 2],
@@ -142,7 +145,8 @@ impl Servo {
         self.keyframe.plus_micros(elapsed.round() as u64)
     }
 
-    /// Lets time pass to the next picture, takes it, and lets time pass until the frame has arrived and been answered.
+    /// Lets time pass to the next picture, takes it, and lets time pass until the frame has arrived
+    /// and been answered.
     ///
     /// # Errors
     /// [`Error::Station`] if the station faulted or cannot be reached.

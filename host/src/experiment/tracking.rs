@@ -1,4 +1,5 @@
-//! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, B follows what its cameras see.
+//! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, B follows what its
+//! cameras see.
 
 use super::Error;
 use super::follower::Place;
@@ -42,8 +43,8 @@ pub fn paper_worst_mm() -> [f64; 3] {
 /// Bounds on |B - A| at each stop, mm.
 pub const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
-/// A stop ends after so many used pictures at the earliest. That is half of what the usual rest has time for, and matters only where the time is
-/// real and the computer busy.
+/// A stop ends after so many used pictures at the earliest. That is half of what the usual rest has
+/// time for, and matters only where the time is real and the computer busy.
 const LEAST_PICTURES: usize = 15;
 
 /// A stop ends after so many rests at the latest.
@@ -118,7 +119,8 @@ pub struct Run {
     pub stops: Vec<Stop>,
     /// Every picture.
     pub steps: Vec<Step>,
-    /// Both stations every 5 ms; at every picture if B is on a serial line, where nothing else is known.
+    /// Both stations every 5 ms; at every picture if B is on a serial line, where nothing else is
+    /// known.
     pub samples: Vec<Sample>,
     /// Per station, A then B.
     pub pulses: [Pulses; 2],
@@ -179,7 +181,8 @@ impl Run {
     }
 }
 
-/// Runs the experiment with B in `place`, moving `stage`. `progress` is told the share done, 0 to 1, after every picture.
+/// Runs the experiment with B in `place`, moving `stage`. `progress` is told the share done, 0 to
+/// 1, after every picture.
 ///
 /// # Errors
 /// If a station cannot be reached, refuses or faults, or the first pictures show nothing usable.

@@ -12,8 +12,8 @@ use shared::time::Instant;
 
 /// Both stations, the poster and the cameras.
 ///
-/// The clock is virtual if B is a twin. If B is on a serial line it is the host's, and A, which has no hardware, lives through it piece by piece
-/// whenever its position is asked for.
+/// The clock is virtual if B is a twin. If B is on a serial line it is the host's, and A, which has
+/// no hardware, lives through it piece by piece whenever its position is asked for.
 #[derive(Debug)]
 pub struct World {
     /// Carries the poster; driven by setpoints.
@@ -37,8 +37,9 @@ pub struct Exposure {
 }
 
 impl World {
-    /// Switches both stations on, at zero, with the poster at an unknown distance before the cameras. `stage` is B's; the poster's is the default
-    /// one, so that the target moves alike whatever B can do.
+    /// Switches both stations on, at zero, with the poster at an unknown distance before the
+    /// cameras. `stage` is B's; the poster's is the default one, so that the target moves alike
+    /// whatever B can do.
     ///
     /// # Errors
     /// If the scene cannot be rendered, B cannot be reached or a station refuses the stage.
@@ -50,7 +51,8 @@ impl World {
         settings: SceneSettings,
         seed: u64,
     ) -> Result<Self, Error> {
-        // The scene first: drawing it takes a while, and a station that is on has a heartbeat to keep.
+        // The scene first: drawing it takes a while, and a station that is on has a heartbeat to
+        // keep.
         let scene = Scene::new(rig, texture, settings)?;
         let mut world = Self {
             a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,

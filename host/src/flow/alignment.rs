@@ -1,8 +1,10 @@
-//! A rig that explains three pictures when nobody says what it is: good enough to time the matching, not to measure with.
+//! A rig that explains three pictures when nobody says what it is: good enough to time the
+//! matching, not to measure with.
 //!
-//! Pictures alone tell how far each outer image lies above or below the middle one, and the ratio of the two baselines; the
-//! unit of length stays unknown. Corners of the middle image are looked for in a band of rows of the others, the medians
-//! make a first rig, and the matches of that rig make the second.
+//! Pictures alone tell how far each outer image lies above or below the middle one, and the ratio
+//! of the two baselines; the unit of length stays unknown. Corners of the middle image are looked
+//! for in a band of rows of the others, the medians make a first rig, and the matches of that rig
+//! make the second.
 
 use shared::rig::{Camera, Rig};
 
@@ -25,7 +27,8 @@ const MIDDLE: usize = 1;
 /// Depth the medians are given, mm: any will do.
 const DEPTH_MM: f64 = 1000.0;
 
-/// Left, middle and right camera of the capture, parallel, with a focal length of 5/3 of the image's width.
+/// Left, middle and right camera of the capture, parallel, with a focal length of 5/3 of the
+/// image's width.
 ///
 /// # Errors
 /// [`Refusal`], if the capture has not three views of one size or they have nothing in common.

@@ -1,4 +1,5 @@
-//! Points as the flow would find them, without pictures: what tests of the judgement on points start from.
+//! Points as the flow would find them, without pictures: what tests of the judgement on points
+//! start from.
 
 use super::geometry::Geometry;
 use crate::random::Random;
@@ -37,8 +38,8 @@ impl Cloud {
         }
     }
 
-    /// The views when each point goes where `motion` of the camera's number and its place says, and is seen with errors `noise_px` of camera and
-    /// point.
+    /// The views when each point goes where `motion` of the camera's number and its place says, and
+    /// is seen with errors `noise_px` of camera and point.
     pub fn views(
         &self,
         motion: impl Fn(usize, [f64; 3]) -> [f64; 3],

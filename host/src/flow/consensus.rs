@@ -1,14 +1,15 @@
 //! The displacement most points agree on, and which points those are.
 //!
-//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the harmonic mean of its inverse depths at both
-//! instants,
+//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the harmonic mean
+//! of its inverse depths at both instants,
 //!
 //! ```text
 //! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal times the difference
 //! ```
 //!
-//! Starting from a displacement that is roughly right, points are kept whose residual is within three times the median
-//! (at least [`super::Settings::agree_px`]), the displacement is solved again from those, and so on until the set stays the same.
+//! Starting from a displacement that is roughly right, points are kept whose residual is within
+//! three times the median (at least [`super::Settings::agree_px`]), the displacement is solved
+//! again from those, and so on until the set stays the same.
 
 use shared::estimate::midpoint;
 use shared::rig::Rig;
@@ -32,8 +33,8 @@ pub struct Consensus {
     pub median_px: f64,
 }
 
-/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes, px. Infinite for a point that is not in
-/// front of the cameras (`None`).
+/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes,
+/// px. Infinite for a point that is not in front of the cameras (`None`).
 fn residual_px(
     geometry: &Geometry,
     views: &[View],
@@ -120,8 +121,9 @@ impl Sighting {
     }
 }
 
-/// The displacement that explains sightings in one camera: `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in it. Reweighted
-/// (Tukey's biweight at four times the median, never below `least`), so that nearly half of them may be wrong.
+/// The displacement that explains sightings in one camera: `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in
+/// it. Reweighted (Tukey's biweight at four times the median, never below `least`), so that nearly
+/// half of them may be wrong.
 pub fn fit(sightings: &[Sighting], start_mm: [f64; 3], least: f64) -> Option<[f64; 3]> {
     let mut displacement = least_median(sightings, start_mm)?;
     for _ in 0..8 {
@@ -137,8 +139,9 @@ pub fn fit(sightings: &[Sighting], start_mm: [f64; 3], least: f64) -> Option<[f6
 /// Pairs that are tried. With 60 % right sightings, all are spoiled with a probability of 1e-9.
 const PAIRS: u64 = 48;
 
-/// Least median of squares (Rousseeuw 1984): of the start and of what pairs of sightings say, the displacement with the smallest median residual.
-/// Reweighting alone, started between two motions, may settle on a blend of both.
+/// Least median of squares (Rousseeuw 1984): of the start and of what pairs of sightings say, the
+/// displacement with the smallest median residual. Reweighting alone, started between two motions,
+/// may settle on a blend of both.
 fn least_median(sightings: &[Sighting], start_mm: [f64; 3]) -> Option<[f64; 3]> {
     let mut best = (median_residual(sightings, start_mm)?, start_mm);
     let mut random = Random::seeded(0);

@@ -1,7 +1,8 @@
 //! Points worth following: where the image changes in both directions.
 //!
-//! Shi and Tomasi's measure: the smaller eigenvalue of the gradient matrix, summed over a 7 x 7 window. Corners are
-//! its local maxima; they are taken in rounds, the best of every cell first, so that they cover the image even where it is pale.
+//! Shi and Tomasi's measure: the smaller eigenvalue of the gradient matrix, summed over a 7 x 7
+//! window. Corners are its local maxima; they are taken in rounds, the best of every cell first, so
+//! that they cover the image even where it is pale.
 
 use std::ops::Range;
 
@@ -13,11 +14,12 @@ use super::workers::Workers;
 /// Half the window the gradient matrix is summed over, px.
 const REACH: usize = 3;
 const SIDE: usize = 2 * REACH + 1;
-/// Places that are worked on from the first row to the last before the next ones to the right: the last rows' products stay in the nearest
-/// cache, however wide the image is.
+/// Places that are worked on from the first row to the last before the next ones to the right: the
+/// last rows' products stay in the nearest cache, however wide the image is.
 const STRIP: usize = 320;
-/// The least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over the window) in the
-/// weakest direction, three times what noise of 2 grey levels leaves after the filter.
+/// The least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over
+/// the window) in the weakest direction, three times what noise of 2 grey levels leaves after the
+/// filter.
 const LEAST: f32 = (SIDE * SIDE) as f32;
 /// The side of a cell, px.
 const CELL: usize = 20;
@@ -25,8 +27,8 @@ const CELL: usize = 20;
 /// The smaller eigenvalue, and where it is.
 type Peak = (f32, [usize; 2]);
 
-/// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most `count`, the most
-/// useful first.
+/// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most
+/// `count`, the most useful first.
 pub fn corners(
     plane: &Plane,
     margin: usize,
@@ -73,7 +75,8 @@ pub fn corners(
     taken
 }
 
-/// Rows that are searched together: equal shares, but whole cells, so that no cell's peaks come in another order than from all rows at once.
+/// Rows that are searched together: equal shares, but whole cells, so that no cell's peaks come in
+/// another order than from all rows at once.
 fn bands(plane: &Plane, workers: &Workers) -> Vec<Range<usize>> {
     let cells = plane.height.div_ceil(CELL);
     let share = CELL * cells.div_ceil(workers.count()).max(1);
@@ -83,8 +86,9 @@ fn bands(plane: &Plane, workers: &Workers) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Where, within these rows, the smaller eigenvalue is above [`LEAST`] and no neighbour's is higher, at least `margin` px from the border of the
-/// image; `margin` is at least [`REACH`]` + 2`. Of equal neighbours, the last counts.
+/// Where, within these rows, the smaller eigenvalue is above [`LEAST`] and no neighbour's is
+/// higher, at least `margin` px from the border of the image; `margin` is at least [`REACH`]` + 2`.
+/// Of equal neighbours, the last counts.
 struct Peaks<'a> {
     plane: &'a Plane,
     margin: usize,
@@ -164,7 +168,8 @@ fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
     }
 }
 
-/// Flags the places of the middle row, without its first and its last, with 1 where there is a peak.
+/// Flags the places of the middle row, without its first and its last, with 1 where there is a
+/// peak.
 #[inline(always)]
 fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
     let count = is_peak.len();
@@ -273,7 +278,8 @@ mod tests {
         }
     }
 
-    /// A texture of equal tiles has many equal corners: the order in which they are found decides which are taken.
+    /// A texture of equal tiles has many equal corners: the order in which they are found decides
+    /// which are taken.
     #[test]
     fn several_find_what_one_alone_finds_in_the_same_order() {
         let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;

@@ -1,14 +1,18 @@
 //! How much of what the reference camera sees moves as a measurement says.
 //!
-//! Points are where texture is. What covers a part of a plain target may have most of them, and so may what is seen beside it; then the points that
-//! agree are not the target's. So the picture is asked, divided into *cells*:
+//! Points are where texture is. What covers a part of a plain target may have most of them, and so
+//! may what is seen beside it; then the points that agree are not the target's. So the picture is
+//! asked, divided into *cells*:
 //!
-//! * a cell in which a point agrees, or any other corner is found within a pixel of where the measurement puts it, moves *alike*;
-//! * a cell whose best corner is found elsewhere, wherever that may be, and not where the measurement puts it, moves *otherwise*;
+//! * a cell in which a point agrees, or any other corner is found within a pixel of where the
+//!   measurement puts it, moves *alike*;
+//! * a cell whose best corner is found elsewhere, wherever that may be, and not where the
+//!   measurement puts it, moves *otherwise*;
 //! * all others are plain, hidden now or gone from view, and nobody can tell.
 //!
-//! If hardly any cells move otherwise, the measurement is the target's, however small it is. Else the target must be most of the picture, plain cells
-//! included: nobody knows what they are a part of.
+//! If hardly any cells move otherwise, the measurement is the target's, however small it is. Else
+//! the target must be most of the picture, plain cells included: nobody knows what they are a part
+//! of.
 
 use std::collections::BTreeMap;
 
@@ -31,9 +35,11 @@ const LIKE: f32 = 0.75;
 const OFF_PX: f64 = 1.0;
 /// The least likeness in the coarse image of a place where a corner may be instead.
 const ELSEWHERE: f32 = 0.7;
-/// The depths that a corner without a match may have, as multiples of its neighbour's, the farthest first.
+/// The depths that a corner without a match may have, as multiples of its neighbour's, the farthest
+/// first.
 const DEPTHS: [f64; 2] = [1.2, 0.85];
-/// The share of the picture that is most of it. A little more than half: cells are counted whole of which only a part moves alike.
+/// The share of the picture that is most of it. A little more than half: cells are counted whole of
+/// which only a part moves alike.
 const MOST: f64 = 0.55;
 /// One cell that moves otherwise to so many that move alike is no doubt yet.
 const FEW: usize = 8;
@@ -113,7 +119,8 @@ impl Extent {
     }
 
     /// # Errors
-    /// [`Refusal::Minority`] if something else moves, and what was measured is not most of the picture.
+    /// [`Refusal::Minority`] if something else moves, and what was measured is not most of the
+    /// picture.
     pub(super) fn judge(self) -> Result<(), Refusal> {
         let Self {
             alike,
@@ -194,7 +201,8 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// A corner that may be as far away as the point that agrees nearest to it in the image, or somewhat nearer or farther.
+    /// A corner that may be as far away as the point that agrees nearest to it in the image, or
+    /// somewhat nearer or farther.
     fn unmatched(&self, at: [f64; 2]) -> Corner {
         let depth = self.inverse_depth_near(at);
         Corner {

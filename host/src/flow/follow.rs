@@ -1,4 +1,5 @@
-//! Points followed in time, in every camera on its own, from where one rough displacement puts them.
+//! Points followed in time, in every camera on its own, from where one rough displacement puts
+//! them.
 
 use shared::sums::View;
 
@@ -97,7 +98,8 @@ impl Follow<'_> {
         })
     }
 
-    /// One point in all cameras at full resolution: pixels now, and normalised views at both instants.
+    /// One point in all cameras at full resolution: pixels now, and normalised views at both
+    /// instants.
     ///
     /// # Errors
     /// Why it could not be followed.
@@ -128,7 +130,8 @@ impl Follow<'_> {
         Ok(Followed { pixels, views })
     }
 
-    /// Where the reference camera sees now what it saw at `at`, px, looked for at `level` from `start` on, and the likeness there; `None` if nothing is found.
+    /// Where the reference camera sees now what it saw at `at`, px, looked for at `level` from
+    /// `start` on, and the likeness there; `None` if nothing is found.
     pub(super) fn corner(
         &self,
         level: usize,
@@ -177,7 +180,8 @@ pub struct Followed {
     pub views: Vec<View>,
 }
 
-/// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by depth now over depth before.
+/// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by
+/// depth now over depth before.
 fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
     let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
     [[factor, 0.0], [0.0, factor]]

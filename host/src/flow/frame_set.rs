@@ -9,8 +9,8 @@
 //! follow them into the new images of all cameras               (three temporal matches)
 //! ```
 //!
-//! and the unit in which this program is compared with others. With a keyframe, the second and third line fall away; what remains is
-//! [`keyframe`].
+//! and the unit in which this program is compared with others. With a keyframe, the second and
+//! third line fall away; what remains is [`keyframe`].
 
 use super::laps::{Laps, Stage};
 use super::{Filtered, Flow, Measurement, Refusal};

@@ -1,14 +1,17 @@
-//! What one scene point looks like to all cameras of the rig, and whether its views can be one point at all.
+//! What one scene point looks like to all cameras of the rig, and whether its views can be one
+//! point at all.
 //!
-//! At one instant the normalised views of a point at inverse depth `ρ` obey, for camera `k` at `c_k`,
+//! At one instant the normalised views of a point at inverse depth `ρ` obey, for camera `k` at
+//! `c_k`,
 //!
 //! ```text
 //! ξ_k = α - ρ c_k        (both axes; α is the point's direction from the rig's origin)
 //! ```
 //!
-//! Fitting `α` and `ρ` to the views leaves a residual per camera. Its part along the camera's own arm says that the
-//! disparities disagree (the paper's constraint (3): for in-line cameras the ratio of two disparities is that of the baselines, for
-//! every point); its part across the arm is the paper's vertical test (2).
+//! Fitting `α` and `ρ` to the views leaves a residual per camera. Its part along the camera's own
+//! arm says that the disparities disagree (the paper's constraint (3): for in-line cameras the
+//! ratio of two disparities is that of the baselines, for every point); its part across the arm is
+//! the paper's vertical test (2).
 
 use shared::rig::Rig;
 use shared::sums::centred;
@@ -82,8 +85,9 @@ impl Geometry {
         )
     }
 
-    /// How the reference image around `pixel` is stretched to become camera `k`'s, at constant depth: the matrix that takes offsets
-    /// in camera `k`'s image to offsets in the reference image.
+    /// How the reference image around `pixel` is stretched to become camera `k`'s, at constant
+    /// depth: the matrix that takes offsets in camera `k`'s image to offsets in the reference
+    /// image.
     pub fn stretch(&self, k: usize, pixel: [f64; 2], inverse_depth: f64) -> [[f32; 2]; 2] {
         let (from, to) = (&self.rig.cameras[self.reference], &self.rig.cameras[k]);
         if from.is_ideal() && to.is_ideal() {
@@ -120,15 +124,16 @@ impl Geometry {
         core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms.arms_mm()[k][i])
     }
 
-    /// Constraint (3): by how much the disparities of one point's views disagree, px: the largest residual along a camera's arm.
+    /// Constraint (3): by how much the disparities of one point's views disagree, px: the largest
+    /// residual along a camera's arm.
     pub fn disparity_disagreement_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[0] * unit[0] + residual[1] * unit[1]
         })
     }
 
-    /// The vertical test (2): by how much one point's views lie off their epipolar lines, px: the largest residual across a
-    /// camera's arm.
+    /// The vertical test (2): by how much one point's views lie off their epipolar lines, px: the
+    /// largest residual across a camera's arm.
     pub fn vertical_offset_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[1] * unit[0] - residual[0] * unit[1]

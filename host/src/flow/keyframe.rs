@@ -8,8 +8,9 @@ use super::stereo::{Match, Stereo};
 use super::team::Team;
 use super::{Filtered, Flow, Reason, Refusal, Rejected, corner};
 
-/// The texture repeats where more corners than so many times those that match at one depth match at several. Below, those few decide, as those of
-/// walls, text and boards can; bricks and grids have next to none.
+/// The texture repeats where more corners than so many times those that match at one depth match at
+/// several. Below, those few decide, as those of walls, text and boards can; bricks and grids have
+/// next to none.
 const MOST_AMBIGUOUS: usize = 3;
 
 /// Matched points and images of the reference instant.
@@ -21,7 +22,8 @@ pub(super) struct Keyframe {
     /// What follows is the team's.
     pub(super) coarse: Field,
     pub(super) matches: Vec<Match>,
-    /// Corners without a match, the best of every part of the image first: pixels of the team's reference camera.
+    /// Corners without a match, the best of every part of the image first: pixels of the team's
+    /// reference camera.
     pub(super) unmatched: Vec<[f64; 2]>,
     pub(super) rejected: Rejected,
 }
@@ -52,7 +54,8 @@ impl Keyframe {
         }
     }
 
-    /// Its matches as `team`, some of its own cameras, has them, and what that team's reference camera saw at `level`.
+    /// Its matches as `team`, some of its own cameras, has them, and what that team's reference
+    /// camera saw at `level`.
     pub(super) fn part(&self, team: &Team, level: usize) -> (Vec<Match>, Field) {
         let places: Vec<usize> = (self.team.cameras.iter().enumerate())
             .filter(|(_, camera)| team.cameras.contains(camera))
@@ -78,13 +81,14 @@ impl Keyframe {
 }
 
 impl Flow {
-    /// [`Flow::set_reference`] with a capture that was filtered before, as that of the last measurement was.
+    /// [`Flow::set_reference`] with a capture that was filtered before, as that of the last
+    /// measurement was.
     ///
     /// # Errors
     /// [`Refusal`], with what was found.
     pub fn refer_to(&mut self, filtered: Filtered, laps: &mut Laps) -> Result<(), Refusal> {
-        // What the old keyframe occupies is given back only when the new one is complete: else the allocator would return it to the system,
-        // to ask for it again at once.
+        // What the old keyframe occupies is given back only when the new one is complete: else the
+        // allocator would return it to the system, to ask for it again at once.
         let old = self.keyframe.take();
         let (settings, workers) = (&self.settings, &self.workers);
         let team = self.team(&filtered.absences)?;
@@ -164,9 +168,10 @@ impl Flow {
 
 /// A place within half a pixel of a corner, another one for every corner.
 ///
-/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two pixels a template was taken. Taken always in the
-/// middle of a pixel, all points would err alike: in a flow field that grows from the middle outwards this looks like a motion
-/// along z. The places are those of the R2 sequence (Roberts 2018), evenly spread at any count.
+/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two
+/// pixels a template was taken. Taken always in the middle of a pixel, all points would err alike:
+/// in a flow field that grows from the middle outwards this looks like a motion along z. The places
+/// are those of the R2 sequence (Roberts 2018), evenly spread at any count.
 fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
     let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
     core::array::from_fn(|i| corner[i] as f64 + (index as f64 * turn[i]).fract() - 0.5)

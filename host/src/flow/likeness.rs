@@ -1,4 +1,5 @@
-//! Zero-mean normalised cross-correlation at whole pixels of a coarse level: what the searches are made of.
+//! Zero-mean normalised cross-correlation at whole pixels of a coarse level: what the searches are
+//! made of.
 //!
 //! ```text
 //! likeness(x, y) = Σ T' I(x + i, y + j) / sqrt(Σ (I - mean)²)       T' zero-mean with Σ T'² = 1
@@ -11,7 +12,8 @@ use super::pyramid::Plane;
 /// Side of the window, px of the level.
 pub const SIDE: usize = 11;
 const REACH: usize = SIDE / 2;
-/// Places that are compared together: so many that no sum waits for itself, so few that all stay in registers.
+/// Places that are compared together: so many that no sum waits for itself, so few that all stay in
+/// registers.
 const MANY: usize = 32;
 /// The same at the end of a row.
 const LONG: usize = 40;
@@ -52,7 +54,8 @@ impl NullaryFnOnce for Contrast<'_> {
         let Plane { width, stride, .. } = *self.plane;
         let count = (SIDE * SIDE) as f32;
         let places = width - (SIDE - 1);
-        // Σ (I - middle) and Σ (I - middle)² over the rows of the window, per column: small numbers lose little.
+        // Σ (I - middle) and Σ (I - middle)² over the rows of the window, per column: small numbers
+        // lose little.
         let mut columns = [vec![0.0_f32; width], vec![0.0_f32; width]];
         let mut windows = [vec![0.0_f32; width], vec![0.0_f32; width]];
         for y in REACH..self.plane.height - REACH {
@@ -81,7 +84,8 @@ impl NullaryFnOnce for Contrast<'_> {
     }
 }
 
-/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out` are of no use.
+/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out` are
+/// of no use.
 #[inline(always)]
 fn sums_of_eleven(values: &[f32], out: &mut [f32]) {
     const { assert!(SIDE == 11) }
@@ -154,7 +158,8 @@ impl Field {
         Some(Probe(window))
     }
 
-    /// Likeness of `probe` at `(x, y), (x + 1, y), ...`, one per entry of `out`; [`OUTSIDE`] where the window leaves the image.
+    /// Likeness of `probe` at `(x, y), (x + 1, y), ...`, one per entry of `out`; [`OUTSIDE`] where
+    /// the window leaves the image.
     pub fn compare(&self, probe: &Probe, x: i64, y: i64, out: &mut [f32]) {
         out.fill(OUTSIDE);
         if !self.holds(REACH as i64, y) {

@@ -1,7 +1,8 @@
 //! Where a small window of one image is in another, to a few thousandths of a pixel.
 //!
-//! Lucas and Kanade's least squares, inverse compositional (Baker and Matthews 2004): grey levels, gradients and gradient matrix are those of
-//! the template, made once and used for every image it is looked for in. Brightness may change by a factor `a` and an offset:
+//! Lucas and Kanade's least squares, inverse compositional (Baker and Matthews 2004): grey levels,
+//! gradients and gradient matrix are those of the template, made once and used for every image it
+//! is looked for in. Brightness may change by a factor `a` and an offset:
 //!
 //! ```text
 //! I(x + p) = a T'(x) + b         T' = T - mean(T), g zero-mean gradients of T
@@ -11,11 +12,14 @@
 //!
 //! so that neither factor nor offset shows in the step, and no difference image is needed.
 //!
-//! Template and image are both read through cubic B-splines, which smooth a little more and so alike wherever between two pixels a window lies.
-//! Interpolation proper would leave the grey levels as they are at whole pixels and smooth them at half ones: windows read at different
-//! phases then differ, and each pulls its point its own way, by more than noise of 2 grey levels does.
+//! Template and image are both read through cubic B-splines, which smooth a little more and so
+//! alike wherever between two pixels a window lies. Interpolation proper would leave the grey
+//! levels as they are at whole pixels and smooth them at half ones: windows read at different
+//! phases then differ, and each pulls its point its own way, by more than noise of 2 grey levels
+//! does.
 //!
-//! What was found is asked the same question in return: with gradients of its own, it must lie as far from the template as the last step says.
+//! What was found is asked the same question in return: with gradients of its own, it must lie as
+//! far from the template as the last step says.
 
 mod window;
 
@@ -31,18 +35,21 @@ pub struct Found {
     pub at: [f32; 2],
     /// Zero-mean normalised cross-correlation there, -1 to 1.
     pub likeness: f32,
-    /// By how much the step to there differs from the step back, px. Infinite if what was found has no texture of its own.
+    /// By how much the step to there differs from the step back, px. Infinite if what was found has
+    /// no texture of its own.
     pub miss: f32,
 }
 
-/// Stops when a step is shorter than this, px. Noise of 2 grey levels lets steps shrink a hundredfold and more, so the rest is a thousandth.
+/// Stops when a step is shorter than this, px. Noise of 2 grey levels lets steps shrink a
+/// hundredfold and more, so the rest is a thousandth.
 const SHORT_STEP: f32 = 0.08;
 /// Longest single step, px: beyond it the linear model says nothing.
 const LONG_STEP: f32 = 2.0;
 /// The least mean square gradient of a template in its weakest direction, (grey level / px)².
 const LEAST_GRADIENT: f32 = 0.25;
 
-/// A square window of `N` x `N` px, odd. `W >= N` is a multiple of 8: rows as the processor likes them.
+/// A square window of `N` x `N` px, odd. `W >= N` is a multiple of 8: rows as the processor likes
+/// them.
 #[derive(Clone, Debug)]
 pub struct Template<const N: usize, const W: usize> {
     /// Zero-mean grey levels and gradients, zero beyond column `N`.
@@ -101,8 +108,8 @@ impl<const N: usize, const W: usize> Template<N, W> {
         inside(at[0], plane.width) && inside(at[1], plane.height)
     }
 
-    /// The window of `plane` around `at`. `None` if it leaves the image or has too little contrast in some direction. Boxed, since it is
-    /// large and goes from hand to hand.
+    /// The window of `plane` around `at`. `None` if it leaves the image or has too little contrast
+    /// in some direction. Boxed, since it is large and goes from hand to hand.
     pub fn new(plane: &Plane, at: [f32; 2]) -> Option<Box<Self>> {
         if !Self::fits(plane, at) {
             return None;
@@ -126,8 +133,8 @@ impl<const N: usize, const W: usize> Template<N, W> {
         enough.then_some(template)
     }
 
-    /// Looks for the template, bent by `warp` (near the identity), in `plane`, from `start` on: the template's pixel at `d` from the centre is
-    /// that of its image at `warp d`.
+    /// Looks for the template, bent by `warp` (near the identity), in `plane`, from `start` on: the
+    /// template's pixel at `d` from the centre is that of its image at `warp d`.
     ///
     /// `None` if it leaves the image, turns into its negative, or does not settle in `steps` steps.
     pub fn find(
@@ -156,8 +163,9 @@ impl<const N: usize, const W: usize> Template<N, W> {
         }
     }
 
-    /// First order in the deviation from the identity: at 2 % and 10 px from the centre, the neglected
-    /// part is a fiftieth of a grey level per unit of curvature. `None` if there is nothing to bend.
+    /// First order in the deviation from the identity: at 2 % and 10 px from the centre, the
+    /// neglected part is a fiftieth of a grey level per unit of curvature. `None` if there is
+    /// nothing to bend.
     #[inline(always)]
     fn bent(&self, warp: [[f32; 2]; 2]) -> Option<(Grid<N, W>, Share)> {
         let off = [

@@ -9,8 +9,8 @@ use shared::sums::View;
 /// One scene point, followed in every camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
-    /// Per camera that took part, in the rig's order: pixel at the reference instant, pixel now (as seen, principal
-    /// point and distortion not removed).
+    /// Per camera that took part, in the rig's order: pixel at the reference instant, pixel now (as
+    /// seen, principal point and distortion not removed).
     pub pixels: Vec<[[f64; 2]; 2]>,
 }
 

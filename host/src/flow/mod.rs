@@ -5,15 +5,21 @@
 //! capture -> pyramid -> search -> follow -> consensus -> tracks        (now)
 //! ```
 //!
-//! * [`pyramid`] filters and halves the images; [`corner`] picks points in the reference camera, the one nearest the middle of the rig;
-//! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests a match must pass;
-//! * [`search`] finds the rough displacement, without knowing it either, and what else would explain the images;
+//! * [`pyramid`] filters and halves the images; [`corner`] picks points in the reference camera,
+//!   the one nearest the middle of the rig;
+//! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests
+//!   a match must pass;
+//! * [`search`] finds the rough displacement, without knowing it either, and what else would
+//!   explain the images;
 //! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
-//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it, [`turn`] whether the target turns instead, `extent` whether
-//!   most of the picture moves with them;
-//! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at another time.
+//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it,
+//!   [`turn`] whether the target turns instead, `extent` whether most of the picture moves with
+//!   them;
+//! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at
+//!   another time.
 //!
-//! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those are refused.
+//! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those
+//! are refused.
 
 use crate::images::{Capture, Image};
 use shared::rig::Rig;
@@ -72,7 +78,8 @@ pub struct Settings {
     pub rival_likeness: f32,
     /// A point followed forth and back must return this near, px.
     pub return_px: f64,
-    /// Largest residual of the vertical test and of constraint (3), px. Raise it for rigs that are not aligned.
+    /// Largest residual of the vertical test and of constraint (3), px. Raise it for rigs that are
+    /// not aligned.
     pub view_residual_px: f64,
     /// How far points may move between the two instants, in widths of the image.
     pub reach: f64,
@@ -84,7 +91,8 @@ pub struct Settings {
     pub least_points: usize,
     /// By how much the target may turn, degrees. Below, sigma grows with what the turn may spoil.
     pub most_turn_deg: f64,
-    /// Threads that share the work, at least 1; they wait for it as long as there is a [`Flow`]. Results do not depend on it.
+    /// Threads that share the work, at least 1; they wait for it as long as there is a [`Flow`].
+    /// Results do not depend on it.
     pub threads: usize,
 }
 

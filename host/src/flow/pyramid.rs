@@ -1,14 +1,16 @@
 //! Filtered images at several scales.
 //!
-//! Each level is the one below it, smoothed by the 5-tap binomial `[1 4 6 4 1]/16` along x and y and taken at every
-//! second pixel; the lowest is the image itself, smoothed by the same filter (the Gaussian of the paper's
-//! section 4.3, sigma 1 px). Pixel `(x, y)` of level `l` lies at `(x 2^l, y 2^l)` of the image: no half pixels.
+//! Each level is the one below it, smoothed by the 5-tap binomial `[1 4 6 4 1]/16` along x and y
+//! and taken at every second pixel; the lowest is the image itself, smoothed by the same filter
+//! (the Gaussian of the paper's section 4.3, sigma 1 px). Pixel `(x, y)` of level `l` lies at
+//! `(x 2^l, y 2^l)` of the image: no half pixels.
 
 use pulp::{Arch, NullaryFnOnce};
 
 use crate::images::Image;
 
-/// Columns right of the image that repeat its last one, so that vectors may read past the end of a row.
+/// Columns right of the image that repeat its last one, so that vectors may read past the end of a
+/// row.
 const PADDING: usize = 16;
 
 /// One level: grey levels as `f32`.
@@ -36,7 +38,8 @@ impl Plane {
     }
 }
 
-/// The filter, not yet divided by its sum. Of grey levels: the sum of 16 fits 16 bits, and so does that of 256; nothing wraps.
+/// The filter, not yet divided by its sum. Of grey levels: the sum of 16 fits 16 bits, and so does
+/// that of 256; nothing wraps.
 #[inline(always)]
 fn narrow([a, b, c, d, e]: [u16; 5]) -> u16 {
     let (outer, inner) = (a.wrapping_add(e), b.wrapping_add(d));
@@ -60,7 +63,8 @@ fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [
     }
 }
 
-/// The filter along a row whose two first and two last values lie beyond the image, at every `STEP`th place.
+/// The filter along a row whose two first and two last values lie beyond the image, at every
+/// `STEP`th place.
 #[inline(always)]
 fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, out: &mut [f32]) {
     let count = (out.len() - 1) * STEP + 1;
@@ -89,7 +93,8 @@ fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usi
     })
 }
 
-/// Row `r` of level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers are the fastest.
+/// Row `r` of level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers
+/// are the fastest.
 #[inline(always)]
 fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
     let (width, height) = (plane.width, plane.height);
@@ -114,7 +119,8 @@ fn halve(below: &Plane, r: usize, column: &mut [f32], plane: &mut Plane) {
     beyond.fill(inside[inside.len() - 1]);
 }
 
-/// All levels at once: each row as soon as the rows it is made from are there, while they are in the nearest cache.
+/// All levels at once: each row as soon as the rows it is made from are there, while they are in
+/// the nearest cache.
 struct Fill<'a> {
     image: &'a Image,
     levels: &'a mut [Plane],

@@ -169,7 +169,8 @@ pub enum Refusal {
         /// Median residual, px.
         median_px: f64,
     },
-    /// The points move as one, but other parts of the picture move otherwise, and these are not most of it.
+    /// The points move as one, but other parts of the picture move otherwise, and these are not
+    /// most of it.
     #[error(
         "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} otherwise: is it the target that moves, or what covers it or stands behind it? Half of the picture is the least then"
     )]

@@ -1,9 +1,10 @@
 //! What the points' scatter says about the error of their mean.
 //!
-//! The residuals `r_ik` of point `i` in camera `k` show how much one point errs. Their mean errs less, but not as if all were
-//! independent: the cameras share a point's depth, and windows that overlap share pixels, thus noise. What does *not* correlate is interpolation, which
-//! errs by where each point lies between the pixels. So correlation is measured, not assumed. With `R_i = Σ_k r_ik` and the share
-//! `s_ij` that two windows have in common,
+//! The residuals `r_ik` of point `i` in camera `k` show how much one point errs. Their mean errs
+//! less, but not as if all were independent: the cameras share a point's depth, and windows that
+//! overlap share pixels, thus noise. What does *not* correlate is interpolation, which errs by
+//! where each point lies between the pixels. So correlation is measured, not assumed. With
+//! `R_i = Σ_k r_ik` and the share `s_ij` that two windows have in common,
 //!
 //! ```text
 //! own = Σ |R_i|² / Σ |r_ik|²                                 1 if cameras err independently
@@ -11,11 +12,13 @@
 //! widening = own (1 + ρ Σ' s_ij / N)
 //! ```
 //!
-//! is by how much the variance of the mean is larger than for independent observations. That `ρ` is the least-squares fit of
-//! `E[R_i·R_j] = ρ s_ij E|R|²`; its standard deviation is `1/√Σ' s_ij²`. Two corrections:
+//! is by how much the variance of the mean is larger than for independent observations. That `ρ` is
+//! the least-squares fit of `E[R_i·R_j] = ρ s_ij E|R|²`; its standard deviation is `1/√Σ' s_ij²`.
+//! Two corrections:
 //!
-//! * The fit of three unknowns to `2N` sums has taken its part out of every product: `E[R_i·R_j]` is smaller by `b = 3/2 w/N` of
-//!   `E|R|²`, `w` being the widening of the sum over points, `1 + ρ Σ' s_ij/N`. That makes the equation for `ρ` linear in itself.
+//! * The fit of three unknowns to `2N` sums has taken its part out of every product: `E[R_i·R_j]`
+//!   is smaller by `b = 3/2 w/N` of `E|R|²`, `w` being the widening of the sum over points,
+//!   `1 + ρ Σ' s_ij/N`. That makes the equation for `ρ` linear in itself.
 //! * Few pairs say little, so `ρ` begins at 1 with the weight of ten pairs of equal windows.
 
 use super::geometry::Geometry;
@@ -34,15 +37,17 @@ const CORRELATION: [f64; 2] = [0.0, 2.0];
 /// Of points and their windows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scatter {
-    /// By how much the variance of the mean would be larger if all error were noise shared by overlapping windows: the mean over all windows of the sum of
-    /// the shares each has in common with all, itself included.
+    /// By how much the variance of the mean would be larger if all error were noise shared by
+    /// overlapping windows: the mean over all windows of the sum of the shares each has in common
+    /// with all, itself included.
     pub overlap: f64,
     /// By how much it is, as far as residuals tell.
     pub widening: f64,
 }
 
 impl Scatter {
-    /// Of `views` (per point, per camera) that agree on `displacement_mm`; `centres_px` are the windows' in one camera.
+    /// Of `views` (per point, per camera) that agree on `displacement_mm`; `centres_px` are the
+    /// windows' in one camera.
     pub fn of(
         geometry: &Geometry,
         views: &[Vec<View>],
@@ -130,7 +135,8 @@ mod tests {
     fn noise_that_windows_share_widens_as_they_overlap() {
         let cloud = Cloud::new();
         for seed in 0..5 {
-            // Each point's error is the mean of the noise in its window, one number per pixel, camera and axis.
+            // Each point's error is the mean of the noise in its window, one number per pixel,
+            // camera and axis.
             let mut random = Random::seeded(seed);
             let mut fields = Vec::new();
             for _ in 0..6 {

@@ -1,14 +1,16 @@
 //! Which displacement, roughly, explains what all points did: found without any idea of it.
 //!
-//! Since every point's depth is known from the spatial match, one displacement predicts the motion of all points:
+//! Since every point's depth is known from the spatial match, one displacement predicts the motion
+//! of all points:
 //!
 //! ```text
 //! ξ' = (ξ + ρ Tx) / (1 + ρ Tz)        (ξ normalised position, ρ inverse depth; y alike)
 //! ```
 //!
-//! So displacements are tried, not pixels: at a coarse level each voter's window is compared with all places around it, and a
-//! displacement's score is the mean likeness at the places it predicts. Displacements that score nearly as well as the best are
-//! handed on too: whether the texture repeats is decided at a finer level.
+//! So displacements are tried, not pixels: at a coarse level each voter's window is compared with
+//! all places around it, and a displacement's score is the mean likeness at the places it predicts.
+//! Displacements that score nearly as well as the best are handed on too: whether the texture
+//! repeats is decided at a finer level.
 
 use super::geometry::Geometry;
 use super::likeness::{Field, OUTSIDE, Probe};
@@ -23,7 +25,8 @@ const RIVAL: f32 = 0.3;
 const MOST_RIVALS: usize = 4;
 /// Two peaks nearer than this, coarse px, are one.
 const APART: f64 = 2.5;
-/// Magnifications that are tried: from 12 % away to 12 % nearer, in steps small enough for a coarse pixel.
+/// Magnifications that are tried: from 12 % away to 12 % nearer, in steps small enough for a coarse
+/// pixel.
 const DEPTH_CHANGES: [f64; 5] = [0.0, -0.06, 0.06, -0.12, 0.12];
 
 /// A displacement that explains the coarse images.
@@ -45,7 +48,8 @@ struct Voter {
     off: [f64; 2],
 }
 
-/// Votes and their sums in one number: how many in the upper bits, their likenesses below. There are at most [`VOTERS`].
+/// Votes and their sums in one number: how many in the upper bits, their likenesses below. There
+/// are at most [`VOTERS`].
 const ONE_VOTE: u32 = 1 << 20;
 /// Of a place that is not in the image.
 const NO_VOTE: u32 = 0;
@@ -147,8 +151,8 @@ impl Search<'_> {
         }
     }
 
-    /// Where within reach is what is most like that which the reference camera saw at `at`, px, to a coarse pixel, and how like it is. `None` if that
-    /// had no contrast, or lay at the border.
+    /// Where within reach is what is most like that which the reference camera saw at `at`, px, to
+    /// a coarse pixel, and how like it is. `None` if that had no contrast, or lay at the border.
     pub fn likest(&self, at: [f64; 2]) -> Option<([f64; 2], f32)> {
         let centre = at.map(|c| (c / self.scale).round() as i64);
         let probe = self.before.probe(centre[0], centre[1])?;
@@ -190,15 +194,16 @@ impl Search<'_> {
         self.workers.map(probed.take(VOTERS).collect(), voter)
     }
 
-    /// Mean likeness of the voters where each displacement of the grid puts them, row by row; [`OUTSIDE`] if that is out of view for half of
-    /// them.
+    /// Mean likeness of the voters where each displacement of the grid puts them, row by row;
+    /// [`OUTSIDE`] if that is out of view for half of them.
     fn scores(&self, voters: &[Voter], grid: &Grid, tz: f64, focal: f64) -> Vec<f32> {
         let side = 2 * self.reach + 1;
         let middle = self.reach as f64 + 0.5;
         let mut sums = vec![NO_VOTE; grid.side * grid.side];
         for voter in voters {
             let shrink = 1.0 / (1.0 + voter.inverse_depth * tz);
-            // Since x and y do not mix, a column and a row of the map for every column and row of the grid.
+            // Since x and y do not mix, a column and a row of the map for every column and row of
+            // the grid.
             let places = |axis: usize| {
                 let (at, off) = (voter.at[axis], voter.off[axis] * (shrink - 1.0));
                 (0..grid.side).map(move |i| {

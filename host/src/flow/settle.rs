@@ -13,7 +13,8 @@ use shared::estimate::midpoint;
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
 
-/// A turn is refused when `ω' C^-1 ω` is beyond this: three degrees of freedom reach it once in 65,000 cases.
+/// A turn is refused when `ω' C^-1 ω` is beyond this: three degrees of freedom reach it once in
+/// 65,000 cases.
 const BEYOND_DOUBT: f64 = 25.0;
 
 /// What a team of cameras saw.
@@ -36,8 +37,8 @@ impl Settled {
 }
 
 impl Flow {
-    /// Keeps the points that agree, which must be most of those `expected` in view: else nobody knows what the target is. Also tells the
-    /// camera that is out of step, if any is.
+    /// Keeps the points that agree, which must be most of those `expected` in view: else nobody
+    /// knows what the target is. Also tells the camera that is out of step, if any is.
     pub(super) fn settle(
         &self,
         team: &Team,
@@ -112,8 +113,9 @@ impl Flow {
         }
     }
 
-    /// The camera that keeps points from agreeing: followed by each camera on its own, most of those `expected` in view do move as one, but for
-    /// the share of the motion that this one saw more.
+    /// The camera that keeps points from agreeing: followed by each camera on its own, most of
+    /// those `expected` in view do move as one, but for the share of the motion that this one saw
+    /// more.
     pub(super) fn out_of_step(
         &self,
         reference: &Reference<'_>,
@@ -148,7 +150,8 @@ impl Flow {
     }
 }
 
-/// By how much the variance, already widened, must grow to contain a bias, in the axis where that is most.
+/// By how much the variance, already widened, must grow to contain a bias, in the axis where that
+/// is most.
 fn excess(geometry: &Geometry, views: &[Vec<View>], widening: f64, bias_mm: [f64; 3]) -> f64 {
     let estimate = CentredSums::new(&geometry.rig).and_then(|mut sums| {
         for views in views {

@@ -1,5 +1,5 @@
-//! Memory of images that are no longer needed, kept for the next ones: the system takes longer to hand out fresh memory than the filter
-//! takes to fill it.
+//! Memory of images that are no longer needed, kept for the next ones: the system takes longer to
+//! hand out fresh memory than the filter takes to fill it.
 
 use std::sync::Mutex;
 

@@ -1,17 +1,20 @@
 //! Whether all cameras take their pictures at once.
 //!
-//! A camera whose shutter opens later sees a moving target further on, at all points alike: its mean residual `m_k` lies along the mean flow
-//! `u`. Fitted to all `K` cameras, the displacement takes `1/K` of it, so
+//! A camera whose shutter opens later sees a moving target further on, at all points alike: its
+//! mean residual `m_k` lies along the mean flow `u`. Fitted to all `K` cameras, the displacement
+//! takes `1/K` of it, so
 //!
 //! ```text
 //! share_k = K/(K-1) m_k·u / |u|²         of the motion between the two instants
 //! ```
 //!
-//! A wrong focal length or a camera that is not quite where the rig file says does the same, by a percent or two; photographs taken from a
-//! rail show it. So a camera is only left out for more than 2.5 %; below, sigma grows by what it may have spoiled, `share |u|/K`.
+//! A wrong focal length or a camera that is not quite where the rig file says does the same, by a
+//! percent or two; photographs taken from a rail show it. So a camera is only left out for more
+//! than 2.5 %; below, sigma grows by what it may have spoiled, `share |u|/K`.
 //!
-//! A camera that is out by more than half a pixel makes points fail the tests of one instant's views, or scatter too much to agree. Then
-//! they are followed by each camera on its own, and the same share is looked for before they are refused.
+//! A camera that is out by more than half a pixel makes points fail the tests of one instant's
+//! views, or scatter too much to agree. Then they are followed by each camera on its own, and the
+//! same share is looked for before they are refused.
 
 use super::geometry::Geometry;
 use super::team::Team;
@@ -48,7 +51,8 @@ impl Odd {
     }
 }
 
-/// That camera, if it is one beyond doubt. At least three cameras, since of two nobody knows which is wrong.
+/// That camera, if it is one beyond doubt. At least three cameras, since of two nobody knows which
+/// is wrong.
 pub fn odd(
     geometry: &Geometry,
     views: &[Vec<View>],

@@ -1,9 +1,11 @@
 //! Which pixel of every camera shows the same point, without any idea of its depth.
 //!
-//! One inverse depth predicts a point's place in all cameras at once. So every corner of the reference image is tried at all inverse
-//! depths, in steps of half a pixel of a coarse level, and the likenesses in all cameras are averaged: what looks
-//! right to one camera by chance looks wrong to the others. Every depth that is nearly as good as the best is refined by Lucas and
-//! Kanade at full resolution; if two survive that are alike, the texture repeats and the corner is dropped as ambiguous.
+//! One inverse depth predicts a point's place in all cameras at once. So every corner of the
+//! reference image is tried at all inverse depths, in steps of half a pixel of a coarse level, and
+//! the likenesses in all cameras are averaged: what looks right to one camera by chance looks wrong
+//! to the others. Every depth that is nearly as good as the best is refined by Lucas and Kanade at
+//! full resolution; if two survive that are alike, the texture repeats and the corner is dropped as
+//! ambiguous.
 
 use super::geometry::{Geometry, Ray};
 use super::likeness::{Field, OUTSIDE};
@@ -15,23 +17,27 @@ use std::sync::Arc;
 
 /// Disparities below zero that are tried, px: principal points are not known better.
 const BEYOND_INFINITY_PX: f64 = 3.0;
-/// The largest disparity to the farthest camera, in image widths: nearer points are outside some camera anyway.
+/// The largest disparity to the farthest camera, in image widths: nearer points are outside some
+/// camera anyway.
 const LARGEST_DISPARITY: f64 = 0.5;
 /// The least disparity of a point that is of use, px: depth is not known beyond.
 const LEAST_DISPARITY_PX: f64 = 1.0;
-/// Depths whose mean likeness at the coarse level is this close to the best are tried at full resolution. Large,
-/// since a coarse pixel may hit one repetition squarely and the other by half.
+/// Depths whose mean likeness at the coarse level is this close to the best are tried at full
+/// resolution. Large, since a coarse pixel may hit one repetition squarely and the other by half.
 const RIVAL: f32 = 0.25;
-/// As [`RIVAL`], for depths at which some camera would not see the point: they cannot be tried, only feared.
+/// As [`RIVAL`], for depths at which some camera would not see the point: they cannot be tried,
+/// only feared.
 const HIDDEN_RIVAL: f32 = 0.12;
-/// The same, of likenesses interpolated between coarse pixels: what is left is noise and fine detail.
+/// The same, of likenesses interpolated between coarse pixels: what is left is noise and fine
+/// detail.
 const CLOSE_RIVAL: f32 = 0.15;
 /// A corner with more rivals than this is ambiguous without trying them.
 const MOST_RIVALS: usize = 5;
 /// Steps of the iteration at each level.
 const STEPS: usize = 12;
 
-/// The nearest and the farthest depth at which points are matched, mm: disparities to the farthest camera from half the image's longer side down to one pixel.
+/// The nearest and the farthest depth at which points are matched, mm: disparities to the farthest
+/// camera from half the image's longer side down to one pixel.
 pub fn matched_depths_mm(geometry: &Geometry) -> [f64; 2] {
     let px_mm = geometry.focal_px * geometry.reach_mm;
     [

@@ -2,8 +2,8 @@
 
 use super::likeness::{Field, OUTSIDE, Probe};
 
-/// `count` places along a line that is nearly straight, each to the nearest pixel. Only every so many are asked for: a lens bends the line by
-/// far less than a pixel between them.
+/// `count` places along a line that is nearly straight, each to the nearest pixel. Only every so
+/// many are asked for: a lens bends the line by far less than a pixel between them.
 pub(super) fn line(count: usize, place: impl Fn(usize) -> [f32; 2]) -> Vec<[i32; 2]> {
     const APART: usize = 16;
     const FAR: f32 = 8192.0;
@@ -139,8 +139,9 @@ impl Strip {
         }
     }
 
-    /// Where to look at full resolution, px, and the likeness there: the best place near the line's `peak`, between the pixels. Across the
-    /// line, it is where the images put it, but no more than `tolerance_px` off the line itself.
+    /// Where to look at full resolution, px, and the likeness there: the best place near the line's
+    /// `peak`, between the pixels. Across the line, it is where the images put it, but no more than
+    /// `tolerance_px` off the line itself.
     pub(super) fn start(
         &self,
         peak: usize,

@@ -1,4 +1,5 @@
-//! The cameras that take part. One that gives no picture, or none of use, is left out, and the others carry on.
+//! The cameras that take part. One that gives no picture, or none of use, is left out, and the
+//! others carry on.
 
 use super::geometry::Geometry;
 use crate::images::Image;
@@ -12,9 +13,11 @@ pub enum Absence {
     Missing,
     /// Its picture shows nothing, while another camera's does.
     Blank,
-    /// Its picture is the very one it gave before, to the last bit of its noise, while another camera's has changed.
+    /// Its picture is the very one it gave before, to the last bit of its noise, while another
+    /// camera's has changed.
     Frozen,
-    /// It saw this share more of the motion than the others, negative for less: its shutter opens later or earlier.
+    /// It saw this share more of the motion than the others, negative for less: its shutter opens
+    /// later or earlier.
     OutOfStep {
         /// 0.05 if it saw a twentieth more.
         share: f64,
@@ -99,7 +102,8 @@ pub fn subset(rig: &Rig, cameras: &[usize]) -> Rig {
     }
 }
 
-/// Which pictures are missing or blank, given each one's contrast; none is blank if fewer than two would be left.
+/// Which pictures are missing or blank, given each one's contrast; none is blank if fewer than two
+/// would be left.
 pub fn absences(views: &[Image], contrasts: &[f64]) -> Vec<Option<Absence>> {
     let most = contrasts.iter().copied().fold(0.0, f64::max);
     let missing = |view: &Image| view.is_missing().then_some(Absence::Missing);
@@ -144,7 +148,8 @@ impl Clone for Last {
 }
 
 impl Last {
-    /// Marks what is frozen against the pictures before. The same capture seen again is judged as it was.
+    /// Marks what is frozen against the pictures before. The same capture seen again is judged as
+    /// it was.
     pub fn judge(&self, absences: &mut [Option<Absence>], prints: &[u64]) {
         let Ok(mut last) = self.0.lock() else { return };
         let (before, frozen) = &*last;
@@ -162,7 +167,8 @@ impl Last {
     }
 }
 
-/// A number that changes whenever a picture does: Fowler, Noll and Vo's hash over eight bytes at a time, four times side by side.
+/// A number that changes whenever a picture does: Fowler, Noll and Vo's hash over eight bytes at a
+/// time, four times side by side.
 pub fn fingerprint(view: &Image) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
     let mut lanes = [0xcbf2_9ce4_8422_2325_u64; 4];

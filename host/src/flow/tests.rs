@@ -191,7 +191,8 @@ fn a_target_that_goes_right_down_and_away_is_displaced_by_plus_x_y_z() {
     }
 }
 
-/// Real photographs: every pair of captures, so both kinds of reference. Prints the table with `--nocapture`.
+/// Real photographs: every pair of captures, so both kinds of reference. Prints the table with
+/// `--nocapture`.
 #[test]
 fn teddy_moves_by_the_cameras_steps() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/images/teddy");
@@ -331,7 +332,8 @@ fn two_cameras_and_a_square_of_four_work_as_well() {
     }
 }
 
-/// At 700 mm the paper's rig has 53 px of disparity: matches are found without knowing it, and none of them is wrong.
+/// At 700 mm the paper's rig has 53 px of disparity: matches are found without knowing it, and none
+/// of them is wrong.
 #[test]
 fn no_match_at_53_px_of_disparity_is_wrong() {
     let rig = Rig::paper();
@@ -439,7 +441,8 @@ fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
     );
 }
 
-/// By so much that its points fail the test of disparities, or scatter too much to agree: not a word of that, but which camera it is.
+/// By so much that its points fail the test of disparities, or scatter too much to agree: not a
+/// word of that, but which camera it is.
 #[test]
 fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
     let rig = Rig::paper();

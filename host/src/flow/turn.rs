@@ -1,13 +1,16 @@
-//! Whether the target turns. Sums know only displacements, so one that turns is measured wrongly: half a degree of yaw is 18 sigma.
+//! Whether the target turns. Sums know only displacements, so one that turns is measured wrongly:
+//! half a degree of yaw is 18 sigma.
 //!
-//! A target that turns by the small angle `ω` about the points' centroid displaces the point at `p` from it by `ω × p`. The
-//! midpoint model holds for every point's own displacement, so the residual that a pure displacement leaves in camera `k` is
+//! A target that turns by the small angle `ω` about the points' centroid displaces the point at `p`
+//! from it by `ω × p`. The midpoint model holds for every point's own displacement, so the residual
+//! that a pure displacement leaves in camera `k` is
 //!
 //! ```text
 //! r_k = g ((δ + ω × p)_xy - ξ_k (δ + ω × p)_z)
 //! ```
 //!
-//! with a correction `δ` of the displacement: six unknowns, least squares. The residual's own scatter and [`super::scatter`] say how well `ω` is known.
+//! with a correction `δ` of the displacement: six unknowns, least squares. The residual's own
+//! scatter and [`super::scatter`] say how well `ω` is known.
 
 use super::geometry::Geometry;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -30,8 +33,8 @@ pub struct Turn {
 }
 
 impl Turn {
-    /// Of `views` (per point, per camera), all of which are used, against `displacement_mm`. `widening` is the scatter's. `None` if the points do
-    /// not determine it.
+    /// Of `views` (per point, per camera), all of which are used, against `displacement_mm`.
+    /// `widening` is the scatter's. `None` if the points do not determine it.
     pub fn of(
         geometry: &Geometry,
         views: &[Vec<View>],

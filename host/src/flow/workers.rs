@@ -7,7 +7,8 @@ use std::sync::Arc;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Who shares the work: the caller alone, or threads that wait for it. What one has not begun, another may take over.
+/// Who shares the work: the caller alone, or threads that wait for it. What one has not begun,
+/// another may take over.
 #[derive(Clone, Debug, Default)]
 pub struct Workers(Option<Arc<ThreadPool>>);
 

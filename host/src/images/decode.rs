@@ -23,7 +23,8 @@ mod pnm;
 
 /// Bytes of the largest file that is read.
 pub const LARGEST_FILE: u64 = 256 << 20;
-/// Pixels of the largest picture: 8192 x 6144. Whoever looks for corners in it needs 8 bytes for each.
+/// Pixels of the largest picture: 8192 x 6144. Whoever looks for corners in it needs 8 bytes for
+/// each.
 pub const MOST_PIXELS: u64 = 48 << 20;
 /// Bytes that one picture may take: the file, what the decoder needs, and the grey image.
 pub const MEMORY: u64 = 512 << 20;

@@ -5,13 +5,14 @@
 //! captures/left/000001.png    captures/middle/000001.png    captures/right/000001.png
 //! ```
 //!
-//! PNG, JPEG and PNM files count. Pictures in other formats are named once and passed over; hidden files and all
-//! others are passed over. What has a picture's name but is no file (a pipe, a folder, a link that leads nowhere)
-//! counts as a picture that cannot be read. Colour becomes grey by its luminance. Frames come in the order of their names, in which numbers count as numbers: `view9.png` comes
-//! before `view10.png`.
+//! PNG, JPEG and PNM files count. Pictures in other formats are named once and passed over; hidden
+//! files and all others are passed over. What has a picture's name but is no file (a pipe, a
+//! folder, a link that leads nowhere) counts as a picture that cannot be read. Colour becomes grey
+//! by its luminance. Frames come in the order of their names, in which numbers count as numbers:
+//! `view9.png` comes before `view10.png`.
 //!
-//! A camera may lack some files, as one does that failed while the others went on: its views are then [`Image::missing`]. Who needs them all asks for
-//! a [`Folder::complete`] one.
+//! A camera may lack some files, as one does that failed while the others went on: its views are
+//! then [`Image::missing`]. Who needs them all asks for a [`Folder::complete`] one.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -83,7 +84,8 @@ impl Listing {
     }
 }
 
-/// A listed folder of captures. *Invariant:* when it was listed, at least one frame had a file in every camera's folder.
+/// A listed folder of captures. *Invariant:* when it was listed, at least one frame had a file in
+/// every camera's folder.
 #[derive(Clone, Debug)]
 pub struct Folder {
     /// One folder per camera, in the rig's order, and the files in it.
@@ -96,11 +98,12 @@ pub struct Folder {
 impl Folder {
     /// Lists the frames in `dir`, whose subfolders are `names`, one per camera in the rig's order.
     ///
-    /// No image is opened yet. `image_size_px` (width, height) is what every image must turn out to have,
-    /// `period_us` the time between frames.
+    /// No image is opened yet. `image_size_px` (width, height) is what every image must turn out to
+    /// have, `period_us` the time between frames.
     ///
     /// # Errors
-    /// If a camera has no folder, or no frame has a file of every camera: then names are wrong rather than files lost.
+    /// If a camera has no folder, or no frame has a file of every camera: then names are wrong
+    /// rather than files lost.
     pub fn open(
         dir: &Path,
         names: &[String],
@@ -182,7 +185,8 @@ impl Folder {
         self.frames.is_empty()
     }
 
-    /// The frames in order, each read when asked for, without the views that are missing. A frame that cannot be read does not end the rest.
+    /// The frames in order, each read when asked for, without the views that are missing. A frame
+    /// that cannot be read does not end the rest.
     pub fn captures(&self) -> impl ExactSizeIterator<Item = Result<Capture, InputError>> + '_ {
         self.frames.iter().enumerate().map(|(index, name)| {
             let views = self
@@ -206,7 +210,8 @@ fn incomplete(missing: &Path) -> InputError {
     )
 }
 
-/// Writes a capture as frame number `index` into `dir`, one PNG per camera, making folders as needed.
+/// Writes a capture as frame number `index` into `dir`, one PNG per camera, making folders as
+/// needed.
 pub fn save(
     dir: &Path,
     names: &[String],
@@ -311,7 +316,8 @@ pub fn listing(camera: &Path) -> Result<Listing, InputError> {
     Ok(listing)
 }
 
-/// The name with every number padded with zeros, so that alphabetic order is the order of the numbers.
+/// The name with every number padded with zeros, so that alphabetic order is the order of the
+/// numbers.
 pub(crate) fn numbers_padded(name: &str) -> String {
     let mut key = String::new();
     let mut rest = name;

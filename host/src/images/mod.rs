@@ -1,5 +1,5 @@
-//! Where images come from: folders of files, live cameras, and rendered scenes. Each source yields timestamped
-//! captures, one view per camera in the rig's order.
+//! Where images come from: folders of files, live cameras, and rendered scenes. Each source yields
+//! timestamped captures, one view per camera in the rig's order.
 
 pub mod cameras;
 pub mod decode;

@@ -1,15 +1,17 @@
-//! What the cameras see of a poster: rendered from the camera models alone, so that tests know the truth.
+//! What the cameras see of a poster: rendered from the camera models alone, so that tests know the
+//! truth.
 //!
-//! A ray leaves camera `k` at `C = (cx, cy, 0)` along `d = (xi, eta, 1)` and meets the poster's plane
-//! through `O` with normal `n` where
+//! A ray leaves camera `k` at `C = (cx, cy, 0)` along `d = (xi, eta, 1)` and meets the poster's
+//! plane through `O` with normal `n` where
 //!
 //! ```text
 //! t = n . (O - C) / n . d        point = C + t d        (u, v) = in-plane coordinates of point - O
 //! ```
 //!
-//! The grey level there comes from a copy of the poster blurred once, on the poster, by the lens and by the
-//! pixel's own area as they are at the scene's depth. The blur is symmetric, so it moves nothing; that it does not
-//! grow with depth or tilt is the renderer's one approximation, and is why scenes are near their depth.
+//! The grey level there comes from a copy of the poster blurred once, on the poster, by the lens
+//! and by the pixel's own area as they are at the scene's depth. The blur is symmetric, so it moves
+//! nothing; that it does not grow with depth or tilt is the renderer's one approximation, and is
+//! why scenes are near their depth.
 
 mod blur;
 
@@ -26,8 +28,8 @@ use crate::random::Random;
 pub struct SceneSettings {
     /// Distance of the poster's origin from the cameras' plane at zero displacement, mm.
     pub depth_mm: f64,
-    /// Rotation of the poster, rad: first about x (positive moves its lower half nearer), then about y
-    /// (positive moves its right half nearer).
+    /// Rotation of the poster, rad: first about x (positive moves its lower half nearer), then
+    /// about y (positive moves its right half nearer).
     pub tilt_rad: [f64; 2],
     /// Standard deviation of the lens's point spread, px.
     pub blur_px: f64,
@@ -52,7 +54,8 @@ impl Default for SceneSettings {
 pub struct Pose {
     /// Displacement of its origin, mm: right, down, away as seen from the cameras.
     pub relative_mm: [f64; 3],
-    /// How it is turned about its origin: axis times angle, degrees, right-handed about the cameras' axes.
+    /// How it is turned about its origin: axis times angle, degrees, right-handed about the
+    /// cameras' axes.
     pub turned_deg: [f64; 3],
 }
 
@@ -69,7 +72,8 @@ impl Pose {
 /// What one camera does with one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
-    /// Where the poster is when the shutter opens and when it closes. It goes evenly from one to the other.
+    /// Where the poster is when the shutter opens and when it closes. It goes evenly from one to
+    /// the other.
     pub poses: [Pose; 2],
     /// What the light is multiplied with, before the sensor's noise.
     pub gain: f64,
@@ -157,7 +161,8 @@ impl Scene {
         check(texture, &settings)?;
         let texels_per_mm = texture.mm_per_texel.recip();
         let texels_per_px = settings.depth_mm / rig.mean_focal_px() * texels_per_mm;
-        // A pixel gathers light over its square, of variance 1/12; the spline adds its own share of blur.
+        // A pixel gathers light over its square, of variance 1/12; the spline adds its own share of
+        // blur.
         let variance = (settings.blur_px.powi(2) + 1.0 / 12.0) * texels_per_px.powi(2);
         let sigma = (variance - spline::VARIANCE).max(0.0).sqrt();
         let blurred = blur::gaussian(texture.width, texture.height, &texture.grey, sigma);
@@ -180,13 +185,15 @@ impl Scene {
         &self.settings
     }
 
-    /// Moves the poster within its plane until this point of it, mm from the middle of the texture, is its origin.
+    /// Moves the poster within its plane until this point of it, mm from the middle of the texture,
+    /// is its origin.
     pub fn look_at(&mut self, poster_mm: [f64; 2]) {
         let middle = self.middle_texel;
         self.origin_texel = [0, 1].map(|i| middle[i] + poster_mm[i] * self.texels_per_mm);
     }
 
-    /// The poster's point `(u, v)` mm from its origin in the cameras' axes, mm, when displaced by `relative_mm`.
+    /// The poster's point `(u, v)` mm from its origin in the cameras' axes, mm, when displaced by
+    /// `relative_mm`.
     pub fn point_mm(&self, poster_mm: [f64; 2], relative_mm: [f64; 3]) -> [f64; 3] {
         let origin = self.origin_mm(relative_mm);
         std::array::from_fn(|i| {
@@ -194,8 +201,9 @@ impl Scene {
         })
     }
 
-    /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away) as seen from
-    /// the cameras. Noise depends on `seed` and the camera alone. Pixels that do not see the poster are black.
+    /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away)
+    /// as seen from the cameras. Noise depends on `seed` and the camera alone. Pixels that do not
+    /// see the poster are black.
     pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> Capture {
         let shot = Shot::of(Pose::at(relative_mm), self.settings.noise_grey);
         let views = thread::scope(|scope| {
@@ -213,7 +221,8 @@ impl Scene {
         Capture { time_us, views }
     }
 
-    /// The views of all cameras, each with its own shot; [`Scene::render`] with everything that can be varied.
+    /// The views of all cameras, each with its own shot; [`Scene::render`] with everything that can
+    /// be varied.
     pub fn shoot(&self, shots: &[Shot], time_us: u64, seed: u64) -> Capture {
         let eyes = self.eyes.iter().zip(shots).enumerate();
         let view = |(index, (eye, shot)): (usize, (&Eye, &Shot))| {
@@ -331,7 +340,8 @@ fn check(texture: &Texture, settings: &SceneSettings) -> Result<(), SceneError> 
     Ok(())
 }
 
-/// Images of the unit vectors under the rotation about x, then about y: the poster's right, down and away.
+/// Images of the unit vectors under the rotation about x, then about y: the poster's right, down
+/// and away.
 fn axes([about_x, about_y]: [f64; 2]) -> [[f64; 3]; 3] {
     let ((sx, cx), (sy, cy)) = (about_x.sin_cos(), about_y.sin_cos());
     [

@@ -1,14 +1,15 @@
 //! A smooth surface through a wrapped lattice of samples.
 //!
-//! The uniform cubic B-spline smooths what it is given by a kernel of variance 1/3 (in squared sample
-//! distances) and passes almost nothing of the lattice itself: what repeats with the samples is damped by
-//! `sinc^4`, against `sinc^2` for bilinear sampling. So a picture that was blurred beforehand moves
-//! without any sample-to-sample wobble.
+//! The uniform cubic B-spline smooths what it is given by a kernel of variance 1/3 (in squared
+//! sample distances) and passes almost nothing of the lattice itself: what repeats with the samples
+//! is damped by `sinc^4`, against `sinc^2` for bilinear sampling. So a picture that was blurred
+//! beforehand moves without any sample-to-sample wobble.
 
 /// What sampling by [`Surface::at`] adds to the variance of any blur, in squared sample distances.
 pub(super) const VARIANCE: f64 = 1.0 / 3.0;
 
-/// The four weights at the fraction `0 <= t < 1` of the way from the second sample to the third. Their sum is 1.
+/// The four weights at the fraction `0 <= t < 1` of the way from the second sample to the third.
+/// Their sum is 1.
 pub(super) fn weights(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
@@ -60,11 +61,13 @@ impl Surface {
         value
     }
 
-    /// The sample at or before `x` on the wrapped axis, and the weights of the four taps around `x`.
+    /// The sample at or before `x` on the wrapped axis, and the weights of the four taps around
+    /// `x`.
     fn split(x: f64, count: usize) -> (usize, [f32; 4]) {
         let whole = x.floor();
         let turns = (whole / count as f64).floor();
-        // Not finite or beyond 2^53, `x` has no place on the axis; the cast then gives some index in range.
+        // Not finite or beyond 2^53, `x` has no place on the axis; the cast then gives some index
+        // in range.
         let index = (whole - turns * count as f64) as usize;
         (index.min(count - 1), weights((x - whole) as f32))
     }

@@ -1,5 +1,5 @@
-//! Posters to look at: from dead leaves, which have the statistics of natural pictures, to a perfectly
-//! periodic grid, on which every matcher that trusts appearance alone goes wrong.
+//! Posters to look at: from dead leaves, which have the statistics of natural pictures, to a
+//! perfectly periodic grid, on which every matcher that trusts appearance alone goes wrong.
 //!
 //! All posters repeat endlessly, without a seam, so no motion ever leaves them.
 
@@ -14,7 +14,8 @@ use crate::random::Random;
 
 /// Width and height of the drawn posters, texels.
 const SIZE: usize = 2048;
-/// Size of one texel of the drawn posters, mm. At 850 mm and 533 px focal length a pixel is 4 texels.
+/// Size of one texel of the drawn posters, mm. At 850 mm and 533 px focal length a pixel is 4
+/// texels.
 const MM_PER_TEXEL: f64 = 0.4;
 
 /// A flat grey picture of known size, repeated endlessly in both directions.
@@ -31,7 +32,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// The poster of a kind. Equal seeds give equal posters; [`TextureKind::Grid`] has no randomness to seed.
+    /// The poster of a kind. Equal seeds give equal posters; [`TextureKind::Grid`] has no
+    /// randomness to seed.
     pub fn of_kind(kind: TextureKind, seed: u64) -> Self {
         match kind {
             TextureKind::Natural => Self::natural(seed),
@@ -42,7 +44,8 @@ impl Texture {
         }
     }
 
-    /// Dead leaves: opaque shapes of all sizes fallen upon each other. Rich in corners at every scale.
+    /// Dead leaves: opaque shapes of all sizes fallen upon each other. Rich in corners at every
+    /// scale.
     pub fn natural(seed: u64) -> Self {
         Self::drawn(leaves::fall(SIZE, &mut Random::new(seed, 1)))
     }
@@ -80,7 +83,8 @@ impl Texture {
         Self::drawn(clouds.iter().map(|c| 128.0 + 42.0 * c).collect())
     }
 
-    /// A wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by slight grain.
+    /// A wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by slight
+    /// grain.
     pub fn bricks(seed: u64) -> Self {
         let (wide, high, mortar) = (128, 64, 10);
         let grain = noise::octaves(SIZE, &[4, 8], &mut Random::new(seed, 3));
@@ -93,7 +97,8 @@ impl Texture {
         Self::drawn((0..SIZE * SIZE).map(texel).collect())
     }
 
-    /// Black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals every other.
+    /// Black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals every
+    /// other.
     pub fn grid() -> Self {
         let (pitch, line) = (64, 8);
         let texel = |i: usize| {

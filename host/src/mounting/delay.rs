@@ -145,7 +145,8 @@ pub fn delay(passings: &[Passing], path: &Path, matrix: &[[f64; 3]; 3]) -> Resul
     let mut delay_s = 0.0;
     let mut information = 0.0;
     for _ in 0..STEPS {
-        // Per axis the offset is eliminated: weighted means of speeds and of residuals are taken off.
+        // Per axis the offset is eliminated: weighted means of speeds and of residuals are taken
+        // off.
         let mut gradient = 0.0;
         information = 0.0;
         for axis in 0..3 {

@@ -1,11 +1,13 @@
 //! The matrix from what was seen, by least squares.
 //!
-//! A stage at `p` shows a target at rest displaced by `d = b - A p` along the cameras' axes: `A` says how the stage's axes move the cameras, `b` what
-//! the reference picture is off by. The steps are exact beside the pictures, so each camera axis is an ordinary regression of its `d` on `p`.
-//! The rig file's matrix takes a displacement along the cameras' axes to one along the stage's: `M = A⁻¹`.
+//! A stage at `p` shows a target at rest displaced by `d = b - A p` along the cameras' axes: `A`
+//! says how the stage's axes move the cameras, `b` what the reference picture is off by. The steps
+//! are exact beside the pictures, so each camera axis is an ordinary regression of its `d` on `p`.
+//! The rig file's matrix takes a displacement along the cameras' axes to one along the stage's:
+//! `M = A⁻¹`.
 //!
-//! The scatter about the fit is that of one picture; if the pictures' own sigma is larger, that is taken. With `C_r` the covariance of row `r` of `A`,
-//! and since `dM = -M dA M`:
+//! The scatter about the fit is that of one picture; if the pictures' own sigma is larger, that is
+//! taken. With `C_r` the covariance of row `r` of `A`, and since `dM = -M dA M`:
 //!
 //! ```text
 //! var M_ij = Σ_r M_ir² m_jᵀ C_r m_j      m_j the column j of M
@@ -206,7 +208,8 @@ mod tests {
     use crate::mounting::plan::stops;
     use crate::random::Random;
 
-    /// Turned by 5 degrees about an oblique axis, 1.02 times as far as it is sent, the second axis the wrong way round.
+    /// Turned by 5 degrees about an oblique axis, 1.02 times as far as it is sent, the second axis
+    /// the wrong way round.
     fn mounted() -> Matrix3<f64> {
         let axis = nalgebra::Unit::new_normalize(Vector3::new(1.0, -2.0, 3.0));
         let turn = nalgebra::Rotation3::from_axis_angle(&axis, 5f64.to_radians());

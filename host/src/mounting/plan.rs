@@ -12,10 +12,12 @@ pub struct Stop {
 /// Places on each axis where the target is looked at, as shares of the reach.
 const PLACES: [f64; 6] = [-1.0, -0.6, -0.2, 0.2, 0.6, 1.0];
 
-/// Where each axis starts from, without looking: every place is come to in the same direction, so that lost motion does not show.
+/// Where each axis starts from, without looking: every place is come to in the same direction, so
+/// that lost motion does not show.
 const RUN_UP: f64 = -1.2;
 
-/// Along each axis through `centre_mm`, `reach_mm` either way, and back to the centre. The reference is taken at the first stop.
+/// Along each axis through `centre_mm`, `reach_mm` either way, and back to the centre. The
+/// reference is taken at the first stop.
 pub fn stops(centre_mm: [f64; 3], reach_mm: f64) -> Vec<Stop> {
     let at = |axis: usize, share: f64, looks| {
         let mut position_mm = centre_mm;

@@ -1,4 +1,5 @@
-//! A new matrix in the user's own rig file: everything else stays as it stands there, comments included.
+//! A new matrix in the user's own rig file: everything else stays as it stands there, comments
+//! included.
 
 use std::path::Path;
 

@@ -135,7 +135,8 @@ fn special(_: &Path, about: &fs::Metadata) -> io::Result<File> {
     Err(io::Error::other(what))
 }
 
-/// Opens a named pipe that another program reads. Opened plainly it would wait for a reader for ever.
+/// Opens a named pipe that another program reads. Opened plainly it would wait for a reader for
+/// ever.
 #[cfg(unix)]
 fn pipe(path: &Path) -> io::Result<File> {
     use rustix::fs::OFlags;

@@ -116,8 +116,8 @@ fn backup(target: &Path) -> io::Result<Option<PathBuf>> {
     unused(target, |backup| fs::hard_link(target, backup)).map(|((), backup)| Some(backup))
 }
 
-/// A file that did not exist before, in the folder of `path` so that renaming stays on one file system.
-/// If it `is_private`, only its owner may read it for now.
+/// A file that did not exist before, in the folder of `path` so that renaming stays on one file
+/// system. If it `is_private`, only its owner may read it for now.
 fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
     if path.file_name().is_none() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "names no file"));

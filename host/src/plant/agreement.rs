@@ -1,4 +1,5 @@
-//! Planner, generator and plant agree: what was planned is what the motors get, at times their drivers accept.
+//! Planner, generator and plant agree: what was planned is what the motors get, at times their
+//! drivers accept.
 
 use super::*;
 use crate::random::Random;
@@ -43,7 +44,8 @@ impl Stage {
         self.planner.set_target(steps.map(Position::centre));
     }
 
-    /// One tick from the planner through to the motors; the counts must agree at its end. Returns its words.
+    /// One tick from the planner through to the motors; the counts must agree at its end. Returns
+    /// its words.
     fn tick(&mut self) -> Vec<u32> {
         let mut words = Vec::new();
         for segment in self.planner.plan_tick() {
@@ -91,7 +93,8 @@ fn ten_thousand_retargets_make_the_planned_steps_and_keep_all_times() {
     );
 }
 
-/// The worst the generator can do to a driver: random valid segments at every speed, turning wherever it may.
+/// The worst the generator can do to a driver: random valid segments at every speed, turning
+/// wherever it may.
 #[test]
 fn random_segments_keep_the_promised_words_of_set_up_and_hold() {
     use shared::steps::{AxisMotion, Segment};
@@ -240,7 +243,8 @@ fn edges_keep_the_limits() {
     }
 }
 
-/// From the tick that takes a new setpoint to the first STEP edge that the old one would not have made.
+/// From the tick that takes a new setpoint to the first STEP edge that the old one would not have
+/// made.
 #[test]
 fn a_new_setpoint_changes_steps_within_two_milliseconds() {
     // The segment queue and the word ring hold up to 1 ms that cannot be called back.
@@ -280,7 +284,8 @@ fn a_new_setpoint_changes_steps_within_two_milliseconds() {
             println!(
                 "{jerk} µm/s³, in motion for {warm_up} ms: first changed step after {first_us} µs + queue"
             );
-            // From rest half a step must be made first: (6 · ½ / j)^(1/3), a whole tick at each jerk.
+            // From rest half a step must be made first: (6 · ½ / j)^(1/3), a whole tick at each
+            // jerk.
             let half_step_us = 1e6 * (3.0 / (f64::from(jerk) * 1.6)).cbrt();
             let allowed = if warm_up == 0 {
                 1.1 * half_step_us

@@ -18,8 +18,8 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// An axis that holds all drawable `values`, with a little air around them and about `count` labels.
-    /// Without any value it runs from 0 to 1.
+    /// An axis that holds all drawable `values`, with a little air around them and about `count`
+    /// labels. Without any value it runs from 0 to 1.
     pub fn around(values: impl IntoIterator<Item = f64>, count: usize) -> Self {
         let drawable = values.into_iter().filter(|value| drawable(*value));
         let extremes = drawable.fold(None, |range: Option<(f64, f64)>, value| {
@@ -44,9 +44,9 @@ impl Axis {
         Self::spanning(low - 0.05 * span, high + 0.05 * span, count)
     }
 
-    /// An axis from `low` to `high` (`low < high`, both drawable), labelled at multiples of 1, 2 or 5
-    /// times a power of ten: at least two labels, since one gives no scale, and else at most `count + 1`
-    /// (or 5 if that is more).
+    /// An axis from `low` to `high` (`low < high`, both drawable), labelled at multiples of 1, 2 or
+    /// 5 times a power of ten: at least two labels, since one gives no scale, and else at most
+    /// `count + 1` (or 5 if that is more).
     pub fn spanning(low: f64, high: f64, count: usize) -> Self {
         let count = count.clamp(1, 50);
         let rough = (high - low) / count as f64;

@@ -1,7 +1,7 @@
 //! The sheet a figure is drawn on, and its lettering.
 //!
-//! `plotters` places everything on whole units. A unit here is a tenth of a pixel, so that a slow curve is
-//! a curve and not a staircase; the document's header scales it back.
+//! `plotters` places everything on whole units. A unit here is a tenth of a pixel, so that a slow
+//! curve is a curve and not a staircase; the document's header scales it back.
 
 use super::Error;
 use super::markup::{escape, printable_text};
@@ -25,8 +25,8 @@ pub(super) const GRID: RGBColor = RGBColor(0xe4, 0xe7, 0xeb);
 pub(super) const AXIS: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
 pub(super) const SHADOW: RGBColor = RGBColor(0xc3, 0xca, 0xd2);
 
-/// Colours that stay apart for people with any of the common colour vision deficiencies, and on paper in
-/// grey (Okabe and Ito's set without its yellow, which is unreadable on white).
+/// Colours that stay apart for people with any of the common colour vision deficiencies, and on
+/// paper in grey (Okabe and Ito's set without its yellow, which is unreadable on white).
 const PALETTE: [RGBColor; 7] = [
     RGBColor(0x00, 0x72, 0xb2),
     RGBColor(0xd5, 0x5e, 0x00),
@@ -102,8 +102,8 @@ pub(super) fn render(
 
 fn write_title(sheet: &Sheet, title: &str) -> Result<(), String> {
     let style = lettering(TITLE, INK, HPos::Left, VPos::Center);
-    // A title wider than the figure is set smaller, down to the size of its other text, and then cut: the
-    // document's own title holds all of it.
+    // A title wider than the figure is set smaller, down to the size of its other text, and then
+    // cut: the document's own title holds all of it.
     let available = f64::from(sheet.dim_in_pixel().0) / UNIT - 16.0;
     let size = (TITLE * available / bold_width(title, TITLE).max(1.0)).clamp(TEXT - 1.0, TITLE);
     let mut shown = title.to_owned();
@@ -152,8 +152,8 @@ pub(super) fn write_text(
         .map_err(refusal)
 }
 
-/// About how wide a text is, px. No font is at hand, and the reader's is not ours: this is the width in a
-/// wide sans-serif (DejaVu, Verdana), so that others fit as well.
+/// About how wide a text is, px. No font is at hand, and the reader's is not ours: this is the
+/// width in a wide sans-serif (DejaVu, Verdana), so that others fit as well.
 pub(super) fn text_width(text: &str, pixels: f64) -> f64 {
     let ems = text.chars().map(|c| match c {
         'i' | 'j' | 'l' | '.' | ',' | ':' | ';' | '\'' | '|' | ' ' | 'I' | '(' | ')' | 'f'

@@ -22,8 +22,8 @@ pub(super) struct Entry<'a> {
     pub index: usize,
 }
 
-/// Draws the legend under the title and returns the height used by both, px. Series without a name are
-/// left out; a figure with one named series still shows it, since the name says what is drawn.
+/// Draws the legend under the title and returns the height used by both, px. Series without a name
+/// are left out; a figure with one named series still shows it, since the name says what is drawn.
 pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, String> {
     let width = f64::from(sheet.dim_in_pixel().0) / UNIT;
     let named: Vec<&Entry> = entries

@@ -34,8 +34,8 @@ fn printable(c: char) -> char {
 /// Checks for tests: every tag that opens closes in order, every `&` starts an entity.
 #[cfg(test)]
 pub(super) mod balance {
-    /// The first fault in `document`, or nothing. Written for the pages and figures made here: XML rules,
-    /// plus `<!doctype html>`.
+    /// The first fault in `document`, or nothing. Written for the pages and figures made here: XML
+    /// rules, plus `<!doctype html>`.
     pub fn fault(document: &str) -> Option<String> {
         let mut open: Vec<&str> = Vec::new();
         let mut rest = document;

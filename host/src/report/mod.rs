@@ -1,14 +1,19 @@
-//! What a run found, on paper: one HTML file that needs nothing else, and the same tables on screen.
+//! What a run found, on paper: one HTML file that needs nothing else, and the same tables on
+//! screen.
 //!
-//! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and hands them to a
-//! [`Page`]. The page is one file: no script, no font, no image and no address outside itself, so it can be
-//! mailed, archived beside a recording, and opened in twenty years.
+//! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and hands them
+//! to a [`Page`]. The page is one file: no script, no font, no image and no address outside itself,
+//! so it can be mailed, archived beside a recording, and opened in twenty years.
 //!
-//! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same cells.
-//! - A figure is drawn as SVG by `plotters`, in tenths of a pixel ([`Figure::to_svg`] also serves a README).
-//! - Data are taken as they come: what is not a number leaves a gap, an empty series leaves "no data".
+//! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same
+//!   cells.
+//! - A figure is drawn as SVG by `plotters`, in tenths of a pixel ([`Figure::to_svg`] also serves a
+//!   README).
+//! - Data are taken as they come: what is not a number leaves a gap, an empty series leaves "no
+//!   data".
 //!
-//! *Invariant:* nothing here measures or decides; a figure shows the numbers it was given and nothing else.
+//! *Invariant:* nothing here measures or decides; a figure shows the numbers it was given and
+//! nothing else.
 //!
 //! ```
 //! use host::report::{Cell, LinePlot, Page, Style, Table};

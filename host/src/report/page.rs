@@ -50,7 +50,8 @@ impl Page {
         self.with(Part::Table(table))
     }
 
-    /// The page with one more figure: a [`super::LinePlot`], [`super::Scatter`] or [`super::Path3d`].
+    /// The page with one more figure: a [`super::LinePlot`], [`super::Scatter`] or
+    /// [`super::Path3d`].
     pub fn plot(self, figure: impl Into<Figure>) -> Self {
         self.with(Part::Figures(vec![figure.into()]))
     }

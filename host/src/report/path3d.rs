@@ -1,5 +1,5 @@
-//! Paths and points in space, seen from one fixed side without perspective, so that equal lengths along an
-//! axis look equal wherever they are.
+//! Paths and points in space, seen from one fixed side without perspective, so that equal lengths
+//! along an axis look equal wherever they are.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -13,8 +13,8 @@ use super::stroke::{self, Style};
 use plotters::prelude::{Circle, Color as _, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
 
-/// Positions in space. The box is as high as half its width whatever the ranges are: depth moves are often
-/// much smaller than the others, and their scale is on the axis.
+/// Positions in space. The box is as high as half its width whatever the ranges are: depth moves
+/// are often much smaller than the others, and their scale is on the axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path3d {
     /// What it shows.
@@ -30,7 +30,8 @@ pub struct Path3d {
 /// Half the box's extent along each axis.
 const HALF: [f64; 3] = [1.0, 1.0, 0.62];
 
-/// Where the eye is: 35 degrees right of the x axis seen from the front, 24 degrees above the floor.
+/// Where the eye is: 35 degrees right of the x axis seen from the front, 24 degrees above the
+/// floor.
 const AZIMUTH_DEG: f64 = -55.0;
 const ELEVATION_DEG: f64 = 24.0;
 
@@ -128,7 +129,8 @@ impl View {
         }
     }
 
-    /// Where a point of the box is on the sheet; each coordinate runs from -1 to 1 between the walls.
+    /// Where a point of the box is on the sheet; each coordinate runs from -1 to 1 between the
+    /// walls.
     fn spot(&self, unit: [f64; 3]) -> Spot {
         let [x, y] = flat([0, 1, 2].map(|i| unit[i] * HALF[i]));
         (
@@ -198,8 +200,8 @@ impl View {
     }
 
     fn draw_labels(&self, sheet: &Sheet, names: &[String; 3]) -> Result<(), String> {
-        // Each axis: its edge as a function of the position along it, where labels go from there, how they
-        // are held.
+        // Each axis: its edge as a function of the position along it, where labels go from there,
+        // how they are held.
         let edges: [fn(f64) -> [f64; 3]; 3] =
             [|t| [t, -1.0, -1.0], |t| [1.0, t, -1.0], |t| [-1.0, -1.0, t]];
         let away = [[-6.0, 14.0], [9.0, 12.0], [-9.0, 0.0]];

@@ -1,4 +1,5 @@
-//! How a series looks, in the plane of the sheet: the same strokes for plots and for paths in space.
+//! How a series looks, in the plane of the sheet: the same strokes for plots and for paths in
+//! space.
 
 use super::canvas::{Sheet, Spot, UNIT, colour, pen, refusal, units};
 use plotters::element::DashedPathElement;
@@ -38,11 +39,12 @@ const LINE: f64 = 1.8;
 /// Dash and gap, px.
 const DASH: f64 = 7.0;
 const GAP: f64 = 5.0;
-/// Dashes are separate elements of the file; a curve longer than this many pixels is drawn solid and thin.
+/// Dashes are separate elements of the file; a curve longer than this many pixels is drawn solid
+/// and thin.
 const LONGEST_DASHED: f64 = 6000.0;
 
-/// Draws one series. `runs` are its unbroken stretches; a stretch of a single point gets a marker, since a
-/// line of one point cannot be seen.
+/// Draws one series. `runs` are its unbroken stretches; a stretch of a single point gets a marker,
+/// since a line of one point cannot be seen.
 pub(super) fn draw(
     sheet: &Sheet,
     runs: &[Vec<Spot>],
@@ -145,8 +147,9 @@ fn held(run: &[Spot]) -> Vec<Spot> {
     path
 }
 
-/// The path with what no eye can see left out: of the points in one pixel column only the first, the
-/// lowest, the highest and the last stay. A path that turns back keeps its order; only neighbours merge.
+/// The path with what no eye can see left out: of the points in one pixel column only the first,
+/// the lowest, the highest and the last stay. A path that turns back keeps its order; only
+/// neighbours merge.
 pub(super) fn thinned(path: &[Spot]) -> Vec<Spot> {
     let mut kept = Vec::new();
     let column = |spot: &Spot| f64::from(spot.0).div_euclid(UNIT);

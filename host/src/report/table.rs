@@ -53,7 +53,8 @@ impl Cell {
         Self::right(fixed(value, decimals))
     }
 
-    /// Several numbers in one cell, each padded to `width` characters so that they line up down the column.
+    /// Several numbers in one cell, each padded to `width` characters so that they line up down the
+    /// column.
     pub fn vector(values: &[f64], decimals: usize, width: usize) -> Self {
         let numbers: Vec<String> = values
             .iter()
@@ -135,8 +136,8 @@ impl Table {
             .any(|row| row.get(j).is_some_and(|cell| cell.right))
     }
 
-    /// The table in aligned columns, for a terminal: caption, a blank line, names over a rule, rows. Ends
-    /// with a line end; no line ends in spaces.
+    /// The table in aligned columns, for a terminal: caption, a blank line, names over a rule,
+    /// rows. Ends with a line end; no line ends in spaces.
     pub fn to_text(&self) -> String {
         let plain = |text: &str| printable_text(text).replace(['\n', '\r', '\t'], " ");
         let names: Vec<String> = self.columns.iter().map(|name| plain(name)).collect();

@@ -1,4 +1,5 @@
-//! What a rig file may say of its stage beyond the axes: lost motion, home switches, and what the station watches. All of it is optional.
+//! What a rig file may say of its stage beyond the axes: lost motion, home switches, and what the
+//! station watches. All of it is optional.
 //!
 //! ```toml
 //! backlash_mm = [0.02, 0.02, 0.05]           # lost motion when an axis turns round; none without
@@ -49,14 +50,16 @@ pub struct Care {
     pub largest_error_mm: Option<f64>,
     /// For how long it may be longer, s.
     pub longest_error_s: f64,
-    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any. Only while prediction is on.
+    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any.
+    /// Only while prediction is on.
     pub largest_unseen_mm: Option<f64>,
     /// Time at rest after which the motors are switched off, s; 0 is never.
     pub motors_off_after_s: u16,
 }
 
 impl Default for Care {
-    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; 10 mm of steps in vain.
+    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; 10 mm of
+    /// steps in vain.
     fn default() -> Self {
         Self {
             backlash_mm: [0.0; 3],

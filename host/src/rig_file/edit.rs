@@ -1,4 +1,5 @@
-//! Other numbers in the text of a rig file: everything else stays as it stands there, comments included.
+//! Other numbers in the text of a rig file: everything else stays as it stands there, comments
+//! included.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! A value of a TOML file that knows its own name and line, so that whatever is wrong with it can be said
-//! in full: `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
+//! A value of a TOML file that knows its own name and line, so that whatever is wrong with it can
+//! be said in full: `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
 
 use std::ops::Range;
 use std::path::Path;

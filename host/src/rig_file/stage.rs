@@ -46,12 +46,13 @@ pub struct Stage {
     pub travel_mm: [[f64; 2]; 3],
     /// Whether the motor's positive direction is the axis's negative one.
     pub invert: [bool; 3],
-    /// Rows of the matrix that takes a displacement along the camera axes to one along the stage axes.
-    /// Dimensionless, invertible.
+    /// Rows of the matrix that takes a displacement along the camera axes to one along the stage
+    /// axes. Dimensionless, invertible.
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
     pub driver: Driver,
-    /// How a target is followed: `prediction` (optional, true without) and `coast_ms` (optional, 800 without).
+    /// How a target is followed: `prediction` (optional, true without) and `coast_ms` (optional,
+    /// 800 without).
     pub tracking: Settings,
     /// Lost motion, home switches, and what is watched.
     pub care: Care,
@@ -163,7 +164,8 @@ fn matrix(field: &Field<'_>) -> Result<[[f64; 3]; 3], InputError> {
     let determinant = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
         + a[2] * (b[0] * c[1] - b[1] * c[0]);
     let length = |row: [f64; 3]| row.iter().map(|e| e * e).sum::<f64>().sqrt();
-    // The determinant over the rows' lengths is the volume their directions span: 1 for a square stage.
+    // The determinant over the rows' lengths is the volume their directions span: 1 for a square
+    // stage.
     if determinant.abs() > 1e-3 * length(a) * length(b) * length(c) {
         Ok(rows)
     } else {

@@ -336,7 +336,8 @@ fn the_papers_estimators_want_a_rig_in_line() {
     RigFile::paper().write(&path).unwrap();
     assert_eq!(RigFile::read_in_line(&path).unwrap(), RigFile::paper());
 
-    // The limit, 0.3 % of Z, is 0.6435 mm between middle and right, and 0.6625 between left and middle.
+    // The limit, 0.3 % of Z, is 0.6435 mm between middle and right, and 0.6625 between left and
+    // middle.
     let raised = |heights_mm: [f64; 3]| {
         let mut raised = RigFile::paper();
         for (camera, height) in raised.rig.cameras.iter_mut().zip(heights_mm) {

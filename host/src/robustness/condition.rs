@@ -8,7 +8,8 @@ use shared::rig::Rig;
 pub enum Change {
     /// Nothing: the target moves, and that is all.
     Nothing,
-    /// Light multiplied with 0.7 to 1.4 and shifted by up to 20 grey levels; for each camera its own if so said.
+    /// Light multiplied with 0.7 to 1.4 and shifted by up to 20 grey levels; for each camera its
+    /// own if so said.
     Light {
         /// Whether each camera has its own.
         per_camera: bool,

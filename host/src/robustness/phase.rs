@@ -1,8 +1,10 @@
 //! What all points err by together, at every sub-pixel phase of the motion.
 //!
-//! Interpolation errs by where a template lies between the pixels, and by how far it has moved between them. The flow takes its templates at phases
-//! evenly spread, so that most of it averages out; what remains is common to all points, and no residual shows it. Here it is measured: the
-//! displacement that the whole path gives, less the truth, in pixels of the cameras, with hardly any noise.
+//! Interpolation errs by where a template lies between the pixels, and by how far it has moved
+//! between them. The flow takes its templates at phases evenly spread, so that most of it averages
+//! out; what remains is common to all points, and no residual shows it. Here it is measured: the
+//! displacement that the whole path gives, less the truth, in pixels of the cameras, with hardly
+//! any noise.
 
 use super::trial::Posters;
 use crate::flow::{Flow, Settings};

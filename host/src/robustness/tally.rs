@@ -136,8 +136,8 @@ pub const GROSS_MM: f64 = 0.02;
 /// One gross error may occur in so many measurements.
 pub const GROSS_IN: u32 = 10_000;
 
-/// What of the claims about all measurements together does not hold, in words. `looseness` widens the statistical limits for sweeps of few
-/// measurements: 1 for none.
+/// What of the claims about all measurements together does not hold, in words. `looseness` widens
+/// the statistical limits for sweeps of few measurements: 1 for none.
 pub fn failures_of_all(total: &Tally, looseness: f64) -> Vec<String> {
     let mut failures = Vec::new();
     let [low, high] = [HONEST[0] / looseness, HONEST[1] * looseness];

@@ -256,7 +256,8 @@ impl<'a> Bench<'a> {
         ]
     }
 
-    /// Puts `front` before the right two fifths of the middle view; its left edge is a vertical line in space.
+    /// Puts `front` before the right two fifths of the middle view; its left edge is a vertical
+    /// line in space.
     fn cover(&self, capture: &mut Capture, front: Capture, moved: [f64; 3]) {
         let z = COVER * self.depth_mm;
         let middle = &self.rig.cameras[self.rig.cameras.len() / 2];
@@ -284,7 +285,8 @@ fn dark(like: &Image, noise_grey: f64, mut random: Random) -> Image {
     }
 }
 
-/// Whether the measurement says of its cameras what it has to, and nothing else. `which` is at fault.
+/// Whether the measurement says of its cameras what it has to, and nothing else. `which` is at
+/// fault.
 fn says(seen: &Measurement, condition: &Condition, which: usize) -> bool {
     let expected = |absence: &Absence| match (condition.change, absence) {
         (Change::Fail(failure), absence) => matches!(

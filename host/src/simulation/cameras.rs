@@ -82,7 +82,8 @@ impl Eyes {
         Ok(Self { rig, seed, kind })
     }
 
-    /// The sums of capture `number` (from 1), with the target displaced by `relative_mm` as seen from the cameras.
+    /// The sums of capture `number` (from 1), with the target displaced by `relative_mm` as seen
+    /// from the cameras.
     ///
     /// # Errors
     /// Why there are none, in words.
@@ -196,7 +197,8 @@ mod tests {
         estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6)
     }
 
-    /// A scenario with points in place of pictures is about as hard: their errors are alike on every axis.
+    /// A scenario with points in place of pictures is about as hard: their errors are alike on
+    /// every axis.
     #[test]
     fn points_are_about_as_uncertain_as_pictures() {
         let rendered = Sight::Rendered {

@@ -7,10 +7,12 @@ use crate::station::diagnosis;
 use shared::safety::{Fault, State};
 use shared::track::pursuit::Sight;
 
-/// The `[expect]` section. Figures are those of [`Figures`], over the scenario's measured time; each is an upper bound.
+/// The `[expect]` section. Figures are those of [`Figures`], over the scenario's measured time;
+/// each is an upper bound.
 ///
-/// Three things are always expected: no step is lost, speed and acceleration of the stage are within its limits (abrupt stops left out), and a
-/// host that falls silent leaves a stage that stands within the bound of its way. So is that no command of the scenario is refused.
+/// Three things are always expected: no step is lost, speed and acceleration of the stage are
+/// within its limits (abrupt stops left out), and a host that falls silent leaves a stage that
+/// stands within the bound of its way. So is that no command of the scenario is refused.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expect {
     /// [`Figures::rms_mm`].
@@ -29,7 +31,8 @@ pub struct Expect {
     pub reversals_per_s: Option<f64>,
     /// The 99th percentile of [`Figures::latency_ms`].
     pub latency_ms: Option<f64>,
-    /// Without prediction, [`Figures::rms_3d_mm`] must be at least so many times larger. The scenario is run a second time for this.
+    /// Without prediction, [`Figures::rms_3d_mm`] must be at least so many times larger. The
+    /// scenario is run a second time for this.
     pub prediction_gain: Option<f64>,
     /// [`Figures::steps`], exactly ...
     pub steps: Option<[i64; 3]>,
@@ -62,7 +65,8 @@ pub struct Checkpoint {
 const STANDING: f64 = 20.0 * SAMPLE_S;
 
 impl Scenario {
-    /// Everything that was expected and is not so, in words. `unpredicted` are the figures of the run without prediction, if there was one.
+    /// Everything that was expected and is not so, in words. `unpredicted` are the figures of the
+    /// run without prediction, if there was one.
     pub fn missed(
         &self,
         trace: &Trace,

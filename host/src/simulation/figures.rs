@@ -1,8 +1,10 @@
 //! Figures of a run, from its trace alone.
 //!
-//! *Error* is where the cameras are minus where the target is, each from its place at the keyframe, at every millisecond: the truth of the step
-//! pins, not the station's estimate. Speed and acceleration of the stage are differences of its position over 20 ms, which are means of
-//! the derivative; a position is known to one step, so a difference of order `k` is off by `2^(k-1)` steps over the window's `k`th power at most.
+//! *Error* is where the cameras are minus where the target is, each from its place at the keyframe,
+//! at every millisecond: the truth of the step pins, not the station's estimate. Speed and
+//! acceleration of the stage are differences of its position over 20 ms, which are means of the
+//! derivative; a position is known to one step, so a difference of order `k` is off by `2^(k-1)`
+//! steps over the window's `k`th power at most.
 
 use super::motion::Way;
 use super::scenario::{Measure, Scenario};
@@ -18,8 +20,8 @@ const WINDOW_S: f64 = 0.020;
 /// The same in samples.
 const WINDOW: usize = (WINDOW_S / SAMPLE_S) as usize;
 
-/// From the end of the heartbeat time to the stop: the tick of the last ping, the one that notices, the one already planned, and the words in
-/// the engine, s.
+/// From the end of the heartbeat time to the stop: the tick of the last ping, the one that notices,
+/// the one already planned, and the words in the engine, s.
 const NOTICE_S: f64 = 3.6e-3;
 
 /// After something that stops the stage at once it has stopped within this, s.
@@ -32,8 +34,9 @@ pub struct Figures {
     pub rms_mm: [f64; 3],
     /// Largest error per axis, mm.
     pub max_mm: [f64; 3],
-    /// The slowest jump: from the arrival of the first frame that shows it until the error stays within the tolerance, ms. `None` without a jump,
-    /// or if one does not settle before the target moves on.
+    /// The slowest jump: from the arrival of the first frame that shows it until the error stays
+    /// within the tolerance, ms. `None` without a jump, or if one does not settle before the target
+    /// moves on.
     pub settle_ms: Option<f64>,
     /// From a capture to the first port word that its frame can change.
     pub latency_ms: Latency,
@@ -51,9 +54,11 @@ pub struct Figures {
     pub rms_3d_mm: f64,
     /// Length of the mean error, mm: of a target on a straight line, the steady lag.
     pub lag_mm: f64,
-    /// How far the stage goes beyond a jump's end, over the jump, the worst axis. `None` without a jump.
+    /// How far the stage goes beyond a jump's end, over the jump, the worst axis. `None` without a
+    /// jump.
     pub overshoot: Option<f64>,
-    /// Root mean square of the stage's distance from its mean position, mm: of a target that stands, the jitter.
+    /// Root mean square of the stage's distance from its mean position, mm: of a target that
+    /// stands, the jitter.
     pub jitter_mm: [f64; 3],
     /// Reversals of direction at the pins per second.
     pub reversals_per_s: [f64; 3],
@@ -142,15 +147,16 @@ impl Figures {
     }
 }
 
-/// How far [`Figures::speed_mm_s`] and [`Figures::acceleration_mm_s2`] may be above the truth for want of resolution, on an axis with so many steps
-/// per mm.
+/// How far [`Figures::speed_mm_s`] and [`Figures::acceleration_mm_s2`] may be above the truth for
+/// want of resolution, on an axis with so many steps per mm.
 pub fn resolution(steps_per_mm: f64) -> [f64; 2] {
     let step_mm = steps_per_mm.recip();
     [step_mm / WINDOW_S, 2.0 * step_mm / WINDOW_S.powi(2)]
 }
 
-/// The longest way of an axis from the host's last ping to rest, mm: from speed `v` and any acceleration up to `a`, for the heartbeat time and what it
-/// takes to notice, `T`, and then the planner's ramp; no faster than `most`.
+/// The longest way of an axis from the host's last ping to rest, mm: from speed `v` and any
+/// acceleration up to `a`, for the heartbeat time and what it takes to notice, `T`, and then the
+/// planner's ramp; no faster than `most`.
 ///
 /// ```text
 /// v' = v + aT    v'' = v' + a²/2j    d = vT + aT²/2 + v'a/j + a³/3j² + (v''/2)(v''/a + a/j)
@@ -245,7 +251,8 @@ fn reversals_per_s(samples: &[Sample]) -> [f64; 3] {
     per_axis(|i| f64::from(last.reversals[i] - first.reversals[i]) / seconds)
 }
 
-/// The largest first or second difference of an axis's position over the window, as a derivative; windows that touch an abrupt stop left out.
+/// The largest first or second difference of an axis's position over the window, as a derivative;
+/// windows that touch an abrupt stop left out.
 fn largest_difference(samples: &[Sample], abrupt_s: &[f64], axis: usize, order: usize) -> f64 {
     let at = |index: usize| samples[index].camera_mm[axis];
     let differences = (0..samples.len().saturating_sub(order * WINDOW)).map(|first| {

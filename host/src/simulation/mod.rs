@@ -1,4 +1,5 @@
-//! Scenarios: timelines of target motion, frames and faults as data, run on virtual time, with what must come of them.
+//! Scenarios: timelines of target motion, frames and faults as data, run on virtual time, with what
+//! must come of them.
 //!
 //! ```text
 //! file -> scenario -> run (cameras, host, twin) -> trace -> figures -> missed expectations, page
@@ -6,11 +7,12 @@
 //!
 //! * [`scenario`] says what a file may hold, [`motion`] how the target moves;
 //! * [`run`] is the loop, with [`cameras`] that render pictures or project points;
-//! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to, [`expect`] what it must be;
+//! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to, [`expect`] what
+//!   it must be;
 //! * [`present`] shows it.
 //!
-//! *Invariant:* nothing depends on how fast this machine is: a scenario gives the same step edges in every run, and its tape, replayed on
-//! another machine, too.
+//! *Invariant:* nothing depends on how fast this machine is: a scenario gives the same step edges
+//! in every run, and its tape, replayed on another machine, too.
 
 pub mod cameras;
 pub mod expect;

@@ -1,7 +1,8 @@
 //! How a scenario's target moves: legs, one after the other, each from where the last one ended.
 //!
-//! A leg's own clock may run up and down smoothly: with a ramp of length `R` its rate goes from 0 to 1 as `3u² - 2u³`, `u = t/R`, so that the
-//! leg has passed `R (u³ - u⁴/2)` of its own time after `uR`. A ramp costs half its length.
+//! A leg's own clock may run up and down smoothly: with a ramp of length `R` its rate goes from 0
+//! to 1 as `3u² - 2u³`, `u = t/R`, so that the leg has passed `R (u³ - u⁴/2)` of its own time after
+//! `uR`. A ramp costs half its length.
 
 /// One leg of the target's way.
 #[derive(Clone, Debug, PartialEq)]

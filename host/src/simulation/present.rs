@@ -27,7 +27,8 @@ pub struct Outcome {
     pub missed: Vec<String>,
 }
 
-/// How well the target is followed, one row per run; those without prediction follow their scenario's.
+/// How well the target is followed, one row per run; those without prediction follow their
+/// scenario's.
 pub fn following(outcomes: &[Outcome]) -> Table {
     let table = Table::new(
         "Cameras minus target",

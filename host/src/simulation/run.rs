@@ -1,7 +1,8 @@
 //! The loop: cameras, host and station on virtual time, whatever happens next first.
 //!
-//! Frames are in a pipeline as in life: a capture is taken every period, and each frame arrives its own latency later, so that several may be
-//! under way. The truth is sampled every millisecond from the edges at the station's pins.
+//! Frames are in a pipeline as in life: a capture is taken every period, and each frame arrives its
+//! own latency later, so that several may be under way. The truth is sampled every millisecond from
+//! the edges at the station's pins.
 
 mod events;
 mod look;
@@ -32,7 +33,8 @@ const REST_US: u64 = 10_000_000;
 /// How a scenario is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Whether the station predicts where the target is; without it the stage goes to where the target was seen.
+    /// Whether the station predicts where the target is; without it the stage goes to where the
+    /// target was seen.
     pub prediction: bool,
     /// The name that the station gives in its hello, at most 16 bytes.
     pub board: &'static str,
@@ -116,7 +118,8 @@ struct World<'a> {
 /// Runs a scenario. `progress` is told the share done, 0 to 1, at every capture.
 ///
 /// # Errors
-/// If the scene shows nothing usable, or the station refuses the stage. What goes wrong afterwards is part of the trace.
+/// If the scene shows nothing usable, or the station refuses the stage. What goes wrong afterwards
+/// is part of the trace.
 pub fn run(
     scenario: &Scenario,
     options: Options,

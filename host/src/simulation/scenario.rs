@@ -37,7 +37,8 @@
 //! rms_mm = [0.1, 0.1, 0.2]
 //! ```
 //!
-//! Time starts at the keyframe, whose view is to be kept. Unknown, missing and impossible fields are refused with file, line and name.
+//! Time starts at the keyframe, whose view is to be kept. Unknown, missing and impossible fields
+//! are refused with file, line and name.
 
 use super::expect::Expect;
 use super::motion::Leg;
@@ -88,7 +89,8 @@ pub enum Sight {
         /// Noise, grey levels of 0 to 255.
         noise_grey: f64,
     },
-    /// Points around `depth_mm`, projected exactly, with noise on every pixel coordinate. Same sums, no matching.
+    /// Points around `depth_mm`, projected exactly, with noise on every pixel coordinate. Same
+    /// sums, no matching.
     Points {
         /// How many.
         count: usize,
@@ -119,7 +121,8 @@ pub enum Happening {
         /// How many.
         frames: u32,
     },
-    /// `late`: frames that arrive later than the others; by more than a period, they arrive after their successors.
+    /// `late`: frames that arrive later than the others; by more than a period, they arrive after
+    /// their successors.
     Late {
         /// How many.
         frames: u32,
@@ -217,7 +220,8 @@ impl Scenario {
         self.legs.iter().map(|leg| leg.seconds).sum()
     }
 
-    /// The same with [`Sight::POINTS`] instead of rendered pictures: about as hard, and without the work.
+    /// The same with [`Sight::POINTS`] instead of rendered pictures: about as hard, and without the
+    /// work.
     pub fn with_points(mut self) -> Self {
         self.cameras.sight = Sight::POINTS;
         self

@@ -1,4 +1,5 @@
-//! The host's half of the protocol: numbers packets, understands reports, keeps the latest status. No input or output.
+//! The host's half of the protocol: numbers packets, understands reports, keeps the latest status.
+//! No input or output.
 
 use super::clock::Clock;
 use super::motion::Motion;
@@ -100,7 +101,8 @@ impl Client {
                     let _ = hello.board.push(shown);
                 }
                 self.hello = Some(hello);
-                // A line may have kept what the station told somebody else: of that, only what comes after our hello is for us.
+                // A line may have kept what the station told somebody else: of that, only what
+                // comes after our hello is for us.
                 self.status_is_fresh = false;
                 self.answers.clear();
                 self.answered_tick = None;
@@ -143,7 +145,8 @@ impl Client {
         }
     }
 
-    /// Starts over on a line that was lost: what was heard of the station no longer counts, except its clock.
+    /// Starts over on a line that was lost: what was heard of the station no longer counts, except
+    /// its clock.
     pub fn begin_again(&mut self) {
         self.receiver = Receiver::default();
         self.hello = None;
@@ -209,7 +212,8 @@ impl Client {
         self.status.as_ref().filter(|_| self.status_is_fresh)
     }
 
-    /// The latest status, if it was made at or after the control tick of the latest answer: so it shows what that command has done.
+    /// The latest status, if it was made at or after the control tick of the latest answer: so it
+    /// shows what that command has done.
     pub fn status_since_answer(&self) -> Option<&Status> {
         let status = self.status_since_hello()?;
         let since = status.tick.wrapping_sub(self.answered_tick?);

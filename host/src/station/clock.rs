@@ -1,14 +1,15 @@
 //! The station's clock as seen from the host's, from pings and their replies.
 //!
-//! A ping leaves at `l` and its reply arrives at `r` (host's clock); the station had it from `a` to `b` (its own). Wherever on the way the
-//! time `trip = (r - l) - (b - a)` was lost,
+//! A ping leaves at `l` and its reply arrives at `r` (host's clock); the station had it from `a` to
+//! `b` (its own). Wherever on the way the time `trip = (r - l) - (b - a)` was lost,
 //!
 //! ```text
 //! offset at (l + r)/2  =  (a + b)/2 - (l + r)/2   ± trip/2
 //! ```
 //!
-//! so pings with short trips say more. The shortest of each half second is kept, half a minute of them, and a line is fitted: its height is the
-//! offset, its slope the difference of the two crystals. The bound that is reported rests on the trips alone, not on the fit being good.
+//! so pings with short trips say more. The shortest of each half second is kept, half a minute of
+//! them, and a line is fitted: its height is the offset, its slope the difference of the two
+//! crystals. The bound that is reported rests on the trips alone, not on the fit being good.
 
 use std::collections::VecDeque;
 
@@ -59,8 +60,8 @@ fn difference(a: u64, b: u64) -> f64 {
 }
 
 impl Clock {
-    /// A ping left at `left` and its reply arrived at `arrived` (host's clock, µs); the station had it from `received` to `sent`
-    /// (its clock, µs).
+    /// A ping left at `left` and its reply arrived at `arrived` (host's clock, µs); the station had
+    /// it from `received` to `sent` (its clock, µs).
     pub(super) fn pong(&mut self, left: u64, received: u64, sent: u64, arrived: u64) {
         let away = arrived.saturating_sub(left);
         let there = sent.saturating_sub(received);
@@ -89,11 +90,13 @@ impl Clock {
         self.pongs.clear();
     }
 
-    /// Station time minus host time at a host instant, and the bound of its error, µs. `None` before the first reply.
+    /// Station time minus host time at a host instant, and the bound of its error, µs. `None`
+    /// before the first reply.
     pub fn offset_us(&self, host_us: u64) -> Option<(i64, u64)> {
         let line = self.line()?;
         let value = line.at(host_us);
-        // Each ping bounds the true offset at its own instant; from there to here the clocks part by so much at most.
+        // Each ping bounds the true offset at its own instant; from there to here the clocks part
+        // by so much at most.
         let bound = |pong: &Pong| {
             pong.trip_us as f64 / 2.0
                 + (line.at(pong.middle_us) - pong.offset_us as f64).abs()
@@ -118,7 +121,8 @@ impl Clock {
         line.origin_us.checked_add_signed(since.round() as i64)
     }
 
-    /// Least squares, each ping weighted by its trip: half of it is the standard deviation, plus a microsecond for rounding.
+    /// Least squares, each ping weighted by its trip: half of it is the standard deviation, plus a
+    /// microsecond for rounding.
     fn line(&self) -> Option<Line> {
         let origin_us = self.pongs.back()?.middle_us;
         let span = difference(origin_us, self.pongs.front()?.middle_us);
@@ -130,7 +134,8 @@ impl Clock {
                 slope: 0.0,
             });
         }
-        // Offsets are taken from the newest one: station clocks may be 2^63 away, and f64 is exact to 2^53.
+        // Offsets are taken from the newest one: station clocks may be 2^63 away, and f64 is exact
+        // to 2^53.
         let base = self.pongs.back()?.offset_us;
         let (mut n, mut st, mut stt, mut so, mut sto) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for pong in &self.pongs {
@@ -171,7 +176,8 @@ mod tests {
         assert_eq!(clock.host_us(50_007), Some(7));
     }
 
-    /// Pings every 20 ms for a minute over a line that holds some back for milliseconds, one way only; crystals 120 millionths apart.
+    /// Pings every 20 ms for a minute over a line that holds some back for milliseconds, one way
+    /// only; crystals 120 millionths apart.
     #[test]
     fn drift_is_followed_and_the_bound_holds() {
         let truth = |host_us: u64| 7_000_000 + (120e-6 * host_us as f64) as i64;

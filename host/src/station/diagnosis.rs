@@ -1,5 +1,5 @@
-//! What the station's states, faults and refusals mean to whoever stands beside it: one table, which `trinocular diagnose` prints and every message
-//! quotes.
+//! What the station's states, faults and refusals mean to whoever stands beside it: one table,
+//! which `trinocular diagnose` prints and every message quotes.
 
 use shared::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
@@ -154,7 +154,8 @@ pub const fn fault(fault: Fault) -> FaultText {
     }
 }
 
-/// Every state and fault with its number: what `trinocular diagnose --list` prints, and `FAULTS.md` holds.
+/// Every state and fault with its number: what `trinocular diagnose --list` prints, and `FAULTS.md`
+/// holds.
 pub fn table() -> String {
     let lines = |number: u8, name: &str, first: &str, others: &[(&str, &str)]| {
         let mut lines = format!("  {number} {name:<18}  {first}\n");
@@ -244,7 +245,8 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
     })
 }
 
-/// What the operator does next with a station in this condition; `None` if it is ready for anything.
+/// What the operator does next with a station in this condition; `None` if it is ready for
+/// anything.
 pub fn next_step(status: &Status) -> Option<String> {
     if let Some(latched) = status.fault {
         return Some(fault(latched).action.to_owned());
@@ -268,7 +270,8 @@ pub fn next_step(status: &Status) -> Option<String> {
     }
 }
 
-/// How the station's last run ended, in words; `None` if there is nothing to tell: it was switched on or reset from outside, without a fault.
+/// How the station's last run ended, in words; `None` if there is nothing to tell: it was switched
+/// on or reset from outside, without a fault.
 pub fn last_run(hello: &Hello, last: &LastRun) -> Option<String> {
     let end = match last.end {
         End::Panic => Some("its program panicked"),
@@ -289,7 +292,8 @@ pub fn last_run(hello: &Hello, last: &LastRun) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// The addresses of a crash, to be looked up in the program: a return address lies behind the call, and says by its lowest bit that it is Thumb code.
+/// The addresses of a crash, to be looked up in the program: a return address lies behind the call,
+/// and says by its lowest bit that it is Thumb code.
 pub fn places(last: &LastRun) -> Vec<u32> {
     let even = |(index, place): (usize, &u32)| match index {
         0 => *place,

@@ -1,8 +1,11 @@
 //! The station from the host's side: commands out, reports in, over any byte link.
 //!
-//! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without hardware: the very code of the board on virtual
-//! time, with a simulated stage at the step pins. [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
-//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! [`client`] speaks the protocol and does no input or output. [`twin`] is a station without
+//! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
+//! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
+//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what
+//! its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the
+//! rig file's stage into a configuration.
 
 pub mod allowance;
 pub mod bound;

@@ -1,4 +1,5 @@
-//! The serial ports of this computer, and which of them a station is on. Opens none, hence writes to none.
+//! The serial ports of this computer, and which of them a station is on. Opens none, hence writes
+//! to none.
 
 use super::StationError;
 use crate::printable::printable;
@@ -53,7 +54,8 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
     Ok(list)
 }
 
-/// The path that `port` means: itself, or for [`AUTO`] the only station among the ports of this computer.
+/// The path that `port` means: itself, or for [`AUTO`] the only station among the ports of this
+/// computer.
 ///
 /// # Errors
 /// [`StationError::Port`] if there is none or more than one, with what was seen.

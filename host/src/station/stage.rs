@@ -11,7 +11,8 @@ use shared::track::pursuit::Settings;
 /// Longest silence of the host while moving, unless another is chosen, ms.
 pub const HEARTBEAT_MS: u16 = 100;
 
-/// The stage of the twin and of the paper's experiment: 80 steps/mm, 100 mm/s, 2,000 mm/s², 50,000 mm/s³, ±60 mm, TMC2209 drivers.
+/// The stage of the twin and of the paper's experiment: 80 steps/mm, 100 mm/s, 2,000 mm/s², 50,000
+/// mm/s³, ±60 mm, TMC2209 drivers.
 pub fn default_stage() -> Stage {
     Stage {
         steps_per_mm: [80.0; 3],

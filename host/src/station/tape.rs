@@ -1,4 +1,5 @@
-//! What went into a station and what came out, from its first instant: enough to repeat its life elsewhere and compare.
+//! What went into a station and what came out, from its first instant: enough to repeat its life
+//! elsewhere and compare.
 
 use shared::frame::encode::Bytes;
 use shared::replay::{Entry, Record, Trace, Writer};

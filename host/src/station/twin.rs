@@ -1,7 +1,8 @@
 //! The station without hardware: the very code of the board, on virtual time.
 //!
-//! Commands and reports travel as the bytes that a serial port would carry; segments become port words, and a simulated stage counts
-//! the edges that these make. Nothing here looks past the bytes and the pins, except for tests and reports.
+//! Commands and reports travel as the bytes that a serial port would carry; segments become port
+//! words, and a simulated stage counts the edges that these make. Nothing here looks past the bytes
+//! and the pins, except for tests and reports.
 
 use super::StationError;
 use super::client::Client;
@@ -24,7 +25,8 @@ pub const PORT: PortMap = PortMap {
     invert: [false; 3],
 };
 
-/// Words the twin's step engine queues ahead, as the board's ring does: half a millisecond at 1 MHz.
+/// Words the twin's step engine queues ahead, as the board's ring does: half a millisecond at 1
+/// MHz.
 pub const RING_WORDS: usize = 512;
 
 /// The heartbeat, µs.
@@ -163,7 +165,8 @@ impl Twin {
         Ok(twin)
     }
 
-    /// Switches a station on and says hello; it has no configuration yet. `stage` is what its pins drive.
+    /// Switches a station on and says hello; it has no configuration yet. `stage` is what its pins
+    /// drive.
     ///
     /// # Errors
     /// If it does not answer, or speaks another protocol.
@@ -226,7 +229,8 @@ impl Twin {
         self.hardware.now
     }
 
-    /// An instant of virtual time on the station's clock, as the host knows it; `None` until the first ping has come back.
+    /// An instant of virtual time on the station's clock, as the host knows it; `None` until the
+    /// first ping has come back.
     pub fn station_time(&self, at: Instant) -> Option<Instant> {
         let station_us = self.client.clock().station_us(at.micros());
         station_us.map(Instant::from_micros)
@@ -273,7 +277,8 @@ impl Twin {
     /// Sends a command and waits for the answer.
     ///
     /// # Errors
-    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] without an answer.
+    /// [`StationError::Denied`] with the station's reason, [`StationError::Silent`] without an
+    /// answer.
     pub fn command(&mut self, name: &'static str, command: Command) -> Result<(), StationError> {
         let sequence = self.send(command);
         let outcome = self.wait(name, |client| client.answer(sequence))?;
@@ -350,7 +355,8 @@ impl Twin {
         std::array::from_fn(|i| now[i] - self.zero_steps[i])
     }
 
-    /// Where the simulated stage stands, mm from where it was switched on: counted edges, nothing else.
+    /// Where the simulated stage stands, mm from where it was switched on: counted edges, nothing
+    /// else.
     pub fn position_mm(&self) -> [f64; 3] {
         self.hardware.plant.position_mm()
     }

@@ -1,28 +1,31 @@
 //! The Cramér-Rao bound: how small the error of any unbiased estimator can be.
 //!
-//! The cameras see `N` points with unknown positions `P_i` before and `P_i + T` after the move; every pixel
-//! coordinate carries independent noise of standard deviation `s`. Unknown are all `P_i` and `T`: `3N + 3` numbers.
-//! With `J` the derivative of one point's pixels in all cameras by its position,
+//! The cameras see `N` points with unknown positions `P_i` before and `P_i + T` after the move;
+//! every pixel coordinate carries independent noise of standard deviation `s`. Unknown are all
+//! `P_i` and `T`: `3N + 3` numbers. With `J` the derivative of one point's pixels in all cameras by
+//! its position,
 //!
 //! ```text
 //! A_i = Σ J'J  before the move      B_i = Σ J'J  after the move      (3 x 3 each)
 //! ```
 //!
-//! the Fisher information of `(P_i, T)` is `1/s²` times `[[A_i + B_i, B_i], [B_i, B_i]]`, because both `P_i` and `T` act on
-//! the pixels after the move in the same way. The points are no concern of ours; the Schur complement removes each exactly:
+//! the Fisher information of `(P_i, T)` is `1/s²` times `[[A_i + B_i, B_i], [B_i, B_i]]`, because
+//! both `P_i` and `T` act on the pixels after the move in the same way. The points are no concern
+//! of ours; the Schur complement removes each exactly:
 //!
 //! ```text
 //! B_i - B_i (A_i + B_i)^-1 B_i = (A_i^-1 + B_i^-1)^-1
 //! ```
 //!
-//! (the variances of two positions add up in their difference). The bound is `s² (Σ_i (A_i^-1 + B_i^-1)^-1)^-1`.
+//! (the variances of two positions add up in their difference). The bound is
+//! `s² (Σ_i (A_i^-1 + B_i^-1)^-1)^-1`.
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::{Camera, Rig};
 
-/// The least possible variance of each component of the displacement, mm², for points at `points_mm` that move by
-/// `move_mm`, with noise of `noise_px` in every pixel coordinate. Cameras without lens distortion. `None` if the points do
-/// not determine the displacement.
+/// The least possible variance of each component of the displacement, mm², for points at
+/// `points_mm` that move by `move_mm`, with noise of `noise_px` in every pixel coordinate. Cameras
+/// without lens distortion. `None` if the points do not determine the displacement.
 pub fn variance_mm2(
     rig: &Rig,
     points_mm: &[[f64; 3]],
@@ -61,7 +64,8 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    /// The same by brute force: finite differences of all 36 pixel coordinates by all 12 unknowns, and one large inverse.
+    /// The same by brute force: finite differences of all 36 pixel coordinates by all 12 unknowns,
+    /// and one large inverse.
     #[test]
     fn the_bound_is_the_corner_of_the_full_inverse() {
         let rig = Rig::paper();

@@ -1,7 +1,7 @@
 //! Moves seen by noisy cameras: the error of each estimator against the [`super::bound`].
 //!
-//! Every trial draws its own points and its own noise. The ratio is the root of the mean squared error over the root of
-//! the mean bound, per axis: 1 means that nothing better is possible.
+//! Every trial draws its own points and its own noise. The ratio is the root of the mean squared
+//! error over the root of the mean bound, per axis: 1 means that nothing better is possible.
 
 use super::scene::{point, rig, views};
 use super::{bound, estimates, in_parallel};
@@ -131,7 +131,8 @@ mod tests {
     fn the_midpoint_reaches_the_bound() {
         for row in run(2000).unwrap().rows {
             let ratio = row.ratio(2);
-            // Below 1 by more than chance (1.6 % for 2,000 trials) would mean that the bound is wrong.
+            // Below 1 by more than chance (1.6 % for 2,000 trials) would mean that the bound is
+            // wrong.
             assert!(
                 ratio.iter().all(|r| (0.94..=1.10).contains(r)),
                 "{:?}: {ratio:?}",

@@ -1,8 +1,8 @@
 //! The paper's Tables 1 and 2: known moves of random point sets, recovered without noise.
 //!
-//! The paper prints one result a move. Its closed form depends on the points (a finite move in depth scales the
-//! result by about `Z/(Z + Vz)`), so one draw proves little: here every move is recovered from many sets, and the mean,
-//! the spread and the worst case are given.
+//! The paper prints one result a move. Its closed form depends on the points (a finite move in
+//! depth scales the result by about `Z/(Z + Vz)`), so one draw proves little: here every move is
+//! recovered from many sets, and the mean, the spread and the worst case are given.
 
 use super::scene::{point, section_3_rig, views};
 use super::{estimates, in_parallel};

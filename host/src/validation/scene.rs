@@ -5,15 +5,15 @@ use serde::Serialize;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
 
-/// Depth of the points at the reference instant, mm. The paper does not print it: this range gives its
-/// tables.
+/// Depth of the points at the reference instant, mm. The paper does not print it: this range gives
+/// its tables.
 pub const DEPTH_MM: [f64; 2] = [780.0, 1010.0];
 
 /// The image of every camera, px.
 pub const IMAGE_PX: [u32; 2] = [320, 240];
 
-/// Three equal cameras of `focal_px`, the outer ones `h1_mm` to the left and `h2_mm` to the right of the
-/// middle one, 320 by 240 px.
+/// Three equal cameras of `focal_px`, the outer ones `h1_mm` to the left and `h2_mm` to the right
+/// of the middle one, 320 by 240 px.
 pub fn rig(focal_px: f64, h1_mm: f64, h2_mm: f64) -> Rig {
     let centre = IMAGE_PX.map(|side| 0.5 * (f64::from(side) - 1.0));
     let camera = |x| Camera::ideal([focal_px; 2], centre, [x, 0.0]);
@@ -28,8 +28,8 @@ pub fn section_3_rig() -> Rig {
     rig(530.0, 90.0, 70.0)
 }
 
-/// One point, mm: depth evenly spread over [`DEPTH_MM`], X and Y evenly over what every camera sees at that
-/// depth both before and after the move.
+/// One point, mm: depth evenly spread over [`DEPTH_MM`], X and Y evenly over what every camera sees
+/// at that depth both before and after the move.
 pub(super) fn point(rig: &Rig, move_mm: [f64; 3], random: &mut Random) -> [f64; 3] {
     let depth = random.between(DEPTH_MM[0], DEPTH_MM[1]);
     let mut at = [0.0, 0.0, depth];
@@ -51,8 +51,8 @@ pub(super) fn point(rig: &Rig, move_mm: [f64; 3], random: &mut Random) -> [f64; 
     at
 }
 
-/// What the three cameras of `rig` see of a point that moves, without noise. A rig of another number of
-/// cameras leaves views empty.
+/// What the three cameras of `rig` see of a point that moves, without noise. A rig of another
+/// number of cameras leaves views empty.
 pub(super) fn views(rig: &Rig, at: [f64; 3], move_mm: [f64; 3]) -> [View; 3] {
     let after: [f64; 3] = std::array::from_fn(|axis| at[axis] + move_mm[axis]);
     let mut views = [View::default(); 3];
@@ -67,7 +67,8 @@ pub(super) fn views(rig: &Rig, at: [f64; 3], move_mm: [f64; 3]) -> [View; 3] {
 pub struct Sample {
     /// The points in the camera frame, mm.
     pub points_mm: Vec<[f64; 3]>,
-    /// Their images in the left, the middle and the right camera, px from the centre of the top left pixel.
+    /// Their images in the left, the middle and the right camera, px from the centre of the top
+    /// left pixel.
     pub images_px: [Vec<[f64; 2]>; 3],
 }
 

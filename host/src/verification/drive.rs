@@ -1,12 +1,16 @@
 //! What the stage can do at the station's word rate, and how far it goes before it stands.
 //!
-//! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The worst moment for a stop is the one in which the axis
-//! still speeds up, at `a`, and will be at full speed once the acceleration is gone: that adds `v a/j - a³/6j²`. The planner's grid
-//! adds `(v + a·1 ms)·1 ms`. These are the terms of [`shared::motion::Planner`]'s stop bound at its largest.
+//! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The
+//! worst moment for a stop is the one in which the axis still speeds up, at `a`, and will be at
+//! full speed once the acceleration is gone: that adds `v a/j - a³/6j²`. The planner's grid adds
+//! `(v + a·1 ms)·1 ms`. These are the terms of [`shared::motion::Planner`]'s stop bound at its
+//! largest.
 //!
-//! When the host falls silent the axis goes on for the heartbeat time and the ticks until the station acts on it, `T`. Farthest comes either one that cruises,
-//! `v T` and the ramp; or one that still speeds up at the stop, at `a`, and so was slower before: with `D(u)` what it lacks of the full speed
-//! a time `u` before it would be there, `v (T + a/j) - ∫ D` over `T + a/j`, and the ramp. Both are below the bound of any speed and acceleration,
+//! When the host falls silent the axis goes on for the heartbeat time and the ticks until the
+//! station acts on it, `T`. Farthest comes either one that cruises, `v T` and the ramp; or one that
+//! still speeds up at the stop, at `a`, and so was slower before: with `D(u)` what it lacks of the
+//! full speed a time `u` before it would be there, `v (T + a/j) - ∫ D` over `T + a/j`, and the
+//! ramp. Both are below the bound of any speed and acceleration,
 //! `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
 
 use serde::Serialize;
@@ -22,7 +26,8 @@ use crate::station::stage::{HEARTBEAT_MS, configuration, timing};
 /// The word rate of the firmware and the twin.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;
 
-/// From the end of the heartbeat time to the stop: the tick that notices, the tick already planned, and the one in which the last ping came, s.
+/// From the end of the heartbeat time to the stop: the tick that notices, the tick already planned,
+/// and the one in which the last ping came, s.
 const NOTICE_S: f64 = 3e-3;
 
 /// Control ticks of the planner, s.
@@ -70,7 +75,8 @@ pub struct Drive {
     pub drivers: Drivers,
     /// Longest silence of the host that the station bears, ms.
     pub heartbeat_ms: u16,
-    /// Why the station would refuse this stage: field of the rig file, reason. Empty if it takes it.
+    /// Why the station would refuse this stage: field of the rig file, reason. Empty if it takes
+    /// it.
     pub faults: Vec<(String, String)>,
 }
 
@@ -149,7 +155,8 @@ fn wanted(stage: &Stage) -> Paces {
     })
 }
 
-/// What is left of the limits on the planner's grid: a lower jerk makes a longer ramp. Where the planner refuses the stage, what it was asked for.
+/// What is left of the limits on the planner's grid: a lower jerk makes a longer ramp. Where the
+/// planner refuses the stage, what it was asked for.
 fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
     let Ok(limits) = Limits::new(axes, WORD_RATE) else {
         return wanted(stage);
@@ -227,7 +234,8 @@ mod tests {
         [default_stage(), quick, soft]
     }
 
-    /// Drives the planner along a long way and orders a stop in every tick: the farthest is within the bound, and the bound is near.
+    /// Drives the planner along a long way and orders a stop in every tick: the farthest is within
+    /// the bound, and the bound is near.
     #[test]
     fn the_planner_stops_within_the_bound_and_not_far_below() {
         for stage in stages() {
@@ -297,7 +305,8 @@ mod tests {
     fn both_ways_are_within_the_bound_of_any_speed_and_acceleration() {
         for stage in stages() {
             for (i, axis) in Drive::of(&stage).axes.iter().enumerate() {
-                // Of the limits on the planner's grid, none of which is lower by more than a sixth here.
+                // Of the limits on the planner's grid, none of which is lower by more than a sixth
+                // here.
                 let [v, a, j] = [
                     stage.max_speed_mm_s[i],
                     stage.max_acceleration_mm_s2[i],

@@ -1,11 +1,12 @@
 //! How far the numbers of this rig stay from the ends of their fixed-point formats.
 //!
-//! Every sum is a mean over the points, so it is largest for points that all lie where one point would make it largest. That is searched for over the
-//! corners of what all cameras see, the depths of the range, and displacements of up to the rated 100 mm each way along every axis, as long as the depth
-//! stays in the range. The sums are the station's own ([`CentredSums`], [`PairSums`]).
+//! Every sum is a mean over the points, so it is largest for points that all lie where one point
+//! would make it largest. That is searched for over the corners of what all cameras see, the depths
+//! of the range, and displacements of up to the rated 100 mm each way along every axis, as long as
+//! the depth stays in the range. The sums are the station's own ([`CentredSums`], [`PairSums`]).
 //!
-//! Some numbers must not become too *small*: spread and determinant shrink with depth. For these the depth is searched at which the station's
-//! own estimators refuse.
+//! Some numbers must not become too *small*: spread and determinant shrink with depth. For these
+//! the depth is searched at which the station's own estimators refuse.
 
 use serde::Serialize;
 use shared::estimate::{Gate, closed_form, midpoint};
@@ -56,7 +57,8 @@ impl Room {
 pub struct Headroom {
     /// The numbers that must not become too large.
     pub rooms: Vec<Room>,
-    /// Depth beyond which the station's midpoint finds no displacement in points that all lie in one place, mm.
+    /// Depth beyond which the station's midpoint finds no displacement in points that all lie in
+    /// one place, mm.
     pub midpoint_to_mm: f64,
     /// The same of the closed form; `None` if it is not made for this rig.
     pub closed_form_to_mm: Option<f64>,
@@ -74,7 +76,8 @@ struct Worst {
 }
 
 impl Headroom {
-    /// Of a rig whose targets stay between two depths, mm. `None` if the cameras have nothing in common there.
+    /// Of a rig whose targets stay between two depths, mm. `None` if the cameras have nothing in
+    /// common there.
     pub fn of(
         rig: &Rig,
         stage: Option<&Stage>,
@@ -307,7 +310,8 @@ fn closed_form_works(rig: &Rig, view: &View, depth: f64) -> bool {
     fixed.is_some_and(|fixed| closed_form::solve_fixed(&fixed).is_ok())
 }
 
-/// The largest depth that works, mm, between 10 mm and 1,000 m: from the far end down to the first that does, then halved.
+/// The largest depth that works, mm, between 10 mm and 1,000 m: from the far end down to the first
+/// that does, then halved.
 fn farthest(works: impl Fn(f64) -> bool) -> f64 {
     let (nearest, farthest) = (10.0, 1e6);
     let (mut low, mut high) = (farthest, farthest);
@@ -345,7 +349,8 @@ mod tests {
         Headroom::of(rig, None, &View::new(rig, 0.0), RANGE_MM).unwrap()
     }
 
-    /// Random frames of the rated range, quantised: none comes nearer to the end of its format than stated, and some come near.
+    /// Random frames of the rated range, quantised: none comes nearer to the end of its format than
+    /// stated, and some come near.
     #[test]
     fn no_frame_of_the_rated_range_is_worse_than_the_worst() {
         let rig = Rig::paper();

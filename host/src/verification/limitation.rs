@@ -47,7 +47,8 @@ pub struct Limitation {
     pub text: String,
 }
 
-/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched, at 1.5 hardly any (`tests/pipeline/rigs.rs`).
+/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched,
+/// at 1.5 hardly any (`tests/pipeline/rigs.rs`).
 const MOST_MAGNIFICATION: f64 = 1.3;
 
 /// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.

@@ -7,7 +7,8 @@
 //! - [`limitation`]: which of these limits the rig, by name;
 //! - [`present`]: all of it as tables, figures and page.
 //!
-//! Nothing here is measured. The tests hold every prediction against a simulation of what it predicts.
+//! Nothing here is measured. The tests hold every prediction against a simulation of what it
+//! predicts.
 
 pub mod drive;
 pub mod headroom;
@@ -39,8 +40,8 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.011 to 0.012 px and soft ones 0.03 to 0.054 px (`tests/verify.rs`
-    /// prints it).
+    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.011 to 0.012 px and
+    /// soft ones 0.03 to 0.054 px (`tests/verify.rs` prints it).
     fn default() -> Self {
         Self {
             noise_px: 0.03,
@@ -62,20 +63,24 @@ pub struct AtDepth {
     pub view_mm: Option<[f64; 2]>,
     /// Area that at least two cameras see, mm².
     pub two_see_mm2: f64,
-    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common view, and where no points are matched.
+    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common
+    /// view, and where no points are matched.
     pub sigma_mm: Vec<[f64; 3]>,
     /// How many points have room in what all cameras see; more gain nothing.
     pub room_for: u32,
-    /// By how much the variance is larger than for independent points, for each of [`Settings::points`].
+    /// By how much the variance is larger than for independent points, for each of
+    /// [`Settings::points`].
     pub widening: Vec<f64>,
 }
 
 /// The space in which targets can be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Volume {
-    /// Depth from which on all cameras have something in common and points are matched, mm, within the range; `None` if they never have.
+    /// Depth from which on all cameras have something in common and points are matched, mm, within
+    /// the range; `None` if they never have.
     pub from_mm: Option<f64>,
-    /// Depth up to which they have and points are matched, mm, within the range; `None` with `from_mm`.
+    /// Depth up to which they have and points are matched, mm, within the range; `None` with
+    /// `from_mm`.
     pub to_mm: Option<f64>,
     /// Volume that all cameras see, litres.
     pub all_see_l: f64,
@@ -145,7 +150,8 @@ impl Verification {
     }
 }
 
-/// Depths from near to far and whether they are round enough for a row of the table: the ends, and multiples of 1, 2 or 5 times a power of ten.
+/// Depths from near to far and whether they are round enough for a row of the table: the ends, and
+/// multiples of 1, 2 or 5 times a power of ten.
 fn depths(near: f64, far: f64) -> Vec<(f64, bool)> {
     let rough = (far - near) / 10.0;
     let power = 10f64.powf(rough.log10().floor());

@@ -1,19 +1,23 @@
 //! How well a displacement will be known, before anything is photographed.
 //!
-//! `N` points are spread evenly over what all cameras see at the depth `Z`. Each gives in each camera the flow `v = g (T_xy - ξ T_z)`,
-//! `g = 1/Z`, with noise of `s` px, that is `s/f` in normalised coordinates. The midpoint estimator is the least-squares
-//! solution for `T` with equal weights, so with `A` the rows `g [1 0 -ξ]`, `g [0 1 -η]` and `S` the variances `(s/f)²`
+//! `N` points are spread evenly over what all cameras see at the depth `Z`. Each gives in each
+//! camera the flow `v = g (T_xy - ξ T_z)`, `g = 1/Z`, with noise of `s` px, that is `s/f` in
+//! normalised coordinates. The midpoint estimator is the least-squares solution for `T` with equal
+//! weights, so with `A` the rows `g [1 0 -ξ]`, `g [0 1 -η]` and `S` the variances `(s/f)²`
 //!
 //! ```text
 //! Cov = w/N (Ā'Ā)^-1 (Ā'S Ā) (Ā'Ā)^-1          means over the points, sums over the cameras
 //! ```
 //!
-//! For equal focal lengths that is the Cramér-Rao bound of small displacements (a test holds the two together). The means over a rectangle
-//! of polynomials of the second degree are those over its four Gauss points, exactly.
+//! For equal focal lengths that is the Cramér-Rao bound of small displacements (a test holds the
+//! two together). The means over a rectangle of polynomials of the second degree are those over its
+//! four Gauss points, exactly.
 //!
-//! `w` widens the variance for what is not independent: windows that overlap see the same noise, and sub-pixel tracking errs
-//! alike for all points ([`crate::sums`]). So beyond some number of points more of them do not help. All noise is taken to be the sensor's; what of it is
-//! interpolation's own error windows do not share, so with sharp texture and little noise a measurement states less ([`crate::flow::scatter`]).
+//! `w` widens the variance for what is not independent: windows that overlap see the same noise,
+//! and sub-pixel tracking errs alike for all points ([`crate::sums`]). So beyond some number of
+//! points more of them do not help. All noise is taken to be the sensor's; what of it is
+//! interpolation's own error windows do not share, so with sharp texture and little noise a
+//! measurement states less ([`crate::flow::scatter`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
@@ -54,8 +58,8 @@ pub struct Predictor {
 }
 
 impl Predictor {
-    /// For points at `depth_mm` whose flow has noise of `noise_px` (standard deviation of each component in each camera).
-    /// `None` where the cameras have nothing in common.
+    /// For points at `depth_mm` whose flow has noise of `noise_px` (standard deviation of each
+    /// component in each camera). `None` where the cameras have nothing in common.
     pub fn new(rig: &Rig, view: &View, depth_mm: f64, noise_px: f64) -> Option<Self> {
         let common = view.common(depth_mm)?;
         let (mut normal, mut noisy) = (Matrix3::zeros(), Matrix3::zeros());
@@ -114,7 +118,8 @@ impl Predictor {
     }
 }
 
-/// Four points whose mean of any polynomial of up to the third degree is that of the whole rectangle.
+/// Four points whose mean of any polynomial of up to the third degree is that of the whole
+/// rectangle.
 fn gauss_points(rectangle: &Rectangle) -> [[f64; 2]; 4] {
     let place = |i: usize, side: f64| {
         let middle = 0.5 * (rectangle.low[i] + rectangle.high[i]);
@@ -124,25 +129,27 @@ fn gauss_points(rectangle: &Rectangle) -> [[f64; 2]; 4] {
         .map(|[x, y]: [f64; 2]| [place(0, x), place(1, y)])
 }
 
-/// The most points of a view of this size none of which is within [`APART_PX`] of another: discs of that diameter in hexagonal order, half of
-/// each outermost one outside.
+/// The most points of a view of this size none of which is within [`APART_PX`] of another: discs of
+/// that diameter in hexagonal order, half of each outermost one outside.
 fn room_for(sides_px: [f64; 2]) -> u32 {
     let [width, height] = sides_px.map(|side| side + APART_PX);
     let each = 0.5 * 3f64.sqrt() * APART_PX * APART_PX;
     (width * height / each) as u32
 }
 
-/// Mean share that two windows have in common whose middles lie anywhere in a view of this size, but not too near to each other.
+/// Mean share that two windows have in common whose middles lie anywhere in a view of this size,
+/// but not too near to each other.
 fn overlap([width_px, height_px]: [f64; 2]) -> f64 {
-    // What the circle around a corner in which there is no other would have added: the mean of |x| over a disc is 4/3π of its radius.
+    // What the circle around a corner in which there is no other would have added: the mean of |x|
+    // over a disc is 4/3π of its radius.
     let free = core::f64::consts::PI * APART_PX * APART_PX;
     let share = 1.0 - 4.0 * APART_PX / (3.0 * core::f64::consts::PI * WINDOW_PX);
     let near = free * share * share / (width_px * height_px);
     (covered(width_px) * covered(height_px) - near).max(0.0)
 }
 
-/// Mean of the share that two windows, each with its middle anywhere on a line of `length_px`, have in common along it: the mean of
-/// `max(0, 1 - |distance|/side)`.
+/// Mean of the share that two windows, each with its middle anywhere on a line of `length_px`, have
+/// in common along it: the mean of `max(0, 1 - |distance|/side)`.
 fn covered(length_px: f64) -> f64 {
     let ratio = length_px / WINDOW_PX;
     if ratio >= 1.0 {

@@ -1,12 +1,14 @@
 //! What the cameras of a rig see at a depth, and together between two.
 //!
-//! A camera without lens distortion sees the rectangle `c + Z [ξ_low, ξ_high]` at depth `Z`. With distortion the border is bent; the
-//! largest rectangle within is taken, which understates the view a little. All cameras look the same way, so every
-//! question about several of them is one about rectangles with parallel sides.
+//! A camera without lens distortion sees the rectangle `c + Z [ξ_low, ξ_high]` at depth `Z`. With
+//! distortion the border is bent; the largest rectangle within is taken, which understates the view
+//! a little. All cameras look the same way, so every question about several of them is one about
+//! rectangles with parallel sides.
 
 use shared::rig::{Camera, Rig};
 
-/// An upright rectangle at one depth: mm right and down of the rig's origin, or dimensionless directions.
+/// An upright rectangle at one depth: mm right and down of the rig's origin, or dimensionless
+/// directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
     /// Left and upper edge.
@@ -47,7 +49,8 @@ pub struct View {
 }
 
 impl View {
-    /// Of every camera of `rig`, without `margin_px` along the border of its image: what is tracked needs a window around it.
+    /// Of every camera of `rig`, without `margin_px` along the border of its image: what is tracked
+    /// needs a window around it.
     pub fn new(rig: &Rig, margin_px: f64) -> Self {
         let cameras = rig.cameras.iter();
         Self {
@@ -117,7 +120,8 @@ impl View {
             .sum()
     }
 
-    /// The depth beyond which all cameras have something in common, mm (infinite if they never have), and the two that it depends on.
+    /// The depth beyond which all cameras have something in common, mm (infinite if they never
+    /// have), and the two that it depends on.
     pub fn nearest_common(&self) -> (f64, [usize; 2]) {
         let mut nearest = (0.0, [0, 0]);
         for (a, (from, view)) in self.cameras.iter().enumerate() {
@@ -139,8 +143,8 @@ impl View {
         nearest
     }
 
-    /// The depth up to which all cameras have something in common, mm, and the two that it depends on: those whose views cross and part again.
-    /// Infinite if none do.
+    /// The depth up to which all cameras have something in common, mm, and the two that it depends
+    /// on: those whose views cross and part again. Infinite if none do.
     pub fn farthest_common(&self) -> (f64, [usize; 2]) {
         let mut farthest = (f64::INFINITY, [0, 0]);
         for (a, (from, view)) in self.cameras.iter().enumerate() {
@@ -246,7 +250,8 @@ mod tests {
         assert_eq!(view.area_seen_by(3, 1000.0), 0.0);
     }
 
-    /// The outer cameras look inwards so far that their views cross before the middle one and part behind.
+    /// The outer cameras look inwards so far that their views cross before the middle one and part
+    /// behind.
     #[test]
     fn views_that_cross_part_again() {
         let mut rig = Rig::paper();

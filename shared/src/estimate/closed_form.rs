@@ -9,26 +9,27 @@
 //!    = ((a1 d2 + b1 d4) - (a1 a3 + b1 b3) Vz) / n
 //! ```
 //!
-//! It treats the motion as small: a finite `Vz` scales the whole result by `Z/(Z + Vz)`, 2.2 % for 20 mm at 890 mm.
-//! It has no covariance.
+//! It treats the motion as small: a finite `Vz` scales the whole result by `Z/(Z + Vz)`, 2.2 % for
+//! 20 mm at 890 mm. It has no covariance.
 
 use super::{DisplacementNm, Refusal};
 use crate::fixed::{Reciprocal, multiply_shift, narrow, shift_right_rounded};
 use crate::sums::pair::{FixedPairSums, PairSums};
 
-/// Smallest `q / n^1.5` that is taken for a real disparity. In an ideal rig it is `½ h1 h2 h3 / (h1² + h2²)^1.5`: 0.35 for equal
-/// baselines, 0.05 for baselines of 1 to 10. When points differ between cameras or disparity vanishes, `q` falls to zero or changes its sign.
+/// Smallest `q / n^1.5` that is taken for a real disparity. In an ideal rig it is
+/// `½ h1 h2 h3 / (h1² + h2²)^1.5`: 0.35 for equal baselines, 0.05 for baselines of 1 to 10. When
+/// points differ between cameras or disparity vanishes, `q` falls to zero or changes its sign.
 const MIN_CONDITION: f64 = 1e-3;
 
-/// Smallest `q` of [`solve_fixed`], Q5.59. Below it quantisation would cost more than 1 µm at 100 mm. A rig of 70 and
-/// 68 mm reaches it at 2.2 m.
+/// Smallest `q` of [`solve_fixed`], Q5.59. Below it quantisation would cost more than 1 µm at 100
+/// mm. A rig of 70 and 68 mm reaches it at 2.2 m.
 const MIN_FIXED_Q: i64 = 1 << 44;
 
 /// The target's displacement, mm.
 ///
 /// # Errors
-/// [`Refusal::TooFewPoints`] without points; [`Refusal::Degenerate`] if the disparities do not determine it;
-/// [`Refusal::OutOfRange`] if a sum is not finite.
+/// [`Refusal::TooFewPoints`] without points; [`Refusal::Degenerate`] if the disparities do not
+/// determine it; [`Refusal::OutOfRange`] if a sum is not finite.
 pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     if sums.points == 0 {
         return Err(Refusal::TooFewPoints);
@@ -65,8 +66,9 @@ pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
 
 /// The target's displacement in nm, in integers.
 ///
-/// Within 1 µm per axis of [`solve`] on the unquantised sums for baselines of 60 to 300 mm, depth 300-2000 mm,
-/// focal lengths 300-2500 px, displacements up to 100 mm (test `closed_form_fixed_point_follows_the_oracle`). Saturates at ±128 mm.
+/// Within 1 µm per axis of [`solve`] on the unquantised sums for baselines of 60 to 300 mm, depth
+/// 300-2000 mm, focal lengths 300-2500 px, displacements up to 100 mm (test
+/// `closed_form_fixed_point_follows_the_oracle`). Saturates at ±128 mm.
 ///
 /// # Errors
 /// [`Refusal::Degenerate`] if `q` is too small to divide by, or negative.

@@ -7,8 +7,8 @@
 //!     | 0  b1  b3 |        | d4 |
 //! ```
 //!
-//! in normalised coordinates, where the paper's focal length is 1. For the comparison with the two others; the
-//! station does not run it. It shares the closed form's bias at finite displacements.
+//! in normalised coordinates, where the paper's focal length is 1. For the comparison with the two
+//! others; the station does not run it. It shares the closed form's bias at finite displacements.
 
 use super::Refusal;
 use crate::sums::pair::PairSums;
@@ -17,8 +17,9 @@ use nalgebra::{Matrix3, Matrix4x3, Vector4};
 /// The target's displacement, mm.
 ///
 /// # Errors
-/// [`Refusal::TooFewPoints`] without points, [`Refusal::OutOfRange`] if a sum is not finite, [`Refusal::Degenerate`] if `A'A` is singular
-/// to working precision (its determinant is the paper's eq. 8).
+/// [`Refusal::TooFewPoints`] without points, [`Refusal::OutOfRange`] if a sum is not finite,
+/// [`Refusal::Degenerate`] if `A'A` is singular to working precision (its determinant is the
+/// paper's eq. 8).
 pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     if sums.points == 0 {
         return Err(Refusal::TooFewPoints);

@@ -1,18 +1,20 @@
 //! The midpoint estimator: exact at any displacement, with its own covariance.
 //!
-//! From the centred sums of [`crate::sums::centred`] (`d` spread, `r` coupling, `(tx, ty)` mean, `c = (ξ, η)` centroid,
-//! `e` mean squared residual, all divided by the total weight):
+//! From the centred sums of [`crate::sums::centred`] (`d` spread, `r` coupling, `(tx, ty)` mean,
+//! `c = (ξ, η)` centroid, `e` mean squared residual, all divided by the total weight):
 //!
 //! ```text
 //! Tz = r / d        Tx = tx + ξ Tz        Ty = ty + η Tz
 //! s² = e / (2 K N - 3)        Cov = s² [ diag(1, 1, 0) + u u' / d ],   u = (ξ, η, 1)
 //! ```
 //!
-//! That is the weighted least-squares solution of `v/g = T_xy - ξ T_z`, which holds for finite `T` without approximation.
-//! It needs two cameras, and works for as many as the rig has, anywhere in a plane.
+//! That is the weighted least-squares solution of `v/g = T_xy - ξ T_z`, which holds for finite `T`
+//! without approximation. It needs two cameras, and works for as many as the rig has, anywhere in a
+//! plane.
 //!
-//! The covariance is that of white noise which is independent between observations, times the overlap that the caller states in
-//! [`CentredSums::overlap`]. It does not see what all points have in common.
+//! The covariance is that of white noise which is independent between observations, times the
+//! overlap that the caller states in [`CentredSums::overlap`]. It does not see what all points have
+//! in common.
 
 use super::{DisplacementNm, Refusal};
 use crate::fixed::{invert_mantissa, multiply_shift, narrow, shift_right_rounded, square_root};
@@ -21,8 +23,8 @@ use crate::sums::centred::{CentredSums, FixedCentredSums};
 /// Smallest spread: points within 0.1 mrad of each other say nothing about z.
 const MIN_SPREAD: f64 = 1e-8;
 
-/// The spread's smallest exponent in [`solve_fixed`]: a spread of 2^-20 is a root mean square distance of 1 mrad (half a
-/// pixel at 530 px), where z is a thousand times less certain than x.
+/// The spread's smallest exponent in [`solve_fixed`]: a spread of 2^-20 is a root mean square
+/// distance of 1 mrad (half a pixel at 530 px), where z is a thousand times less certain than x.
 const MIN_FIXED_EXPONENT: i8 = -19;
 
 /// The largest: a spread of 16 is far beyond any lens.
@@ -49,8 +51,9 @@ impl Estimate {
 /// The target's displacement with its covariance.
 ///
 /// # Errors
-/// [`Refusal::TooFewPoints`] without a degree of freedom (one point in two cameras has one), [`Refusal::Degenerate`] if
-/// all points are in one direction, [`Refusal::OutOfRange`] if a sum is not finite.
+/// [`Refusal::TooFewPoints`] without a degree of freedom (one point in two cameras has one),
+/// [`Refusal::Degenerate`] if all points are in one direction, [`Refusal::OutOfRange`] if a sum is
+/// not finite.
 pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     let freedom = sums.freedom();
     if freedom <= 0 {
@@ -101,11 +104,13 @@ impl FixedEstimate {
 
 /// The target's displacement in nm, without variances. Saturates at ±268 mm.
 ///
-/// Within 0.1 µm per axis of [`solve`] on the unquantised sums, for displacements up to 100 mm, depth 300-2000 mm, focal lengths 300-2500 px,
-/// 8-4000 points (test `midpoint_fixed_point_follows_the_oracle`): nothing in it depends on rig or depth.
+/// Within 0.1 µm per axis of [`solve`] on the unquantised sums, for displacements up to 100 mm,
+/// depth 300-2000 mm, focal lengths 300-2500 px, 8-4000 points (test
+/// `midpoint_fixed_point_follows_the_oracle`): nothing in it depends on rig or depth.
 ///
 /// # Errors
-/// [`Refusal::TooFewPoints`], [`Refusal::Degenerate`] if the spread is too small or its mantissa not normalised.
+/// [`Refusal::TooFewPoints`], [`Refusal::Degenerate`] if the spread is too small or its mantissa
+/// not normalised.
 pub fn displacement_fixed(sums: &FixedCentredSums) -> Result<DisplacementNm, Refusal> {
     if sums.freedom == 0 {
         return Err(Refusal::TooFewPoints);
@@ -116,7 +121,8 @@ pub fn displacement_fixed(sums: &FixedCentredSums) -> Result<DisplacementNm, Ref
     if sums.exponent > MAX_FIXED_EXPONENT {
         return Err(Refusal::OutOfRange);
     }
-    // Tz = coupling / (spread 2^-32); 2^63 / spread is the reciprocal, so 31 bits remain, and 3 of the coupling.
+    // Tz = coupling / (spread 2^-32); 2^63 / spread is the reciprocal, so 31 bits remain, and 3 of
+    // the coupling.
     let inverse = i64::from(invert_mantissa(sums.spread));
     let tz = narrow(shift_right_rounded(
         i64::from(sums.coupling) * inverse,

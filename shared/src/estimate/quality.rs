@@ -36,12 +36,14 @@ impl core::fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// What the station asks of an estimate before it moves anything. Part of the station's configuration.
+/// What the station asks of an estimate before it moves anything. Part of the station's
+/// configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Gate {
     /// Fewest points.
     pub min_points: u16,
-    /// Largest standard deviation per axis, nm. Not applied to the paper's estimators, which have none.
+    /// Largest standard deviation per axis, nm. Not applied to the paper's estimators, which have
+    /// none.
     pub max_sigma_nm: [u32; 3],
     /// Largest displacement per axis, nm, either way.
     pub max_displacement_nm: u32,

@@ -10,7 +10,8 @@ pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 /// Encodes `message` as one packet: a zero, then postcard and CRC-32 in COBS, and a zero.
 ///
 /// # Errors
-/// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test `every_message_fits`).
+/// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test
+/// `every_message_fits`).
 pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
     let mut bytes = Bytes::new();
     bytes.resize(MAX_PACKET, 0).map_err(|_| TooLong)?;

@@ -25,9 +25,11 @@ pub struct Packet {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
 pub enum Command {
-    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`] and [`Report::LastRun`].
+    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`] and
+    /// [`Report::LastRun`].
     Hello,
-    /// Replaces the whole configuration. Only at rest; refused as a whole if any value is impossible.
+    /// Replaces the whole configuration. Only at rest; refused as a whole if any value is
+    /// impossible.
     Config(Config),
     /// One frame's flow sums.
     Frame(Frame),
@@ -39,8 +41,8 @@ pub enum Command {
     /// Move by a distance from where the axes are; slowly while the position is unknown.
     ///
     /// In motion it replaces what is left of an earlier move of the axes that it names, and never
-    /// turns an axis against its own direction. Other axes go on to where an earlier move sends them.
-    /// Rounded to whole steps, and clamped to the soft limits.
+    /// turns an axis against its own direction. Other axes go on to where an earlier move sends
+    /// them. Rounded to whole steps, and clamped to the soft limits.
     Jog {
         /// Distance per stage axis, µm.
         distance_um: [i32; 3],
@@ -56,7 +58,8 @@ pub enum Command {
         /// The host's clock, µs; returned as it is.
         host_us: u64,
     },
-    /// Find the home switches of these axes, one axis after the other: Z, X, Y. Only at rest. What the switches find becomes the position.
+    /// Find the home switches of these axes, one axis after the other: Z, X, Y. Only at rest. What
+    /// the switches find becomes the position.
     Home {
         /// Which axes; each needs a home switch in the configuration.
         axes: [bool; 3],
@@ -129,7 +132,8 @@ pub struct StageConfig {
     pub largest_error_um: u32,
     /// For how long it may be longer, ms.
     pub longest_error_ms: u16,
-    /// How far the stage may move towards the target without the cameras seeing it come nearer, on any axis, µm; 0 is any. Only with prediction.
+    /// How far the stage may move towards the target without the cameras seeing it come nearer, on
+    /// any axis, µm; 0 is any. Only with prediction.
     pub unseen_um: u32,
     /// Time at rest after which the motors are switched off, s; 0 is never. Following is no rest.
     pub motors_off_after_s: u16,
@@ -154,7 +158,8 @@ pub enum Side {
 }
 
 impl StageConfig {
-    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10 mm while the position is unknown; nothing watched; the motors stay on.
+    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10
+    /// mm while the position is unknown; nothing watched; the motors stay on.
     pub const DEFAULT: Self = Self {
         backlash_um: [0; 3],
         home: [None; 3],
@@ -174,7 +179,8 @@ pub enum Mounting {
     /// On the stage, which keeps their view of the target constant: the servo of the paper.
     #[default]
     OnStage,
-    /// Beside it: the stage copies the target's motion as resting cameras see it (recorded images, for one).
+    /// Beside it: the stage copies the target's motion as resting cameras see it (recorded images,
+    /// for one).
     Fixed,
 }
 
@@ -206,7 +212,8 @@ pub enum Report {
         /// Accepted, or refused and why.
         outcome: Outcome,
     },
-    /// What was before it started: after every hello. A message of its own, so that hello stays readable for hosts of any version.
+    /// What was before it started: after every hello. A message of its own, so that hello stays
+    /// readable for hosts of any version.
     LastRun(LastRun),
 }
 
@@ -246,7 +253,8 @@ pub enum ResetCause {
     Watchdog,
 }
 
-/// What the station remembers of the time before its present start, in memory that a reset does not clear. Power-on forgets it.
+/// What the station remembers of the time before its present start, in memory that a reset does not
+/// clear. Power-on forgets it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LastRun {
     /// Starts since power-on, the present one included; 0 from a station that does not count.
@@ -255,8 +263,8 @@ pub struct LastRun {
     pub fault: Option<Fault>,
     /// How it ended.
     pub end: End,
-    /// Addresses in the program, 0 is none: the instruction that failed, then what on the stack looks like return addresses (odd, as Thumb has
-    /// them), innermost first.
+    /// Addresses in the program, 0 is none: the instruction that failed, then what on the stack
+    /// looks like return addresses (odd, as Thumb has them), innermost first.
     pub places: [u32; PLACES],
 }
 
@@ -276,7 +284,8 @@ pub const PLACES: usize = 6;
 /// How a run of the program ended. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum End {
-    /// Not by itself: power, the pin, or a watchdog that nobody fed ([`Hello::reset_cause`] says which).
+    /// Not by itself: power, the pin, or a watchdog that nobody fed ([`Hello::reset_cause`] says
+    /// which).
     Outside,
     /// It panicked.
     Panic,
@@ -418,7 +427,8 @@ pub enum Denial {
     LimitSwitch,
     /// No target that the stage can follow moves so fast. A second frame that agrees is followed.
     Outlier,
-    /// The position is unknown, and the way leads farther from where that began than the configuration allows.
+    /// The position is unknown, and the way leads farther from where that began than the
+    /// configuration allows.
     OutsideWindow,
     /// An axis that is to be homed has no home switch, or no axis was named.
     NoHomeSwitch,

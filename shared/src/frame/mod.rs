@@ -1,24 +1,26 @@
 //! The wire: what host and station say to each other over any byte stream.
 //!
 //! # Format
-//! A *packet* is a message encoded by postcard (its stable format, version 1), followed by its CRC-32 (ISCSI, also
-//! known as CRC-32C, little-endian), the whole COBS-stuffed, with one zero byte before it and one
-//! behind it. The first ends whatever noise stood on the line, so that noise never costs the packet
-//! that follows; the last makes the packet complete at once. Empty packets are allowed and mean
-//! nothing. A packet is at most [`MAX_PACKET`] bytes, a flow frame at most 64 (one full-speed USB
-//! packet), both with all framing.
+//! A *packet* is a message encoded by postcard (its stable format, version 1), followed by its
+//! CRC-32 (ISCSI, also known as CRC-32C, little-endian), the whole COBS-stuffed, with one zero byte
+//! before it and one behind it. The first ends whatever noise stood on the line, so that noise
+//! never costs the packet that follows; the last makes the packet complete at once. Empty packets
+//! are allowed and mean nothing. A packet is at most [`MAX_PACKET`] bytes, a flow frame at most 64
+//! (one full-speed USB packet), both with all framing.
 //!
-//! Every packet from the host is a [`message::Packet`]: a 16-bit sequence number and a [`message::Command`]. The station accepts a packet
-//! only if its number lies ahead of the last accepted one (serial number arithmetic, RFC 1982); a repeated number is a
-//! duplicate, one from behind is stale. Either is counted and changes nothing. `Hello` may have any number and starts
+//! Every packet from the host is a [`message::Packet`]: a 16-bit sequence number and a
+//! [`message::Command`]. The station accepts a packet only if its number lies ahead of the last
+//! accepted one (serial number arithmetic, RFC 1982); a repeated number is a duplicate, one from
+//! behind is stale. Either is counted and changes nothing. `Hello` may have any number and starts
 //! the count anew, so a restarted host is understood.
 //!
 //! Everything from the station is a [`message::Report`].
 //!
 //! # Compatibility
-//! Variants of the enums are append-only: postcard writes their index, so a renumbered variant would decode as another action.
-//! The file `schema.txt` beside this module lists messages and fields; its hash is in the station's hello, and the host refuses to move a
-//! station whose hash differs. Tests hold the list and the committed bytes of every message to the code.
+//! Variants of the enums are append-only: postcard writes their index, so a renumbered variant
+//! would decode as another action. The file `schema.txt` beside this module lists messages and
+//! fields; its hash is in the station's hello, and the host refuses to move a station whose hash
+//! differs. Tests hold the list and the committed bytes of every message to the code.
 
 mod command;
 pub mod encode;

@@ -51,10 +51,12 @@ impl Rejects {
     }
 }
 
-/// Collects bytes until a packet is complete, and undoes the COBS stuffing on the way: each block is a code and code - 1 bytes, and stands
-/// for these bytes and a zero; but for a code of 255, and at the end of the packet, there is no zero.
+/// Collects bytes until a packet is complete, and undoes the COBS stuffing on the way: each block
+/// is a code and code - 1 bytes, and stands for these bytes and a zero; but for a code of 255, and
+/// at the end of the packet, there is no zero.
 ///
-/// *Invariant:* the first `length` bytes of `buffer` are the packet so far, or `overrun` is set and the rest of it is being skipped.
+/// *Invariant:* the first `length` bytes of `buffer` are the packet so far, or `overrun` is set and
+/// the rest of it is being skipped.
 #[derive(Clone, Debug)]
 pub struct Receiver<T> {
     /// A packet without its code and its closing zero.
@@ -87,8 +89,8 @@ impl<T> Default for Receiver<T> {
 impl<T: DeserializeOwned> Receiver<T> {
     /// Takes bytes from the front of `input` up to the end of the next packet.
     ///
-    /// `None` when `input` is used up without one; call again with what comes next. Otherwise the packet's outcome, and
-    /// `input` holds what follows it.
+    /// `None` when `input` is used up without one; call again with what comes next. Otherwise the
+    /// packet's outcome, and `input` holds what follows it.
     pub fn next(&mut self, input: &mut &[u8]) -> Option<Result<T, Reject>> {
         while let Some((&byte, rest)) = input.split_first() {
             *input = rest;

@@ -40,9 +40,11 @@ pub(super) struct Active {
     fine_per_nm: [i64; 3],
     /// What each axis can do, and so the most that a target can be followed in.
     pub reach: [Reach; 3],
-    /// What the cameras must see. Without prediction the stage follows from a distance, which looks like a stall.
+    /// What the cameras must see. Without prediction the stage follows from a distance, which looks
+    /// like a stall.
     pub bounds: Option<Bounds>,
-    /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera axes' errors have in common is left out.
+    /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera
+    /// axes' errors have in common is left out.
     variances: Matrix3<f32>,
 }
 
@@ -200,7 +202,8 @@ fn check_gate(config: &Config) -> Result<(), ConfigField> {
         }
     }
     let displacement = i64::from(gate.max_displacement_nm);
-    // Each row of the matrix adds up three displacements; FARTHEST_SIGHT steps are far from overflow.
+    // Each row of the matrix adds up three displacements; FARTHEST_SIGHT steps are far from
+    // overflow.
     let mut most = i64::from(u32::MAX);
     for (row, axis) in config.matrix.iter().zip(&config.axes) {
         let gain = row.iter().map(|m| i64::from(m.unsigned_abs())).sum::<i64>();

@@ -112,7 +112,8 @@ impl Machine {
         Ok(())
     }
 
-    /// At rest: every position grows by these. Whole steps only: the generator's phase stays as it is.
+    /// At rest: every position grows by these. Whole steps only: the generator's phase stays as it
+    /// is.
     pub(super) fn move_origin(&mut self, by_steps: [i64; 3]) {
         if let Some(planner) = &mut self.planner {
             *planner = planner.shifted(by_steps);

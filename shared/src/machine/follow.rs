@@ -109,8 +109,9 @@ impl Machine {
         }
     }
 
-    /// Sends the stage to where the target will be when the coming tick's first word is on the pins. From there the planner goes on with the target's
-    /// speed by itself, tick by tick, until the next frame.
+    /// Sends the stage to where the target will be when the coming tick's first word is on the
+    /// pins. From there the planner goes on with the target's speed by itself, tick by tick, until
+    /// the next frame.
     fn aim(&mut self) {
         if self.tracker.watch.holds() {
             return;
@@ -160,7 +161,8 @@ fn resting_or_moving(aim: Aim) -> Position {
     }
 }
 
-/// Steps/ms to 2⁻³² step per slot, of which there are `slots` to the ms. Saturates at two steps per slot, beyond what any axis can do.
+/// Steps/ms to 2⁻³² step per slot, of which there are `slots` to the ms. Saturates at two steps per
+/// slot, beyond what any axis can do.
 fn per_slot(speed: f32, slots: u32) -> i64 {
     const QUARTER: f32 = (1 << 30) as f32;
     i64::from((speed * (QUARTER / slots as f32)) as i32) << 2

@@ -3,16 +3,20 @@
 //! One axis after the other, Z first, since that takes the cameras away from what they look at:
 //!
 //! 1. *Look*: is the switch tripped already? Then go on with 3.
-//! 2. *Search*: towards the switch at the first speed, at most five quarters of the axis's travel and the back-off; on a ramp to rest when it trips.
+//! 2. *Search*: towards the switch at the first speed, at most five quarters of the axis's travel
+//!    and the back-off; on a ramp to rest when it trips.
 //! 3. *Release*: back off from where it tripped. It must have released by then.
-//! 4. *Approach*: onto it again at the second speed, at most two back-offs. Where the stage was when it tripped is the home position.
+//! 4. *Approach*: onto it again at the second speed, at most two back-offs. Where the stage was
+//!    when it tripped is the home position.
 //! 5. *Leave*: back off again; it must have released. Then the axis's origin is set.
 //!
-//! Soft limits do not hold meanwhile, and the switch that is looked for is no fault; every other switch is. Nothing stops abruptly, so a
-//! search that is ended by a stop or a silent host leaves the position as good as it was.
+//! Soft limits do not hold meanwhile, and the switch that is looked for is no fault; every other
+//! switch is. Nothing stops abruptly, so a search that is ended by a stop or a silent host leaves
+//! the position as good as it was.
 //!
-//! *Bounce:* a switch counts as tripped or released when it said so for [`STEADY`] ticks on end; the place is that of the first of these. One that
-//! cannot make up its mind within [`PATIENCE`] ticks at rest is stuck.
+//! *Bounce:* a switch counts as tripped or released when it said so for [`STEADY`] ticks on end;
+//! the place is that of the first of these. One that cannot make up its mind within [`PATIENCE`]
+//! ticks at rest is stuck.
 
 use super::Machine;
 use super::command::to_centre;
@@ -125,7 +129,8 @@ impl Homing {
         self.rested = 0;
     }
 
-    /// One tick: `at` is where the axis is, `stands` whether it goes nowhere; `search` and `back_off` are ways, all 2⁻³² steps.
+    /// One tick: `at` is where the axis is, `stands` whether it goes nowhere; `search` and
+    /// `back_off` are ways, all 2⁻³² steps.
     fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Deed {
         if stands {
             self.rested = self.rested.saturating_add(1);
@@ -241,7 +246,8 @@ impl Machine {
         let position_um = i64::from(homing.home.position_um);
         let (home, limits) = (fine(position_um), active.home);
         let homes = stage.home;
-        // What the switch said lately belongs to where the pins were; what is planned is a little ahead.
+        // What the switch said lately belongs to where the pins were; what is planned is a little
+        // ahead.
         let now = self.now();
         let at = on_axis(self.history.at(now).unwrap_or(self.position()));
         let tripped = self.inputs.limits.get(axis).and_then(|ends| ends.get(side));

@@ -4,12 +4,14 @@
 //!
 //! * [`Machine::receive`] takes bytes from the link whenever they come;
 //! * [`Machine::sense`] takes the switches, and how many port words the step engine has emitted;
-//! * [`Machine::poll`] says what to do next: send bytes, feed a segment to the step generator, or wait.
+//! * [`Machine::poll`] says what to do next: send bytes, feed a segment to the step generator, or
+//!   wait.
 //!
 //! # Ticks
-//! The station lives in control ticks of 1 ms: tick `k` is at `k` ms of the station's clock. Whatever arrives between two ticks takes effect at
-//! the later one, and every answer and status names its tick; so a log of (tick, input) replays to the same bits on any shell. Each tick
-//! plans four segments of 250 µs, which `poll` gives out one after the other as their time comes.
+//! The station lives in control ticks of 1 ms: tick `k` is at `k` ms of the station's clock.
+//! Whatever arrives between two ticks takes effect at the later one, and every answer and status
+//! names its tick; so a log of (tick, input) replays to the same bits on any shell. Each tick plans
+//! four segments of 250 µs, which `poll` gives out one after the other as their time comes.
 //!
 //! # Order within a tick
 //! Switches and heartbeat, then a stop, then the commands that came after it in their order, then
@@ -157,7 +159,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A station that was just switched on. One that started for no good reason has [`Fault::Restart`] latched.
+    /// A station that was just switched on. One that started for no good reason has
+    /// [`Fault::Restart`] latched.
     pub fn new(board: Board) -> Self {
         let unexpected = matches!(
             board.reset_cause,
@@ -230,7 +233,8 @@ impl Machine {
 
     /// What to do at `now`. Call again at once after anything but [`Output::Idle`].
     ///
-    /// `room` is how many port words the shell can still queue; without room for a segment none is given out.
+    /// `room` is how many port words the shell can still queue; without room for a segment none is
+    /// given out.
     pub fn poll(&mut self, now: Instant, room: usize) -> Output {
         let report = self.outbox.next();
         if let Some(Ok(bytes)) = report.map(|report| encode(&stamped(report, now))) {
@@ -287,7 +291,8 @@ impl Machine {
         self.motors
     }
 
-    /// Which axes count against their motor: the shell hands this to the step generator before each segment.
+    /// Which axes count against their motor: the shell hands this to the step generator before each
+    /// segment.
     pub fn inverted(&self) -> [bool; 3] {
         self.active.as_ref().map_or([false; 3], |active| {
             active.config.axes.map(|axis| axis.invert)
@@ -301,7 +306,8 @@ impl Machine {
             .map_or([0; 3], |planner| planner.loads().map(from_centre))
     }
 
-    /// Planned position of the motors, 2⁻³² steps from zero: that of the stage but for lost motion. Whole steps are where they stand.
+    /// Planned position of the motors, 2⁻³² steps from zero: that of the stage but for lost motion.
+    /// Whole steps are where they stand.
     pub fn motors(&self) -> Fine {
         self.planner
             .as_ref()
@@ -323,7 +329,8 @@ impl Machine {
         Instant::from_micros(self.tick.saturating_mul(TICK_US))
     }
 
-    /// The shell did not poll for a while: the pins stood still meanwhile, so time goes on without motion.
+    /// The shell did not poll for a while: the pins stood still meanwhile, so time goes on without
+    /// motion.
     fn catch_up(&mut self, now: Instant) {
         self.tick = now.micros() / TICK_US;
         self.given = SEGMENTS;
@@ -388,7 +395,8 @@ impl Machine {
         }
     }
 
-    /// Says who it is, and what was before. Rare and large: in a function of its own the image is smaller.
+    /// Says who it is, and what was before. Rare and large: in a function of its own the image is
+    /// smaller.
     #[cold]
     #[inline(never)]
     fn greet(&mut self) {
@@ -439,7 +447,8 @@ impl Machine {
             self.stop();
         }
         let mut followed = false;
-        // By reference: a command is large, and each copy costs a flow frame hundreds of instructions.
+        // By reference: a command is large, and each copy costs a flow frame hundreds of
+        // instructions.
         while let Some(packet) = self.inbox.next() {
             followed |= matches!(packet.command, Command::Frame(_));
             let outcome = self.apply(packet.sequence, &packet.command);

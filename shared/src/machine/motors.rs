@@ -1,7 +1,7 @@
 //! Switching the motors on and off.
 //!
-//! The motors are off until the first configuration, and then until they are switched on again after
-//! a command or a rest that was long enough. Motors without current can be moved by hand and
+//! The motors are off until the first configuration, and then until they are switched on again
+//! after a command or a rest that was long enough. Motors without current can be moved by hand and
 //! snap to another step when they are switched on, so the position is no longer trusted.
 
 use super::{Machine, TICK_US};

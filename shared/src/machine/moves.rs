@@ -1,12 +1,12 @@
 //! Moves to a position and by a distance, and the limits that hold for them.
 //!
-//! A move names axes: a jog those with a distance, a setpoint those that stand elsewhere. An axis that
-//! is not named keeps its place to the fraction of a step, or goes on to where an earlier move
+//! A move names axes: a jog those with a distance, a setpoint those that stand elsewhere. An axis
+//! that is not named keeps its place to the fraction of a step, or goes on to where an earlier move
 //! sends it. No axis moves against the direction of its jog, except for the way that an earlier
 //! motion takes to turn round.
 //!
-//! An axis may stand outside its travel: after a search for its home switch that was stopped, with a
-//! narrower configuration, or with a travel that excludes the place that was declared to be zero.
+//! An axis may stand outside its travel: after a search for its home switch that was stopped, with
+//! a narrower configuration, or with a travel that excludes the place that was declared to be zero.
 //! From there it moves inwards only, when it is named, at the pace of an unknown position.
 
 use super::Machine;

@@ -1,8 +1,8 @@
 //! The window of an unknown position.
 //!
-//! While the position is unknown an axis stays within a distance of where that began: where the power
-//! came on, or where trust was lost. Nothing but a known position moves the window: no further
-//! loss of trust, no stop, and no configuration.
+//! While the position is unknown an axis stays within a distance of where that began: where the
+//! power came on, or where trust was lost. Nothing but a known position moves the window: no
+//! further loss of trust, no stop, and no configuration.
 
 use crate::track::{Fine, add};
 
@@ -47,8 +47,8 @@ impl Window {
         *anchor = at.saturating_sub(if forwards { way } else { -way });
     }
 
-    /// Returns whether no axis goes more than half a step farther than `width` from where it may be.
-    /// The way back is always open.
+    /// Returns whether no axis goes more than half a step farther than `width` from where it may
+    /// be. The way back is always open.
     pub fn allows(&self, from: Fine, to: Fine, width: Fine) -> bool {
         let ends = from.into_iter().zip(to);
         let mut axes = ends.zip(self.anchor.into_iter().zip(width));

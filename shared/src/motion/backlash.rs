@@ -1,21 +1,26 @@
 //! Lost motion between motor and load, and how it is taken up when an axis turns round.
 //!
 //! # Model
-//! The motor pushes the load with one of two flanks, `width` apart; between them it moves without the load, which friction holds where it is:
+//! The motor pushes the load with one of two flanks, `width` apart; between them it moves without
+//! the load, which friction holds where it is:
 //!
 //! ```text
 //! load(t) = load(t - 1) clamped to  motor(t) ..= motor(t) + width
 //! ```
 //!
-//! Pushed forwards the load is where the motor is, pushed backwards it is `width` before it. Everything that is told to the planner or by it
-//! (goals, soft limits, positions) is the load's; the steps are the motor's. So taking up lost motion is no special motion: it is part of the way
-//! to the motor's target, within the same limits of speed, acceleration and jerk, and in whole steps.
+//! Pushed forwards the load is where the motor is, pushed backwards it is `width` before it.
+//! Everything that is told to the planner or by it (goals, soft limits, positions) is the load's;
+//! the steps are the motor's. So taking up lost motion is no special motion: it is part of the way
+//! to the motor's target, within the same limits of speed, acceleration and jerk, and in whole
+//! steps.
 //!
 //! # Which flank
-//! Say where the load will stand when the axis has braked, in the frame of its target. As long as that is not beyond the goal, seen in the direction
-//! in which the load is pushed now, the present flank will do. Otherwise the load must come back, and the other flank is chosen. This is asked
-//! anew at every tick. While a target is followed two things keep noise from driving the motor to and fro: the load may be half a step beyond
-//! the goal, and a goal that comes after the load by itself may be as far behind as it moves in [`PATIENCE`] ticks.
+//! Say where the load will stand when the axis has braked, in the frame of its target. As long as
+//! that is not beyond the goal, seen in the direction in which the load is pushed now, the present
+//! flank will do. Otherwise the load must come back, and the other flank is chosen. This is asked
+//! anew at every tick. While a target is followed two things keep noise from driving the motor to
+//! and fro: the load may be half a step beyond the goal, and a goal that comes after the load by
+//! itself may be as far behind as it moves in [`PATIENCE`] ticks.
 
 use crate::fixed::{product, times};
 use crate::steps::Position;
@@ -132,8 +137,9 @@ impl Play {
         }
     }
 
-    /// Chooses the flank, and gives what the motor's target changes by: 0 if the present one will do. `target` is the motor's, which moves by `drift`
-    /// speed quanta; relative to it the motor is braked at `stop`. `near` is how near to a goal an axis comes to rest, fine units.
+    /// Chooses the flank, and gives what the motor's target changes by: 0 if the present one will
+    /// do. `target` is the motor's, which moves by `drift` speed quanta; relative to it the motor
+    /// is braked at `stop`. `near` is how near to a goal an axis comes to rest, fine units.
     pub(super) fn turn(
         &mut self,
         target: Position,

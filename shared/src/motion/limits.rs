@@ -124,7 +124,8 @@ impl core::error::Error for ConfigFault {}
 /// What one axis may do, in the planner's grid (see the [module](super)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisLimits {
-    /// Highest speed, multiples of `2N` fine units per slot; from 1, and `2N` times it fits a `u32`.
+    /// Highest speed, multiples of `2N` fine units per slot; from 1, and `2N` times it fits a
+    /// `u32`.
     pub(super) speed: u32,
     /// Highest change of speed per tick, same unit; from 1 to `speed`.
     pub(super) acceleration: u32,
@@ -136,7 +137,8 @@ pub struct AxisLimits {
     backlash: u32,
 }
 
-/// Positions of soft limits stay within this, steps: leaves room to stop within the range of [`Position`] from anywhere.
+/// Positions of soft limits stay within this, steps: leaves room to stop within the range of
+/// [`Position`] from anywhere.
 const FARTHEST: i64 = 1 << 29;
 
 impl AxisLimits {
@@ -145,8 +147,9 @@ impl AxisLimits {
         if config.steps_per_m == 0 {
             return Err(LimitFault::at_least(Field::StepsPerM, 1));
         }
-        // µm per second to fine units per slot, then to the grid: speed quanta, and these per tick, and per tick again.
-        // Dividing by one factor after the other rounds down just as dividing by the product does.
+        // µm per second to fine units per slot, then to the grid: speed quanta, and these per tick,
+        // and per tick again. Dividing by one factor after the other rounds down just as dividing
+        // by the product does.
         let um = |per_s: u32| u64::from(config.steps_per_m) * u64::from(per_s);
         let um_slots = 1_000_000 * u64::from(rate.slots_per_s());
         let quantum = 2 * u64::from(rate.slots_per_tick());
@@ -157,7 +160,8 @@ impl AxisLimits {
         }
         // Exactly one step per slot is one fine unit more than an increment can hold.
         let speed = (fine_per_slot.min(u64::from(u32::MAX)) / quantum) as u32;
-        // The smallest number that comes to one quantum. `ticks` is how many ticks of a second come in.
+        // The smallest number that comes to one quantum. `ticks` is how many ticks of a second come
+        // in.
         let too_small = |field, ticks: u64| {
             let product = wide((um_slots * quantum).cast_signed(), ticks.cast_signed());
             // One quantum is 2^32 of these; below 2^46.
@@ -212,7 +216,8 @@ impl AxisLimits {
         self.range.map(Position::centre)
     }
 
-    /// Between what the motor stands at when the load is at either end: pushed backwards, the motor is `backlash` steps ahead.
+    /// Between what the motor stands at when the load is at either end: pushed backwards, the motor
+    /// is `backlash` steps ahead.
     pub(super) fn motor_ends(&self) -> [Position; 2] {
         let [low, high] = self.ends();
         [low.saturating_add(-(i64::from(self.backlash) << 32)), high]

@@ -1,30 +1,34 @@
 //! From where the stage should be to segments of motion.
 //!
-//! Limits come in as integers in physical units ([`AxisConfig`]) and are converted once ([`Limits`]). The [`Planner`]
-//! then makes the motion of one control tick (1 ms) after the other, as four [`Segment`](crate::steps::Segment)s of
-//! 250 µs each. The target can change before any tick, also in mid-move: the newest one wins.
+//! Limits come in as integers in physical units ([`AxisConfig`]) and are converted once
+//! ([`Limits`]). The [`Planner`] then makes the motion of one control tick (1 ms) after the other,
+//! as four [`Segment`](crate::steps::Segment)s of 250 µs each. The target can change before any
+//! tick, also in mid-move: the newest one wins.
 //!
 //! # The grid
 //!
-//! With `N` slots to a tick, speeds at tick borders are multiples of `2N` fine units per slot. Say an axis
-//! has the speed `2N m` at the start of a tick and `2N (m + e)` at its end. Slot `k` of the tick then gets the increment
+//! With `N` slots to a tick, speeds at tick borders are multiples of `2N` fine units per slot. Say
+//! an axis has the speed `2N m` at the start of a tick and `2N (m + e)` at its end. Slot `k` of the
+//! tick then gets the increment
 //!
 //! ```text
 //! 2N m + e + 2e k      k = 0..N
 //! ```
 //!
-//! that is, the exact straight line from one speed to the other, sampled in the middle of each slot. The tick moves the
-//! axis by `N² (m + (m + e))` fine units: mean speed times time, without any rounding. So all planning is done in
-//! small integers, `m` for speed, `e` for acceleration and its change for jerk, and `N²` fine units for distance, and is
-//! exact. With words at 1 MHz, N = 500, a speed quantum is 0.116 steps/s, an acceleration quantum 116 steps/s², a jerk quantum
-//! 116,000 steps/s³ and a distance quantum 5.8·10⁻⁵ step. The first stays in proportion to the word rate, the second
-//! and the third to its square.
+//! that is, the exact straight line from one speed to the other, sampled in the middle of each
+//! slot. The tick moves the axis by `N² (m + (m + e))` fine units: mean speed times time, without
+//! any rounding. So all planning is done in small integers, `m` for speed, `e` for acceleration and
+//! its change for jerk, and `N²` fine units for distance, and is exact. With words at 1 MHz, N =
+//! 500, a speed quantum is 0.116 steps/s, an acceleration quantum 116 steps/s², a jerk quantum
+//! 116,000 steps/s³ and a distance quantum 5.8·10⁻⁵ step. The first stays in proportion to the word
+//! rate, the second and the third to its square.
 //!
 //! # Turning round
 //!
-//! Within a segment an axis keeps its direction. In the one segment of a reversal in which the speed goes through
-//! zero, the axis is given the segment's mean speed instead. It then stands where it should at the segment's end (but
-//! for less than `N/4` fine units), and within it is off by less than an eighth of the acceleration times (250 µs)².
+//! Within a segment an axis keeps its direction. In the one segment of a reversal in which the
+//! speed goes through zero, the axis is given the segment's mean speed instead. It then stands
+//! where it should at the segment's end (but for less than `N/4` fine units), and within it is off
+//! by less than an eighth of the acceleration times (250 µs)².
 
 mod backlash;
 mod limits;

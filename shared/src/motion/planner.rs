@@ -12,28 +12,31 @@ mod ramp;
 
 const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 
-/// Plans the motion of all axes, tick by tick, and hands it out segment by segment: limited in speed, acceleration and jerk, in the shortest time on the grid,
-/// ending at rest exactly in the step that was asked for. See the [module](super).
+/// Plans the motion of all axes, tick by tick, and hands it out segment by segment: limited in
+/// speed, acceleration and jerk, in the shortest time on the grid, ending at rest exactly in the
+/// step that was asked for. See the [module](super).
 ///
-/// Each tick takes the highest acceleration after which the axis can still stop in front of its goal. So there is no stored profile: a
-/// new target takes effect with the next tick, whatever the axis is doing. A target too close to stop for, or behind, is overrun and
-/// come back to.
+/// Each tick takes the highest acceleration after which the axis can still stop in front of its
+/// goal. So there is no stored profile: a new target takes effect with the next tick, whatever the
+/// axis is doing. A target too close to stop for, or behind, is overrun and come back to.
 ///
-/// *Duration:* from any state the optimum, rounded up to whole ticks, and at most one tick more, as long as the ramp to the full
-/// acceleration takes fewer than `2²⁴/N²` ticks (67 with words at 1 MHz). After longer ones braking may leave more than 1/128 step, which
-/// takes some ticks more. Test `ten_thousand_states_reach_their_targets_in_the_optimal_time` and its neighbours.
+/// *Duration:* from any state the optimum, rounded up to whole ticks, and at most one tick more, as
+/// long as the ramp to the full acceleration takes fewer than `2²⁴/N²` ticks (67 with words at 1
+/// MHz). After longer ones braking may leave more than 1/128 step, which takes some ticks more.
+/// Test `ten_thousand_states_reach_their_targets_in_the_optimal_time` and its neighbours.
 ///
-/// *Invariants:* the position is the sum of all displacements handed out, so its floor is what the generator will have emitted.
-/// At tick borders no speed, acceleration or jerk exceeds its limit.
+/// *Invariants:* the position is the sum of all displacements handed out, so its floor is what the
+/// generator will have emitted. At tick borders no speed, acceleration or jerk exceeds its limit.
 ///
-/// *Stop bound:* from speed `v` and acceleration `a0` (positive if it speeds the axis up), with limits `a` and `j`,
-/// [`Planner::stop`] takes at most
+/// *Stop bound:* from speed `v` and acceleration `a0` (positive if it speeds the axis up), with
+/// limits `a` and `j`, [`Planner::stop`] takes at most
 ///
 /// ```text
 /// v a0/j + a0³/3j² + (v'/2)(v'/a + a/j) + (v' + a T) T      v' = v + a0²/2j      a0 > 0, T = 1 ms
 /// ```
 ///
-/// after the tick already planned ([`Planner::stopping_ways`] is exact); the last term is the grid's.
+/// after the tick already planned ([`Planner::stopping_ways`] is exact); the last term is the
+/// grid's.
 #[derive(Clone, Debug)]
 pub struct Planner {
     limits: Limits,
@@ -70,7 +73,8 @@ impl Planner {
         }
     }
 
-    /// At rest where this one is, with other limits; what is left of the tick is forgotten. The load stays where it is between its flanks.
+    /// At rest where this one is, with other limits; what is left of the tick is forgotten. The
+    /// load stays where it is between its flanks.
     pub fn relimited(&self, limits: Limits) -> Self {
         let mut planner = Self::new(limits, self.positions);
         let plays = planner.plays.iter_mut().zip(self.plays);
@@ -80,7 +84,8 @@ impl Planner {
         planner
     }
 
-    /// At rest where this one is, with the origin moved back by `steps`: every position grows by as much. What is left of the tick is forgotten.
+    /// At rest where this one is, with the origin moved back by `steps`: every position grows by as
+    /// much. What is left of the tick is forgotten.
     pub fn shifted(&self, steps: [i64; AXES]) -> Self {
         let by = steps.map(|steps| times(steps, 1 << 32));
         let mut positions = self.positions;
@@ -94,17 +99,19 @@ impl Planner {
         planner
     }
 
-    /// Every axis goes to its target as fast as it can, on its own; outside of the soft limits, to the limit.
+    /// Every axis goes to its target as fast as it can, on its own; outside of the soft limits, to
+    /// the limit.
     ///
-    /// `targets` may lie anywhere within a step; to stand exactly at step `n` give [`Position::centre`]`(n)`.
+    /// `targets` may lie anywhere within a step; to stand exactly at step `n` give
+    /// [`Position::centre`]`(n)`.
     pub fn set_target(&mut self, targets: [Position; AXES]) {
         self.aim(targets, [0; AXES], false);
     }
 
     /// Sends the axes that have a target, as [`Planner::set_target`] does.
     ///
-    /// An axis without one goes on to its earlier target; if it followed a moving target it brakes to
-    /// rest. At rest it makes no step, not even to take up lost motion.
+    /// An axis without one goes on to its earlier target; if it followed a moving target it brakes
+    /// to rest. At rest it makes no step, not even to take up lost motion.
     pub fn set_targets_of(&mut self, targets: [Option<Position>; AXES]) {
         let quantum = self.distance_quantum();
         self.line = None;
@@ -124,9 +131,10 @@ impl Planner {
         }
     }
 
-    /// Follows a moving target without lag: `targets` is where it is at the start of the next tick planned, `speeds`
-    /// how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It is taken to move on like this
-    /// until the next call; the axes stay within the soft limits whatever it does.
+    /// Follows a moving target without lag: `targets` is where it is at the start of the next tick
+    /// planned, `speeds` how fast it moves, fine units (2⁻³² step) per slot, negative backwards. It
+    /// is taken to move on like this until the next call; the axes stay within the soft limits
+    /// whatever it does.
     pub fn follow(&mut self, targets: [Position; AXES], speeds: [i64; AXES]) {
         self.aim(targets, speeds, true);
     }
@@ -165,9 +173,9 @@ impl Planner {
         }
     }
 
-    /// Like [`Planner::set_target`], but when all axes are at rest they go in step: on the straight line, starting and
-    /// arriving together, as fast as the limits of all allow. In mid-move each axis goes on its own.
-    /// Axes without a target are treated as [`Planner::set_targets_of`] does.
+    /// Like [`Planner::set_target`], but when all axes are at rest they go in step: on the straight
+    /// line, starting and arriving together, as fast as the limits of all allow. In mid-move each
+    /// axis goes on its own. Axes without a target are treated as [`Planner::set_targets_of`] does.
     pub fn move_in_step(&mut self, targets: [Option<Position>; AXES]) {
         self.set_targets_of(targets);
         if self.is_at_rest() {
@@ -192,7 +200,8 @@ impl Planner {
         }
     }
 
-    /// The next 250 µs of motion. Every fourth call, from the first, plans a tick; what was asked for since takes effect then.
+    /// The next 250 µs of motion. Every fourth call, from the first, plans a tick; what was asked
+    /// for since takes effect then.
     pub fn plan_segment(&mut self) -> Segment {
         if self.given >= SEGMENTS {
             self.next_tick();
@@ -233,7 +242,8 @@ impl Planner {
                 y.quarter(slots, quarter),
                 z.quarter(slots, quarter),
             ];
-            // Speeds on the grid always make a segment. Were it not so, a pause is safe and the position stays true.
+            // Speeds on the grid always make a segment. Were it not so, a pause is safe and the
+            // position stays true.
             *segment = Segment::new(slots, motions).unwrap_or(Segment::pause(slots));
             for (way, part) in ways.iter_mut().zip(segment.displacement()) {
                 *way += part;
@@ -265,7 +275,8 @@ impl Planner {
         [a.goal(x.target), b.goal(y.target), c.goal(z.target)]
     }
 
-    /// Speeds of the motors after the segments handed out so far, fine units (2⁻³² step) per slot, negative backwards.
+    /// Speeds of the motors after the segments handed out so far, fine units (2⁻³² step) per slot,
+    /// negative backwards.
     pub fn speeds(&self) -> [i64; AXES] {
         let quantum = self.speed_quantum();
         let per_segment = quantum / SEGMENTS as i64;
@@ -275,8 +286,8 @@ impl Planner {
         })
     }
 
-    /// How far each axis would still go after the present tick if [`Planner::stop`] were called now, 2⁻³² step, negative
-    /// backwards. Exact.
+    /// How far each axis would still go after the present tick if [`Planner::stop`] were called
+    /// now, 2⁻³² step, negative backwards. Exact.
     pub fn stopping_ways(&self) -> [i64; AXES] {
         let quantum = self.distance_quantum();
         self.axes.each_ref().map(|axis| axis.stopping_way(quantum))
@@ -292,8 +303,8 @@ impl Planner {
         self.axes.iter().all(Axis::is_at_rest)
     }
 
-    /// Every axis is at rest less than 1/128 step from its target, or than four distance quanta if these are more (from words at
-    /// 5.7 MHz on; at 16 MHz they are 1/16 step).
+    /// Every axis is at rest less than 1/128 step from its target, or than four distance quanta if
+    /// these are more (from words at 5.7 MHz on; at 16 MHz they are 1/16 step).
     pub fn has_arrived(&self) -> bool {
         let near = near(self.distance_quantum());
         let arrived =

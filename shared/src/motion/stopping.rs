@@ -2,33 +2,38 @@ use super::AxisLimits;
 use crate::fixed::{product, quotient, root, square_root_32};
 use core::ops::{Add, Neg, Sub};
 
-/// Speed, acceleration and jerk an axis keeps to, in the grid of the [module](super): speed quanta, change of speed
-/// per tick, change of that per tick.
+/// Speed, acceleration and jerk an axis keeps to, in the grid of the [module](super): speed quanta,
+/// change of speed per tick, change of that per tick.
 ///
-/// *Invariant:* all at least 1, speed and jerk at most 2²⁸, and easing off from the full acceleration alone does not exceed
-/// the speed: [`Pace::steepest`]`(speed) >= acceleration`. Hence `(acceleration / jerk)²` stays below 2²⁹, and with
-/// `|u| <= 2²⁹`, `|e| <= acceleration` every number below fits an `i64`.
+/// *Invariant:* all at least 1, speed and jerk at most 2²⁸, and easing off from the full
+/// acceleration alone does not exceed the speed: [`Pace::steepest`]`(speed) >= acceleration`. Hence
+/// `(acceleration / jerk)²` stays below 2²⁹, and with `|u| <= 2²⁹`, `|e| <= acceleration` every
+/// number below fits an `i64`.
 ///
 /// # Stopping
 ///
-/// A tick with the deceleration `d` takes the speed from `u` to `u - d` and the axis `u + (u - d)` distance quanta on.
-/// From one tick to the next `d` changes by at most the jerk `J`, never exceeds `A`, and ends at 0 together with `u`.
+/// A tick with the deceleration `d` takes the speed from `u` to `u - d` and the axis `u + (u - d)`
+/// distance quanta on. From one tick to the next `d` changes by at most the jerk `J`, never exceeds
+/// `A`, and ends at 0 together with `u`.
 ///
-/// *Easing:* once `d` falls by `J` per tick, the ticks after this one take `T(d) = (d-J) + (d-2J) + ...` off the
-/// speed (positive terms). With `d = qJ + s`, `0 <= s < J`: `T(d) = q d - J q(q+1)/2`.
+/// *Easing:* once `d` falls by `J` per tick, the ticks after this one take
+/// `T(d) = (d-J) + (d-2J) + ...` off the speed (positive terms). With `d = qJ + s`, `0 <= s < J`:
+/// `T(d) = q d - J q(q+1)/2`.
 ///
-/// *Braking rule:* each tick takes the largest `d'` with `d' <= d + J`, `d' <= A` and `T(d') <= u - d'`. The last one
-/// keeps the axis able to ease off before its speed is gone; the rule never breaks it. If it is broken from the start, the
-/// speed is going to change its sign whatever is done, and the rule applies to the mirrored axis.
+/// *Braking rule:* each tick takes the largest `d'` with `d' <= d + J`, `d' <= A` and
+/// `T(d') <= u - d'`. The last one keeps the axis able to ease off before its speed is gone; the
+/// rule never breaks it. If it is broken from the start, the speed is going to change its sign
+/// whatever is done, and the rule applies to the mirrored axis.
 ///
 /// The rule runs in three phases, each with a closed sum:
 ///
-/// 1. `d` *climbs* by `J` per tick. From `d = kJ + s` (rounded down, `k` may be negative) it may reach the level `qJ + s` if
-///    the speed left then allows it, and the sums over both flanks make that `J q² + 2 s q <= u + J k(k+1)/2 + s k`.
+/// 1. `d` *climbs* by `J` per tick. From `d = kJ + s` (rounded down, `k` may be negative) it may
+///    reach the level `qJ + s` if the speed left then allows it, and the sums over both flanks make
+///    that `J q² + 2 s q <= u + J k(k+1)/2 + s k`.
 /// 2. It *holds* `A` while `u >= A + T(A)`.
-/// 3. It *falls*. Let `V(q) = J q(q+1)/2` be what whole levels from `q` down take off, and `u = V(q) + (q+1) s + w` with
-///    the largest `q` and `0 <= w <= q`. Then the rule gives level `l`, from `q` down to 0, the deceleration
-///    `l J + s`, and one more on the last `w` levels.
+/// 3. It *falls*. Let `V(q) = J q(q+1)/2` be what whole levels from `q` down take off, and
+///    `u = V(q) + (q+1) s + w` with the largest `q` and `0 <= w <= q`. Then the rule gives level
+///    `l`, from `q` down to 0, the deceleration `l J + s`, and one more on the last `w` levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Pace {
     pub(super) speed: i64,
@@ -263,12 +268,13 @@ impl Pace {
         pace
     }
 
-    /// Whether all terms of the rule stay below 2²⁹, and so their sums below 2³¹, for speeds up to twice the highest (relative to a
-    /// target that moves at the highest).
+    /// Whether all terms of the rule stay below 2²⁹, and so their sums below 2³¹, for speeds up to
+    /// twice the highest (relative to a target that moves at the highest).
     ///
-    /// `R = A/J + 2` is above the ticks of a ramp, and a climb takes at most twice as many. As the full acceleration can be eased off
-    /// below the highest speed, `A²/J` is at most twice that, and `R` below the root of `u`. So a climb ends below three times the largest speed, from where a fall
-    /// has fewer than `Q = sqrt(6 u/J) + 2` levels.
+    /// `R = A/J + 2` is above the ticks of a ramp, and a climb takes at most twice as many. As the
+    /// full acceleration can be eased off below the highest speed, `A²/J` is at most twice that,
+    /// and `R` below the root of `u`. So a climb ends below three times the largest speed, from
+    /// where a fall has fewer than `Q = sqrt(6 u/J) + 2` levels.
     fn fits_32_bits(&self) -> bool {
         let (a, j, u) = (self.acceleration, self.jerk, 2 * self.speed);
         if u > 1 << 20 || j > 1 << 16 {
@@ -329,8 +335,8 @@ impl Pace {
         }
     }
 
-    /// The way to rest by the braking rule from speed `u`, after a tick with acceleration `e`: distance quanta, both and
-    /// the result signed in the same direction.
+    /// The way to rest by the braking rule from speed `u`, after a tick with acceleration `e`:
+    /// distance quanta, both and the result signed in the same direction.
     pub(super) fn stopping_way(&self, u: i64, e: i64) -> i64 {
         match self.narrow(u, e) {
             Some((rule, u, e)) => rule.stopping_way(u, e).0.into(),
@@ -338,9 +344,10 @@ impl Pace {
         }
     }
 
-    /// The highest acceleration of the next tick after which the axis can still stop within `ahead` distance quanta
-    /// of where it is now, and ease off before it is faster than `fastest`. The braking rule's, if there is none.
-    /// `stop` is [`Pace::stopping_way`] from here: where the search starts.
+    /// The highest acceleration of the next tick after which the axis can still stop within `ahead`
+    /// distance quanta of where it is now, and ease off before it is faster than `fastest`. The
+    /// braking rule's, if there is none. `stop` is [`Pace::stopping_way`] from here: where the
+    /// search starts.
     pub(super) fn next_acceleration(
         &self,
         u: i64,
@@ -365,8 +372,8 @@ impl Pace {
         if bad_way <= ahead {
             return highest;
         }
-        // The way grows with the acceleration, nearly in proportion: two or three tries find the place. After a try that leaves more
-        // than half of the interval, the next one halves it.
+        // The way grows with the acceleration, nearly in proportion: two or three tries find the
+        // place. After a try that leaves more than half of the interval, the next one halves it.
         let mut halve = false;
         while bad - good > 1 {
             let size = bad - good;

@@ -14,8 +14,9 @@ pub enum Entry<'a> {
 
 /// Entries in the order of their time, as bytes.
 ///
-/// One entry is its instant (8 bytes, µs, little-endian), its kind (1 byte: 0 bytes, 1 switches, 2 wait), the payload's length (2 bytes) and
-/// the payload. Switches are one byte: bits 0 to 5 the limits (axis by axis, negative end first), bit 6 the emergency stop, bit 7 the driver's fault.
+/// One entry is its instant (8 bytes, µs, little-endian), its kind (1 byte: 0 bytes, 1 switches, 2
+/// wait), the payload's length (2 bytes) and the payload. Switches are one byte: bits 0 to 5 the
+/// limits (axis by axis, negative end first), bit 6 the emergency stop, bit 7 the driver's fault.
 ///
 /// An entry takes effect at the control tick after its instant, as anything a station receives.
 #[derive(Clone, Copy, Debug)]

@@ -32,7 +32,8 @@ impl Probe {
         }
     }
 
-    /// Lets the port write `words`; `edge(index, pins before, pins after)` is called for each that changes a pin.
+    /// Lets the port write `words`; `edge(index, pins before, pins after)` is called for each that
+    /// changes a pin.
     pub fn feed(&mut self, words: &[u32], mut edge: impl FnMut(usize, u32, u32)) -> Edges {
         let mut edges = Edges::default();
         for (index, &word) in words.iter().enumerate() {
@@ -79,7 +80,8 @@ mod tests {
     fn steps_follow_the_direction_pin() {
         let mut probe = Probe::new(MAP);
         let mut seen = Vec::new();
-        // x forwards; x again with y, y backwards; x's DIR falls together with a rise: it counts backwards.
+        // x forwards; x again with y, y backwards; x's DIR falls together with a rise: it counts
+        // backwards.
         let words = [
             1 << 3,
             1,

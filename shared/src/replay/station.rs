@@ -19,7 +19,8 @@ pub enum Event {
     Idle(Instant),
 }
 
-/// Machine, generator and a step engine that emits words exactly at the word rate, by the caller's clock.
+/// Machine, generator and a step engine that emits words exactly at the word rate, by the caller's
+/// clock.
 #[derive(Clone, Debug)]
 pub struct Station {
     machine: Machine,
@@ -36,7 +37,8 @@ pub struct Station {
 }
 
 impl Station {
-    /// Switched on at instant 0. `ring_words` are queued ahead of the pins; `board.delay_us` must be their duration.
+    /// Switched on at instant 0. `ring_words` are queued ahead of the pins; `board.delay_us` must
+    /// be their duration.
     ///
     /// # Errors
     /// If the pins are impossible.
@@ -69,7 +71,8 @@ impl Station {
         self.machine.receive(self.now, bytes);
     }
 
-    /// Sets the switches; they are sensed when time next passes. `words_emitted` is the step engine's own and ignored.
+    /// Sets the switches; they are sensed when time next passes. `words_emitted` is the step
+    /// engine's own and ignored.
     pub fn set_switches(&mut self, switches: Inputs) {
         let words_emitted = self.inputs.words_emitted;
         self.inputs = Inputs {
@@ -89,7 +92,8 @@ impl Station {
 
     /// What is to be done at the present instant. `words` must hold a whole segment.
     pub fn poll(&mut self, words: &mut [u32]) -> Event {
-        // The engine has room for whatever the machine gives out in time: it never holds more than one segment above its ring.
+        // The engine has room for whatever the machine gives out in time: it never holds more than
+        // one segment above its ring.
         match self.machine.poll(self.now, words.len()) {
             Output::Send(bytes) => Event::Sent(bytes),
             Output::Idle(until) => Event::Idle(until),
@@ -105,7 +109,8 @@ impl Station {
         }
     }
 
-    /// Lets time pass up to and including `end`, as far as the next thing to be done; [`Event::Idle`] means that `end` was reached.
+    /// Lets time pass up to and including `end`, as far as the next thing to be done;
+    /// [`Event::Idle`] means that `end` was reached.
     pub fn run(&mut self, end: Instant, words: &mut [u32]) -> Event {
         loop {
             match self.poll(words) {

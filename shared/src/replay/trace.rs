@@ -92,8 +92,8 @@ fn plan_sum(segment: &Segment) -> u32 {
 }
 
 impl Record {
-    /// Writes the record: kind (0 packet, 1 digest), instant (8 bytes, µs), then a packet's length (2 bytes) and bytes, or a digest's fields in
-    /// their order; little-endian.
+    /// Writes the record: kind (0 packet, 1 digest), instant (8 bytes, µs), then a packet's length
+    /// (2 bytes) and bytes, or a digest's fields in their order; little-endian.
     pub fn write(&self, mut put: impl FnMut(&[u8])) {
         match self {
             Self::Sent(at, bytes) => {

@@ -1,31 +1,36 @@
 //! How far the cameras of the paper's estimators may be from one line.
 //!
-//! The paper's pairs share their image rows: it takes `y_l = y_m` for granted where it gathers `Vz` in the y rows (`a3`, `b3`). Let the left camera be
-//! `δ_l` mm lower than the middle one. Then `y_l = y_m - δ_l/Z`, and with the exact flow `vy = (Vy - y Vz)/Z` of each camera
+//! The paper's pairs share their image rows: it takes `y_l = y_m` for granted where it gathers `Vz`
+//! in the y rows (`a3`, `b3`). Let the left camera be `δ_l` mm lower than the middle one. Then
+//! `y_l = y_m - δ_l/Z`, and with the exact flow `vy = (Vy - y Vz)/Z` of each camera
 //!
 //! ```text
 //! d2 = a1 Vy + (a3 + Δa) Vz      Δa = -½ Σ (x_l + x_m) δ_l/Z      |Δa| / a1 <= τ |δ_l| / h1
 //! ```
 //!
-//! since `a1 = h1 Σ 1/Z`; `τ` is the greatest `|x|` in the images. The same holds for the right pair with `b1`, `h2` and `δ_r`. The closed form solves
-//! `Vx` and `Vz` without y, and its `Vy` is a mean of both rows with the weights `a1²/n` and `b1²/n`, so
+//! since `a1 = h1 Σ 1/Z`; `τ` is the greatest `|x|` in the images. The same holds for the right
+//! pair with `b1`, `h2` and `δ_r`. The closed form solves `Vx` and `Vz` without y, and its `Vy` is
+//! a mean of both rows with the weights `a1²/n` and `b1²/n`, so
 //!
 //! ```text
 //! |error of Vy| <= κ |Vz|        κ = τ max(|δ_l|/h1, |δ_r|/h2)
 //! ```
 //!
-//! Least squares has this error of `Vy` too. Its y rows also contradict each other: the share `ρ² / (1 + ρ²)` of `Vz` is lost,
-//! `ρ <= 4 κ Z / (h1 + h2)`. Under the limit that is at most 0.8 % at a metre with the paper's rig, when the mean of all points lies at the image's edge; it
-//! falls with the square of their distance from the middle.
+//! Least squares has this error of `Vy` too. Its y rows also contradict each other: the share
+//! `ρ² / (1 + ρ²)` of `Vz` is lost, `ρ <= 4 κ Z / (h1 + h2)`. Under the limit that is at most 0.8 %
+//! at a metre with the paper's rig, when the mean of all points lies at the image's edge; it falls
+//! with the square of their distance from the middle.
 
 use super::{Camera, Rig};
 
-/// Greatest error of `Vy` that unequal heights may cause, as a share of `Vz`: a seventh of what the same estimators lose of `Vz` itself in a move
-/// of 20 mm at 900 mm. In the paper's rig a camera may be 0.64 mm higher than the middle one.
+/// Greatest error of `Vy` that unequal heights may cause, as a share of `Vz`: a seventh of what the
+/// same estimators lose of `Vz` itself in a move of 20 mm at 900 mm. In the paper's rig a camera
+/// may be 0.64 mm higher than the middle one.
 pub const HEIGHT_ERROR_LIMIT: f64 = 0.003;
 
 impl Rig {
-    /// Error of `Vy` that unequal heights of the cameras cause in the paper's estimators, as a share of `Vz`, at most: `κ` above.
+    /// Error of `Vy` that unequal heights of the cameras cause in the paper's estimators, as a
+    /// share of `Vz`, at most: `κ` above.
     ///
     /// `None` unless there are exactly three cameras, from left to right.
     pub fn height_error(&self) -> Option<f64> {
@@ -46,13 +51,15 @@ impl Rig {
         are_numbers.then(|| widest * slopes[0].max(slopes[1]))
     }
 
-    /// Whether the paper's two estimators may be used: left, middle, right, and near enough to one line.
+    /// Whether the paper's two estimators may be used: left, middle, right, and near enough to one
+    /// line.
     pub fn is_in_line(&self) -> bool {
         self.height_error()
             .is_some_and(|error| error <= HEIGHT_ERROR_LIMIT)
     }
 
-    /// The greatest `|x|` that the camera sees: at a corner or in the middle of a side, however the lens bends.
+    /// The greatest `|x|` that the camera sees: at a corner or in the middle of a side, however the
+    /// lens bends.
     fn widest(&self, camera: &Camera) -> f64 {
         let [width, height] = self.image_size_px.map(|side| f64::from(side) - 1.0);
         let columns = [0.0, 0.5, 1.0].map(|share| share * width);
@@ -83,7 +90,8 @@ mod tests {
         rig
     }
 
-    /// Estimates by closed form and least squares of a small move, whose own bias is nothing beside the effect: points around `at`, normalised.
+    /// Estimates by closed form and least squares of a small move, whose own bias is nothing beside
+    /// the effect: points around `at`, normalised.
     fn estimates(rig: &Rig, at: [f64; 2], depth_mm: f64) -> [[f64; 3]; 2] {
         let mut sums = PairSums::new(rig).unwrap();
         for i in 0..25 {
@@ -110,7 +118,8 @@ mod tests {
 
     const MOVE_MM: f64 = 0.01;
 
-    /// What heights change, as shares of the move: the greatest change of Y, then what each estimator loses of Z.
+    /// What heights change, as shares of the move: the greatest change of Y, then what each
+    /// estimator loses of Z.
     fn effect(heights_mm: [f64; 3], at: [f64; 2], depth_mm: f64) -> (f64, [f64; 2]) {
         let level = estimates(&Rig::paper(), at, depth_mm);
         let raised = estimates(&raised(heights_mm), at, depth_mm);

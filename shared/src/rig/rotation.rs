@@ -2,16 +2,18 @@
 
 use libm::{cos, sin, sqrt};
 
-/// A rotation as a vector: its axis times its angle, right-handed about x (right), y (down), z (forward).
+/// A rotation as a vector: its axis times its angle, right-handed about x (right), y (down), z
+/// (forward).
 ///
-/// OpenCV's convention, Rodrigues's formula: with the axis `a` and the angle `θ`, a direction `d` along the rig's axes is
-/// `R d` along the camera's axes,
+/// OpenCV's convention, Rodrigues's formula: with the axis `a` and the angle `θ`, a direction `d`
+/// along the rig's axes is `R d` along the camera's axes,
 ///
 /// ```text
 /// R = cos θ I + (1 - cos θ) a aᵀ + sin θ [a]×
 /// ```
 ///
-/// For the degree or two of a rig that was meant to be parallel the three components are simply the angles about x, y and z.
+/// For the degree or two of a rig that was meant to be parallel the three components are simply the
+/// angles about x, y and z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rotation {
     /// *Invariant:* `rows` is the matrix of this vector.
@@ -59,8 +61,9 @@ impl Rotation {
         self.rows
     }
 
-    /// From normalised coordinates along the rig's axes to those along the camera's: a point in the virtual camera that is parallel
-    /// to the rig, where the real one sees it. The point must lie before both.
+    /// From normalised coordinates along the rig's axes to those along the camera's: a point in the
+    /// virtual camera that is parallel to the rig, where the real one sees it. The point must lie
+    /// before both.
     pub fn turn(&self, at: [f64; 2]) -> [f64; 2] {
         self.project(at, |i, j| self.rows[i][j])
     }
@@ -86,7 +89,8 @@ mod tests {
 
     #[test]
     fn straight_ahead_moves_as_the_axes_say() {
-        // What lies straight ahead of the rig appears on the right of a camera that looks to the left.
+        // What lies straight ahead of the rig appears on the right of a camera that looks to the
+        // left.
         let tan = 0.035_f64.tan();
         let seen = Rotation::from_degrees([0.0, 0.035_f64.to_degrees(), 0.0]).turn([0.0; 2]);
         assert!((seen[0] - tan).abs() < 1e-15 && seen[1] == 0.0, "{seen:?}");

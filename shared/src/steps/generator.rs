@@ -39,8 +39,8 @@ impl core::error::Error for PortFault {}
 pub enum LoadFault {
     /// The last segment has slots left.
     Busy,
-    /// The axis must turn, and the segment has one slot only or its first two increments together reach a whole step:
-    /// DIR could not be given its set-up time.
+    /// The axis must turn, and the segment has one slot only or its first two increments together
+    /// reach a whole step: DIR could not be given its set-up time.
     Turn {
         /// The axis, from 0.
         axis: usize,
@@ -158,8 +158,8 @@ impl Axis {
 
 /// Turns segments into port words, by the floor law of the [module](super).
 ///
-/// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long as the hardware
-/// makes it.
+/// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long
+/// as the hardware makes it.
 ///
 /// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3
 /// instructions per word at opt-level s, loading the segments included (`tests/qemu/bench`).
@@ -175,7 +175,8 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// At rest in the centre of step 0, DIR levels unknown: the first motion of each axis writes them.
+    /// At rest in the centre of step 0, DIR levels unknown: the first motion of each axis writes
+    /// them.
     pub fn new(map: PortMap) -> Result<Self, PortFault> {
         let mut seen = 0u32;
         for pin in map.step.into_iter().chain(map.dir) {
@@ -215,7 +216,8 @@ impl Generator {
         })
     }
 
-    /// Changes which axes have DIR low forwards. An axis that changes writes DIR anew before it next moves.
+    /// Changes which axes have DIR low forwards. An axis that changes writes DIR anew before it
+    /// next moves.
     pub fn set_invert(&mut self, invert: [bool; AXES]) {
         for (axis, invert) in self.axes.iter_mut().zip(invert) {
             let inverted = axis.dir_forward > axis.dir_backward;
@@ -257,8 +259,9 @@ impl Generator {
         Ok(())
     }
 
-    /// Writes the next words of the loaded segment, two per slot, and returns how many it wrote: as many as there is
-    /// room and motion for, zero without a segment. Words beyond are left as they were.
+    /// Writes the next words of the loaded segment, two per slot, and returns how many it wrote: as
+    /// many as there is room and motion for, zero without a segment. Words beyond are left as they
+    /// were.
     pub fn fill(&mut self, words: &mut [u32]) -> usize {
         let (pairs, _) = words.as_chunks_mut::<2>();
         let room = pairs.len().min(usize::from(self.left));
@@ -333,14 +336,14 @@ impl Generator {
         self.left
     }
 
-    /// Steps emitted on each axis since the start, backwards ones subtracted. Rising edges in the words handed out,
-    /// neither more nor less.
+    /// Steps emitted on each axis since the start, backwards ones subtracted. Rising edges in the
+    /// words handed out, neither more nor less.
     pub fn emitted(&self) -> [i64; AXES] {
         self.axes.map(|axis| axis.count)
     }
 
-    /// Where each axis is, with its fraction of a step: what a planner must go on from after [`Generator::halt`].
-    /// Its floor is [`Generator::emitted`] (as long as that is within ±2³¹).
+    /// Where each axis is, with its fraction of a step: what a planner must go on from after
+    /// [`Generator::halt`]. Its floor is [`Generator::emitted`] (as long as that is within ±2³¹).
     pub fn positions(&self) -> [Position; AXES] {
         self.axes.map(|axis| {
             let phase = if axis.backward {
@@ -353,7 +356,8 @@ impl Generator {
         })
     }
 
-    /// One slot with everything considered: DIR where it must change, and increments held back by that.
+    /// One slot with everything considered: DIR where it must change, and increments held back by
+    /// that.
     fn careful_slot(&mut self) -> [u32; 2] {
         let mut steps = 0;
         let mut dirs = 0;
@@ -473,8 +477,8 @@ fn step_loop<S: Slot>(
 
 /// `phase + increment`, and its carry shifted into `carries` from below.
 ///
-/// Written as one 64-bit addition with the collected carries as both upper halves, because compilers make of it what
-/// a person would: an add and an add-with-carry.
+/// Written as one 64-bit addition with the collected carries as both upper halves, because
+/// compilers make of it what a person would: an add and an add-with-carry.
 #[inline(always)]
 fn add_and_collect(carries: u32, phase: u32, increment: u32) -> (u32, u32) {
     let join = |low: u32| u64::from(carries) << 32 | u64::from(low);

@@ -1,7 +1,7 @@
 /// Where an axis is: an `i64` count of 2⁻³² step (Q31.32), so ±2³¹ steps.
 ///
-/// The motor stands at [`Position::whole_steps`], the floor. A resting axis lies at the [`Position::centre`] of
-/// its step, half a step from either neighbour.
+/// The motor stands at [`Position::whole_steps`], the floor. A resting axis lies at the
+/// [`Position::centre`] of its step, half a step from either neighbour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position(i64);
 

@@ -3,8 +3,8 @@ use core::fmt;
 use super::AXES;
 use crate::fixed::product;
 
-/// What one axis does in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine units
-/// (2⁻³² step) forwards, or backwards.
+/// What one axis does in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine
+/// units (2⁻³² step) forwards, or backwards.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisMotion {
     /// Increment of the first slot, 2⁻³² step.
@@ -33,8 +33,9 @@ impl AxisMotion {
         self.first as i64 + product(self.change as i64, k as i64)
     }
 
-    /// Distance of the first `slots` slots without sign: `slots * first + change * slots (slots - 1) / 2`, fine units.
-    /// Below 2⁶³ in size for all arguments.
+    /// Distance of the first `slots` slots without sign:
+    /// `slots * first + change * slots (slots - 1) / 2`, fine units. Below 2⁶³ in size for all
+    /// arguments.
     pub(super) const fn distance(&self, slots: u16) -> i64 {
         let n = slots as i64;
         let pairs = product(n, n - 1) >> 1;
@@ -44,8 +45,8 @@ impl AxisMotion {
 
 /// A run of slots with constant directions and linearly changing speeds.
 ///
-/// *Invariant:* between 1 and 65,535 slots, and every increment of every slot lies in 0..2³², so that an axis makes at
-/// most one step per slot.
+/// *Invariant:* between 1 and 65,535 slots, and every increment of every slot lies in 0..2³², so
+/// that an axis makes at most one step per slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment {
     slots: u16,
@@ -84,7 +85,8 @@ impl Segment {
         &self.axes
     }
 
-    /// The way each axis goes in the whole segment, 2⁻³² step, negative backwards. Exact, below 2⁴⁸ in size.
+    /// The way each axis goes in the whole segment, 2⁻³² step, negative backwards. Exact, below 2⁴⁸
+    /// in size.
     pub fn displacement(&self) -> [i64; AXES] {
         // By components: `map` copies the axes.
         let [x, y, z] = &self.axes;
@@ -105,7 +107,8 @@ impl Segment {
 pub enum SegmentFault {
     /// It has no slot.
     NoSlots,
-    /// An increment would leave 0..2³²: the axis would turn within the segment, or need two steps in a slot.
+    /// An increment would leave 0..2³²: the axis would turn within the segment, or need two steps
+    /// in a slot.
     Speed {
         /// The axis, from 0.
         axis: usize,

@@ -2,8 +2,8 @@ use core::fmt;
 
 /// How many words per second the port gets, Hz.
 ///
-/// *Invariant:* a multiple of 8 kHz between 32 kHz and 16 MHz, so that a quarter of a 1 ms tick is a whole
-/// number of slots, from 4 to 2,000.
+/// *Invariant:* a multiple of 8 kHz between 32 kHz and 16 MHz, so that a quarter of a 1 ms tick is
+/// a whole number of slots, from 4 to 2,000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordRate(u32);
 
@@ -93,11 +93,14 @@ pub struct DriverTiming {
 }
 
 impl DriverTiming {
-    /// Allegro A4988 (datasheet A4988-DS, "STEP minimum high/low pulse width" tA, tB; "set-up/hold time" tC, tD).
+    /// Allegro A4988 (datasheet A4988-DS, "STEP minimum high/low pulse width" tA, tB; "set-up/hold
+    /// time" tC, tD).
     pub const A4988: Self = Self::from_ns(1_000, 1_000, 200, 200);
-    /// Texas Instruments DRV8825 (datasheet SLVSA73, "Timing requirements": tWH(STEP), tWL(STEP), tSU(STEP), tH(STEP)).
+    /// Texas Instruments DRV8825 (datasheet SLVSA73, "Timing requirements": tWH(STEP), tWL(STEP),
+    /// tSU(STEP), tH(STEP)).
     pub const DRV8825: Self = Self::from_ns(1_900, 1_900, 650, 650);
-    /// Trinamic TMC2209 (datasheet, "STEP/DIR interface timing": tSH, tSL, tDSU, tDSH at 12 MHz internal clock).
+    /// Trinamic TMC2209 (datasheet, "STEP/DIR interface timing": tSH, tSL, tDSU, tDSH at 12 MHz
+    /// internal clock).
     pub const TMC2209: Self = Self::from_ns(100, 100, 20, 20);
 
     const fn from_ns(
@@ -114,10 +117,12 @@ impl DriverTiming {
         }
     }
 
-    /// Whether words at this rate give the driver what it asks for. The first requirement broken is named.
+    /// Whether words at this rate give the driver what it asks for. The first requirement broken is
+    /// named.
     ///
-    /// The generator guarantees: STEP high one word, STEP low one word, DIR set-up two words, DIR hold two words after
-    /// STEP rose. Hold is checked against one word, which covers drivers that count it from the falling edge.
+    /// The generator guarantees: STEP high one word, STEP low one word, DIR set-up two words, DIR
+    /// hold two words after STEP rose. Hold is checked against one word, which covers drivers that
+    /// count it from the falling edge.
     pub const fn check(&self, rate: WordRate) -> Result<(), TimingFault> {
         let checks = [
             (Requirement::StepHigh, self.step_high_ns, 1),

@@ -1,19 +1,22 @@
 //! The midpoint model's sums, centred: what the default estimator needs.
 //!
-//! For any finite displacement `T` of a point, with bars the mean of the two instants, camera `k` sees exactly
+//! For any finite displacement `T` of a point, with bars the mean of the two instants, camera `k`
+//! sees exactly
 //!
 //! ```text
 //! v_k = (T_xy - ξ_k T_z) / Z̄          ξ_k = the mean of the two normalised positions, per axis
 //! ```
 //!
-//! so with `g = 1/Z̄` each observation is a small linear equation `v/g = T_xy - ξ T_z` of weight `g²` (constant pixel noise).
-//! Depth comes from the views themselves: at each instant the views of one point satisfy `ξ_k = α - ρ c_k`, with `c_k` the
-//! camera's position and `ρ` the inverse depth; `ρ` is fitted by least squares over the cameras. `Z̄` is the mean of
-//! the two depths, thus `g = 2 ρ0 ρ1 / (ρ0 + ρ1)`. The ξ that are used are refitted to the rig, which removes most of their noise.
+//! so with `g = 1/Z̄` each observation is a small linear equation `v/g = T_xy - ξ T_z` of weight
+//! `g²` (constant pixel noise). Depth comes from the views themselves: at each instant the views of
+//! one point satisfy `ξ_k = α - ρ c_k`, with `c_k` the camera's position and `ρ` the inverse depth;
+//! `ρ` is fitted by least squares over the cameras. `Z̄` is the mean of the two depths, thus
+//! `g = 2 ρ0 ρ1 / (ρ0 + ρ1)`. The ξ that are used are refitted to the rig, which removes most of
+//! their noise.
 //!
-//! Everything is accumulated as weighted deviations from running means (West 1979), never as raw sums: the raw form loses
-//! the residual in cancellation when the motion is large. All results are divided by `Σ g²`, which makes
-//! them independent of focal length, depth and number of points:
+//! Everything is accumulated as weighted deviations from running means (West 1979), never as raw
+//! sums: the raw form loses the residual in cancellation when the motion is large. All results are
+//! divided by `Σ g²`, which makes them independent of focal length, depth and number of points:
 //!
 //! | name | meaning | unit |
 //! |---|---|---|
@@ -23,7 +26,8 @@
 //! | `coupling_mm` | minus the weighted mean of `(ξ - centroid)·(v/g - mean)` | mm |
 //! | `scatter_mm2` | weighted mean of `\|v/g - mean\|²` | mm² |
 //!
-//! and then `T_z = coupling / spread`, `T_xy = mean + centroid T_z` (see [`crate::estimate::midpoint`]).
+//! and then `T_z = coupling / spread`, `T_xy = mean + centroid T_z` (see
+//! [`crate::estimate::midpoint`]).
 
 use super::View;
 use crate::estimate::Refusal;
@@ -49,7 +53,8 @@ pub struct PointFit {
 }
 
 impl PointFit {
-    /// The flow that camera `k` sees of a target displaced by `displacement_mm`, normalised: `g (T_xy - ξ T_z)`.
+    /// The flow that camera `k` sees of a target displaced by `displacement_mm`, normalised:
+    /// `g (T_xy - ξ T_z)`.
     pub fn flow(&self, k: usize, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
         let [xi, eta] = self.middles[k];
         [
@@ -94,8 +99,8 @@ impl Geometry {
         self.arms_mm.len()
     }
 
-    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all cameras: least squares of
-    /// `ξ_k = α - ρ c_k` over cameras and axes.
+    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all
+    /// cameras: least squares of `ξ_k = α - ρ c_k` over cameras and axes.
     pub fn fit(&self, positions: impl Iterator<Item = [f64; 2]>) -> (f64, [f64; 2]) {
         let count = self.arms_mm.len() as f64;
         let mut mean = [0.0; 2];
@@ -114,8 +119,8 @@ impl Geometry {
             .map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))
     }
 
-    /// Depth and mid positions of one point, views in the rig's order. `None` if the point is not in front of the cameras at both instants,
-    /// is not finite, or has not one view per camera.
+    /// Depth and mid positions of one point, views in the rig's order. `None` if the point is not
+    /// in front of the cameras at both instants, is not finite, or has not one view per camera.
     pub fn point(&self, views: &[View]) -> Option<PointFit> {
         if views.len() != self.cameras() {
             return None;
@@ -141,8 +146,9 @@ pub struct CentredSums {
     mean_focal_px: f64,
     /// How many points were added.
     pub points: u32,
-    /// By how much the estimate's variance is larger than with independent observations, at least 1: what is followed in overlapping
-    /// windows sees the same noise. 1 unless the caller knows better.
+    /// By how much the estimate's variance is larger than with independent observations, at least
+    /// 1: what is followed in overlapping windows sees the same noise. 1 unless the caller knows
+    /// better.
     pub overlap: f64,
     /// `Σ g²` over points and cameras, 1/mm².
     pub weight: f64,
@@ -180,8 +186,8 @@ impl CentredSums {
 
     /// Adds one point seen by every camera, views in the rig's order.
     ///
-    /// Returns `false`, and adds nothing, if the point is not in front of the cameras at both instants, is not finite,
-    /// or has not one view per camera.
+    /// Returns `false`, and adds nothing, if the point is not in front of the cameras at both
+    /// instants, is not finite, or has not one view per camera.
     pub fn add(&mut self, views: &[View]) -> bool {
         let Some(fit) = self.geometry.point(views) else {
             return false;
@@ -240,8 +246,8 @@ impl CentredSums {
     /// The sums as they cross the wire.
     ///
     /// # Errors
-    /// [`Refusal::TooFewPoints`] without a degree of freedom, [`Refusal::Degenerate`] if all points coincide,
-    /// [`Refusal::OutOfRange`] if a number is not finite or does not fit its format.
+    /// [`Refusal::TooFewPoints`] without a degree of freedom, [`Refusal::Degenerate`] if all points
+    /// coincide, [`Refusal::OutOfRange`] if a number is not finite or does not fit its format.
     pub fn quantise(&self) -> Result<FixedCentredSums, Refusal> {
         let freedom = self.freedom();
         if freedom <= 0 {
@@ -277,7 +283,8 @@ impl CentredSums {
     }
 }
 
-/// Degrees of freedom that give the widened variance, at least 1 and at most 65535 (which only makes sigma larger).
+/// Degrees of freedom that give the widened variance, at least 1 and at most 65535 (which only
+/// makes sigma larger).
 fn effective_freedom(freedom: i64, overlap: f64) -> u16 {
     let effective = freedom as f64 / overlap.max(1.0);
     effective.clamp(1.0, f64::from(u16::MAX)) as u16
@@ -289,8 +296,8 @@ pub struct FixedCentredSums {
     /// How many points.
     #[serde(with = "postcard::fixint::le")]
     pub points: u16,
-    /// Degrees of freedom of the residual, `2 K N - 3`, at most 65535 (which only makes sigma larger). The sender may
-    /// state fewer where observations are not independent.
+    /// Degrees of freedom of the residual, `2 K N - 3`, at most 65535 (which only makes sigma
+    /// larger). The sender may state fewer where observations are not independent.
     #[serde(with = "postcard::fixint::le")]
     pub freedom: u16,
     /// `tx, ty`, nm.

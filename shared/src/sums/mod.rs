@@ -2,11 +2,14 @@
 //!
 //! Two kinds, one per family of estimators:
 //!
-//! * [`pair`]: the paper's ten sums over two camera pairs (its eqs. 5-7), for three cameras in a line;
-//! * [`centred`]: weighted means, spread and residual of the midpoint model, for 2 to 8 cameras in a plane.
+//! * [`pair`]: the paper's ten sums over two camera pairs (its eqs. 5-7), for three cameras in a
+//!   line;
+//! * [`centred`]: weighted means, spread and residual of the midpoint model, for 2 to 8 cameras in
+//!   a plane.
 //!
-//! Each has a floating-point form, which accumulates [`View`]s on the host, and a fixed-point form, which
-//! crosses the wire. `quantise` goes from one to the other, and is the only place where float becomes integer.
+//! Each has a floating-point form, which accumulates [`View`]s on the host, and a fixed-point form,
+//! which crosses the wire. `quantise` goes from one to the other, and is the only place where float
+//! becomes integer.
 
 pub mod centred;
 pub mod pair;

@@ -1,7 +1,7 @@
 //! The paper's ten sums over the camera pairs left-middle and middle-right (its eqs. 5-7).
 //!
-//! With `x, y` the normalised coordinates at the reference instant, `v` the flow since then, `h1` and `h2`
-//! the baselines in mm:
+//! With `x, y` the normalised coordinates at the reference instant, `v` the flow since then, `h1`
+//! and `h2` the baselines in mm:
 //!
 //! ```text
 //! a1 = Σ x_l - Σ x_m     a2 = ½ Σ(x_m² - x_l²)     a3 = Σ x_m y_m - Σ x_l y_l
@@ -10,8 +10,9 @@
 //! d3 = ½ h2 Σ(vx_m + vx_r)    d4 = ½ h2 Σ(vy_m + vy_r)
 //! ```
 //!
-//! The paper writes pixels and one focal length `f`. Here each camera's own focal lengths are divided out, which
-//! is the paper's system with `f = 1`: `a1, b1, d` shrink by `f`, the others by `f²`, and the solution stays.
+//! The paper writes pixels and one focal length `f`. Here each camera's own focal lengths are
+//! divided out, which is the paper's system with `f = 1`: `a1, b1, d` shrink by `f`, the others by
+//! `f²`, and the solution stays.
 
 use super::View;
 use crate::estimate::Refusal;
@@ -40,7 +41,8 @@ pub struct PairSums {
 }
 
 impl PairSums {
-    /// Empty sums for a rig of exactly three cameras, left to right on one line, as near as [`Rig::is_in_line`] wants it.
+    /// Empty sums for a rig of exactly three cameras, left to right on one line, as near as
+    /// [`Rig::is_in_line`] wants it.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for any other rig: the paper's two estimators are made for this one.
@@ -82,7 +84,8 @@ impl PairSums {
     /// The sums as they cross the wire: means over the points, in fixed point.
     ///
     /// # Errors
-    /// [`Refusal::TooFewPoints`] for none, [`Refusal::OutOfRange`] if a mean is not finite or does not fit its format.
+    /// [`Refusal::TooFewPoints`] for none, [`Refusal::OutOfRange`] if a mean is not finite or does
+    /// not fit its format.
     pub fn quantise(&self) -> Result<FixedPairSums, Refusal> {
         if self.points == 0 {
             return Err(Refusal::TooFewPoints);

@@ -1,40 +1,49 @@
 //! Where one axis of the target is and how fast it moves: a Kalman filter of constant velocity.
 //!
-//! State `(x, v)`, measurement `z = x + noise` of a variance `R` that comes with every estimate. With `dt` since the last measurement used,
+//! State `(x, v)`, measurement `z = x + noise` of a variance `R` that comes with every estimate.
+//! With `dt` since the last measurement used,
 //!
 //! ```text
 //! x += v dt       P = F P F' + q [[dt³/3, dt²/2], [dt²/2, dt]]       F = [[1, dt], [0, 1]]
 //! n = z - x       S = P_xx + R       K = (P_xx, P_xv)/S       (x, v) += K n       P -= K (P_xx, P_xv)
 //! ```
 //!
-//! The position is an integer, 2⁻³² step, of any size; everything else is a deviation or a rate, for which `f32` is plenty: steps and
-//! milliseconds, so that all numbers are of a size.
+//! The position is an integer, 2⁻³² step, of any size; everything else is a deviation or a rate,
+//! for which `f32` is plenty: steps and milliseconds, so that all numbers are of a size.
 //!
 //! # The process noise adapts
 //! `q` says how restless the target is, and nobody can know. Three things set it:
 //!
-//! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign say that it is too sluggish, of
-//!   opposite signs that it is too restless. With `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`.
-//!   A still target is averaged down to a fraction of the measurement's noise, one on a curve is followed on it.
-//! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is added in that step as makes it three.
+//! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign
+//!   say that it is too sluggish, of opposite signs that it is too restless. With
+//!   `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`. A
+//!   still target is averaged down to a fraction of the measurement's noise, one on a curve is
+//!   followed on it.
+//! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is
+//!   added in that step as makes it three.
 //! * *Bounds.* No target is followed that is more restless than the stage itself can be.
 //!
 //! # How far to trust the speed
-//! The covariance tells how well the speed is known now. The stage, though, needs a while to match it, and a target that is speeding
-//! up or braking will have another one by then. So the acceleration is averaged over the last frames, its highest square fades from frame to frame,
-//! and [`Filter::doubt`] adds what it would make of the speed. Unevenness, now faster and now slower, averages out.
+//! The covariance tells how well the speed is known now. The stage, though, needs a while to match
+//! it, and a target that is speeding up or braking will have another one by then. So the
+//! acceleration is averaged over the last frames, its highest square fades from frame to frame, and
+//! [`Filter::doubt`] adds what it would make of the speed. Unevenness, now faster and now slower,
+//! averages out.
 //!
 //! # The same bits everywhere
-//! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one. Extremes are chosen by
-//! comparison, since a library's `max` may choose either zero. Every state number is kept within bounds, so it is finite.
+//! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one.
+//! Extremes are chosen by comparison, since a library's `max` may choose either zero. Every state
+//! number is kept within bounds, so it is finite.
 
 use crate::fixed::narrow;
 
-/// Largest variance there may be, steps² (and per ms²): far beyond any stage, far below the end of `f32`.
+/// Largest variance there may be, steps² (and per ms²): far beyond any stage, far below the end of
+/// `f32`.
 const MOST_VARIANCE: f32 = 1e12;
 
-/// What steps add to the variance of a measurement, steps²: the stage stands in whole ones while its position is remembered as planned, which is
-/// 1/12; and as much again for whatever moves the target.
+/// What steps add to the variance of a measurement, steps²: the stage stands in whole ones while
+/// its position is remembered as planned, which is 1/12; and as much again for whatever moves the
+/// target.
 const GRAIN: f32 = 1.0 / 6.0;
 
 /// Highest speed there may be, steps per ms.
@@ -47,13 +56,16 @@ const MOST_ACCELERATION: f32 = 1e6;
 /// Longest time there may be between two measurements, ms.
 const MOST_MS: f32 = 10_000.0;
 
-/// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the stage's.
+/// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the
+/// stage's.
 const STILL: f32 = 1.0 / 4_194_304.0;
 
-/// What a frame leaves of the mean acceleration, and of its highest square: they span some three frames.
+/// What a frame leaves of the mean acceleration, and of its highest square: they span some three
+/// frames.
 const FADE: f32 = 0.7;
 
-/// How long the stage may take to match a speed: so many times what it takes to come to rest from its own highest, squared.
+/// How long the stage may take to match a speed: so many times what it takes to come to rest from
+/// its own highest, squared.
 const CATCH_UP: f32 = 4.0 * 4.0;
 
 /// The speed is trusted in so many sigmas, squared.
@@ -62,7 +74,8 @@ const CAUTION: f32 = 4.0;
 /// How fast the process noise adapts: by this share with each frame at most.
 const RATE: f32 = 0.25;
 
-/// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration does not explain it.
+/// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration
+/// does not explain it.
 const GATE: f32 = 25.0;
 
 /// An innovation of more than so many sigmas, squared, is a manoeuvre.
@@ -125,7 +138,8 @@ impl Filter {
         }
     }
 
-    /// From two measurements `dt` ms apart that agree with each other, and with nothing before: the target made a jump.
+    /// From two measurements `dt` ms apart that agree with each other, and with nothing before: the
+    /// target made a jump.
     pub fn restart(before: i64, position: i64, dt: f32, variances: [f32; 2], reach: Reach) -> Self {
         let dt = within(dt, 1e-3, MOST_MS);
         let [first, second] = variances.map(believed);
@@ -162,15 +176,16 @@ impl Filter {
         self.covariance
     }
 
-    /// The square of what the speed may be off by, or change by before the stage has matched it, (steps/ms)².
+    /// The square of what the speed may be off by, or change by before the stage has matched it,
+    /// (steps/ms)².
     pub fn doubt(&self, reach: Reach) -> f32 {
         let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
         let change = within(reach.speed / acceleration, 0.0, MOST_MS);
         CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
     }
 
-    /// Whether a target within reach can have gone where it was measured, this being the prediction: five sigmas, or what full acceleration for
-    /// `recent` ms makes.
+    /// Whether a target within reach can have gone where it was measured, this being the
+    /// prediction: five sigmas, or what full acceleration for `recent` ms makes.
     pub fn admits(&self, measured: i64, variance: f32, recent: f32, reach: Reach) -> bool {
         let innovation = steps(measured.saturating_sub(self.position));
         let sigmas = GATE * (self.covariance.position + believed(variance));
@@ -178,7 +193,8 @@ impl Filter {
         innovation * innovation <= sigmas + way * way
     }
 
-    /// Goes on to where the target will be in `dt` ms. What grows here is bounded when the measurement is taken in.
+    /// Goes on to where the target will be in `dt` ms. What grows here is bounded when the
+    /// measurement is taken in.
     pub fn predict(&mut self, dt: f32) {
         let dt = within(dt, 0.0, MOST_MS);
         self.position = self.position.saturating_add(fine(self.speed * dt));

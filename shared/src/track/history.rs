@@ -14,9 +14,10 @@ const BITS: u32 = 8;
 
 /// Emitted positions at the borders of the last [`TICKS`] control ticks.
 ///
-/// Kept in 1/256 step, and interpolated linearly: at 2,000 mm/s² that is 0.25 µm off at most. Of each
-/// only the lowest 32 bits are kept; the newest is known in full, and within what is remembered no axis
-/// comes 2²³ steps away from it: at the fastest words it makes 8 million steps/s.
+/// Kept in 1/256 step, and interpolated linearly: at 2,000 mm/s² that is 0.25 µm off at most. Of
+/// each only the lowest 32 bits are kept; the newest is known in full, and within what is
+/// remembered no axis comes 2²³ steps away from it: at the fastest words it makes 8 million
+/// steps/s.
 #[derive(Clone, Debug)]
 pub struct History {
     positions: [[i32; 3]; TICKS],
@@ -52,8 +53,8 @@ impl Default for History {
 }
 
 impl History {
-    /// Remembers that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after the one before. A gap or a step
-    /// back in time forgets everything older.
+    /// Remembers that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after
+    /// the one before. A gap or a step back in time forgets everything older.
     pub fn record(&mut self, instant: Instant, position: Fine) {
         let follows = self.count > 0 && self.newest.plus_micros(TICK_US) == instant;
         self.count = if follows {

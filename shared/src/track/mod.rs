@@ -1,19 +1,23 @@
-//! From displacements to where the target is: in stage coordinates, whatever the stage did meanwhile.
+//! From displacements to where the target is: in stage coordinates, whatever the stage did
+//! meanwhile.
 //!
-//! The cameras ride on the stage, so a frame says where the target was *relative to the stage at the capture*, against the
-//! view at the reference instant. With `e(t) = target(t) - stage(t)` in stage axes,
+//! The cameras ride on the stage, so a frame says where the target was *relative to the stage at
+//! the capture*, against the view at the reference instant. With `e(t) = target(t) - stage(t)` in
+//! stage axes,
 //!
 //! ```text
 //! e(capture) = e(reference) + displacement        target(capture) = stage(capture) + e(capture)
 //! ```
 //!
-//! `stage(capture)` comes from the [`history`] of emitted positions, so neither latency nor the stage's own motion enters. The first
-//! reference a station hears of defines the view to be kept: `e = 0` there. After that, a frame may refer to the same reference again
-//! (a keyframe: no drift) or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference, or a new
-//! keyframe: the accumulated target is preserved). Anything else is refused: a lost frame can never shift the target unnoticed.
+//! `stage(capture)` comes from the [`history`] of emitted positions, so neither latency nor the
+//! stage's own motion enters. The first reference a station hears of defines the view to be kept:
+//! `e = 0` there. After that, a frame may refer to the same reference again (a keyframe: no drift)
+//! or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference,
+//! or a new keyframe: the accumulated target is preserved). Anything else is refused: a lost frame
+//! can never shift the target unnoticed.
 //!
-//! What comes out is where the target *was*, with noise. [`pursuit`] makes of it where the stage should go now; each of its axes is a
-//! Kalman [`filter`].
+//! What comes out is where the target *was*, with noise. [`pursuit`] makes of it where the stage
+//! should go now; each of its axes is a Kalman [`filter`].
 
 pub mod filter;
 pub mod history;
@@ -65,7 +69,8 @@ impl Tracker {
         }
         let known = self.reference.iter().chain(self.recent.iter());
         let found = known.into_iter().find(|view| view.instant == reference);
-        // By components: copied as a whole it is a memmove, which nothing else in the station's image needs.
+        // By components: copied as a whole it is a memmove, which nothing else in the station's
+        // image needs.
         let [x, y, z] = match found {
             Some(view) => view.error,
             None if self.reference.is_none() => [0; 3],
@@ -97,7 +102,8 @@ impl View {
         }
     }
 
-    /// Where the target is, for a stage that was at `stage` at this view's instant; with cameras beside the stage any constant does.
+    /// Where the target is, for a stage that was at `stage` at this view's instant; with cameras
+    /// beside the stage any constant does.
     pub fn target(&self, stage: Fine) -> Fine {
         add(stage, self.error)
     }

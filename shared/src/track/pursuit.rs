@@ -1,27 +1,35 @@
-//! Where the stage should go: which measurements of the target to believe, where it is by now, and what to do without any.
+//! Where the stage should go: which measurements of the target to believe, where it is by now, and
+//! what to do without any.
 //!
-//! A measurement says where the target was at a capture, in stage coordinates (see [`Tracker`](super::Tracker)). It is old when it comes, by
-//! exposure, flow, link and the station's own delay; and the next is some way off. So each axis has a [`Filter`], and the stage is sent to where
-//! the target is by the time the next words are on the pins, with the target's speed to go on with.
+//! A measurement says where the target was at a capture, in stage coordinates (see
+//! [`Tracker`](super::Tracker)). It is old when it comes, by exposure, flow, link and the station's
+//! own delay; and the next is some way off. So each axis has a [`Filter`], and the stage is sent to
+//! where the target is by the time the next words are on the pins, with the target's speed to go on
+//! with.
 //!
 //! # Which measurements
-//! One that no target within the stage's reach can have caused is an *outlier*: it is refused, and remembered. If the next one lies
-//! near it and not near the prediction, both are right and the target made a *jump*: the filters start anew from the two.
+//! One that no target within the stage's reach can have caused is an *outlier*: it is refused, and
+//! remembered. If the next one lies near it and not near the prediction, both are right and the
+//! target made a *jump*: the filters start anew from the two.
 //!
 //! # How far ahead
-//! A speed that is hardly known, or about to change, is worse than none: after a jump it would throw the stage far beyond its goal. Of
-//! `v` the share `v⁴/(v⁴ + d²)` is used, with `d` the filter's [doubt](Filter::doubt): next to all of a steady motion, next to
-//! nothing of noise or of a target that is braking hard. The share changes by degrees.
+//! A speed that is hardly known, or about to change, is worse than none: after a jump it would
+//! throw the stage far beyond its goal. Of `v` the share `v⁴/(v⁴ + d²)` is used, with `d` the
+//! filter's [doubt](Filter::doubt): next to all of a steady motion, next to nothing of noise or of
+//! a target that is braking hard. The share changes by degrees.
 //!
 //! # A still target
-//! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests in a whole step, and the measurements are
-//! averaged, up to a second's worth. It goes to another step when their mean is more than half a step and one sigma off, or the filter's position
-//! more than half a step and three. So noise does not make the motor chatter, and the rest is the right one.
+//! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests
+//! in a whole step, and the measurements are averaged, up to a second's worth. It goes to another
+//! step when their mean is more than half a step and one sigma off, or the filter's position more
+//! than half a step and three. So noise does not make the motor chatter, and the rest is the right
+//! one.
 //!
 //! # No measurements
-//! The stage *coasts*: the target is taken to go on as it did. After [`Settings::coast_ms`] it is *lost* and the stage ramps
-//! down. It stays [following](crate::safety::State::Following): a frame near where the target was lost, or two beyond that agree, are followed again,
-//! within the limits of the axes like any motion.
+//! The stage *coasts*: the target is taken to go on as it did. After [`Settings::coast_ms`] it is
+//! *lost* and the stage ramps down. It stays [following](crate::safety::State::Following): a frame
+//! near where the target was lost, or two beyond that agree, are followed again, within the limits
+//! of the axes like any motion.
 
 use super::Fine;
 use super::filter::{Filter, Reach, believed, fine, steps, within};
@@ -47,10 +55,12 @@ const EASE: f32 = 0.4;
 const START: f32 = 9.0;
 const STOP: f32 = 2.25;
 
-/// A resting axis starts anew when the filter has the target so many sigmas beyond its step, squared.
+/// A resting axis starts anew when the filter has the target so many sigmas beyond its step,
+/// squared.
 const FAR: f32 = 9.0;
 
-/// The mean over a still target counts for so many measurements when it begins, and for so many at most: a second's worth.
+/// The mean over a still target counts for so many measurements when it begins, and for so many at
+/// most: a second's worth.
 const FEW: f32 = 4.0;
 const MANY: f32 = 64.0;
 
@@ -94,7 +104,8 @@ pub enum Sight {
     Lost,
 }
 
-/// A measurement that no target within reach can have caused. One that agrees with it makes it a jump.
+/// A measurement that no target within reach can have caused. One that agrees with it makes it a
+/// jump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outlier;
 

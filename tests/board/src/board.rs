@@ -87,7 +87,8 @@ impl MemOps for Window {
 
     fn write(&self, offset: u64, from: &[u8], attrs: MemAttrs) -> MemResult {
         let address = self.base + offset as u32;
-        // Narrower writes only to the low part of a register, which is how this firmware writes a UART's byte.
+        // Narrower writes only to the low part of a register, which is how this firmware writes a
+        // UART's byte.
         if attrs.debug || !address.is_multiple_of(4) || from.len() > 4 {
             return Err(BusError::BadAccess);
         }
@@ -140,7 +141,8 @@ impl MemOps for TimedFlash {
 pub struct Make {
     /// Crystal, watchdog's oscillator, UART's other end.
     pub around: Surroundings,
-    /// Processor cycles that a cycle of the interpreter stands for, in quarters: 4 is the core's own timing without wait states.
+    /// Processor cycles that a cycle of the interpreter stands for, in quarters: 4 is the core's
+    /// own timing without wait states.
     pub slowness: u64,
     /// Flash has its wait states, with the accelerator that hides most of them.
     pub flash_waits: bool,
@@ -192,7 +194,8 @@ pub struct Board {
 }
 
 impl Board {
-    /// Power comes to a chip with this program in its flash; memory holds anything. `wire` connects its pins before that.
+    /// Power comes to a chip with this program in its flash; memory holds anything. `wire` connects
+    /// its pins before that.
     pub fn power_on(image: &Image, make: Make, wire: impl FnOnce(&mut Fabric)) -> Self {
         let mut random = Random::seeded(make.around.seed);
         let mut memory = |length: u32| {
@@ -476,11 +479,13 @@ impl Board {
 
     /// One instruction, or the entry into an exception, around two faults of rsemu 0.0.7.
     ///
-    /// It forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE, which ARMv7-M keeps), so that the rest of the
-    /// block runs unconditionally after the return. Therefore no exception is let in before a block's end: three instructions at most.
+    /// It forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE,
+    /// which ARMv7-M keeps), so that the rest of the block runs unconditionally after the return.
+    /// Therefore no exception is let in before a block's end: three instructions at most.
     ///
-    /// And it clears FPSCR on entry, where ARMv7-M lets the first floating-point instruction of the handler set five mode bits. Flags of a
-    /// comparison that was interrupted would be lost: so they are put back.
+    /// And it clears FPSCR on entry, where ARMv7-M lets the first floating-point instruction of the
+    /// handler set five mode bits. Flags of a comparison that was interrupted would be lost: so
+    /// they are put back.
     fn step(&mut self) -> u64 {
         let before = self.cpu.regs();
         let fpscr = self.cpu.fpscr();
@@ -500,7 +505,8 @@ impl Board {
             });
         } else if used >= ENTRY {
             let after = self.cpu.regs();
-            // A return moves the stack pointer up; an entry moves it down, and one exception right after another leaves it.
+            // A return moves the stack pointer up; an entry moves it down, and one exception right
+            // after another leaves it.
             let entered = after.exception() != before.exception() && after.msp <= before.msp;
             if entered {
                 self.cpu.set_fpscr(fpscr);

@@ -1,8 +1,9 @@
 //! The chip around the processor: registers, events in the order of their time, interrupt lines.
 //!
-//! The models follow the reference manual RM0090 (STM32F405/407), as far as this firmware goes. Nothing is silently absent: an access to a register
-//! that has no model, to a peripheral without its clock, or of a kind that the manual forbids is kept in [`Chip::complaints`], and tests want that
-//! list empty.
+//! The models follow the reference manual RM0090 (STM32F405/407), as far as this firmware goes.
+//! Nothing is silently absent: an access to a register that has no model, to a peripheral without
+//! its clock, or of a kind that the manual forbids is kept in [`Chip::complaints`], and tests want
+//! that list empty.
 
 pub mod dma;
 pub mod exti;
@@ -185,7 +186,8 @@ impl Chip {
         [self.tim8.next(), self.slow].into_iter().flatten().min()
     }
 
-    /// Lets events happen until `end`, or until one that changes the interrupt lines or resets the chip. Returns the moment reached.
+    /// Lets events happen until `end`, or until one that changes the interrupt lines or resets the
+    /// chip. Returns the moment reached.
     pub fn advance(&mut self, end: Beats) -> Beats {
         loop {
             let fast = self.tim8.next();

@@ -1,6 +1,8 @@
-//! FAULTS.md, whose lines are looked up by the tests that observed them: so the table says what was observed.
+//! FAULTS.md, whose lines are looked up by the tests that observed them: so the table says what was
+//! observed.
 
-/// Asserts that the table has a line for this fault, how it was injected, what the pins do and what the station does then.
+/// Asserts that the table has a line for this fault, how it was injected, what the pins do and what
+/// the station does then.
 ///
 /// # Panics
 /// If it lacks the line, which is printed.

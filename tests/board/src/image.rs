@@ -36,7 +36,8 @@ impl Image {
         here.join("../../firmware/target/thumbv7em-none-eabihf/release/station-b")
     }
 
-    /// The flash that a programmer would write from this ELF: each segment at its load address, which the linker put into the file's program headers.
+    /// The flash that a programmer would write from this ELF: each segment at its load address,
+    /// which the linker put into the file's program headers.
     ///
     /// # Panics
     /// If it is no ELF, or has bytes outside flash.

@@ -1,7 +1,8 @@
 //! The image that is flashed, on an emulated STM32F405, in the hands of tests.
 //!
-//! `firmware/build` makes an ELF for a chip; this crate loads that very file and lets it run. The processor is the Cortex-M4F of the crate
-//! `rsemu`; the chip around it is ours, after the reference manual RM0090.
+//! `firmware/build` makes an ELF for a chip; this crate loads that very file and lets it run. The
+//! processor is the Cortex-M4F of the crate `rsemu`; the chip around it is ours, after the
+//! reference manual RM0090.
 //!
 //! | module | what it is |
 //! |---|---|
@@ -19,9 +20,11 @@
 //! | [`time`] | the unit of time |
 //!
 //! # Why not rsemu's own STM32F407
-//! Its machine was tried first. An idle second took six seconds, timers fired up to 250 µs early, its clock tree does not follow the
-//! registers, and its USB device did not get past the first control transfer. The step engine is held to the microsecond here, so time is
-//! kept in units that every clock of the chip divides, and events happen in the order of their time, between two instructions.
+//! Its machine was tried first. An idle second took six seconds, timers fired up to 250 µs early,
+//! its clock tree does not follow the registers, and its USB device did not get past the first
+//! control transfer. The step engine is held to the microsecond here, so time is kept in units that
+//! every clock of the chip divides, and events happen in the order of their time, between two
+//! instructions.
 //!
 //! # What it cannot show
 //! The interpreter charges one cycle per instruction and access and knows no bus conflicts; flash

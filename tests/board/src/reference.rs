@@ -1,7 +1,9 @@
-//! What the station must do: the twin's code, on the host, with the inputs that the board reported to have had.
+//! What the station must do: the twin's code, on the host, with the inputs that the board reported
+//! to have had.
 //!
-//! The board names the control tick at which each command took effect, and when it heard each ping. So the same inputs can be given to a
-//! [`Replay`], tick for tick, and the two must agree in every report, every edge and every microsecond.
+//! The board names the control tick at which each command took effect, and when it heard each ping.
+//! So the same inputs can be given to a [`Replay`], tick for tick, and the two must agree in every
+//! report, every edge and every microsecond.
 
 use crate::station::{Sent, Station};
 use crate::time::{Beats, MS, US};
@@ -22,7 +24,8 @@ struct Expected {
     edges: Vec<(u64, u16)>,
 }
 
-/// When each packet took effect, as a moment of the station's clock after the tick before: what the answers and pongs say.
+/// When each packet took effect, as a moment of the station's clock after the tick before: what the
+/// answers and pongs say.
 fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
     let zero = station.clock_zero();
     let mut bytes = Vec::new();
@@ -41,7 +44,8 @@ fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
 
 /// Between which moments the station says that it had a packet, µs.
 fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
-    // A ping is stamped on arrival, and may reach the machine after a tick that comes right then: its pong follows what that tick said.
+    // A ping is stamped on arrival, and may reach the machine after a tick that comes right then:
+    // its pong follows what that tick said.
     let mut said_us = 0;
     for (_, report) in reports {
         match (report, sent.command) {
@@ -112,7 +116,8 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
     expected
 }
 
-/// A report without what depends on when a processor gets to it: a pong's stamps, which [`pongs_are_prompt`] looks at.
+/// A report without what depends on when a processor gets to it: a pong's stamps, which
+/// [`pongs_are_prompt`] looks at.
 fn comparable(report: &Report) -> Report {
     match report {
         Report::Pong { host_us, .. } => Report::Pong {
@@ -149,7 +154,8 @@ fn pongs_are_prompt(station: &mut Station) {
     }
 }
 
-/// Everything the board said and did is what the twin says and does with the same inputs. Returns how many reports and edges that were.
+/// Everything the board said and did is what the twin says and does with the same inputs. Returns
+/// how many reports and edges that were.
 ///
 /// # Panics
 /// If anything differs: it says what.
@@ -196,7 +202,8 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
         differ.map(|at| (edges[at], should[at]))
     );
     assert_eq!(edges.len(), should.len(), "edges");
-    // From the word's moment to the pin it is always the same time: less than a word, without jitter.
+    // From the word's moment to the pin it is always the same time: less than a word, without
+    // jitter.
     let delays: Vec<Beats> = (edges.iter().zip(should))
         .map(|((at, _), (us, _))| (at - zero).wrapping_sub(us * US))
         .collect();

@@ -1,4 +1,5 @@
-//! What the cameras see: a dozen points that move, in the paper's rig, and the frames that the host makes of them.
+//! What the cameras see: a dozen points that move, in the paper's rig, and the frames that the host
+//! makes of them.
 
 use crate::station::Station;
 use crate::time::MS;
@@ -85,7 +86,8 @@ impl Scene {
     }
 }
 
-/// Frames at 200 Hz of a swinging target, seen from where the edges at the pins have brought the stage; every fourth for the closed form.
+/// Frames at 200 Hz of a swinging target, seen from where the edges at the pins have brought the
+/// stage; every fourth for the closed form.
 pub fn follow(station: &mut Station, frames: usize) {
     let mut scene = Scene::new(7);
     let now = Instant::from_micros(station.clock_us());

@@ -212,7 +212,8 @@ impl Station {
         self.wait("answer", |client| client.answer(sequence))
     }
 
-    /// Says hello to a station that has just started, with the closing zero of a host that comes to a line in any state, and begins the heartbeat.
+    /// Says hello to a station that has just started, with the closing zero of a host that comes to
+    /// a line in any state, and begins the heartbeat.
     pub fn greet(&mut self) {
         self.client.begin_again();
         self.write(&[0]);

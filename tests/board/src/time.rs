@@ -1,7 +1,7 @@
 //! Time of the emulated board: an integer that every clock of the chip divides.
 
-/// Beats of 1/336 µs since power-on. The VCO runs at 336 MHz, so the processor's 168 MHz, the buses' 84 and 42 MHz, USB's 48 MHz and the crystal's
-/// 8 MHz all are whole numbers of beats.
+/// Beats of 1/336 µs since power-on. The VCO runs at 336 MHz, so the processor's 168 MHz, the
+/// buses' 84 and 42 MHz, USB's 48 MHz and the crystal's 8 MHz all are whole numbers of beats.
 pub type Beats = u64;
 
 /// Beats of a microsecond.

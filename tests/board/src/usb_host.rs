@@ -1,7 +1,9 @@
-//! A USB host and the program behind it: enumerates a CDC-ACM device as Linux does, then carries bytes both ways.
+//! A USB host and the program behind it: enumerates a CDC-ACM device as Linux does, then carries
+//! bytes both ways.
 //!
-//! One transaction at a time, each as long as its bits take at 12 Mb/s; refused ones are tried again. Toggles are kept as USB 2.0 section 8.6
-//! wants them, so a device that gets one wrong loses data here as it would on a wire.
+//! One transaction at a time, each as long as its bits take at 12 Mb/s; refused ones are tried
+//! again. Toggles are kept as USB 2.0 section 8.6 wants them, so a device that gets one wrong loses
+//! data here as it would on a wire.
 
 use crate::chip::otg::{Answer, Otg};
 use crate::time::{Beats, MS, US};
@@ -22,7 +24,8 @@ const ADDRESS: u8 = 7;
 /// Between two questions to a bulk endpoint that has nothing to say.
 const POLL: Beats = 50 * US;
 
-/// A transaction with so many bytes of data: three packets, their sync fields and gaps, and bit stuffing.
+/// A transaction with so many bytes of data: three packets, their sync fields and gaps, and bit
+/// stuffing.
 fn duration(bytes: usize) -> Beats {
     12 * US + bytes as Beats * 9 * US / 12
 }

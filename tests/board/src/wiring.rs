@@ -71,7 +71,8 @@ pub fn stepper_edges(changes: &[PinChange]) -> Vec<(u64, u16)> {
         .collect()
 }
 
-/// Rising edges of the STEP pins, axis by axis, with DIR low counted backwards, and how many there were.
+/// Rising edges of the STEP pins, axis by axis, with DIR low counted backwards, and how many there
+/// were.
 pub fn steps(edges: &[(u64, u16)]) -> ([i64; 3], u64) {
     let (mut steps, mut count, mut before) = ([0; 3], 0, 0);
     for (_, after) in edges {

@@ -11,15 +11,18 @@ use station_board::station::Station;
 use station_board::time::MS;
 use station_board::wiring::{self, A, B, C};
 
-/// Accesses of the HAL that the manual does not know. Each is harmless, and whoever removes one from the program removes it here.
+/// Accesses of the HAL that the manual does not know. Each is harmless, and whoever removes one
+/// from the program removes it here.
 const KNOWN: [&str; 4] = [
-    // RCC_DCKCFGR exists on the F42x. embassy-stm32 writes its reset value here, where the chip has a gap.
+    // RCC_DCKCFGR exists on the F42x. embassy-stm32 writes its reset value here, where the chip has
+    // a gap.
     "read of 0x4002388c: no model",
     "write of 0x0 to 0x4002388c: no such thing",
-    // The controller's hardware configuration 4: there, but not in the manual. embassy-usb-synopsys-otg needs of it what the embedded
-    // transceiver ignores.
+    // The controller's hardware configuration 4: there, but not in the manual.
+    // embassy-usb-synopsys-otg needs of it what the embedded transceiver ignores.
     "read of 0x50000050: no model",
-    // OTG_FS_DOEPCTL1: the CDC class looks whether it is enabled before the controller has its clock, sees 0, and waits.
+    // OTG_FS_DOEPCTL1: the CDC class looks whether it is enabled before the controller has its
+    // clock, sees 0, and waits.
     "0x50000b20 has no clock",
 ];
 
@@ -58,7 +61,8 @@ fn the_clock_tree_is_the_intended_one() {
     assert_eq!(cfgr & 3, 2, "the PLL is the system clock");
 }
 
-/// RM0090, table "Number of wait states": five from 150 to 168 MHz at 2.7 to 3.6 V. Without its caches the processor would wait for most jumps.
+/// RM0090, table "Number of wait states": five from 150 to 168 MHz at 2.7 to 3.6 V. Without its
+/// caches the processor would wait for most jumps.
 #[test]
 fn flash_keeps_up_with_the_processor() {
     let acr = booted().chip(|chip| chip.flash_acr);
@@ -134,7 +138,8 @@ fn the_pins_do_what_the_wiring_table_says() {
             );
             assert_eq!(chip.fabric.exti.port(pin.into()), port, "its EXTI line");
         }
-        // Alternate functions (data sheet): USART3 is 7, OTG_FS is 10; the debug port keeps its pins.
+        // Alternate functions (data sheet): USART3 is 7, OTG_FS is 10; the debug port keeps its
+        // pins.
         for (port, pin, function) in [
             (B, 10, 7),
             (B, 11, 7),

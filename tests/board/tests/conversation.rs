@@ -1,4 +1,5 @@
-//! The host's link code talks to the flashed image over the UART; replies, and edges at the pins, equal the twin's.
+//! The host's link code talks to the flashed image over the UART; replies, and edges at the pins,
+//! equal the twin's.
 
 use host::rig_file::Driver;
 use host::station::stage::timing;
@@ -51,7 +52,8 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
     assert_eq!(station.status().position_steps.map(i64::from), steps);
 }
 
-/// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as many cycles again for everything the edges are the same.
+/// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as
+/// many cycles again for everything the edges are the same.
 #[test]
 fn a_slower_processor_makes_the_same_edges() {
     for slowness in [6, 7] {

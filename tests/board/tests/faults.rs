@@ -1,6 +1,8 @@
-//! Faults from outside the program, in the middle of a fast move of all axes: what the pins do, and what the station says afterwards.
+//! Faults from outside the program, in the middle of a fast move of all axes: what the pins do, and
+//! what the station says afterwards.
 //!
-//! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A line that is missing is printed.
+//! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A
+//! line that is missing is printed.
 
 use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, End, ResetCause};
@@ -382,7 +384,8 @@ fn host_falls_silent() {
     station.set_pings(false);
     station.run(250 * MS);
     let status = faulted(&mut station, Fault::Heartbeat, Trust::Homed);
-    // Silence is noticed after 100 ms; the ramp takes 50 ms from 100 mm/s at 2,000 mm/s², and 40 ms for the jerk.
+    // Silence is noticed after 100 ms; the ramp takes 50 ms from 100 mm/s at 2,000 mm/s², and 40 ms
+    // for the jerk.
     last_step(&mut station, at, 220_000);
     assert_eq!(
         status.position_steps.map(i64::from),

@@ -82,14 +82,16 @@ fn frames_a_jog_and_a_stop_over_usb() {
     bus_is_well(&mut station);
 }
 
-/// The plug goes while both sides have a packet under way, in a fast move. Then it comes back; nothing was restarted.
+/// The plug goes while both sides have a packet under way, in a fast move. Then it comes back;
+/// nothing was restarted.
 #[test]
 fn unplugged_in_mid_write_and_back() {
     let mut station = configured();
     let session = station.client.hello().expect("hello").session;
     assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
     station.run(150 * MS);
-    // A long packet of which the device takes the first 64 bytes at most, and reports that nobody will fetch.
+    // A long packet of which the device takes the first 64 bytes at most, and reports that nobody
+    // will fetch.
     let config = config(Driver::Tmc2209);
     for _ in 0..3 {
         station.send(Command::Config(config));

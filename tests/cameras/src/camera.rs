@@ -1,7 +1,8 @@
 //! One device: what its driver would do.
 //!
-//! All cameras expose at the same moments, multiples of the period on the monotonic clock, as if by one trigger. The first of their pictures is shown until
-//! [`LEAD`] moments after the first camera was started; then one follows the other to the last, which stays.
+//! All cameras expose at the same moments, multiples of the period on the monotonic clock, as if by
+//! one trigger. The first of their pictures is shown until [`LEAD`] moments after the first camera
+//! was started; then one follows the other to the last, which stays.
 
 use std::collections::VecDeque;
 use std::fs::File;

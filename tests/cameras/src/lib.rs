@@ -1,9 +1,12 @@
 //! Cameras for a computer that has none, in place of the kernel's side of V4L2.
 //!
-//! Preloaded into a program (`LD_PRELOAD`), it answers for the devices `/dev/video90` to `/dev/video99`: opening them, asking and commanding them, waiting for
-//! them. Everything else goes to the C library, which comes after it. A device's memory is an anonymous file, so that mapping it needs no help.
+//! Preloaded into a program (`LD_PRELOAD`), it answers for the devices `/dev/video90` to
+//! `/dev/video99`: opening them, asking and commanding them, waiting for them. Everything else goes
+//! to the C library, which comes after it. A device's memory is an anonymous file, so that mapping
+//! it needs no help.
 //!
-//! What a device has to show is in the folder that `TRINOCULAR_CAMERAS` names: see [`plan`]. What it did is in its log there.
+//! What a device has to show is in the folder that `TRINOCULAR_CAMERAS` names: see [`plan`]. What
+//! it did is in its log there.
 //!
 //! For Linux on computers of 64 bits, whose V4L2 structures are in [`wire`].
 #![allow(unsafe_code)]
@@ -26,7 +29,8 @@ use wire::{Buffer, Errno, FormatDescription, PixelFormat, RequestBuffers};
 /// File descriptors beyond are not looked at.
 const FDS: usize = 1024;
 
-/// Which descriptors are cameras: asked without a lock, since the C library's functions are called from everywhere.
+/// Which descriptors are cameras: asked without a lock, since the C library's functions are called
+/// from everywhere.
 static IS_CAMERA: [AtomicBool; FDS] = [const { AtomicBool::new(false) }; FDS];
 
 static CAMERAS: Mutex<BTreeMap<c_int, Camera>> = Mutex::new(BTreeMap::new());
@@ -57,7 +61,8 @@ fn failed(errno: Errno) -> c_int {
 /// # Safety
 /// `F` must be a pointer to a function of its type.
 unsafe fn hidden<F: Copy>(name: &CStr) -> F {
-    // SAFETY: `name` ends with a zero; the caller answers for the type, and every name asked for exists.
+    // SAFETY: `name` ends with a zero; the caller answers for the type, and every name asked for
+    // exists.
     unsafe {
         let address = libc::dlsym(libc::RTLD_NEXT, name.as_ptr());
         assert!(!address.is_null());

@@ -42,7 +42,8 @@ pub struct Plan {
     pub grey_of: Option<[u32; 2]>,
 }
 
-/// The plan and the pictures of the device `name`, `/dev/video90` for one, and the file for its log; `None` if it has no plan.
+/// The plan and the pictures of the device `name`, `/dev/video90` for one, and the file for its
+/// log; `None` if it has no plan.
 pub fn read(name: &str) -> Option<(Plan, Vec<u8>, PathBuf)> {
     let folder = PathBuf::from(std::env::var_os("TRINOCULAR_CAMERAS")?);
     let file = folder.join(name.strip_prefix("/dev/")?);

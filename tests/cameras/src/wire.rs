@@ -1,4 +1,5 @@
-//! V4L2's structures as the kernel documents them (`linux/videodev2.h`), on computers of 64 bits, and its requests.
+//! V4L2's structures as the kernel documents them (`linux/videodev2.h`), on computers of 64 bits,
+//! and its requests.
 
 use std::ffi::c_int;
 

@@ -363,7 +363,8 @@ fn config(random: &mut Random) -> Config {
     config
 }
 
-/// 5 to 1,000 frames per second, even or irregular, now and then nothing at all; a mount and a clock that are right but for a little.
+/// 5 to 1,000 frames per second, even or irregular, now and then nothing at all; a mount and a
+/// clock that are right but for a little.
 fn healthy_scene(random: &mut Random, seconds: f64, fastest: f64) -> (Target, Cameras) {
     let target = Target::any(random, seconds, 0.8 * fastest);
     let fps = random.pick(&[5.0, 10.0, 30.0, 60.0, 60.0, 120.0, 1000.0, 0.0]);

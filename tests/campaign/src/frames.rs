@@ -6,9 +6,11 @@ use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
 use shared::time::Instant;
 
-/// Sums of a target that was displaced by this, mm, with about these standard deviations of x and y, mm; z has 5.7 times that.
+/// Sums of a target that was displaced by this, mm, with about these standard deviations of x and
+/// y, mm; z has 5.7 times that.
 ///
-/// With a spread of 2^-5 and a coupling in 2^-38 mm... both as the midpoint estimator defines them, its displacement is exactly this.
+/// With a spread of 2^-5 and a coupling in 2^-38 mm... both as the midpoint estimator defines them,
+/// its displacement is exactly this.
 pub fn displaced(mm: [f64; 3], sigma_mm: f64) -> Sums {
     let fits = |value: f64| value.round().clamp(-2.1e9, 2.1e9) as i32;
     Sums::Midpoint(FixedCentredSums {

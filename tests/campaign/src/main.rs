@@ -1,7 +1,7 @@
 //! Random lives of the station, judged by what its pins do.
 //!
-//! Two kinds: *station* lives of any commands, noise, switches and stalls, and *loop* lives that follow a target through a plant. A life is
-//! its seed: the same on every machine.
+//! Two kinds: *station* lives of any commands, noise, switches and stalls, and *loop* lives that
+//! follow a target through a plant. A life is its seed: the same on every machine.
 
 mod following;
 mod frames;

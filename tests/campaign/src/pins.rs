@@ -65,7 +65,8 @@ impl Pins {
         }
     }
 
-    /// Lets the port take `words`; steps go to `edges`, times that were too short for `driver` to `short`.
+    /// Lets the port take `words`; steps go to `edges`, times that were too short for `driver` to
+    /// `short`.
     pub fn feed(
         &mut self,
         words: &[u32],

@@ -1,5 +1,5 @@
-//! A judge that finds nothing proves nothing: each law must notice a station that breaks it. What the judge is shown is changed here as such a
-//! station would.
+//! A judge that finds nothing proves nothing: each law must notice a station that breaks it. What
+//! the judge is shown is changed here as such a station would.
 
 use crate::pins::WIRING;
 use shared::frame::message::{Denial, Outcome, Report};

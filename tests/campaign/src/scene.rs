@@ -1,4 +1,5 @@
-//! A target, the cameras that see it, and the motors that may fail: what closes the loop round a station.
+//! A target, the cameras that see it, and the motors that may fail: what closes the loop round a
+//! station.
 
 use crate::random::Random;
 use crate::stages::rotation;
@@ -30,7 +31,8 @@ impl Target {
         }
     }
 
-    /// Of one of the kinds that stages follow: at rest, even, with changes of speed, swinging, or jumping once by a little.
+    /// Of one of the kinds that stages follow: at rest, even, with changes of speed, swinging, or
+    /// jumping once by a little.
     pub fn any(random: &mut Random, seconds: f64, fastest: f64) -> Self {
         let mut target = Self::still();
         match random.below(5) {

@@ -16,7 +16,8 @@ pub enum Deed {
     Report(Report),
     /// It sent bytes that are no report.
     Garbage,
-    /// It gave out a segment: the words are in [`Shell::words`], and go to the pins from [`Shell::first_us`] on.
+    /// It gave out a segment: the words are in [`Shell::words`], and go to the pins from
+    /// [`Shell::first_us`] on.
     Words,
     /// The generator refused its segment.
     Refused(LoadFault),
@@ -140,7 +141,8 @@ impl Shell {
         (since * u128::from(self.rate.hz()) / 1_000_000) as u64
     }
 
-    /// Appends the segment's words to what is queued; to an engine that ran dry they come after its delay.
+    /// Appends the segment's words to what is queued; to an engine that ran dry they come after its
+    /// delay.
     fn enqueue(&mut self) {
         let now = self.periods(0);
         let end = self.queue.back().map_or(0, |(first, words)| first + words);

@@ -1,4 +1,5 @@
-//! Commands from the fuzzer's bytes: well-formed ones with any values, which bytes alone would hardly ever hit behind their checksum.
+//! Commands from the fuzzer's bytes: well-formed ones with any values, which bytes alone would
+//! hardly ever hit behind their checksum.
 
 use arbitrary::Arbitrary;
 use shared::estimate::Gate;
@@ -229,7 +230,8 @@ impl Seen {
                 freedom: 597,
                 mean_nm: [i32::from(x) * 1000, i32::from(y) * 1000],
                 centroid: [0, 0],
-                // 0.8 in 2^-32, with the exponent 0.05; the coupling is z times that in its own scale.
+                // 0.8 in 2^-32, with the exponent 0.05; the coupling is z times that in its own
+                // scale.
                 spread: 3_435_973_837,
                 exponent: -4,
                 coupling: i32::from(z) * 6_400,

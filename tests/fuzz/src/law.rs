@@ -3,7 +3,8 @@
 use host::error::InputError;
 use std::path::Path;
 
-/// The error names one of `files`, in one line of bounded length that changes nothing on a terminal.
+/// The error names one of `files`, in one line of bounded length that changes nothing on a
+/// terminal.
 ///
 /// # Panics
 /// If it does not.

@@ -184,7 +184,8 @@ impl Life {
         if stands && machine.state() != State::Stopping {
             assert_eq!(edges.rises, [0; 3], "steps in {:?}", machine.state());
         }
-        // Resting positions are whole numbers in the machine's position and half steps in the motor's.
+        // Resting positions are whole numbers in the machine's position and half steps in the
+        // motor's.
         let motor = machine.motors().map(|fine| (fine + (1 << 31)) >> 32);
         let origin = core::array::from_fn(|axis| motor[axis] - made[axis]);
         if made != [0; 3] {

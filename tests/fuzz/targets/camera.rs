@@ -1,7 +1,7 @@
 //! Camera files of OpenCV and ROS with any changes, and the rigs that they make.
 //!
-//! Laws: no panic; an error names one of the files; a camera that is written in either format has the
-//! same lens when it is read.
+//! Laws: no panic; an error names one of the files; a camera that is written in either format has
+//! the same lens when it is read.
 #![no_main]
 
 use host::calibration::exchange::{CameraFile, Member, assemble, opencv, ros};

@@ -1,6 +1,7 @@
 //! Rig files with any changes.
 //!
-//! Laws: no panic; an error names the file; a rig that is read and written is read again, bit for bit.
+//! Laws: no panic; an error names the file; a rig that is read and written is read again, bit for
+//! bit.
 #![no_main]
 
 use host::rig_file::RigFile;

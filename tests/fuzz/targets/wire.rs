@@ -1,7 +1,7 @@
 //! The receiver under any bytes in any chunking.
 //!
-//! Laws: no panic; the chunking does not matter; every packet is understood as what it is, and not at all with one byte changed; and
-//! bytes that were no packet do not hide the packet after them.
+//! Laws: no panic; the chunking does not matter; every packet is understood as what it is, and not
+//! at all with one byte changed; and bytes that were no packet do not hide the packet after them.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,7 +1,7 @@
 //! What the run path costs: instructions and stack, as a table.
 //!
-//! Rows with a limit fail the run when they exceed it. Counts move a little with inlining: the limits are those of the project, not of the
-//! last run.
+//! Rows with a limit fail the run when they exceed it. Counts move a little with inlining: the
+//! limits are those of the project, not of the last run.
 
 mod sample;
 
@@ -65,7 +65,8 @@ pub fn run() -> Result<(), Failure> {
     let word = generator(&mut counter, &mut table)?;
     planner(&mut counter, &mut table)?;
     let (tick, segment, frame, reports) = control(&mut counter, &mut table)?;
-    // Four segments a tick, the first with the control in it; words at 1 MHz; a hundred frames a second.
+    // Four segments a tick, the first with the control in it; words at 1 MHz; a hundred frames a
+    // second.
     let million = |instructions_per_s: u64| instructions_per_s.div_ceil(1_000_000);
     let words = million(word * 1_000_000 / 10);
     let ticks = million((tick + 3 * segment) * 1_000);
@@ -268,8 +269,8 @@ fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
     Ok(busy)
 }
 
-/// An axis of the samples' stage, sent after another target in every tick: now anywhere, now near the last one, at rest or moving. What the
-/// same tick takes with all axes at rest is taken off.
+/// An axis of the samples' stage, sent after another target in every tick: now anywhere, now near
+/// the last one, at rest or moving. What the same tick takes with all axes at rest is taken off.
 fn planner(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
     let limits = Limits::new(&sample::config().axes, BOARD.word_rate)
         .map_err(|_| Failure("impossible limits"))?;
@@ -307,7 +308,8 @@ fn planner(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Instructions of a tick's first segment and of each further one while following, of a frame from bytes to segment, and of its reports.
+/// Instructions of a tick's first segment and of each further one while following, of a frame from
+/// bytes to segment, and of its reports.
 fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u64), Failure> {
     let mut host = Host::new(Machine::new(BOARD));
     let idle = ticks(counter, &mut host, |_| {})?;
@@ -360,7 +362,8 @@ fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u
     ))
 }
 
-/// Hundred ticks: the first segment of each, and the others. Packets that go out between them are not counted.
+/// Hundred ticks: the first segment of each, and the others. Packets that go out between them are
+/// not counted.
 fn ticks(
     counter: &mut Counter,
     host: &mut Host,

@@ -1,4 +1,5 @@
-//! Counts instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts at 25 MHz, once in 5 instructions.
+//! Counts instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts at
+//! 25 MHz, once in 5 instructions.
 
 use core::ops::AddAssign;
 use cortex_m::peripheral::SYST;

@@ -1,7 +1,7 @@
 //! embassy's executor with an idle loop that really sleeps.
 //!
-//! The stock executor waits with WFE, which QEMU takes as a yield: the processor stays busy and its clock, which counts
-//! instructions, crawls. WFI halts it, and time jumps to the next interrupt.
+//! The stock executor waits with WFE, which QEMU takes as a yield: the processor stays busy and its
+//! clock, which counts instructions, crawls. WFI halts it, and time jumps to the next interrupt.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_executor::Spawner;
@@ -27,13 +27,15 @@ pub fn run(spawn: impl FnOnce(Spawner)) -> ! {
         cortex_m::interrupt::disable();
         let work = WORK.swap(false, Ordering::SeqCst);
         if !work {
-            // An interrupt that comes between the test and here is pending, and WFI returns at once.
+            // An interrupt that comes between the test and here is pending, and WFI returns at
+            // once.
             cortex_m::asm::wfi();
         }
         // SAFETY: no critical section is open here.
         unsafe { cortex_m::interrupt::enable() };
         if work {
-            // SAFETY: the executor was initialised above, and `poll` is called from here only, never from within itself.
+            // SAFETY: the executor was initialised above, and `poll` is called from here only,
+            // never from within itself.
             unsafe { executor.poll() };
         }
     }

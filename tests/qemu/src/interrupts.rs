@@ -27,7 +27,8 @@ unsafe impl InterruptNumber for Line {
 
 /// Lets the line interrupt.
 pub fn enable(line: Line) {
-    // SAFETY: no critical section of this image relies on a masked line; they all disable interrupts as a whole.
+    // SAFETY: no critical section of this image relies on a masked line; they all disable
+    // interrupts as a whole.
     unsafe { NVIC::unmask(line) };
 }
 

@@ -1,7 +1,8 @@
 //! A station on UART0, on the emulated clock.
 //!
-//! The emulator's host may take the processor away for many milliseconds, which happens to no real board. So the station lives through
-//! every tick at the instant it was due, however late that is done: being late delays reports, and changes nothing else.
+//! The emulator's host may take the processor away for many milliseconds, which happens to no real
+//! board. So the station lives through every tick at the instant it was due, however late that is
+//! done: being late delays reports, and changes nothing else.
 
 use crate::board::{BOARD, PORT, RING_WORDS, SEGMENT_WORDS};
 use crate::port_log::PortLog;
@@ -51,7 +52,8 @@ async fn serve(mut station: Station, mut port_log: Option<PortLog>) {
             Event::Segment(..) => {}
             Event::Refused(fault) => panic!("{fault}"),
             Event::Idle(until) => {
-                // A tick's segments are made at its end: the pins are simulated, and the emulator wakes up less often.
+                // A tick's segments are made at its end: the pins are simulated, and the emulator
+                // wakes up less often.
                 let tick = until.micros().next_multiple_of(TICK_US);
                 let due = embassy_time::Instant::from_micros(tick);
                 if let Either::Second(count) =

@@ -1,7 +1,8 @@
 //! The station on an emulated Cortex-M4.
 //!
-//! QEMU has no timers, ports or DMA of any STM32, so the board's firmware cannot run there. This image runs what matters on Arm's
-//! `mps2-an386` instead: the same machine and the same step generator, compiled for the same processor, behind a UART.
+//! QEMU has no timers, ports or DMA of any STM32, so the board's firmware cannot run there. This
+//! image runs what matters on Arm's `mps2-an386` instead: the same machine and the same step
+//! generator, compiled for the same processor, behind a UART.
 //!
 //! The first semihosting argument says what to do:
 //!

@@ -16,7 +16,8 @@ pub const TIMER1: Block = Block { base: 0x4000_1000 };
 impl Block {
     /// Reads the register at `offset`.
     pub fn read(self, offset: usize) -> u32 {
-        // SAFETY: `Block`s exist only for the constants above, devices of 4 kB each, whose registers all can be read.
+        // SAFETY: `Block`s exist only for the constants above, devices of 4 kB each, whose
+        // registers all can be read.
         unsafe { ((self.base + (offset & 0xffc)) as *const u32).read_volatile() }
     }
 

@@ -14,7 +14,8 @@ const LOG_BYTES: usize = 2 << 20;
 
 static LOG: ConstStaticCell<[u8; LOG_BYTES]> = ConstStaticCell::new([0; LOG_BYTES]);
 
-/// Replays the log in `log_path`; the trace goes to `trace_path`. With `closer`, the segments given out at that instant are printed in full.
+/// Replays the log in `log_path`; the trace goes to `trace_path`. With `closer`, the segments given
+/// out at that instant are printed in full.
 pub fn run(log_path: &Path, trace_path: &Path, closer: Option<u64>) -> Result<(), Failure> {
     let buffer = LOG.take();
     let mut file = File::open(log_path.as_c_str()?).map_err(|_| Failure("cannot open the log"))?;

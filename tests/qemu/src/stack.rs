@@ -1,4 +1,5 @@
-//! How much stack something takes: the free part is painted first, and what lost its paint was used.
+//! How much stack something takes: the free part is painted first, and what lost its paint was
+//! used.
 
 use cortex_m::register::msp;
 
@@ -16,8 +17,8 @@ pub fn used(work: impl FnOnce()) -> usize {
     let top = (msp::read() as usize - MARGIN) & !3;
     let bottom = top - PAINTED * size_of::<u32>();
     for word in 0..PAINTED {
-        // SAFETY: the stack lies alone in the upper half of a RAM of 4 MB and grows down; 32 kB below it nothing else lives, and
-        // nothing interrupts.
+        // SAFETY: the stack lies alone in the upper half of a RAM of 4 MB and grows down; 32 kB
+        // below it nothing else lives, and nothing interrupts.
         unsafe { ((bottom as *mut u32).add(word)).write_volatile(PAINT) };
     }
     work();

@@ -1,7 +1,8 @@
 //! embassy-time on two of the board's CMSDK timers, which count down at 25 MHz.
 //!
-//! TIMER0 runs for ever and wraps every 172 s: its interrupt counts the wraps. TIMER1 is set to the next alarm and stopped when it fires.
-//! Nothing ticks while nothing is due, so an idle emulator can jump from alarm to alarm.
+//! TIMER0 runs for ever and wraps every 172 s: its interrupt counts the wraps. TIMER1 is set to the
+//! next alarm and stopped when it fires. Nothing ticks while nothing is due, so an idle emulator
+//! can jump from alarm to alarm.
 
 use crate::interrupts::{self, Line};
 use crate::registers::{TIMER0, TIMER1};

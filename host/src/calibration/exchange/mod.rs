@@ -1,4 +1,5 @@
-//! What other programs know of a camera: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file per camera.
+//! What other programs know of a camera: OpenCV's FileStorage YAML and ROS's `camera_info` YAML,
+//! one file per camera.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -6,8 +7,9 @@
 //! | turned | `R`, from the rig's axes to the camera's | `rectification_matrix`, from the camera's axes to the rig's |
 //! | place | `T = -R c`, mm | `projection_matrix`, last column `-f c`, m |
 //!
-//! Turn and place are optional in OpenCV's files. Of the files other programs write the same keys are read and the others passed over; a missing or
-//! impossible one is refused with file, line and name. Both kinds are read alike, by what they hold.
+//! Turn and place are optional in OpenCV's files. Of the files other programs write the same keys
+//! are read and the others passed over; a missing or impossible one is refused with file, line and
+//! name. Both kinds are read alike, by what they hold.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -107,7 +109,8 @@ impl CameraFile {
             );
             return Err(model.fault(reason));
         }
-        // OpenCV's own calibration program says so; the four coefficients alone look like k1 k2 p1 p2.
+        // OpenCV's own calibration program says so; the four coefficients alone look like k1 k2 p1
+        // p2.
         if let Some(flag) = root.optional("fisheye_model")?
             && flag.number()? != 0.0
         {
@@ -268,8 +271,9 @@ pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
     text
 }
 
-/// A camera of the rig as ROS's `camera_info`: what `camera_info_manager` and `image_proc` read. The rectified cameras of one rig share their
-/// focal length, the mean of all, and their principal point, the middle of the image.
+/// A camera of the rig as ROS's `camera_info`: what `camera_info_manager` and `image_proc` read.
+/// The rectified cameras of one rig share their focal length, the mean of all, and their principal
+/// point, the middle of the image.
 pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let [width, height] = rig.image_size_px;
     let focal = rig.mean_focal_px();
@@ -281,7 +285,8 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let turn = camera.rotation.rows();
     let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
     let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
-    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no comment.
+    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no
+    // comment.
     let name = serde_json::Value::from(name);
     let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
     let mut matrix = |name: &str, rows: usize, data: &[f64]| {
@@ -304,7 +309,8 @@ fn matrix_of(camera: &Camera) -> [f64; 9] {
     [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
 }
 
-/// With every digit, and always a point: without it some readers take `5` for a whole number and `1e-5` for a text.
+/// With every digit, and always a point: without it some readers take `5` for a whole number and
+/// `1e-5` for a text.
 fn list(numbers: &[f64]) -> String {
     let text = |number: &f64| {
         let text = format!("{number:?}");

@@ -1,10 +1,11 @@
 //! A YAML document whose values know their own name and line.
 //!
-//! OpenCV begins its files with `%YAML:1.0`, which is no directive of any YAML; without this line they are ordinary YAML with the
-//! tag `!!opencv-matrix`. Anchors and aliases, which neither program writes, are refused.
+//! OpenCV begins its files with `%YAML:1.0`, which is no directive of any YAML; without this line
+//! they are ordinary YAML with the tag `!!opencv-matrix`. Anchors and aliases, which neither
+//! program writes, are refused.
 //!
-//! Only the values under known names are kept: files of other programs may hold all corners of all photographs. Time and memory
-//! are in proportion to the length of the file.
+//! Only the values under known names are kept: files of other programs may hold all corners of all
+//! photographs. Time and memory are in proportion to the length of the file.
 
 use std::borrow::Cow;
 use std::collections::HashSet;

@@ -19,7 +19,8 @@ use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::Path;
 
-/// How long live cameras may give nothing that can be the reference, µs: they open with their exposure wrong, and find it within a second or two.
+/// How long live cameras may give nothing that can be the reference, µs: they open with their
+/// exposure wrong, and find it within a second or two.
 const LIGHT_US: u64 = 3_000_000;
 
 /// How it went.
@@ -44,7 +45,8 @@ pub struct Captures<'a> {
 }
 
 impl<'a> Captures<'a> {
-    /// Makes the station ready: configured, its position zero. `now_us` tells the captures' clock, if the captures are taken now.
+    /// Makes the station ready: configured, its position zero. `now_us` tells the captures' clock,
+    /// if the captures are taken now.
     pub fn new(
         options: &'a Options,
         rig: &RigFile,
@@ -89,7 +91,8 @@ impl<'a> Captures<'a> {
             // It has stopped by itself, or cannot be told to.
             return outcome;
         }
-        // The end of live pictures is no end of the target's motion: a stage that goes where it will be would run on.
+        // The end of live pictures is no end of the target's motion: a stage that goes where it
+        // will be would run on.
         let rest = match self.is_live {
             true => self.pursuit.stop(),
             false => self.pursuit.rest(),
@@ -224,7 +227,8 @@ mod tests {
     use host::images::cameras::stamp::READINGS;
     use std::cell::Cell;
 
-    /// A clock that is five seconds ahead; each reading takes a microsecond, but in most pairs the processor is away for 20 ms, before or after.
+    /// A clock that is five seconds ahead; each reading takes a microsecond, but in most pairs the
+    /// processor is away for 20 ms, before or after.
     #[test]
     fn clocks_are_compared_by_a_reading_that_was_not_held_up() {
         for quick in 0..READINGS as u64 {

@@ -67,7 +67,8 @@ pub fn watch(
     judged(folder, summary, unread.get())
 }
 
-/// A capture that cannot be read does not end the others, unless it is the first, which they are measured against: it is told, and counted as `unread`.
+/// A capture that cannot be read does not end the others, unless it is the first, which they are
+/// measured against: it is told, and counted as `unread`.
 fn readable(
     captures: impl Iterator<Item = Result<Capture, InputError>>,
     unread: &Cell<usize>,
@@ -93,7 +94,8 @@ fn station<'a>(
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
     let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
-    // It is to be where the last picture shows the target, not where that would have gone from there.
+    // It is to be where the last picture shows the target, not where that would have gone from
+    // there.
     stage.tracking.prediction = false;
     Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
@@ -104,7 +106,8 @@ fn few(folder: &Path, count: usize) -> Failure {
     InputError::file(folder, reason).into()
 }
 
-/// Frames that were refused have been told, each in its line, and so have those that could not be read.
+/// Frames that were refused have been told, each in its line, and so have those that could not be
+/// read.
 fn judged(folder: &Path, summary: Summary, unread: usize) -> Result<(), Failure> {
     let (frames, refused) = (summary.frames + unread, summary.refused + unread);
     if refused == 0 {

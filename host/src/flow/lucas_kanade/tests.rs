@@ -37,7 +37,8 @@ fn plane(image: &Image) -> Plane {
     Pyramid::new(image, 1).levels.remove(0)
 }
 
-/// Errors of the shift, px, over a grid of points that are textured enough, for the shift `(dx, dy)` px.
+/// Errors of the shift, px, over a grid of points that are textured enough, for the shift
+/// `(dx, dy)` px.
 fn errors(scene: &Scene, shift: [f64; 2], seed: u64) -> Vec<[f64; 2]> {
     let before = shot(scene, [0.0; 2], 0.0, 2 * seed);
     let after = shot(scene, shift, 0.0, 2 * seed + 1);

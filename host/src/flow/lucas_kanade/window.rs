@@ -1,7 +1,8 @@
 //! The arithmetic of one window, row by row in lanes.
 //!
-//! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order: the same bits on every processor, however wide its
-//! vectors. Everything is inlined into its caller, which is compiled once per kind of processor.
+//! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order: the same bits on
+//! every processor, however wide its vectors. Everything is inlined into its caller, which is
+//! compiled once per kind of processor.
 
 use std::hint::black_box;
 
@@ -199,9 +200,10 @@ impl LeastSquares {
     }
 }
 
-/// One step of Lucas and Kanade with the roles exchanged, px: from the found window `seen` (zero-mean), which is `factor` times
-/// the zero-mean `template`, with its own gradients. These are central differences; the window's border has none. Not finite if the
-/// gradients determine no step.
+/// One step of Lucas and Kanade with the roles exchanged, px: from the found window `seen`
+/// (zero-mean), which is `factor` times the zero-mean `template`, with its own gradients. These are
+/// central differences; the window's border has none. Not finite if the gradients determine no
+/// step.
 #[inline(always)]
 pub fn step_back<const N: usize, const W: usize>(
     seen: &Grid<N, W>,
@@ -212,7 +214,8 @@ pub fn step_back<const N: usize, const W: usize>(
     let mut sums = [[0.0_f32; LANES]; 5];
     let [xx, xy, yy, x, y] = &mut sums;
     for r in 1..N - 1 {
-        // The row with its neighbours in memory, which are not its neighbours in the window at either end.
+        // The row with its neighbours in memory, which are not its neighbours in the window at
+        // either end.
         let near = &seen.as_flattened()[r * W - 1..][..W + 2];
         let (above, below) = (&seen[r - 1], &seen[r + 1]);
         for block in 0..W / LANES {

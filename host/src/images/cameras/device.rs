@@ -1,12 +1,15 @@
 //! A V4L2 camera. Linux only, with the feature `camera`.
 //!
-//! The library is `v4l`: it hands on what the driver says of each picture, time, number and flags, which `linuxvideo` and (but for the time) `rscam` keep to
-//! themselves, and it waits with a limit, which `rscam` cannot. Its price is libclang when the program is built; no C library is linked.
+//! The library is `v4l`: it hands on what the driver says of each picture, time, number and flags,
+//! which `linuxvideo` and (but for the time) `rscam` keep to themselves, and it waits with a limit,
+//! which `rscam` cannot. Its price is libclang when the program is built; no C library is linked.
 //!
-//! What it does not do well is kept away from. Its `query_caps` panics at a card whose name was cut within a character: it is not called. Its `next` puts
-//! back the picture before, and after a time-out would do so twice: so the waiting is done before. At first it has no picture to put back, so the first of
-//! each camera is taken out unseen; many cameras spoil that one anyway. Its `drop` panics if a camera that is still there cannot be stopped; that would be
-//! in the camera's own thread or before anything moves.
+//! What it does not do well is kept away from. Its `query_caps` panics at a card whose name was cut
+//! within a character: it is not called. Its `next` puts back the picture before, and after a
+//! time-out would do so twice: so the waiting is done before. At first it has no picture to put
+//! back, so the first of each camera is taken out unseen; many cameras spoil that one anyway. Its
+//! `drop` panics if a camera that is still there cannot be stopped; that would be in the camera's
+//! own thread or before anything moves.
 
 mod refusal;
 
@@ -55,8 +58,9 @@ pub struct V4l2 {
 }
 
 impl V4l2 {
-    /// Opens the camera at `path`, `/dev/video0` for one, with images of `size_px` in the best of its formats that is known here and has this size, and starts it.
-    /// `frames_per_s` is asked for; some cameras have one rate only, and keep it.
+    /// Opens the camera at `path`, `/dev/video0` for one, with images of `size_px` in the best of
+    /// its formats that is known here and has this size, and starts it. `frames_per_s` is asked
+    /// for; some cameras have one rate only, and keep it.
     ///
     /// # Errors
     /// If there is no such camera, it may not be used, or it has no images of this size.
@@ -143,9 +147,11 @@ impl Camera for V4l2 {
     }
 }
 
-/// Sets the best format that is known here of those that the device has with images of `size_px`, and tells how far apart its rows begin.
+/// Sets the best format that is known here of those that the device has with images of `size_px`,
+/// and tells how far apart its rows begin.
 ///
-/// Many cameras on USB have their large images as JPEG only: a format may be there, but not in this size.
+/// Many cameras on USB have their large images as JPEG only: a format may be there, but not in this
+/// size.
 fn set_format(
     path: &Path,
     device: &Device,

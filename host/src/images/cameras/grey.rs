@@ -1,7 +1,8 @@
 //! A camera's bytes as a grey image.
 //!
-//! Most formats carry the luminance by itself; then it is taken as it is, studio range (16 to 235) or full: the flow knows contrasts, no absolute
-//! brightness. Red, green and blue become luminance by the weights of ITU-R BT.709, as they do for image files.
+//! Most formats carry the luminance by itself; then it is taken as it is, studio range (16 to 235)
+//! or full: the flow knows contrasts, no absolute brightness. Red, green and blue become luminance
+//! by the weights of ITU-R BT.709, as they do for image files.
 
 use std::sync::OnceLock;
 
@@ -49,7 +50,8 @@ pub enum Unreadable {
 }
 
 impl Format {
-    /// Best first: what is grey already, then what holds its luminance whole, last what has been compressed.
+    /// Best first: what is grey already, then what holds its luminance whole, last what has been
+    /// compressed.
     pub const ALL: [Self; 8] = [
         Self::Grey,
         Self::Yuyv,
@@ -85,8 +87,8 @@ impl Format {
         }
     }
 
-    /// The image of `width` by `height` pixels in `bytes`. Rows begin `stride` bytes apart; 0, or less than a row needs, is taken for rows without
-    /// gaps.
+    /// The image of `width` by `height` pixels in `bytes`. Rows begin `stride` bytes apart; 0, or
+    /// less than a row needs, is taken for rows without gaps.
     ///
     /// # Errors
     /// [`Unreadable`].
@@ -156,7 +158,8 @@ fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
 const SCAN: u8 = 0xDA;
 const TABLES: u8 = 0xC4;
 
-/// The segments between a JPEG's start and its first scan: the marker's second byte, and the whole segment.
+/// The segments between a JPEG's start and its first scan: the marker's second byte, and the whole
+/// segment.
 fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = bytes.get(2..).unwrap_or_default();
     std::iter::from_fn(move || {

@@ -1,12 +1,15 @@
 //! Captures of cameras that run by themselves, each in a thread of its own.
 //!
-//! A camera thread does nothing but wait for its camera, turn the picture grey and hand it to the [matching](super::matching). Whoever asks for the
-//! next capture gets the newest; older ones that nobody had time for are dropped and counted.
+//! A camera thread does nothing but wait for its camera, turn the picture grey and hand it to the
+//! [matching](super::matching). Whoever asks for the next capture gets the newest; older ones that
+//! nobody had time for are dropped and counted.
 //!
-//! *When a picture was taken* is told from the [moment](super::stamp) that the camera gives it, less a delay that is the same for all. A picture whose moment
-//! is not known, or lies before the start, is counted as stale and not used.
+//! *When a picture was taken* is told from the [moment](super::stamp) that the camera gives it,
+//! less a delay that is the same for all. A picture whose moment is not known, or lies before the
+//! start, is counted as stale and not used.
 //!
-//! A camera that is lost, or falls silent, is left out as long as two are left: its views are [`Image::missing`].
+//! A camera that is lost, or falls silent, is left out as long as two are left: its views are
+//! [`Image::missing`].
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -88,8 +91,9 @@ impl Shared {
     }
 }
 
-/// Cameras that run. An iterator of captures: it ends when it is told to stop, or after an error. Dropping it ends the threads, each as soon as
-/// its camera has [shot](Camera::shoot) or seen that there is nothing.
+/// Cameras that run. An iterator of captures: it ends when it is told to stop, or after an error.
+/// Dropping it ends the threads, each as soon as its camera has [shot](Camera::shoot) or seen that
+/// there is nothing.
 pub struct Live {
     shared: Arc<Shared>,
     paths: Vec<PathBuf>,
@@ -101,8 +105,10 @@ pub struct Live {
 }
 
 impl Live {
-    /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are of one time; each was taken `delay_us` before its moment,
-    /// or after it if that is negative. The captures end when `stop` is set. `tell` hears why a camera is lost while others carry on.
+    /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are
+    /// of one time; each was taken `delay_us` before its moment, or after it if that is negative.
+    /// The captures end when `stop` is set. `tell` hears why a camera is lost while others carry
+    /// on.
     ///
     /// # Errors
     /// If a thread cannot be started.

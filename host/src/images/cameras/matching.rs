@@ -1,22 +1,28 @@
 //! Pictures of several cameras, put together by time.
 //!
-//! A *set* is one picture of each camera, the first and the last at most a window apart. Of the pictures that are there it is the nearest: if leaving
-//! out the earliest picture for its successor brings them closer together, the earliest is left out. Laws, whatever the cameras do:
+//! A *set* is one picture of each camera, the first and the last at most a window apart. Of the
+//! pictures that are there it is the nearest: if leaving out the earliest picture for its successor
+//! brings them closer together, the earliest is left out. Laws, whatever the cameras do:
 //!
 //! * no picture is in two sets, and every camera's pictures come in their order;
 //! * all pictures of a set lie within the window;
-//! * a picture that can be in no set any more is dropped at once and counted; no more than [`DEPTH`] of a camera wait for the others;
-//! * with a window of at most half the time between a camera's pictures, the sets do not depend on which camera's picture arrives first.
+//! * a picture that can be in no set any more is dropped at once and counted; no more than
+//!   [`DEPTH`] of a camera wait for the others;
+//! * with a window of at most half the time between a camera's pictures, the sets do not depend on
+//!   which camera's picture arrives first.
 //!
-//! A camera whose latest picture is [`SILENCE_US`] older than another's, of which two or more wait, has *fallen silent*: until its next picture sets are
-//! made without it, as long as they have two. One that has sent none yet is waited for.
+//! A camera whose latest picture is [`SILENCE_US`] older than another's, of which two or more wait,
+//! has *fallen silent*: until its next picture sets are made without it, as long as they have two.
+//! One that has sent none yet is waited for.
 
 use std::collections::VecDeque;
 
-/// How many pictures of one camera wait for the other cameras': a quarter of a second at 30 pictures per second.
+/// How many pictures of one camera wait for the other cameras': a quarter of a second at 30
+/// pictures per second.
 pub const DEPTH: usize = 8;
 
-/// A camera that is so far behind has failed, µs. Short enough to go on before the station has given the target up (`coast_ms`, 0.8 s).
+/// A camera that is so far behind has failed, µs. Short enough to go on before the station has
+/// given the target up (`coast_ms`, 0.8 s).
 pub const SILENCE_US: u64 = 500_000;
 
 /// What became of one camera's pictures.
@@ -37,7 +43,8 @@ pub struct Counts {
 /// Pictures of one time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Set<P> {
-    /// Camera by camera: when its picture was taken, µs, and the picture; `None` of one that takes no part.
+    /// Camera by camera: when its picture was taken, µs, and the picture; `None` of one that takes
+    /// no part.
     pub pictures: Vec<Option<(u64, P)>>,
 }
 
@@ -115,7 +122,8 @@ impl<P> Matching<P> {
         }
     }
 
-    /// Makes sets without a camera until it sends a picture again. False, and nothing is done, if fewer than two would be left.
+    /// Makes sets without a camera until it sends a picture again. False, and nothing is done, if
+    /// fewer than two would be left.
     pub fn leave_out(&mut self, camera: usize) -> bool {
         let others = self.takes_part.iter().enumerate();
         let others = others.filter(|(k, takes_part)| *k != camera && **takes_part);
@@ -174,7 +182,8 @@ impl<P> Matching<P> {
         &self.counts
     }
 
-    /// How far the latest pictures of the cameras that take part are apart, µs; `None` before each has sent one.
+    /// How far the latest pictures of the cameras that take part are apart, µs; `None` before each
+    /// has sent one.
     pub fn apart_us(&self) -> Option<u64> {
         let taking_part = self.latest_us.iter().zip(&self.takes_part);
         let latest = taking_part.filter_map(|(latest, takes_part)| takes_part.then_some(*latest));
@@ -190,7 +199,8 @@ impl<P> Matching<P> {
             let heads: Vec<(usize, u64)> = heads.collect::<Option<_>>()?;
             let (earliest, _) = heads.iter().min_by_key(|(_, time)| *time)?;
             let apart = spread(heads.iter().map(|(_, time)| *time));
-            // Every picture still to come of the other cameras is later than theirs that wait: the earliest gets no nearer partners.
+            // Every picture still to come of the other cameras is later than theirs that wait: the
+            // earliest gets no nearer partners.
             if apart > self.window_us || self.successor_is_nearer(&heads, *earliest, apart) {
                 self.waiting[*earliest].pop_front();
                 self.counts[*earliest].unmatched += 1;

@@ -1,6 +1,7 @@
 //! Pictures that a driver lost, by the numbers it gives to those it hands on.
 //!
-//! A driver counts every picture, also those it has no room for or that come damaged beyond use. The number has 32 bits and starts anew after the last.
+//! A driver counts every picture, also those it has no room for or that come damaged beyond use.
+//! The number has 32 bits and starts anew after the last.
 
 /// A camera's picture numbers so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -10,7 +11,8 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// A picture with this number came. One that is not ahead of the last loses nothing: the driver counts anew, or does not count at all.
+    /// A picture with this number came. One that is not ahead of the last loses nothing: the driver
+    /// counts anew, or does not count at all.
     pub fn saw(&mut self, number: u32) {
         let last = self.last.replace(number);
         let step = last.map_or(1, |last| number.wrapping_sub(last));

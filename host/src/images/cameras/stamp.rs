@@ -1,25 +1,31 @@
 //! When a picture was taken, by its driver's stamp.
 //!
-//! A V4L2 driver stamps each picture, and says by flags what the stamp is worth: on which clock, and which point of the picture. With the kernel's
-//! monotonic clock it becomes an [`Instant`], which on Linux is of that clock too but does not tell what it reads: so both are read [once](Clocks), together.
+//! A V4L2 driver stamps each picture, and says by flags what the stamp is worth: on which clock,
+//! and which point of the picture. With the kernel's monotonic clock it becomes an [`Instant`],
+//! which on Linux is of that clock too but does not tell what it reads: so both are read
+//! [once](Clocks), together.
 //!
-//! A driver whose stamps are of another clock, or cannot be true, is not believed any more. From then on a picture's moment is when the thread that waited for
-//! it got it: later by the time the scheduler takes, tens of microseconds on a computer that is not overloaded. A picture that lay ready before anybody
-//! waited has no such moment.
+//! A driver whose stamps are of another clock, or cannot be true, is not believed any more. From
+//! then on a picture's moment is when the thread that waited for it got it: later by the time the
+//! scheduler takes, tens of microseconds on a computer that is not overloaded. A picture that lay
+//! ready before anybody waited has no such moment.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// What a stamp may be ahead of its picture's arrival: nothing, but for what the reading of two clocks takes.
+/// What a stamp may be ahead of its picture's arrival: nothing, but for what the reading of two
+/// clocks takes.
 const AHEAD: Duration = Duration::from_millis(1);
 
-/// How old a picture may be that has just arrived. None takes so long from the camera to its driver.
+/// How old a picture may be that has just arrived. None takes so long from the camera to its
+/// driver.
 const OLDEST: Duration = Duration::from_secs(3);
 
 /// Readings of two clocks, of which the quickest counts.
 pub const READINGS: usize = 8;
 
-/// The quickest of several readings of two clocks, each told with the time it took. One during which the scheduler took the processor away is a bad pair.
+/// The quickest of several readings of two clocks, each told with the time it took. One during
+/// which the scheduler took the processor away is a bad pair.
 pub fn quickest<O: Ord, T>(reading: impl Fn() -> (O, T)) -> T {
     let others = (1..READINGS).map(|_| reading());
     let quicker = |best: (O, T), other: (O, T)| match other.0 < best.0 {
@@ -60,7 +66,8 @@ impl Clocks {
 /// Which point of a picture its driver stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Point {
-    /// The start of the exposure. Cameras on USB say so too, but are stamped when the first of their data come, and that is after the exposure.
+    /// The start of the exposure. Cameras on USB say so too, but are stamped when the first of
+    /// their data come, and that is after the exposure.
     Start,
     /// The end of the picture: it has been read out and is in memory.
     End,
@@ -134,7 +141,8 @@ impl Moments {
         self.source
     }
 
-    /// The moment of a picture that was handed over at `arrived`. `was_awaited`: it came while somebody waited for it. `None` if it cannot be known.
+    /// The moment of a picture that was handed over at `arrived`. `was_awaited`: it came while
+    /// somebody waited for it. `None` if it cannot be known.
     pub fn of(&mut self, stamp: Stamp, arrived: Instant, was_awaited: bool) -> Option<Instant> {
         let by_arrival = was_awaited.then_some(arrived);
         if let Some(Source::Arrival(_)) = self.source {
@@ -145,7 +153,8 @@ impl Moments {
             Stamp::Monotonic(time, point) => match self.clocks.instant(time) {
                 Some(at) if at > arrived + AHEAD => Err(Doubt::Ahead),
                 Some(at) if arrived.saturating_duration_since(at) <= OLDEST => Ok((at, point)),
-                // It may have lain there for as long as the program was held up: no time to go by, and no fault of the driver.
+                // It may have lain there for as long as the program was held up: no time to go by,
+                // and no fault of the driver.
                 _ if !was_awaited => return None,
                 _ => Err(Doubt::Behind),
             },

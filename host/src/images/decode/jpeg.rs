@@ -1,8 +1,8 @@
 //! The structure of a JPEG file: segments behind markers, and compressed data behind each scan's.
 //!
 //! Decoders go on without what is missing at a file's end. So the markers are followed to the last
-//! one here: a file that was cut off anywhere has no end of image behind its last scan. A picture in
-//! the metadata has one of its own, but stands within a segment of known length.
+//! one here: a file that was cut off anywhere has no end of image behind its last scan. A picture
+//! in the metadata has one of its own, but stands within a segment of known length.
 
 use super::Refusal;
 
@@ -57,7 +57,8 @@ impl Frame {
         (self.blocks() / 4).max(1) * bits / BLOCK
     }
 
-    /// Returns 0 if the compressed data can be a picture of this size, otherwise more than any file has.
+    /// Returns 0 if the compressed data can be a picture of this size, otherwise more than any file
+    /// has.
     pub fn least_bytes(&self) -> u64 {
         if self.data < self.least_data() {
             u64::MAX

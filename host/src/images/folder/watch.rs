@@ -1,17 +1,22 @@
 //! A folder of captures that grows while it is read.
 //!
-//! Nothing tells a reader that a writer has finished a file, so it is told from what does not happen: a file counts as written when its size and its time
-//! of change have stayed for [`SETTLE`], and are still the same when it has been read. What cannot be read even then, because its writer paused, is tried
-//! again until it has stayed for [`PATIENCE`]; then it is an error, and the next capture's turn. Files that are cut off are always noticed
-//! ([`decode`](crate::images::decode)); a program that may pause for longer in the middle of one should write it under a hidden name
-//! (`.000001.jpg`) and rename it.
+//! Nothing tells a reader that a writer has finished a file, so it is told from what does not
+//! happen: a file counts as written when its size and its time of change have stayed for
+//! [`SETTLE`], and are still the same when it has been read. What cannot be read even then, because
+//! its writer paused, is tried again until it has stayed for [`PATIENCE`]; then it is an error, and
+//! the next capture's turn. Files that are cut off are always noticed
+//! ([`decode`](crate::images::decode)); a program that may pause for longer in the middle of one
+//! should write it under a hidden name (`.000001.jpg`) and rename it.
 //!
-//! Captures come in the order of their names. One that lacks a camera's file holds up those behind it for [`PATIENCE`]; it comes without that view when a
-//! later one is whole, or the camera, which has sent pictures before, has been silent for as long. A camera that has sent none is told, once, and waited
-//! for. A capture of a single view is passed over, and told. So is one whose files come after a later capture was given.
+//! Captures come in the order of their names. One that lacks a camera's file holds up those behind
+//! it for [`PATIENCE`]; it comes without that view when a later one is whole, or the camera, which
+//! has sent pictures before, has been silent for as long. A camera that has sent none is told,
+//! once, and waited for. A capture of a single view is passed over, and told. So is one whose files
+//! come after a later capture was given.
 //!
-//! The folder is listed at most twenty times a second. That works on file systems that report no changes, such as those on a network. What is kept in
-//! memory are the names of the files that are there; a capture's files may be removed as soon as it has been given.
+//! The folder is listed at most twenty times a second. That works on file systems that report no
+//! changes, such as those on a network. What is kept in memory are the names of the files that are
+//! there; a capture's files may be removed as soon as it has been given.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
@@ -111,8 +116,9 @@ enum Look {
 }
 
 impl<T: FnMut(&InputError)> Watch<T> {
-    /// Watches `dir`, whose subfolders are, or will be, `names`, one per camera in the rig's order. `size_px` (width, height) is what every image must have.
-    /// `tell` hears of captures that are passed over.
+    /// Watches `dir`, whose subfolders are, or will be, `names`, one per camera in the rig's order.
+    /// `size_px` (width, height) is what every image must have. `tell` hears of captures that are
+    /// passed over.
     ///
     /// # Errors
     /// If there is no such folder.

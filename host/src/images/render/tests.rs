@@ -180,8 +180,8 @@ fn impossible_settings_are_refused_by_name() {
     assert_eq!(error.to_string(), "texture of 2 x 2 texels has 0");
 }
 
-/// The view is a sampled, band-limited picture: a sub-pixel move changes it as its derivative says, which
-/// fails where a renderer aliases or wobbles from texel to texel.
+/// The view is a sampled, band-limited picture: a sub-pixel move changes it as its derivative says,
+/// which fails where a renderer aliases or wobbles from texel to texel.
 #[test]
 fn a_small_move_changes_the_view_by_its_gradient() {
     let texture = Texture::of_kind(TextureKind::Natural, 3);
@@ -199,7 +199,8 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     };
     let mm_per_px = 850.0 / 538.14;
     let (before, after) = (levels(-0.05 * mm_per_px), levels(0.05 * mm_per_px));
-    // Least squares for the move, Lucas and Kanade's, from spectral-quality gradients of a half-pixel step.
+    // Least squares for the move, Lucas and Kanade's, from spectral-quality gradients of a
+    // half-pixel step.
     let (left, right) = (levels(0.25 * mm_per_px), levels(-0.25 * mm_per_px));
     let (mut gradient_square, mut gradient_change) = (0.0, 0.0);
     for i in 0..before.len() {

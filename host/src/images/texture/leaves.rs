@@ -1,5 +1,5 @@
-//! The dead-leaves model: opaque shapes with power-law sizes fall upon each other until they cover all.
-//! Its edges, corners and occlusions occur at every scale, as in photographs.
+//! The dead-leaves model: opaque shapes with power-law sizes fall upon each other until they cover
+//! all. Its edges, corners and occlusions occur at every scale, as in photographs.
 
 use std::f64::consts::PI;
 

@@ -68,7 +68,8 @@ fn a_jump_settles_from_the_arrival_of_the_first_frame_that_shows_it() {
         leg(Motion::Still, 0.505),
         leg(Motion::Step { by_mm }, 1.0),
     ]);
-    // There at 0.7 s, after 3 % too far; the first capture is at 0.52 s, its frame is there at 0.54 s.
+    // There at 0.7 s, after 3 % too far; the first capture is at 0.52 s, its frame is there at 0.54
+    // s.
     let camera = |t: f64| match t {
         t if t < 0.6 => [0.0; 3],
         t if t < 0.6995 => [4.12, 0.0, 0.0],
@@ -136,7 +137,8 @@ fn percentiles_are_by_nearest_rank() {
     assert_eq!(latency(&[7_000]).p99, Some(7.0));
 }
 
-/// The bound against a stage that does the worst: full acceleration until the stop, then the gentlest ramp that the limits ask for.
+/// The bound against a stage that does the worst: full acceleration until the stop, then the
+/// gentlest ramp that the limits ask for.
 #[test]
 fn the_bound_of_a_silence_holds_for_the_worst_stage() {
     let (a, j, most) = (2_000.0_f64, 50_000.0_f64, 100.0_f64);

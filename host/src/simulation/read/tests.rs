@@ -53,7 +53,8 @@ fn every_event_and_motion_is_read() {
     assert_eq!(expect.at[0].standing, Some(true));
 }
 
-/// Every line of the file, left out: it was needed, or it has a default; nothing panics, and errors name file and field.
+/// Every line of the file, left out: it was needed, or it has a default; nothing panics, and errors
+/// name file and field.
 #[test]
 fn a_missing_line_is_named() {
     for index in 0..SMALLEST.lines().count() {

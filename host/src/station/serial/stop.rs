@@ -99,8 +99,8 @@ impl Serial {
     /// whatever signals come and however the line was before.
     ///
     /// # Errors
-    /// [`StationError::Restless`] if the station does not say so; [`StationError::Lost`] if the line
-    /// is down.
+    /// [`StationError::Restless`] if the station does not say so; [`StationError::Lost`] if the
+    /// line is down.
     pub fn until_rest(&mut self) -> Result<State, StationError> {
         let mut allowance = Allowance::RAMP.start(Instant::now());
         loop {

@@ -1,4 +1,5 @@
-//! Homing as the pins and the switches see it: a carriage that the step edges move, and contacts that bounce.
+//! Homing as the pins and the switches see it: a carriage that the step edges move, and contacts
+//! that bounce.
 
 use crate::frame::encode::encode;
 use crate::frame::message::{
@@ -272,7 +273,8 @@ fn sides() -> impl Strategy<Value = [Side; 3]> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.min(48), ..ProptestConfig::default() })]
 
-    /// From anywhere on the rails, on the switch too: the coordinate is right, with bouncing contacts and lost motion as well.
+    /// From anywhere on the rails, on the switch too: the coordinate is right, with bouncing
+    /// contacts and lost motion as well.
     #[test]
     fn every_start_ends_at_the_same_coordinate(
         sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8, backlash in prop::array::uniform3(0..3u16),
@@ -298,7 +300,8 @@ proptest! {
         }
     }
 
-    /// A stop, a silent host or the emergency stop at any moment ends it, and nothing goes on by itself.
+    /// A stop, a silent host or the emergency stop at any moment ends it, and nothing goes on by
+    /// itself.
     #[test]
     fn it_can_be_ended_at_any_moment(after in 0..9_000u32, how in 0..3u8) {
         let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 3);

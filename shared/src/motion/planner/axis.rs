@@ -23,7 +23,8 @@ pub(super) struct Axis {
     pub(super) target: Position,
     /// How fast the target moves, speed quanta. Within the limits.
     pub(super) drift: i64,
-    /// Farther than this from a soft limit nothing can run into it, distance quanta: a tick and braking, both from the highest speed and acceleration.
+    /// Farther than this from a soft limit nothing can run into it, distance quanta: a tick and
+    /// braking, both from the highest speed and acceleration.
     margin: i64,
 }
 
@@ -61,9 +62,9 @@ impl Axis {
 
     /// The acceleration of the next tick; `quantum` is N² fine units.
     ///
-    /// Planned as seen from the target, which moves steadily: relative to it the axis comes to rest. It is looked at
-    /// from the side on which the goal lies ahead of the point where braking would end, so that it always can be reached
-    /// without overshoot from there.
+    /// Planned as seen from the target, which moves steadily: relative to it the axis comes to
+    /// rest. It is looked at from the side on which the goal lies ahead of the point where braking
+    /// would end, so that it always can be reached without overshoot from there.
     pub(super) fn choose(&self, quantum: i64) -> i64 {
         let speed = self.speed - self.drift;
         let way = self.way();
@@ -81,8 +82,8 @@ impl Axis {
         self.towards(sign, speed, ahead, fastest, stop)
     }
 
-    /// The next acceleration, looked for in the direction of `sign`, where `ahead` is the room and `fastest` the limit. `speed` and `stop`, the way
-    /// to rest, count forwards.
+    /// The next acceleration, looked for in the direction of `sign`, where `ahead` is the room and
+    /// `fastest` the limit. `speed` and `stop`, the way to rest, count forwards.
     #[inline(never)]
     fn towards(&self, sign: i64, speed: i64, ahead: i64, fastest: i64, stop: i64) -> i64 {
         let signed = |value: i64| product(sign, value);
@@ -93,8 +94,9 @@ impl Axis {
         )
     }
 
-    /// `wanted`, or the acceleration nearest to it after which the axis can still stop within the soft limits. (A target
-    /// at rest lies within them, and so does every way to it. A moving target may leave them.)
+    /// `wanted`, or the acceleration nearest to it after which the axis can still stop within the
+    /// soft limits. (A target at rest lies within them, and so does every way to it. A moving
+    /// target may leave them.)
     fn keep_inside(&self, wanted: i64, quantum: i64) -> i64 {
         let [low, high] = self
             .limits
@@ -157,9 +159,11 @@ impl Axis {
     }
 }
 
-/// How near to its target an axis may come to rest, fine units: 1/128 step, or four distance quanta where these are coarser.
+/// How near to its target an axis may come to rest, fine units: 1/128 step, or four distance quanta
+/// where these are coarser.
 ///
-/// What braking leaves is mostly less. To go on for it would take two or three ticks, and be no use: the motor stands in the same step.
+/// What braking leaves is mostly less. To go on for it would take two or three ticks, and be no
+/// use: the motor stands in the same step.
 pub(super) fn near(quantum: i64) -> i64 {
     (4 * quantum).max(1 << 25)
 }

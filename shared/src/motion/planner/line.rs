@@ -6,15 +6,18 @@ use crate::motion::AxisLimits;
 use crate::motion::stopping::Pace;
 use crate::steps::AXES;
 
-/// Axes on a straight line: the one with the longest way leads, each other one gets its share of the leader's speed.
+/// Axes on a straight line: the one with the longest way leads, each other one gets its share of
+/// the leader's speed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     pub(super) leader: usize,
-    /// Ways of all axes in one unit, below 2³¹ in size; the leader's is positive, the others' negative when opposed to it.
+    /// Ways of all axes in one unit, below 2³¹ in size; the leader's is positive, the others'
+    /// negative when opposed to it.
     ways: [i64; AXES],
     /// The leader's way.
     longest: i64,
-    /// How far rounding has put each axis in front of its place: distance quanta times `longest`. Within ±2 quanta.
+    /// How far rounding has put each axis in front of its place: distance quanta times `longest`.
+    /// Within ±2 quanta.
     excess: [i64; AXES],
 }
 
@@ -38,8 +41,9 @@ impl Line {
         })
     }
 
-    /// The leader's pace of which no axis's share exceeds its limits. Rounding adds less than two quanta to the acceleration
-    /// of the others and less than four to their jerk: these are left free where there is room.
+    /// The leader's pace of which no axis's share exceeds its limits. Rounding adds less than two
+    /// quanta to the acceleration of the others and less than four to their jerk: these are left
+    /// free where there is room.
     pub(super) fn pace(&self, axes: &[Axis; AXES]) -> Pace {
         let least = |limit: fn(&AxisLimits) -> u32, margin: u32| {
             let mut least = u32::MAX;
@@ -64,8 +68,8 @@ impl Line {
         )
     }
 
-    /// The speeds that go with the leader's `speed` at the end of the tick. They are rounded down for an axis in front of
-    /// its place and up for one behind, so that no error adds up.
+    /// The speeds that go with the leader's `speed` at the end of the tick. They are rounded down
+    /// for an axis in front of its place and up for one behind, so that no error adds up.
     pub(super) fn share(&mut self, speed: i64) -> [i64; AXES] {
         let mut shares = [0; AXES];
         for ((share, excess), way) in shares.iter_mut().zip(&mut self.excess).zip(self.ways) {

@@ -45,7 +45,8 @@ fn run(planner: &mut Planner, judge: &mut Judge) -> u32 {
     panic!("never arrives");
 }
 
-/// Up to 16 MHz, though mostly low ones: the grid gets coarse with the square of the rate, and refuses gentle limits.
+/// Up to 16 MHz, though mostly low ones: the grid gets coarse with the square of the rate, and
+/// refuses gentle limits.
 fn rates() -> impl Strategy<Value = WordRate> {
     prop_oneof![3 => 4..=200u32, 1 => 4..=2_000u32]
         .prop_map(|slots| WordRate::from_hz(8_000 * slots).unwrap())
@@ -449,7 +450,8 @@ fn an_axis_may_turn_twice_in_adjacent_segments() {
     }
     let turned: std::vec::Vec<_> = (0..turns.len()).filter(|n| turns[*n]).collect();
     assert_eq!(turned, [11, 12]);
-    // To the half slot: N² fine units for each sum of a tick's two speeds, and less than N/4 for each turn.
+    // To the half slot: N² fine units for each sum of a tick's two speeds, and less than N/4 for
+    // each turn.
     let n = i64::from(rate.slots_per_tick());
     let exact = n * n * (49 + (49 + 90) + (90 - 5) + (36 - 5));
     let gone = judge.position[0].fine() - Position::centre(0).fine();

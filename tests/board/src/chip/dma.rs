@@ -1,7 +1,9 @@
-//! A DMA controller in direct mode (RM0090 chapter 10): streams that peripherals ask for one transfer at a time.
+//! A DMA controller in direct mode (RM0090 chapter 10): streams that peripherals ask for one
+//! transfer at a time.
 //!
-//! A transfer takes no time here. What the manual says of a stream from memory to a peripheral is kept, since it can be seen from outside: the
-//! next item is fetched as soon as the stream is enabled, and again after each transfer, one request ahead of its use.
+//! A transfer takes no time here. What the manual says of a stream from memory to a peripheral is
+//! kept, since it can be seen from outside: the next item is fetched as soon as the stream is
+//! enabled, and again after each transfer, one request ahead of its use.
 
 /// Moves a 32-bit word; `None` is a bus error.
 pub trait Bus {
@@ -166,7 +168,8 @@ impl Dma {
         })
     }
 
-    /// Writes a register; `None` where there is none, and for what the manual forbids: addresses and counts of a running stream.
+    /// Writes a register; `None` where there is none, and for what the manual forbids: addresses
+    /// and counts of a running stream.
     pub fn write(&mut self, offset: u32, value: u32, bus: &mut impl Bus) -> Option<()> {
         match offset {
             0x08 | 0x0c => {
@@ -215,7 +218,8 @@ mod tests {
         }
     }
 
-    /// A circular player and the eraser behind it, on a ring of three words at 0; the port is word 4, the idle word is word 5.
+    /// A circular player and the eraser behind it, on a ring of three words at 0; the port is word
+    /// 4, the idle word is word 5.
     #[test]
     fn what_was_played_is_erased() {
         let mut bus = Words(vec![1, 2, 3, 0, 0, 77]);

@@ -1,4 +1,5 @@
-//! Pins and memory: what both the processor's side and the DMA reach. Every change of a pin is noted with its moment.
+//! Pins and memory: what both the processor's side and the DMA reach. Every change of a pin is
+//! noted with its moment.
 
 use super::dma::Bus;
 use super::exti::Exti;

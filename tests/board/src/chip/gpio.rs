@@ -19,7 +19,8 @@ pub struct Port {
     outside: (u16, u16),
     /// Pins with a resistor to the supply outside.
     pulled_up: u16,
-    /// Pins that the output register drives, and the levels of the others: worked out when something changes, as words come by the microsecond.
+    /// Pins that the output register drives, and the levels of the others: worked out when
+    /// something changes, as words come by the microsecond.
     driven: u16,
     others: u16,
 }

@@ -58,7 +58,8 @@ impl Iwdg {
         })
     }
 
-    /// Writes a register; `None` where there is none, for a register that is locked, and for one that is still being copied.
+    /// Writes a register; `None` where there is none, for a register that is locked, and for one
+    /// that is still being copied.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<()> {
         match (offset, value) {
             (0x00, 0x5555) => self.unlocked = true,

@@ -1,9 +1,12 @@
-//! The USB controller OTG_FS as a device (RM0090 chapter 34): registers, FIFOs, and how it answers a host's tokens.
+//! The USB controller OTG_FS as a device (RM0090 chapter 34): registers, FIFOs, and how it answers
+//! a host's tokens.
 //!
-//! Written from the manual's programming model, not from the driver. Where both could be asked, the manual's words decide: an OUT packet is taken
-//! once the endpoint's NAK bit is clear and the receive FIFO has room (34.17.6, "internal data flow" of OUT transfers); a SETUP packet is always
-//! taken, sets both NAK bits of endpoint 0, and is reported done at the token after it. The endpoint enable bit of an OUT endpoint is kept and
-//! cleared as described, but nothing is refused for its absence: the manual does not say that, and this point only a board can settle.
+//! Written from the manual's programming model, not from the driver. Where both could be asked, the
+//! manual's words decide: an OUT packet is taken once the endpoint's NAK bit is clear and the
+//! receive FIFO has room (34.17.6, "internal data flow" of OUT transfers); a SETUP packet is always
+//! taken, sets both NAK bits of endpoint 0, and is reported done at the token after it. The
+//! endpoint enable bit of an OUT endpoint is kept and cleared as described, but nothing is refused
+//! for its absence: the manual does not say that, and this point only a board can settle.
 
 mod endpoint;
 
@@ -83,7 +86,8 @@ pub struct Otg {
     data: VecDeque<u32>,
     /// A SETUP packet came, and no token since.
     setup: bool,
-    /// The address in use. A new one, written before the status stage of its request as the manual wants it, counts from the end of that stage.
+    /// The address in use. A new one, written before the status stage of its request as the manual
+    /// wants it, counts from the end of that stage.
     address: u32,
     frame: u32,
     /// What went wrong in the driver's use of the FIFOs.
@@ -121,7 +125,8 @@ impl Default for Otg {
 }
 
 impl Otg {
-    /// Whether the pull-up on D+ is on: transceiver powered, not softly disconnected, bus voltage believed.
+    /// Whether the pull-up on D+ is on: transceiver powered, not softly disconnected, bus voltage
+    /// believed.
     pub fn pulls_up(&self) -> bool {
         const PWRDWN: u32 = 1 << 16;
         const NOVBUSSENS: u32 = 1 << 21;
@@ -251,7 +256,8 @@ impl Otg {
         Answer::Ack
     }
 
-    /// The host asks an endpoint for data. Without an error on the wire it acknowledges them at once.
+    /// The host asks an endpoint for data. Without an error on the wire it acknowledges them at
+    /// once.
     pub fn enter(&mut self, address: u8, endpoint: usize) -> Answer {
         if !self.is_addressed(address) || !self.ins[endpoint].is_active(endpoint) {
             return Answer::Nothing;

@@ -1,4 +1,5 @@
-//! Reset and clock control (RM0090 chapter 7): oscillators with their start-up times, the PLL, the clock tree, enables and resets.
+//! Reset and clock control (RM0090 chapter 7): oscillators with their start-up times, the PLL, the
+//! clock tree, enables and resets.
 
 use crate::time::{Beats, US};
 

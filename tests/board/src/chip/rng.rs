@@ -1,4 +1,5 @@
-//! The random number generator (RM0090 chapter 24): a word per 40 periods of the 48 MHz clock, here from a seed.
+//! The random number generator (RM0090 chapter 24): a word per 40 periods of the 48 MHz clock, here
+//! from a seed.
 
 use crate::time::{Beats, period};
 use host::random::Random;

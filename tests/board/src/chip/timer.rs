@@ -1,7 +1,9 @@
-//! Timers as far as up-counting goes (RM0090 chapters 17 and 18): prescaler and repetition counter with their shadows, four compares, interrupt and
-//! DMA requests, one-pulse mode, gated mode by the external trigger with its filter.
+//! Timers as far as up-counting goes (RM0090 chapters 17 and 18): prescaler and repetition counter
+//! with their shadows, four compares, interrupt and DMA requests, one-pulse mode, gated mode by the
+//! external trigger with its filter.
 //!
-//! Nothing ticks: the counter is worked out when somebody looks, and [`Timer::next`] says when something will happen that others notice.
+//! Nothing ticks: the counter is worked out when somebody looks, and [`Timer::next`] says when
+//! something will happen that others notice.
 
 use crate::time::Beats;
 
@@ -168,7 +170,8 @@ impl Timer {
         Some(self.since + self.nearest(enables)? * self.tick())
     }
 
-    /// Counts up to `now`. Returns the DMA requests of the last event passed; call it at least at each [`Timer::next`].
+    /// Counts up to `now`. Returns the DMA requests of the last event passed; call it at least at
+    /// each [`Timer::next`].
     pub fn advance(&mut self, now: Beats) -> Requests {
         let mut requests = 0;
         while let Some((at, level)) = self.filtered.filter(|(at, _)| *at <= now) {
@@ -243,7 +246,8 @@ impl Timer {
         })
     }
 
-    /// Writes a register, counted up to `now` before; `None` where there is none. May make DMA requests.
+    /// Writes a register, counted up to `now` before; `None` where there is none. May make DMA
+    /// requests.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<Requests> {
         match offset {
             0x00 => {

@@ -5,7 +5,8 @@ use crate::laws::Law;
 use shared::frame::message::{Command, Config, Outcome};
 use shared::safety::{Fault, State, Trust};
 
-/// How long after a command its ramp begins at the latest, µs: one control tick, and what a shell may be late.
+/// How long after a command its ramp begins at the latest, µs: one control tick, and what a shell
+/// may be late.
 const BEGINS_US: f64 = 4_000.0;
 
 impl Judge {

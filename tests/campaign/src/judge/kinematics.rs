@@ -1,6 +1,7 @@
 //! Speed, acceleration and jerk by differences of counted steps.
 //!
-//! Where an axis is at control ticks is known to a whole step. For a window of `w` ticks, with limits per tick,
+//! Where an axis is at control ticks is known to a whole step. For a window of `w` ticks, with
+//! limits per tick,
 //!
 //! ```text
 //! |p1 - p0| <= v w + 1      |p2 - 2 p1 + p0| <= a w² + 2      |p3 - 3 p2 + 3 p1 - p0| <= j w³ + 4
@@ -38,8 +39,8 @@ impl Bounds {
         }
     }
 
-    /// Ticks until an axis that is no faster than `speed` and whose acceleration is no more than `rising` has come to rest
-    /// on a ramp, at most.
+    /// Ticks until an axis that is no faster than `speed` and whose acceleration is no more than
+    /// `rising` has come to rest on a ramp, at most.
     pub fn stop_ticks(&self, speed: f64, rising: f64) -> f64 {
         let (a, j) = (self.acceleration, self.jerk);
         let top = speed + rising * rising / (2.0 * j);
@@ -80,7 +81,8 @@ impl Trail {
         self.places.clear();
     }
 
-    /// The axis is at `place` at the end of one more tick in which `bounds` held. The first bound that was exceeded is named.
+    /// The axis is at `place` at the end of one more tick in which `bounds` held. The first bound
+    /// that was exceeded is named.
     pub fn push(&mut self, place: i64, bounds: Bounds) -> Option<(Excess, String)> {
         let moved = self.places.back().is_some_and(|(last, _)| *last != place);
         self.rested = if moved { 0 } else { self.rested + 1 };
@@ -131,8 +133,8 @@ impl Trail {
         None
     }
 
-    /// Highest speed the axis can have now, steps per tick: over any window the mean is exceeded by no more than what
-    /// the acceleration adds within it.
+    /// Highest speed the axis can have now, steps per tick: over any window the mean is exceeded by
+    /// no more than what the acceleration adds within it.
     pub fn speed(&self, bounds: &Bounds) -> f64 {
         let Some(&(newest, _)) = self.places.back() else {
             return bounds.speed;
@@ -146,7 +148,8 @@ impl Trail {
         speeds.fold(bounds.speed, f64::min)
     }
 
-    /// Highest acceleration the axis can have now, steps per tick²: none after a long rest, any in the middle of a turn.
+    /// Highest acceleration the axis can have now, steps per tick²: none after a long rest, any in
+    /// the middle of a turn.
     pub fn acceleration(&self, bounds: &Bounds) -> f64 {
         let rested = match self.rested >= KEPT {
             true => (2.0 * self.speed(bounds) * bounds.jerk).sqrt(),
@@ -215,7 +218,8 @@ mod tests {
         let ticks = BOUNDS.stop_ticks(7.9, 0.0);
         assert!((25.0..30.0).contains(&ticks), "{ticks}");
         assert_eq!(BOUNDS.stop_ticks(0.0, 0.0), 0.0);
-        // In the middle of a turn: ten ticks to get rid of the acceleration, then back from 2.5 steps per tick.
+        // In the middle of a turn: ten ticks to get rid of the acceleration, then back from 2.5
+        // steps per tick.
         let ticks = BOUNDS.stop_ticks(0.0, 0.5);
         assert!((20.0..30.0).contains(&ticks), "{ticks}");
     }

@@ -1,7 +1,8 @@
 //! Holds a life to the laws.
 //!
-//! The judge sees what a bystander sees: the packets that were sent, the switches, the port words, and the reports. What it concludes
-//! from them shares no code with the station: only the messages' types are common.
+//! The judge sees what a bystander sees: the packets that were sent, the switches, the port words,
+//! and the reports. What it concludes from them shares no code with the station: only the messages'
+//! types are common.
 
 mod commands;
 mod kinematics;
@@ -286,7 +287,8 @@ impl Judge {
                 (true, None) => cause.since_us = Some(now_us),
                 (true, Some(_)) => {}
                 (false, since_us) => {
-                    // However short it was, the shell has sensed it, unless it came and went between two looks.
+                    // However short it was, the shell has sensed it, unless it came and went
+                    // between two looks.
                     let lasted = since_us.is_some_and(|since_us| since_us < now_us);
                     if lasted && !self.told.contains(&fault) {
                         self.owed.push(fault);

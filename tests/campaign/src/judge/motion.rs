@@ -23,8 +23,8 @@ const ANY_DRIVER: DriverTiming = DriverTiming {
 };
 
 impl Judge {
-    /// A segment was given out at `now_us`, with the switches as they were then. What the station reported in the same
-    /// tick has been heard.
+    /// A segment was given out at `now_us`, with the switches as they were then. What the station
+    /// reported in the same tick has been heard.
     pub fn words(&mut self, now_us: u64, words: &[u32], inputs: &Inputs, motors: bool) {
         self.now_us = now_us;
         self.motors = motors;
@@ -53,7 +53,8 @@ impl Judge {
         }
     }
 
-    /// Causes count once a control tick has taken them in: what is given out with the third segment after is silent.
+    /// Causes count once a control tick has taken them in: what is given out with the third segment
+    /// after is silent.
     fn sense(&mut self, inputs: &Inputs) {
         let tripped = inputs.limits.as_flattened().contains(&true);
         if inputs.emergency_stop || inputs.driver_fault || tripped {
@@ -189,8 +190,8 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let window = f64::from(config.stage.window_um) / 1e3;
-        // Both ends are rounded to whole steps, from places between two steps; which flank pushes is not known after a
-        // change of direction or lost motion.
+        // Both ends are rounded to whole steps, from places between two steps; which flank pushes
+        // is not known after a change of direction or lost motion.
         let window = window + 4.0 * self.grain[axis] + 2.0 * self.slack[axis];
         let leaves = |anchor: &[f64; 3]| {
             let (before, after) = ((from - anchor[axis]).abs(), (to - anchor[axis]).abs());

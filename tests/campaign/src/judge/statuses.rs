@@ -5,8 +5,8 @@ use crate::laws::Law;
 use shared::frame::message::{Command, Status};
 use shared::safety::{Fault, Faults, State, Trust};
 
-/// Every fault, the worst first: those that forbid motion, those after which steps may be missing, those that leave the
-/// position good.
+/// Every fault, the worst first: those that forbid motion, those after which steps may be missing,
+/// those that leave the position good.
 const RANKED: [Fault; 11] = [
     Fault::EmergencyStop,
     Fault::Driver,
@@ -99,7 +99,8 @@ impl Judge {
                 self.counts.comparisons += 3;
                 let differs = (0..3).find(|axis| {
                     let off = (origin[*axis] - known[*axis]).abs();
-                    // Within a tick the load may have been pushed by a step that the planner does not see.
+                    // Within a tick the load may have been pushed by a step that the planner does
+                    // not see.
                     off > i64::from(self.play(*axis) > 0)
                 });
                 if let Some(axis) = differs {
@@ -167,7 +168,8 @@ impl Judge {
             self.anchors = vec![self.mm];
         }
         if ended && !homed {
-            // An axis that was found has its window round its home switch, from which it has backed off.
+            // An axis that was found has its window round its home switch, from which it has backed
+            // off.
             let back_off = self
                 .config
                 .map_or(0.0, |config| f64::from(config.stage.back_off_um) / 1e3);

@@ -261,7 +261,8 @@ impl Life {
                 let (sequence, mut bytes) = self.shell.packet(Command::Jog {
                     distance_um: [3_000, -3_000, 2_000],
                 });
-                // The closing zero stays, or at least one byte more is missing: else the next packet's first zero would mend it.
+                // The closing zero stays, or at least one byte more is missing: else the next
+                // packet's first zero would mend it.
                 let last = bytes.len() - 1;
                 if kind == 3 {
                     bytes.truncate(1 + self.random.below(last as u64 - 1) as usize);
@@ -278,8 +279,9 @@ impl Life {
         }
     }
 
-    /// The shell does not look: for less than what is queued for the pins, which must not show, or for so long that time
-    /// went on without motion. (What lies between stops the step engine; the emulated board tests that.)
+    /// The shell does not look: for less than what is queued for the pins, which must not show, or
+    /// for so long that time went on without motion. (What lies between stops the step engine; the
+    /// emulated board tests that.)
     fn stall(&mut self) {
         let delay = self.delay_us as f64;
         let us = match self.random.one_in(2) {
@@ -293,7 +295,8 @@ impl Life {
 
     /// Many commands at once, more than a tick takes.
     fn burst(&mut self) {
-        // An answer to a configuration must not be lost in it: the judge would not know the stage any more.
+        // An answer to a configuration must not be lost in it: the judge would not know the stage
+        // any more.
         self.run(1_500);
         for _ in 0..self.random.below(14) {
             match self.random.below(10) {

@@ -141,7 +141,8 @@ pub fn config() -> Config {
         mounting: Mounting::OnStage,
         tracking: Settings::DEFAULT,
         stage: StageConfig {
-            // Watched, as by default, but the frames of the bench are no stage that moves: nothing must come of it.
+            // Watched, as by default, but the frames of the bench are no stage that moves: nothing
+            // must come of it.
             unseen_um: 1_000_000,
             ..StageConfig::DEFAULT
         },

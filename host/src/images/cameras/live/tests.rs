@@ -1,4 +1,5 @@
-//! Cameras whose pictures come when the test sends them. Times are the pictures' own, so that a slow machine changes nothing.
+//! Cameras whose pictures come when the test sends them. Times are the pictures' own, so that a
+//! slow machine changes nothing.
 
 use super::*;
 use std::sync::mpsc::{Receiver, Sender, channel};

@@ -1,4 +1,5 @@
-//! The laws of matching, under cameras that jitter, drop pictures, stop, start late and run at other rates.
+//! The laws of matching, under cameras that jitter, drop pictures, stop, start late and run at
+//! other rates.
 
 use super::*;
 use proptest::prelude::*;
@@ -10,7 +11,8 @@ type Streams = Vec<Vec<u64>>;
 type Picture = (usize, usize);
 type Run = (Vec<Set<Picture>>, Matching<Picture>);
 
-/// Pushes all pictures in the order of their times (cameras in order where equal), taking sets as they come.
+/// Pushes all pictures in the order of their times (cameras in order where equal), taking sets as
+/// they come.
 fn run(streams: &Streams, window_us: u64) -> Run {
     let mut arrivals: Vec<(u64, usize, usize)> = Vec::new();
     for (camera, times) in streams.iter().enumerate() {
@@ -74,7 +76,8 @@ fn picture(jitter_us: u64) -> impl Strategy<Value = (u64, bool)> {
     (0..=jitter_us, prop::bool::weighted(0.15))
 }
 
-/// Cameras that are triggered together every 1,000 µs, each late by a jitter, each losing some pictures.
+/// Cameras that are triggered together every 1,000 µs, each late by a jitter, each losing some
+/// pictures.
 fn triggered(jitter_us: u64) -> impl Strategy<Value = Vec<Vec<(u64, bool)>>> {
     (2usize..=5, 1usize..40).prop_flat_map(move |(cameras, pictures)| {
         let stream = prop::collection::vec(picture(jitter_us), pictures);

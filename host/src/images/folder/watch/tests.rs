@@ -116,8 +116,8 @@ fn a_file_that_still_grows_is_not_read() {
         bench.whole(camera, "1.png", 7);
     }
     let whole = fs::read(bench.path("right", "1.png")).unwrap();
-    // Written byte by byte with pauses shorter and longer than the settling time: what is cut off is never given, and is no error yet.
-    // The last 12 bytes of a PNG only say that it ends.
+    // Written byte by byte with pauses shorter and longer than the settling time: what is cut off
+    // is never given, and is no error yet. The last 12 bytes of a PNG only say that it ends.
     for (step, length) in (1..whole.len() - 16).step_by(9).enumerate() {
         fs::write(bench.path("right", "1.png"), &whole[..length]).unwrap();
         let ms = 1_000 * step as u64;
@@ -341,7 +341,8 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
     assert_eq!(present(11_900), None);
     assert_eq!(present(12_000), Some((1_000, vec![true, true, false])));
     assert_eq!(present(12_000), Some((2_000, vec![true; 3])));
-    // It is gone: the next waits for it until it has been silent for two seconds, and so does every other.
+    // It is gone: the next waits for it until it has been silent for two seconds, and so does every
+    // other.
     for (name, ms) in [("4.png", 12_500), ("5.png", 15_000)] {
         bench.whole("left", name, 4);
         bench.whole("middle", name, 4);

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// What the motors push: knows the steps' fine positions and the width, nothing of flanks chosen or goals.
+/// What the motors push: knows the steps' fine positions and the width, nothing of flanks chosen or
+/// goals.
 struct Carriage {
     motor: [i64; AXES],
     load: [i64; AXES],
@@ -60,7 +61,8 @@ impl Carriage {
     }
 }
 
-/// Twice what planners call near, and near once more: fine units. At fast words these are four distance quanta.
+/// Twice what planners call near, and near once more: fine units. At fast words these are four
+/// distance quanta.
 const NEAR: u64 = 3 << 29;
 
 fn stage(
@@ -78,7 +80,8 @@ fn stage(
 }
 
 proptest! {
-    /// Retargets at any moment: the load ends exactly where it was sent, every limit kept by the motor, every soft limit by the load.
+    /// Retargets at any moment: the load ends exactly where it was sent, every limit kept by the
+    /// motor, every soft limit by the load.
     #[test]
     fn the_load_ends_in_its_step_whatever_the_motor_did(
         (rate, configs, limits) in configs(), width in prop::array::uniform3(0..40u32),
@@ -151,7 +154,8 @@ proptest! {
     }
 }
 
-/// A target that swings, as a filter describes it with some noise: the load follows, and the motor turns round when the target does and not more often.
+/// A target that swings, as a filter describes it with some noise: the load follows, and the motor
+/// turns round when the target does and not more often.
 #[test]
 fn a_swinging_target_is_followed_with_two_turns_a_period() {
     let limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
@@ -192,7 +196,8 @@ fn a_swinging_target_is_followed_with_two_turns_a_period() {
         assert!((20..=24).contains(&turns), "{turns}");
     }
     assert!(worst[0] < 2.0);
-    // While the motor crosses the lost motion the load stands, and the target leaves it: 24 steps take 35 ms at 1 m/s², in which the target
-    // goes 19 steps from where it turned; 4 steps take 14 ms and some ramps, 3 steps.
+    // While the motor crosses the lost motion the load stands, and the target leaves it: 24 steps
+    // take 35 ms at 1 m/s², in which the target goes 19 steps from where it turned; 4 steps take 14
+    // ms and some ramps, 3 steps.
     assert!(worst[1] < 6.0 && worst[2] < 19.0, "{worst:?}");
 }

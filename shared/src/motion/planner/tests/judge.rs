@@ -3,20 +3,23 @@
 use super::*;
 use crate::steps::AxisMotion;
 
-/// Judges segments by the physical limits of the configuration, knowing nothing of the planner's grid.
+/// Judges segments by the physical limits of the configuration, knowing nothing of the planner's
+/// grid.
 pub(super) struct Judge {
     pub(super) configs: [AxisConfig; AXES],
     pub(super) rate: WordRate,
     pub(super) axes: [Seen; AXES],
     pub(super) position: [Position; AXES],
-    /// Accelerations and jerks are given this many acceleration quanta (2 fine units per slot²) for rounding.
+    /// Accelerations and jerks are given this many acceleration quanta (2 fine units per slot²) for
+    /// rounding.
     pub(super) quanta: i64,
 }
 
 /// What was seen of an axis so far.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Seen {
-    /// Twice the speed at the end of the last segment, fine units per slot: the middle between two slots is halved.
+    /// Twice the speed at the end of the last segment, fine units per slot: the middle between two
+    /// slots is halved.
     pub(super) ended: i64,
     /// Fine units per slot².
     pub(super) acceleration: i64,
@@ -47,15 +50,17 @@ impl Judge {
         let sign = if motion.backward { -1 } else { 1 };
         let first = i64::from(motion.first);
         let change = i64::from(motion.change);
-        // Twice the speeds half a slot before the first increment and half a slot after the last one.
+        // Twice the speeds half a slot before the first increment and half a slot after the last
+        // one.
         let starts = sign * (2 * first - change);
         let mut ends = sign * (2 * first + (2 * slots - 1) * change);
         let was = self.axes[axis].ended;
         if starts == was {
             self.accelerate(axis, sign * change);
         } else {
-            // The axis turns and is given the mean speed: a constant acceleration ends the segment as far beyond the mean as the
-            // segment began before it. The next one starts there, unless it turns again.
+            // The axis turns and is given the mean speed: a constant acceleration ends the segment
+            // as far beyond the mean as the segment began before it. The next one starts there,
+            // unless it turns again.
             assert!(change == 0, "the speed jumps on axis {axis}");
             ends = 2 * starts - was;
             assert!(was * ends < 0, "no turn on axis {axis}");

@@ -2,15 +2,17 @@
 //!
 //! # What is compared
 //!
-//! Our acceleration is constant in each tick, rsruckig's a line. The line through the *middles* of our ticks changes the speed by as much and
-//! keeps to the same jerk, so that is what stands for our motion: it starts half a tick before the present moment, in the middle of the last
-//! tick planned, and ends half a tick after our last one. From `n` ticks to rest come `n + 1` ticks, and rsruckig gets the
-//! speed and position of that middle. Nothing is taken off for our whole ticks; where durations are so short that a tick counts, they are
-//! compared with rsruckig's rounded up to whole ticks as well.
+//! Our acceleration is constant in each tick, rsruckig's a line. The line through the *middles* of
+//! our ticks changes the speed by as much and keeps to the same jerk, so that is what stands for
+//! our motion: it starts half a tick before the present moment, in the middle of the last tick
+//! planned, and ends half a tick after our last one. From `n` ticks to rest come `n + 1` ticks, and
+//! rsruckig gets the speed and position of that middle. Nothing is taken off for our whole ticks;
+//! where durations are so short that a tick counts, they are compared with rsruckig's rounded up to
+//! whole ticks as well.
 //!
-//! rsruckig gets the limits of the grid, which are below the configured ones by less than one quantum, and keeps
-//! to them relative to a moving target, as the planner does. It goes to the very target, the planner to [`near`] it: that is why ours may be
-//! shorter by a tick or two.
+//! rsruckig gets the limits of the grid, which are below the configured ones by less than one
+//! quantum, and keeps to them relative to a moving target, as the planner does. It goes to the very
+//! target, the planner to [`near`] it: that is why ours may be shorter by a tick or two.
 
 use super::*;
 use crate::motion::stopping::Pace;
@@ -23,7 +25,8 @@ const STAGE: AxisConfig = AxisConfig {
     ..CONFIG
 };
 
-/// An axis between two ticks: distance quanta, speed and acceleration quanta; target relative to it.
+/// An axis between two ticks: distance quanta, speed and acceleration quanta; target relative to
+/// it.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     speed: i64,
@@ -62,7 +65,8 @@ fn optimum(pace: &Pace, case: &Case) -> f64 {
     trajectory.get_duration()
 }
 
-/// Any state that can keep to the limits, any target within `reach` steps that moves at up to `drift` of the highest speed.
+/// Any state that can keep to the limits, any target within `reach` steps that moves at up to
+/// `drift` of the highest speed.
 fn any_case(random: &mut Random, pace: &Pace, quantum: i64, reach: f64, drift: f64) -> Case {
     loop {
         let mut up_to = |size: f64| size * random.uniform();
@@ -166,8 +170,9 @@ fn near_targets_take_the_optimal_time_to_the_tick() {
 
 #[test]
 fn gentle_and_hard_stages_take_the_optimal_time() {
-    // The gentle one has three quanta of jerk. Steps that coarse leave more than `near` when braking ends, in one move of ten, and it takes
-    // up to 15 ticks to go on for it; slower words make a finer grid.
+    // The gentle one has three quanta of jerk. Steps that coarse leave more than `near` when
+    // braking ends, in one move of ten, and it takes up to 15 ticks to go on for it; slower words
+    // make a finer grid.
     for (acceleration, jerk, late) in [(1_000, 5_000, 15), (10_000, 1_000_000, 1)] {
         let stage = AxisConfig {
             max_acceleration_um_s2: 1_000 * acceleration,
