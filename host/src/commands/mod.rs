@@ -19,6 +19,7 @@ mod estimate;
 mod experiment;
 mod hello;
 mod home;
+mod init;
 mod jog;
 mod motors;
 mod port;
@@ -43,7 +44,7 @@ mod zero;
 ///
 /// The station is the board that drives the stage; the twin is the same code inside this program,
 /// with a simulated stage. A rig file (TOML) describes the cameras, and the stage if there is one:
-/// `calibrate` and `convert` write it, the README shows one.
+/// `init` writes one to begin with, `calibrate` and `convert` one that is measured.
 ///
 /// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin,
 /// prints its Table 6 beside the paper's, and writes an HTML report. No hardware is needed.
@@ -65,7 +66,8 @@ pub struct Arguments {
 
 const EXIT_CODES: &str = "\
 From a new rig to a target that is followed:
-  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
+  trinocular init rig.toml
+  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml --force
   trinocular align captures/ --rig rig.toml --out aligned.toml
   trinocular verify aligned.toml
   trinocular track --images captures/ --rig aligned.toml
@@ -87,6 +89,7 @@ enum Command {
     Estimate(estimate::Options),
     Hello(hello::Options),
     Home(home::Options),
+    Init(init::InitOptions),
     Jog(jog::Options),
     Motors(motors::Options),
     Ports(ports::Options),
@@ -113,6 +116,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Home(options)) => home::run(&options, out),
+        Some(Command::Init(options)) => init::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),

@@ -118,6 +118,34 @@ impl<'a> Field<'a> {
         Ok(entry.map(|value| self.child(self.key_path(key), value)))
     }
 
+    /// Refuses a table that lacks fields, given as keys and example lines, and names all of them.
+    pub fn require(&self, fields: &[(&str, &str)]) -> Result<(), InputError> {
+        let table = self.table()?;
+        let missing: Vec<_> = fields
+            .iter()
+            .filter(|(key, _)| table.get(*key).is_none())
+            .collect();
+        let line = self.source.line(self.span.start);
+        match missing[..] {
+            [] => Ok(()),
+            [(key, example)] => Err(InputError::field(
+                self.source.file,
+                line,
+                self.key_path(key),
+                format!("missing; for example `{example}`"),
+            )),
+            _ => {
+                let examples = missing.iter().map(|(_, example)| format!("`{example}`"));
+                let examples = examples.collect::<Vec<_>>().join(", ");
+                Err(self.fault(format!(
+                    "{} fields are missing; for example {examples} (`trinocular init` writes a \
+                     whole rig file)",
+                    missing.len()
+                )))
+            }
+        }
+    }
+
     /// The value under `key`.
     pub fn required(&self, key: &str) -> Result<Field<'a>, InputError> {
         self.optional(key)?.ok_or_else(|| {
