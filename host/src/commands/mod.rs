@@ -12,15 +12,18 @@ mod bench;
 mod by_hand;
 mod calibrate;
 mod calibrate_stage;
+mod completions;
 mod convert;
 mod destination;
 mod diagnose;
 mod estimate;
 mod experiment;
+mod groups;
 mod hello;
 mod home;
 mod init;
 mod jog;
+mod man;
 mod motors;
 mod port;
 mod ports;
@@ -35,6 +38,7 @@ mod stop;
 mod tables;
 mod track;
 mod verify;
+mod version;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
@@ -52,6 +56,9 @@ mod zero;
 #[command(
     name = "trinocular",
     version,
+    long_version = version::long(),
+    help_template = groups::TEMPLATE,
+    before_help = groups::COMMANDS,
     max_term_width = 100,
     args_conflicts_with_subcommands = true,
     after_help = EXIT_CODES
@@ -84,6 +91,7 @@ enum Command {
     Bench(bench::Options),
     Calibrate(calibrate::Options),
     CalibrateStage(calibrate_stage::Options),
+    Completions(completions::CompletionsOptions),
     Convert(convert::Options),
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
@@ -91,6 +99,7 @@ enum Command {
     Home(home::Options),
     Init(init::InitOptions),
     Jog(jog::Options),
+    Man(man::ManOptions),
     Motors(motors::Options),
     Ports(ports::Options),
     Reset(reset::Options),
@@ -110,6 +119,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
         Some(Command::CalibrateStage(options)) => calibrate_stage::run(&options, out),
+        Some(Command::Completions(options)) => completions::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),
@@ -118,6 +128,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Init(options)) => init::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
+        Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
