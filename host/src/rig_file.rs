@@ -37,6 +37,7 @@ use crate::output::{Output, Replace};
 use field::{Field, Source};
 
 mod care;
+mod doubt;
 pub(crate) mod edit;
 pub(crate) mod field;
 mod stage;

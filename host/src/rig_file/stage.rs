@@ -59,7 +59,7 @@ pub struct Stage {
     pub care: Care,
 }
 
-pub(super) const KEYS: [&str; 20] = [
+pub(super) const KEYS: [&str; 21] = [
     "steps_per_mm",
     "max_speed_mm_s",
     "max_acceleration_mm_s2",
@@ -80,6 +80,7 @@ pub(super) const KEYS: [&str; 20] = [
     "largest_error_mm",
     "longest_error_s",
     "largest_unseen_mm",
+    "motors_off_after_s",
 ];
 
 /// Fields that every stage has, each with an example.

@@ -185,6 +185,8 @@ mod tests {
 
     #[test]
     fn template_names_every_field_of_a_stage() {
+        let known = std::collections::BTreeSet::from(KEYS);
+        assert_eq!(known.len(), KEYS.len());
         let text = text(&example(&["a", "b"]));
         for key in KEYS {
             assert!(text.contains(&format!("{key} = ")), "{key}");
