@@ -20,6 +20,8 @@ mod inputs;
 mod interrupted;
 #[path = "cli/points.rs"]
 mod points;
+#[path = "cli/setting_up.rs"]
+mod setting_up;
 #[path = "cli/usage.rs"]
 mod usage;
 #[path = "cli/verify.rs"]

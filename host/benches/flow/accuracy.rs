@@ -11,7 +11,8 @@ pub struct Accuracy {
 }
 
 impl Accuracy {
-    /// `inside`: as far from the border of all images as the windows reach. Near it some programs look through a part of the window only.
+    /// `inside`: as far from the border of all images as the windows reach. Near it some programs
+    /// look through a part of the window only.
     pub fn add(&mut self, found: [f64; 2], truth: [f64; 2], inside: bool) {
         let square = (found[0] - truth[0]).powi(2) + (found[1] - truth[1]).powi(2);
         if !(square < 1.0) {
@@ -22,7 +23,8 @@ impl Accuracy {
         }
     }
 
-    /// Adds what another program found: how many are wrong, how many of the others are well inside, and the root mean square distance of these.
+    /// Adds what another program found: how many are wrong, how many of the others are well inside,
+    /// and the root mean square distance of these.
     pub fn extend(&mut self, wrong: usize, right: usize, rms_px: f64) {
         self.wrong += wrong;
         self.right += right;

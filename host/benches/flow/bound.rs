@@ -2,8 +2,9 @@
 
 use crate::scene::{Scene, WINDOW_PX};
 
-/// The least root mean square error that any unbiased estimate of a window's displacement between two images can have (Cramér and Rao), px,
-/// over windows of [`WINDOW_PX`] around `points`: with `g` the gradients of the images without noise, and noise of variance `v` in both,
+/// The least root mean square error that any unbiased estimate of a window's displacement between
+/// two images can have (Cramér and Rao), px, over windows of [`WINDOW_PX`] around `points`: with
+/// `g` the gradients of the images without noise, and noise of variance `v` in both,
 ///
 /// ```text
 /// E |error|² >= 2 v trace((Σ g g^T)^-1)

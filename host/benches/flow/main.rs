@@ -1,7 +1,9 @@
-//! The flow's speed and accuracy beside those of optical-flow-lk, imageproc and OpenCV, on images whose true flow is known.
+//! The flow's speed and accuracy beside those of optical-flow-lk, imageproc and OpenCV, on images
+//! whose true flow is known.
 //!
-//! `cargo bench -p host [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has `cv2`. All take turns, round by round, so that
-//! whatever else the machine does hits all of them; the least time is the one to compare.
+//! `cargo bench -p host [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has `cv2`. All
+//! take turns, round by round, so that whatever else the machine does hits all of them; the least
+//! time is the one to compare.
 
 mod accuracy;
 mod bound;

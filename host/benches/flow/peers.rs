@@ -30,7 +30,8 @@ fn smooth(image: &Image) -> GrayImage {
     })
 }
 
-/// optical-flow-lk's frame set on filtered images: left, middle, right at both instants. It has no filter of its own.
+/// optical-flow-lk's frame set on filtered images: left, middle, right at both instants. It has no
+/// filter of its own.
 pub struct OpticalFlowLk {
     images: [Vec<GrayImage>; 2],
     corners: usize,
@@ -56,7 +57,8 @@ impl OpticalFlowLk {
         }
     }
 
-    /// What was done at the instant before: the temporal contexts keep the pyramids of those images.
+    /// What was done at the instant before: the temporal contexts keep the pyramids of those
+    /// images.
     pub fn prepare(&mut self) {
         for (context, image) in self.temporal.iter_mut().zip(&self.images[0]) {
             context.advance(image, LEVELS);

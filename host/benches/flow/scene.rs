@@ -1,4 +1,5 @@
-//! Images whose true flow is known exactly: periodic noise of three octaves, moved by multiplying its spectrum.
+//! Images whose true flow is known exactly: periodic noise of three octaves, moved by multiplying
+//! its spectrum.
 
 use std::f64::consts::{PI, TAU};
 
@@ -110,7 +111,8 @@ struct Spectrum {
 }
 
 impl Spectrum {
-    /// White noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard deviation 40 grey levels.
+    /// White noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard deviation 40
+    /// grey levels.
     fn noise(n: usize, seed: u64) -> Self {
         let mut random = Random::new(seed, 0);
         let mut sum = vec![Complex::default(); n * n];
@@ -142,7 +144,8 @@ impl Spectrum {
         self.filtered(|[u, v]| Complex::cis(-TAU * (u * x + v * y)))
     }
 
-    /// The pattern, with each pair of frequencies along x and y (cycles per px) multiplied by its `response`.
+    /// The pattern, with each pair of frequencies along x and y (cycles per px) multiplied by its
+    /// `response`.
     fn filtered(&self, response: impl Fn([f64; 2]) -> Complex<f64>) -> Vec<f64> {
         let n = self.n;
         let mut values = self.values.clone();
@@ -162,7 +165,8 @@ fn deviation(spectrum: &[Complex<f64>], n: usize) -> f64 {
     power.sqrt() / (n * n) as f64
 }
 
-/// Cycles per px; none at the Nyquist frequency, where a shift has no meaning and the blur has left nothing.
+/// Cycles per px; none at the Nyquist frequency, where a shift has no meaning and the blur has left
+/// nothing.
 fn frequency(index: usize, n: usize) -> f64 {
     let signed = if index < n / 2 {
         index as f64
