@@ -5,6 +5,13 @@
 
 use host::client::serial::Serial;
 use host::client::stage::{HEARTBEAT_MS, default_stage};
+#[path = "ending/owner.rs"]
+mod owner;
+#[path = "ending/signals.rs"]
+mod signals;
+#[path = "ending/station.rs"]
+mod station_says;
+
 use host::rig_file::RigFile;
 use shared::frame::message::{Command as StationCommand, Packet, Report};
 use shared::frame::receive::Receiver;

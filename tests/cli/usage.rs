@@ -37,7 +37,7 @@ fn an_option_with_an_unknown_value_ends_with_2() {
 
 #[test]
 fn version_and_help_end_with_0() {
-    let version = run(Path::new("."), &["--version"]);
+    let version = run(Path::new("."), &["-V"]);
     assert_eq!(version.code, Some(0));
     let expected = concat!("trinocular ", env!("CARGO_PKG_VERSION"), "\n");
     assert_eq!(version.stdout, expected);
@@ -105,4 +105,15 @@ fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
     assert!(!outcome.stderr.contains("rms"), "{}", outcome.stderr);
     let late = [&short[..], &["--latency", "8"]].concat();
     run(Path::new("."), &late).failed(2, &["--latency is 8, must be 0 to 7"]);
+}
+
+#[test]
+fn scene_out_of_range_names_the_option() {
+    for (option, value) in [("--noise", "500"), ("--depth", "0"), ("--tilt", "90")] {
+        let mut arguments = vec!["track", "--sim", option, value];
+        if option == "--tilt" {
+            arguments.push("0");
+        }
+        run(Path::new("."), &arguments).failed(2, &[option, value, "must be"]);
+    }
 }

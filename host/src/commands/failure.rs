@@ -98,7 +98,7 @@ impl Failure {
     /// Makes the failure of a closed loop: a bad scene is the user's fault, a station has its port.
     pub fn of_servo(port: Option<&str>, error: ServoError) -> Self {
         match error {
-            ServoError::Scene(scene) => Self::Usage(scene.to_string()),
+            ServoError::Scene(scene) => Self::Usage(super::scene::reason(&scene)),
             ServoError::Station(station) => Self::of_station(port, station),
             ServoError::Reference(refusal) => Self::Images(refusal.to_string()),
         }

@@ -8,6 +8,7 @@ use super::by_hand::{
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
+use host::client::allowance::Allowance;
 use host::client::diagnosis;
 use host::notice;
 use host::rig_file::Stage;
@@ -120,7 +121,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let mut progress = Progress::new("moving");
     let watch = |status: &Status| progress.at(share(&before, status));
-    let (end, stopping) = hand.wait_for_rest(watch)?;
+    let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
+        Allowance::of_distance(stage, distance_um.map(|um| f64::from(um) * 1e-3))
+    });
+    let (end, stopping) = hand.wait_for_rest(allowance, watch)?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

@@ -46,7 +46,7 @@ fn the_papers_rig_reads_back_bit_for_bit() {
     let mut rig = RigFile::paper();
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
     rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 1e-3 / 3.0, 0.0, -0.0];
-    rig.rig.cameras[2].focal_px[0] = 1.0 / 3.0;
+    rig.rig.cameras[2].focal_px[0] = 500.0 + 1.0 / 3.0;
     rig.rig.cameras[0].rotation = Rotation::from_degrees([1.0 / 3.0, -0.7, 0.0]);
     rig.names[2] = "a \"b\" ü".to_owned();
     let text = rig.to_toml();
@@ -139,7 +139,10 @@ fn impossible_numbers_are_refused_by_name() {
         "camera[1].focal_px[1]",
         "finite",
     );
-    refused("534.18", "1e9", "camera[1].focal_px[1]", "out of range");
+    for focal in ["1e9", "1e-308", "0.5", "11.9"] {
+        refused("534.18", focal, "camera[1].focal_px[1]", "out of range");
+    }
+    refused("534.18", "20", "camera[1].focal_px[1]", "factor of 10");
     refused(
         "534.18",
         "\"534\"",
@@ -374,5 +377,38 @@ fn deep_nesting_is_refused_without_overflowing_the_stack() {
     for open in ["[", "{a = "] {
         let error = parse(&format!("image_size_px = {}", open.repeat(100_000))).unwrap_err();
         assert!(error.reason.contains("not valid TOML"), "{error}");
+    }
+}
+
+#[test]
+fn other_formats_are_named_with_the_way_out() {
+    let reason = |text: &str| {
+        let parsed = RigFile::parse(Path::new("rig.toml"), text);
+        parsed.expect_err("it is no rig file").to_string()
+    };
+    let json = reason("{\"image_size_px\": [640, 480]}");
+    assert!(json.contains("is JSON"), "{json}");
+    for yaml in ["%YAML:1.0\n---\n", "# rig\nimage_width: 640\n"] {
+        let yaml = reason(yaml);
+        assert!(
+            yaml.contains("is YAML") && yaml.contains("convert"),
+            "{yaml}"
+        );
+    }
+    let xml = reason("<?xml version=\"1.0\"?>\n<opencv_storage>\n");
+    assert!(xml.contains("is XML"), "{xml}");
+    let toml = reason("image_size_px = [640, 480\n");
+    assert!(toml.contains("not valid TOML"), "{toml}");
+}
+
+#[test]
+fn decimal_commas_are_named() {
+    let whole = RigFile::paper().to_toml();
+    let line = whole.lines().find(|line| line.starts_with("focal_px"));
+    for wrong in ["focal_px = [533,16, 529,12]", "focal_px = 533,16 529,12"] {
+        let text = whole.replacen(line.expect("it has one"), wrong, 1);
+        let error = RigFile::parse(Path::new("rig.toml"), &text).expect_err("two numbers");
+        let error = error.to_string();
+        assert!(error.contains("decimal commas?"), "{error}");
     }
 }

@@ -3,6 +3,7 @@
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
 use super::{Bench, Options};
 use crate::commands::failure::Failure;
+use host::client::allowance::Allowance;
 use host::client::stage::setpoint;
 use host::error::InputError;
 use host::images::Capture;
@@ -72,7 +73,12 @@ impl Bench for Real {
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
         self.hand.command("setpoint", setpoint(position_mm))?;
-        let (end, interrupted) = self.hand.wait_for_rest(|_| {})?;
+        let travel_mm = self
+            .stage
+            .travel_mm
+            .map(|[least, greatest]| greatest - least);
+        let allowance = Allowance::of_distance(&self.stage, travel_mm);
+        let (end, interrupted) = self.hand.wait_for_rest(allowance, |_| {})?;
         why_it_stands(&self.hand, &end, interrupted)?;
         Ok(in_mm(end.position_steps, &self.stage))
     }
