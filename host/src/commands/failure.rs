@@ -89,7 +89,7 @@ impl Failure {
             }
             error => Self::Station(StationFailure {
                 port: port.map(str::to_owned),
-                reason: StationReason::Error(error),
+                reason: StationReason::Error(Box::new(error)),
                 next: None,
             }),
         }
@@ -135,7 +135,7 @@ pub struct StationFailure {
 
 #[derive(Debug)]
 enum StationReason {
-    Error(StationError),
+    Error(Box<StationError>),
     Text(String),
 }
 
