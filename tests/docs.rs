@@ -11,10 +11,10 @@ mod data;
 mod form;
 #[path = "docs/page.rs"]
 mod page;
-#[path = "docs/rig_reference.rs"]
-mod rig_reference;
 #[path = "docs/results.rs"]
 mod results;
+#[path = "docs/rig_reference.rs"]
+mod rig_reference;
 #[path = "docs/scenario_reference.rs"]
 mod scenario_reference;
 #[path = "docs/table.rs"]

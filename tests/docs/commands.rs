@@ -142,7 +142,10 @@ fn page_runs_as_typed(name: &str) {
         };
         last = code;
         let lines: Vec<&str> = text.lines().map(str::trim_end).collect();
-        let lines: Vec<&str> = lines.into_iter().filter(|line| !is_progress(line)).collect();
+        let lines: Vec<&str> = lines
+            .into_iter()
+            .filter(|line| !is_progress(line))
+            .collect();
         let judged = code == 0 || all.get(index + 1).is_some_and(asks);
         if !judged || !matches(&step.expected, &lines) {
             let _ = writeln!(
@@ -213,7 +216,10 @@ fn scenario_file_runs_as_typed() {
 #[test]
 fn every_page_with_commands_is_run() {
     for page in Page::all() {
-        let runs = page.blocks().iter().any(|block| block.language == "console");
+        let runs = page
+            .blocks()
+            .iter()
+            .any(|block| block.language == "console");
         assert_eq!(runs, RUN.contains(&page.name.as_str()), "{}", page.name);
     }
 }
@@ -227,7 +233,10 @@ fn commands_not_run_are_accepted() {
                 continue;
             }
             let joined = block.lines.join("\n").replace("\\\n", " ");
-            for line in joined.lines().filter(|line| line.starts_with("trinocular ")) {
+            for line in joined
+                .lines()
+                .filter(|line| line.starts_with("trinocular "))
+            {
                 let command = line.split('#').next().unwrap_or_default();
                 let (text, code) = desk.run(&format!("{} --help", command.replace(PORT, "p")));
                 assert_eq!(code, 0, "{}: {line}\n{text}", page.name);

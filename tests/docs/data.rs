@@ -111,7 +111,9 @@ fn example_data_images_can_be_made_again() {
     let committed = files(&captures);
     assert_eq!(committed.len(), 3 * CAPTURES_MM.len());
     for path in committed {
-        let same = made.path().join(path.strip_prefix(&captures).expect("in the folder"));
+        let same = made
+            .path()
+            .join(path.strip_prefix(&captures).expect("in the folder"));
         let (ours, theirs) = (read(&path), read(&same));
         let near = |(a, b): (&u8, &u8)| a.abs_diff(*b) <= ROUNDING_GREY;
         let equal = ours.grey.iter().zip(&theirs.grey).all(near);

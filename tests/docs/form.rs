@@ -48,7 +48,10 @@ fn links_lead_to_files_and_headings() {
                 "" => file.exists(),
                 anchor => std::fs::read_to_string(&file).is_ok_and(|text| {
                     let name = target.to_owned();
-                    Page { name, text }.anchors().iter().any(|known| known == anchor)
+                    Page { name, text }
+                        .anchors()
+                        .iter()
+                        .any(|known| known == anchor)
                 }),
             };
             if !found {
@@ -81,6 +84,9 @@ fn index_lists_every_page() {
             continue;
         };
         let listed = index.links().iter().any(|(_, target)| *target == name);
-        assert!(listed || name == "README.md", "docs/README.md: no link to {name}");
+        assert!(
+            listed || name == "README.md",
+            "docs/README.md: no link to {name}"
+        );
     }
 }

@@ -15,7 +15,9 @@ pub fn judged(text: &str, arguments: &[&str]) -> Outcome {
     let path = folder.path().join("file.toml");
     fs::write(&path, text).expect("the file can be written");
     let path = path.to_str().expect("a plain path");
-    let arguments = arguments.iter().map(|argument| argument.replace("{}", path));
+    let arguments = arguments
+        .iter()
+        .map(|argument| argument.replace("{}", path));
     Outcome::of(trinocular().args(arguments))
 }
 
@@ -31,13 +33,17 @@ pub fn complete_file(page: &Page) -> String {
 /// Fields of a section that the parser names when it meets one it does not know.
 #[track_caller]
 pub fn known(error: &str) -> BTreeSet<String> {
-    let (_, list) = error.split_once("known here: ").unwrap_or_else(|| panic!("{error}"));
+    let (_, list) = error
+        .split_once("known here: ")
+        .unwrap_or_else(|| panic!("{error}"));
     list.trim().split(", ").map(String::from).collect()
 }
 
 /// Fields in the first column of a section's tables.
 pub fn documented(section: &Page) -> BTreeSet<String> {
-    let names = rows(section).into_iter().filter_map(|row| code(row.cells[0]).map(String::from));
+    let names = rows(section)
+        .into_iter()
+        .filter_map(|row| code(row.cells[0]).map(String::from));
     names.collect()
 }
 
@@ -69,8 +75,14 @@ fn replaced(field: &str, line: &str) -> String {
     document.to_string()
 }
 
-const CAMERA: [&str; 6] =
-    ["name", "focal_px", "principal_px", "offset_mm", "distortion", "rotation_deg"];
+const CAMERA: [&str; 6] = [
+    "name",
+    "focal_px",
+    "principal_px",
+    "offset_mm",
+    "distortion",
+    "rotation_deg",
+];
 
 #[test]
 fn complete_rig_file_is_accepted() {
@@ -88,7 +100,10 @@ fn complete_rig_file_has_every_field() {
             let assigned = text.contains(&format!("\n{field} = "));
             let table = text.contains(&format!("[{field}]"));
             let first = text.starts_with(&field);
-            assert!(assigned || table || first, "{field} is not in the complete file");
+            assert!(
+                assigned || table || first,
+                "{field} is not in the complete file"
+            );
         }
     }
 }
@@ -136,7 +151,11 @@ fn range(cell: &str) -> Option<(f64, f64, bool)> {
     let (least, greatest) = cell.split_once(" to ")?;
     let greatest = greatest.split(',').next()?.parse().ok()?;
     let above = least.strip_prefix("above ");
-    Some((above.unwrap_or(least).parse().ok()?, greatest, above.is_some()))
+    Some((
+        above.unwrap_or(least).parse().ok()?,
+        greatest,
+        above.is_some(),
+    ))
 }
 
 /// An example with every number replaced by `value`.
@@ -162,8 +181,16 @@ fn rig_reference_states_the_ranges() {
             // Several cameras cannot differ from one another by their largest offset alone.
             let inside = [greatest, if above { greatest / 2.0 } else { least }];
             let outside = [greatest * 1.01 + 1.0, if above { 0.0 } else { least - 1.0 }];
-            for (value, good) in inside.map(|v| (v, true)).into_iter().chain(outside.map(|v| (v, false))) {
-                let value = if field == "rotation_deg" && good { value / 2.0 } else { value };
+            for (value, good) in inside
+                .map(|v| (v, true))
+                .into_iter()
+                .chain(outside.map(|v| (v, false)))
+            {
+                let value = if field == "rotation_deg" && good {
+                    value / 2.0
+                } else {
+                    value
+                };
                 let text = replaced(field, &format!("{field} = {}\n", filled(example, value)));
                 let outcome = accepted(&text);
                 let refused = ["out of range", "must be greater", "must not be negative"];

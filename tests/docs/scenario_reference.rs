@@ -35,7 +35,13 @@ fn kinds(section: &str, field: &str) -> Vec<String> {
 fn complete_scenario_file_runs() {
     let text = complete_file(&Page::read(PAGE));
     let outcome = judged(&text, &["simulate", "{}", "--points"]);
-    assert_eq!(outcome.code, Some(0), "{}{}", outcome.stdout, outcome.stderr);
+    assert_eq!(
+        outcome.code,
+        Some(0),
+        "{}{}",
+        outcome.stdout,
+        outcome.stderr
+    );
 }
 
 #[test]
@@ -77,7 +83,8 @@ fn scenario_reference_lists_every_motion() {
 
 #[test]
 fn scenario_reference_lists_every_event() {
-    let event = |kind: &str| format!("{HEAD}{CAMERAS}{TARGET}[[event]]\nat_s = 0.5\nwhat = \"{kind}\"\n");
+    let event =
+        |kind: &str| format!("{HEAD}{CAMERAS}{TARGET}[[event]]\nat_s = 0.5\nwhat = \"{kind}\"\n");
     let page = Page::read(PAGE).section("Events");
     let (mut all, mut named) = (BTreeSet::new(), BTreeSet::new());
     let events = fields(&format!("{}{EXPECT}", event("no_such_event")));

@@ -19,8 +19,11 @@ pub fn rows(page: &Page) -> Vec<Row<'_>> {
             header = true;
             continue;
         };
-        let cells: Vec<&str> = inner.split(" | ").map(str::trim).collect();
-        if cells.iter().all(|cell| cell.trim_matches(['-', ':', '|', ' ']).is_empty()) {
+        let cells: Vec<&str> = inner.split('|').map(str::trim).collect();
+        if cells
+            .iter()
+            .all(|cell| cell.trim_matches(['-', ':', '|', ' ']).is_empty())
+        {
             header = false;
         } else if !header {
             rows.push(Row { line, cells });
