@@ -11,6 +11,8 @@ mod data;
 mod form;
 #[path = "docs/page.rs"]
 mod page;
+#[path = "docs/picture.rs"]
+mod picture;
 #[path = "docs/results.rs"]
 mod results;
 #[path = "docs/rig_reference.rs"]
