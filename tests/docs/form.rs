@@ -68,8 +68,8 @@ fn pages_end_with_what_to_do_next() {
         if !page.name.starts_with("docs/") || page.name == "docs/README.md" {
             continue;
         }
-        let headings = page.prose().into_iter().map(|(_, line)| line);
-        let last = headings.filter(|line| line.starts_with("## ")).next_back();
+        let mut headings = page.prose().into_iter().map(|(_, line)| line);
+        let last = headings.rfind(|line| line.starts_with("## "));
         assert_eq!(last, Some("## Next"), "{}", page.name);
         let next = page.section("Next");
         assert!(!next.links().is_empty(), "{} has no link", next.name);

@@ -45,6 +45,9 @@ fn run() -> [Vec<[f64; 2]>; 2] {
         let rows = lines.iter().step_by(EVERY);
         let mut all = vec![[0.0; 2]];
         all.extend(rows.map(|line| [of(line, 0), of(line, 1)]));
+        // The first frame, which a printer or a still shows, has the target off its place.
+        let eighth = all.len() / 8;
+        all.rotate_left(eighth);
         all
     };
     let moved = |line: &serde_json::Value, axis| read(line, "target_mm", axis);

@@ -96,6 +96,20 @@ fn results_have_short_cells() {
 }
 
 #[test]
+fn readme_has_figures_of_the_results_page() {
+    let all = sizes(&Page::read("RESULTS.md").text);
+    let five = Page::read("README.md").section("Five results");
+    let figures: Vec<f64> = rows(&five)
+        .iter()
+        .flat_map(|row| sizes(row.cells[1]))
+        .collect();
+    assert!(figures.len() >= 8, "{figures:?}");
+    for figure in figures {
+        assert!(all.contains(&figure), "README.md: {figure}");
+    }
+}
+
+#[test]
 fn results_name_tests_that_exist() {
     let page = Page::read("RESULTS.md");
     let mut named = 0;
