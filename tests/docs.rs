@@ -13,6 +13,8 @@ mod form;
 mod page;
 #[path = "docs/picture.rs"]
 mod picture;
+#[path = "docs/range.rs"]
+mod range;
 #[path = "docs/results.rs"]
 mod results;
 #[path = "docs/rig_reference.rs"]

@@ -2,6 +2,7 @@
 //! listed, and the stated defaults and ranges are the program's.
 
 use super::page::Page;
+use super::range::{Range, filled, out_of_range};
 use super::table::{code, rows};
 use std::collections::BTreeSet;
 use std::fs;
@@ -146,27 +147,6 @@ fn rig_reference_states_the_defaults() {
     assert!(checked >= 8, "{checked} defaults");
 }
 
-/// A range such as `above 0 to 1e6` or `0 to 65`: least, greatest, whether the least is excluded.
-fn range(cell: &str) -> Option<(f64, f64, bool)> {
-    let (least, greatest) = cell.split_once(" to ")?;
-    let greatest = greatest.split(',').next()?.parse().ok()?;
-    let above = least.strip_prefix("above ");
-    Some((
-        above.unwrap_or(least).parse().ok()?,
-        greatest,
-        above.is_some(),
-    ))
-}
-
-/// An example with every number replaced by `value`.
-fn filled(example: &str, value: f64) -> String {
-    let count = example.matches(',').count() + 1;
-    match example.starts_with('[') {
-        true => format!("[{}]", vec![value.to_string(); count].join(", ")),
-        false => value.to_string(),
-    }
-}
-
 #[test]
 fn rig_reference_states_the_ranges() {
     let page = Page::read(PAGE);
@@ -175,27 +155,23 @@ fn rig_reference_states_the_ranges() {
         for row in rows(&page.section(title)) {
             let field = code(row.cells[0]).expect("a field");
             let example = code(row.cells[1]).unwrap_or_default();
-            let Some((least, greatest, above)) = range(row.cells[2]) else {
+            let Some(range) = Range::read(row.cells[2]) else {
                 continue;
             };
-            // Several cameras cannot differ from one another by their largest offset alone.
-            let inside = [greatest, if above { greatest / 2.0 } else { least }];
-            let outside = [greatest * 1.01 + 1.0, if above { 0.0 } else { least - 1.0 }];
-            for (value, good) in inside
-                .map(|v| (v, true))
-                .into_iter()
-                .chain(outside.map(|v| (v, false)))
-            {
-                let value = if field == "rotation_deg" && good {
-                    value / 2.0
-                } else {
-                    value
+            for (value, good) in range.probes() {
+                // The length of the rotation is bounded as well as its parts.
+                let value = match field == "rotation_deg" && good {
+                    true => value / 2.0,
+                    false => value,
                 };
                 let text = replaced(field, &format!("{field} = {}\n", filled(example, value)));
                 let outcome = accepted(&text);
-                let refused = ["out of range", "must be greater", "must not be negative"];
-                let named = refused.iter().any(|reason| outcome.stderr.contains(reason));
-                assert_eq!(named, !good, "{field} = {value}: {}", outcome.stderr);
+                assert_eq!(
+                    !out_of_range(&outcome, field),
+                    good,
+                    "{field} = {value}: {}",
+                    outcome.stderr
+                );
             }
             checked += 1;
         }

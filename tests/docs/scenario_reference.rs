@@ -2,6 +2,7 @@
 //! of every kind is listed.
 
 use super::page::Page;
+use super::range::{Range, filled, out_of_range};
 use super::rig_reference::{complete_file, documented, judged, known};
 use super::table::{code, rows};
 use std::collections::BTreeSet;
@@ -108,4 +109,94 @@ fn scenario_reference_lists_every_event() {
         .filter_map(|row| code(row.cells[0]).map(String::from))
         .collect();
     assert_eq!(fields, all);
+}
+
+/// Tables that hold every field with a range, with the titles of their sections.
+const TABLES: [(&str, &str); 11] = [
+    ("File", HEAD),
+    ("Cameras", CAMERAS),
+    (
+        "Cameras",
+        "[cameras]\nkind = \"rendered\"\nframes_per_s = 60\nlatency_ms = 20\ndepth_mm = 850\n\
+         noise_grey = 2\n",
+    ),
+    ("Target", TARGET),
+    (
+        "Target",
+        "[[target]]\nmotion = \"lissajous\"\nseconds = 1\namplitude_mm = [1, 1, 1]\n\
+         ratio = [1, 1, 1]\npeak_mm_s = 1\n",
+    ),
+    (
+        "Events",
+        "[[event]]\nat_s = 0.5\nwhat = \"silence\"\nseconds = 0.1\n",
+    ),
+    (
+        "Events",
+        "[[event]]\nat_s = 0.5\nwhat = \"drop\"\nframes = 1\n",
+    ),
+    (
+        "Events",
+        "[[event]]\nat_s = 0.5\nwhat = \"late\"\nframes = 1\nby_ms = 1\n",
+    ),
+    ("Measure", "[measure]\nsettle_within_mm = [1, 1, 1]\n"),
+    (
+        "Expect",
+        "[expect]\nrms_mm = [1, 1, 1]\nmax_mm = [1, 1, 1]\nlag_mm = 1\nsettle_ms = 1\n\
+         overshoot = 1\njitter_mm = [1, 1, 1]\nreversals_per_s = 1\nlatency_ms = 1\n\
+         prediction_gain = 1\n",
+    ),
+    (
+        "Instants",
+        "[[expect.at]]\ntime_s = 0.5\nerror_mm = [1, 1, 1]\n",
+    ),
+];
+
+/// Ends every scenario of the ranges with an error, so that none is run.
+const UNMET: &str = "[[expect.at]]\ntime_s = 9999\n";
+
+/// A scenario with this table in the place of the usual one, if there is one.
+fn scenario(title: &str, table: &str) -> String {
+    let usual = [("File", HEAD), ("Cameras", CAMERAS), ("Target", TARGET)];
+    let mut text = String::new();
+    for (of, default) in usual {
+        text += if of == title { table } else { default };
+    }
+    match title {
+        "Expect" => text + table + UNMET,
+        "Instants" => text + EXPECT + table + UNMET,
+        "Events" | "Measure" => text + table + EXPECT + UNMET,
+        _ => text + EXPECT + UNMET,
+    }
+}
+
+#[test]
+fn scenario_reference_states_the_ranges() {
+    let page = Page::read(PAGE);
+    let titles: BTreeSet<&str> = TABLES.iter().map(|(title, _)| *title).collect();
+    let mut checked = 0;
+    for title in titles {
+        for row in rows(&page.section(title)) {
+            let Some(range) = row.cells.get(2).and_then(|cell| Range::read(cell)) else {
+                continue;
+            };
+            let field = code(row.cells[0]).expect("a field");
+            let example = code(row.cells[1]).expect("an example");
+            let begin = format!("\n{field} = ");
+            let mut tables = TABLES.iter().filter(|(of, _)| *of == title);
+            let (_, table) = tables
+                .find(|(_, table)| table.contains(&begin))
+                .unwrap_or_else(|| panic!("{title}: {field} is in no table of this test"));
+            let (before, rest) = table.split_once(&begin).expect("just found");
+            let (_, after) = rest.split_once('\n').expect("a line");
+            for (value, good) in range.probes() {
+                let table = format!("{before}{begin}{}\n{after}", filled(example, value));
+                let outcome = judged(&scenario(title, &table), &["simulate", "{}", "--points"]);
+                assert_eq!(outcome.code, Some(1), "{title}: {table}");
+                let refused = out_of_range(&outcome, field);
+                assert_eq!(refused, !good, "{field} = {value}: {}", outcome.stderr);
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked >= 20, "{checked} ranges");
 }
