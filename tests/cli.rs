@@ -14,6 +14,8 @@ mod files;
 mod folder;
 #[path = "cli/points.rs"]
 mod points;
+#[path = "cli/setting_up.rs"]
+mod setting_up;
 #[path = "cli/usage.rs"]
 mod usage;
 #[path = "cli/verify.rs"]

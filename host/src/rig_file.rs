@@ -37,9 +37,11 @@ use crate::output::{Output, Replace};
 use field::{Field, Source};
 
 mod care;
+mod doubt;
 pub(crate) mod edit;
 pub(crate) mod field;
 mod stage;
+pub mod template;
 
 pub use care::{Care, HomeSwitch};
 pub use stage::{Driver, Stage};
@@ -67,6 +69,14 @@ const LIMIT_DISTORTION: f64 = 1e3;
 pub const LIMIT_ROTATION_DEG: f64 = 20.0;
 /// Cameras closer than this are the same camera twice, mm.
 const LEAST_BASELINE_MM: f64 = 1e-3;
+
+/// Fields that every camera has, each with an example.
+const CAMERA_FIELDS: [(&str, &str); 4] = [
+    ("name", "name = \"left\""),
+    ("focal_px", "focal_px = [800.0, 800.0]"),
+    ("principal_px", "principal_px = [319.5, 239.5]"),
+    ("offset_mm", "offset_mm = [-30.0, 0.0]"),
+];
 
 /// What the rig is wanted for.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -138,6 +148,10 @@ impl RigFile {
         let value = DeValue::Table(table.into_inner());
         let root = Field::root(source, &value);
         root.only(&["image_size_px", "camera", "stage"])?;
+        root.require(&[
+            ("image_size_px", "image_size_px = [640, 480]"),
+            ("camera", "[[camera]]"),
+        ])?;
         let image_size_px = root
             .required("image_size_px")?
             .each(|side| side.whole(IMAGE_SIDE_PX))?;
@@ -209,6 +223,7 @@ fn cameras(
             "distortion",
             "rotation_deg",
         ])?;
+        table.require(&CAMERA_FIELDS)?;
         let name = table.required("name")?;
         let given = folder_name(&name)?;
         let camera = camera(table, image_size_px)?;

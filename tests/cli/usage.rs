@@ -37,7 +37,7 @@ fn an_option_with_an_unknown_value_ends_with_2() {
 
 #[test]
 fn version_and_help_end_with_0() {
-    let version = run(Path::new("."), &["--version"]);
+    let version = run(Path::new("."), &["-V"]);
     assert_eq!(version.code, Some(0));
     let expected = concat!("trinocular ", env!("CARGO_PKG_VERSION"), "\n");
     assert_eq!(version.stdout, expected);

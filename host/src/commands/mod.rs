@@ -12,14 +12,18 @@ mod bench;
 mod by_hand;
 mod calibrate;
 mod calibrate_stage;
+mod completions;
 mod convert;
 mod destination;
 mod diagnose;
 mod estimate;
 mod experiment;
+mod groups;
 mod hello;
 mod home;
+mod init;
 mod jog;
+mod man;
 mod motors;
 mod port;
 mod ports;
@@ -34,6 +38,7 @@ mod stop;
 mod tables;
 mod track;
 mod verify;
+mod version;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
@@ -43,7 +48,7 @@ mod zero;
 ///
 /// The station is the board that drives the stage; the twin is the same code inside this program,
 /// with a simulated stage. A rig file (TOML) describes the cameras, and the stage if there is one:
-/// `calibrate` and `convert` write it, the README shows one.
+/// `init` writes one to begin with, `calibrate` and `convert` one that is measured.
 ///
 /// Without a command it runs the paper's tracking experiment in closed loop on the built-in twin,
 /// prints its Table 6 beside the paper's, and writes an HTML report. No hardware is needed.
@@ -51,6 +56,9 @@ mod zero;
 #[command(
     name = "trinocular",
     version,
+    long_version = version::long(),
+    help_template = groups::TEMPLATE,
+    before_help = groups::COMMANDS,
     max_term_width = 100,
     args_conflicts_with_subcommands = true,
     after_help = EXIT_CODES
@@ -65,7 +73,8 @@ pub struct Arguments {
 
 const EXIT_CODES: &str = "\
 From a new rig to a target that is followed:
-  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
+  trinocular init rig.toml
+  trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml --force
   trinocular align captures/ --rig rig.toml --out aligned.toml
   trinocular verify aligned.toml
   trinocular track --images captures/ --rig aligned.toml
@@ -82,12 +91,15 @@ enum Command {
     Bench(bench::Options),
     Calibrate(calibrate::Options),
     CalibrateStage(calibrate_stage::Options),
+    Completions(completions::CompletionsOptions),
     Convert(convert::Options),
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
     Hello(hello::Options),
     Home(home::Options),
+    Init(init::InitOptions),
     Jog(jog::Options),
+    Man(man::ManOptions),
     Motors(motors::Options),
     Ports(ports::Options),
     Reset(reset::Options),
@@ -107,13 +119,16 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
         Some(Command::CalibrateStage(options)) => calibrate_stage::run(&options, out),
+        Some(Command::Completions(options)) => completions::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Home(options)) => home::run(&options, out),
+        Some(Command::Init(options)) => init::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
+        Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),

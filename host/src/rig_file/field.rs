@@ -26,13 +26,19 @@ impl Source<'_> {
 
     /// The parser's complaint, with the key of the line it stumbled over.
     pub fn syntax(&self, error: &toml::de::Error) -> InputError {
-        let reason = format!("not valid TOML: {}", error.message().replace('\n', ", "));
+        if let Some(reason) = other_format(self.text) {
+            return InputError::file(self.file, reason);
+        }
+        let mut reason = format!("not valid TOML: {}", error.message().replace('\n', ", "));
         let Some(span) = error.span() else {
             return InputError::file(self.file, reason);
         };
         // An unfinished value is noticed where the text ends, which may be past its own line.
         let line = self.line(span.start);
         let text = self.text.lines().nth(line - 1).unwrap_or_default();
+        if has_decimal_comma(text) {
+            reason.push_str(" (decimal commas? write 5.5, not 5,5)");
+        }
         match text.split_once('=') {
             Some((key, _)) if !key.trim().is_empty() => {
                 InputError::field(self.file, line, key.trim(), reason)
@@ -40,6 +46,37 @@ impl Source<'_> {
             _ => InputError::line(self.file, line, reason),
         }
     }
+}
+
+/// Names the format of a text that is not TOML, with the way out.
+fn other_format(text: &str) -> Option<&'static str> {
+    let mut lines = text.lines().map(str::trim_start);
+    let first = lines.find(|line| !line.is_empty() && !line.starts_with('#'))?;
+    let is_yaml = |line: &str| {
+        let key = line.split_once(':').map(|(key, _)| key);
+        key.is_some_and(|key| key.chars().all(|c| c.is_alphanumeric() || c == '_'))
+    };
+    if first.starts_with('{') {
+        Some("is JSON, but a rig file is TOML; `trinocular init` writes one")
+    } else if first.starts_with("<?xml") {
+        Some("is XML, but a rig file is TOML; `trinocular init` writes one")
+    } else if first.starts_with("%YAML") || first.starts_with("---") || is_yaml(first) {
+        Some(
+            "is YAML, but a rig file is TOML; `trinocular convert` makes one from the YAML of \
+             OpenCV and ROS",
+        )
+    } else {
+        None
+    }
+}
+
+/// Returns true if a comma stands directly between two digits, as in `5,5`.
+fn has_decimal_comma(line: &str) -> bool {
+    let value = line.split_once('=').map_or(line, |(_, value)| value);
+    let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+    let bytes = value.as_bytes();
+    let mut commas = value.match_indices(',').map(|(at, _)| at);
+    commas.any(|at| is_digit(bytes.get(at.wrapping_sub(1))) && is_digit(bytes.get(at + 1)))
 }
 
 /// One value: its path from the root of the file, its place, its content.
@@ -118,6 +155,34 @@ impl<'a> Field<'a> {
         Ok(entry.map(|value| self.child(self.key_path(key), value)))
     }
 
+    /// Refuses a table that lacks fields, given as keys and example lines, and names all of them.
+    pub fn require(&self, fields: &[(&str, &str)]) -> Result<(), InputError> {
+        let table = self.table()?;
+        let missing: Vec<_> = fields
+            .iter()
+            .filter(|(key, _)| table.get(*key).is_none())
+            .collect();
+        let line = self.source.line(self.span.start);
+        match missing[..] {
+            [] => Ok(()),
+            [(key, example)] => Err(InputError::field(
+                self.source.file,
+                line,
+                self.key_path(key),
+                format!("missing; for example `{example}`"),
+            )),
+            _ => {
+                let examples = missing.iter().map(|(_, example)| format!("`{example}`"));
+                let examples = examples.collect::<Vec<_>>().join(", ");
+                Err(self.fault(format!(
+                    "{} fields are missing; for example {examples} (`trinocular init` writes a \
+                     whole rig file)",
+                    missing.len()
+                )))
+            }
+        }
+    }
+
     /// The value under `key`.
     pub fn required(&self, key: &str) -> Result<Field<'a>, InputError> {
         self.optional(key)?.ok_or_else(|| {
@@ -157,7 +222,12 @@ impl<'a> Field<'a> {
             .try_into()
             .map_err(|elements: Vec<Field<'a>>| {
                 let count = elements.len();
-                self.fault(format!("expected {N} elements, found {count}"))
+                let line = self.source.text.get(self.span.clone()).unwrap_or_default();
+                let hint = match count == 2 * N && has_decimal_comma(line) {
+                    true => " (decimal commas? write 5.5, not 5,5)",
+                    false => "",
+                };
+                self.fault(format!("expected {N} elements, found {count}{hint}"))
             })
     }
 

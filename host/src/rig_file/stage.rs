@@ -19,7 +19,8 @@ pub enum Driver {
 }
 
 impl Driver {
-    const ALL: [Self; 3] = [Self::A4988, Self::Drv8825, Self::Tmc2209];
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::A4988, Self::Drv8825, Self::Tmc2209];
 
     /// The name a rig file gives it.
     pub const fn name(self) -> &'static str {
@@ -58,7 +59,7 @@ pub struct Stage {
     pub care: Care,
 }
 
-const KEYS: [&str; 20] = [
+pub(super) const KEYS: [&str; 21] = [
     "steps_per_mm",
     "max_speed_mm_s",
     "max_acceleration_mm_s2",
@@ -79,6 +80,31 @@ const KEYS: [&str; 20] = [
     "largest_error_mm",
     "longest_error_s",
     "largest_unseen_mm",
+    "motors_off_after_s",
+];
+
+/// Fields that every stage has, each with an example.
+const REQUIRED: [(&str, &str); 8] = [
+    ("steps_per_mm", "steps_per_mm = [80.0, 80.0, 80.0]"),
+    ("max_speed_mm_s", "max_speed_mm_s = [100.0, 100.0, 100.0]"),
+    (
+        "max_acceleration_mm_s2",
+        "max_acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]",
+    ),
+    (
+        "max_jerk_mm_s3",
+        "max_jerk_mm_s3 = [50000.0, 50000.0, 50000.0]",
+    ),
+    (
+        "travel_mm",
+        "travel_mm = [[-60.0, 60.0], [-60.0, 60.0], [-60.0, 60.0]]",
+    ),
+    ("invert", "invert = [false, false, false]"),
+    (
+        "matrix",
+        "matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]",
+    ),
+    ("driver", "driver = \"TMC2209\""),
 ];
 
 /// Larger figures than these belong to no stage; a slip of the unit does.
@@ -90,6 +116,7 @@ const LIMIT_MATRIX: f64 = 1e3;
 impl Stage {
     pub(crate) fn read(section: &Field<'_>) -> Result<Self, InputError> {
         section.only(&KEYS)?;
+        section.require(&REQUIRED)?;
         let per_axis = |key: &str, limit: f64| {
             section
                 .required(key)?

@@ -376,3 +376,36 @@ fn deep_nesting_is_refused_without_overflowing_the_stack() {
         assert!(error.reason.contains("not valid TOML"), "{error}");
     }
 }
+
+#[test]
+fn other_formats_are_named_with_the_way_out() {
+    let reason = |text: &str| {
+        let parsed = RigFile::parse(Path::new("rig.toml"), text);
+        parsed.expect_err("it is no rig file").to_string()
+    };
+    let json = reason("{\"image_size_px\": [640, 480]}");
+    assert!(json.contains("is JSON"), "{json}");
+    for yaml in ["%YAML:1.0\n---\n", "# rig\nimage_width: 640\n"] {
+        let yaml = reason(yaml);
+        assert!(
+            yaml.contains("is YAML") && yaml.contains("convert"),
+            "{yaml}"
+        );
+    }
+    let xml = reason("<?xml version=\"1.0\"?>\n<opencv_storage>\n");
+    assert!(xml.contains("is XML"), "{xml}");
+    let toml = reason("image_size_px = [640, 480\n");
+    assert!(toml.contains("not valid TOML"), "{toml}");
+}
+
+#[test]
+fn decimal_commas_are_named() {
+    let whole = RigFile::paper().to_toml();
+    let line = whole.lines().find(|line| line.starts_with("focal_px"));
+    for wrong in ["focal_px = [533,16, 529,12]", "focal_px = 533,16 529,12"] {
+        let text = whole.replacen(line.expect("it has one"), wrong, 1);
+        let error = RigFile::parse(Path::new("rig.toml"), &text).expect_err("two numbers");
+        let error = error.to_string();
+        assert!(error.contains("decimal commas?"), "{error}");
+    }
+}

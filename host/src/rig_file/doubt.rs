@@ -1,0 +1,133 @@
+//! Doubts about a rig that obeys every rule and yet is probably not the one that was meant: wrong
+//! units, exchanged names.
+
+use super::RigFile;
+
+/// Cameras side by side are farther apart than this, mm: their housings are wider.
+const CLOSEST_MM: f64 = 5.0;
+/// A rig below this size, mm, is one in metres.
+const METRES_MM: f64 = 0.5;
+/// Rigs on one frame are narrower than this, mm.
+const WIDEST_MM: f64 = 5_000.0;
+/// Least focal length over the image's width: a field of view of 127 degrees.
+const LEAST_FOCAL: f64 = 0.25;
+/// Greatest focal length over the image's width: a field of view of 1 degree.
+const GREATEST_FOCAL: f64 = 50.0;
+
+impl RigFile {
+    /// Returns what is probably a mistake of units or names, as sentences for the user.
+    pub fn doubts(&self) -> Vec<String> {
+        let mut doubts = Vec::new();
+        doubts.extend(self.distance());
+        doubts.extend(self.exchanged());
+        doubts.extend(self.focal());
+        doubts
+    }
+
+    fn distance(&self) -> Option<String> {
+        let cameras = &self.rig.cameras;
+        let apart = |a: usize, b: usize| {
+            let [dx, dy] = [0, 1].map(|i| cameras[a].offset_mm[i] - cameras[b].offset_mm[i]);
+            dx.hypot(dy)
+        };
+        let pairs = (0..cameras.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let widest = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
+        let guess = match widest {
+            w if w < METRES_MM => "are the offsets in metres?",
+            w if w < CLOSEST_MM => "are the offsets in centimetres?",
+            w if w > WIDEST_MM => "are the offsets in micrometres?",
+            _ => return None,
+        };
+        Some(format!(
+            "the cameras are at most {widest} mm apart: {guess} offset_mm is in mm"
+        ))
+    }
+
+    fn exchanged(&self) -> Option<String> {
+        let place = |wanted: &str| {
+            let index = self.names.iter().position(|name| name == wanted)?;
+            Some(self.rig.cameras[index].offset_mm[0])
+        };
+        let (left, right) = (place("left")?, place("right")?);
+        (left > right).then(|| {
+            format!(
+                "camera `left` is {:.1} mm to the right of `right`: are the names or the signs of \
+                 offset_mm exchanged?",
+                left - right
+            )
+        })
+    }
+
+    fn focal(&self) -> Option<String> {
+        let width = f64::from(self.rig.image_size_px[0]);
+        let mut cameras = self.names.iter().zip(&self.rig.cameras);
+        let (name, camera) = cameras.find(|(_, camera)| {
+            let share = camera.focal_px[0] / width;
+            !(LEAST_FOCAL..=GREATEST_FOCAL).contains(&share)
+        })?;
+        let focal = camera.focal_px[0];
+        let angle = 2.0 * (0.5 * width / focal).atan().to_degrees();
+        Some(format!(
+            "camera `{name}` has a focal length of {focal} px at {width} px of width, a field of \
+             view of {angle:.1} degrees: is it in mm? focal_px is in mm / pixel pitch in mm"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn doubts(change: impl Fn(&mut RigFile)) -> Vec<String> {
+        let mut rig = RigFile::paper();
+        change(&mut rig);
+        rig.doubts()
+    }
+
+    fn scaled(by: f64) -> Vec<String> {
+        doubts(|rig| {
+            for camera in &mut rig.rig.cameras {
+                camera.offset_mm = camera.offset_mm.map(|mm| mm * by);
+            }
+        })
+    }
+
+    #[test]
+    fn plausible_rig_leaves_no_doubt() {
+        assert_eq!(doubts(|_| ()), Vec::<String>::new());
+        assert_eq!(scaled(0.1), Vec::<String>::new());
+        assert_eq!(scaled(30.0), Vec::<String>::new());
+    }
+
+    #[test]
+    fn other_units_of_offsets_are_named() {
+        for (by, unit) in [
+            (1e-3, "metres"),
+            (0.02, "centimetres"),
+            (1e3, "micrometres"),
+        ] {
+            let doubts = scaled(by);
+            assert_eq!(doubts.len(), 1, "{unit}: {doubts:?}");
+            assert!(doubts[0].contains(&format!("in {unit}?")), "{doubts:?}");
+        }
+    }
+
+    #[test]
+    fn exchanged_cameras_are_named() {
+        let doubts = doubts(|rig| {
+            rig.names = ["left", "right"].map(String::from).to_vec();
+            rig.rig.cameras = [rig.rig.cameras[2], rig.rig.cameras[0]]
+                .into_iter()
+                .collect();
+        });
+        assert_eq!(doubts.len(), 1, "{doubts:?}");
+        assert!(doubts[0].contains("to the right of `right`"), "{doubts:?}");
+    }
+
+    #[test]
+    fn focal_length_in_mm_is_named() {
+        let doubts = doubts(|rig| rig.rig.cameras[1].focal_px = [8.0, 8.0]);
+        assert_eq!(doubts.len(), 1, "{doubts:?}");
+        assert!(doubts[0].contains("is it in mm?"), "{doubts:?}");
+    }
+}
