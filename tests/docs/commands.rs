@@ -50,7 +50,7 @@ fn steps<'a>(block: &Block<'a>) -> Vec<Step<'a>> {
     steps
 }
 
-/// Whether `actual` is what a page shows, `...` standing for anything.
+/// Returns true if `actual` is what a page shows; `...` stands for anything.
 fn matches(expected: &[&str], actual: &[&str]) -> bool {
     let Some((first, rest)) = expected.split_first() else {
         return actual.is_empty();

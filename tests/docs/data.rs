@@ -34,7 +34,7 @@ fn rig() -> RigFile {
     RigFile::read(&folder_of_data().join("rig.toml")).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Whether the committed files are to be written anew.
+/// Returns true if the committed files are to be written anew.
 pub fn renew() -> bool {
     std::env::var_os("RENEW").is_some()
 }

@@ -7,7 +7,7 @@ use trinocular_tests::binary::Outcome;
 pub struct Range {
     least: f64,
     greatest: f64,
-    /// Whether the least value itself is excluded.
+    /// True if the least value itself is excluded.
     above: bool,
 }
 
@@ -53,7 +53,7 @@ pub fn filled(example: &str, value: f64) -> String {
     }
 }
 
-/// Whether the program refused the value of this field because of its size.
+/// Returns true if the program refused the value of this field because of its size.
 pub fn out_of_range(outcome: &Outcome, field: &str) -> bool {
     let size = ["out of range", "must be greater", "must not be negative"];
     let text = &outcome.stderr;

@@ -12,7 +12,7 @@ use trinocular_tests::binary::{Outcome, trinocular};
 /// Longest cell, in characters.
 const CELL: usize = 80;
 
-/// What a row names as its evidence.
+/// Evidence that a row names.
 enum Evidence<'a> {
     /// A command of the program.
     Command(&'a str),
