@@ -12,6 +12,12 @@ mod cameras;
 mod files;
 #[path = "cli/folder.rs"]
 mod folder;
+#[cfg(unix)]
+#[path = "cli/inputs.rs"]
+mod inputs;
+#[cfg(unix)]
+#[path = "cli/interrupted.rs"]
+mod interrupted;
 #[path = "cli/points.rs"]
 mod points;
 #[path = "cli/setting_up.rs"]

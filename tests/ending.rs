@@ -3,6 +3,13 @@
 //! Every command that moves a stage ends alike: the stage stands, stopped by command and without a
 //! fault, before the program ends.
 
+#[path = "ending/owner.rs"]
+mod owner;
+#[path = "ending/signals.rs"]
+mod signals;
+#[path = "ending/station.rs"]
+mod station_says;
+
 use host::rig_file::RigFile;
 use host::station::serial::Serial;
 use host::station::stage::{HEARTBEAT_MS, default_stage};

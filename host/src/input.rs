@@ -5,9 +5,11 @@
 //! `/dev/stdin`. Directories, devices and named pipes are refused before they are opened: to open a
 //! named pipe waits for its writer, which may never come.
 
+use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::Read as _;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use crate::error::InputError;
 
@@ -18,6 +20,45 @@ pub struct Limit {
     pub what: &'static str,
     /// Bytes it has at most.
     pub bytes: u64,
+}
+
+/// Files that are remembered as inputs at most; a recording may have more.
+const MOST_REMEMBERED: usize = 100_000;
+
+/// The regular files that this program has read.
+static READ: Mutex<Option<HashSet<Identity>>> = Mutex::new(None);
+
+/// A file whatever its name: device, number, and when it was made, because a number is used again.
+#[cfg(unix)]
+pub(crate) type Identity = (u64, u64, Option<std::time::SystemTime>);
+/// A file whatever its name.
+#[cfg(not(unix))]
+pub(crate) type Identity = std::path::PathBuf;
+
+/// Returns the file that `path` leads to, through links.
+pub(crate) fn identity(path: &Path) -> Option<Identity> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt as _;
+        let about = fs::metadata(path).ok()?;
+        Some((about.dev(), about.ino(), about.created().ok()))
+    }
+    #[cfg(not(unix))]
+    fs::canonicalize(path).ok()
+}
+
+/// Returns true if this program has read that file: an output would replace its own input.
+pub(crate) fn was_read(file: &Identity) -> bool {
+    let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    read.as_ref().is_some_and(|files| files.contains(file))
+}
+
+fn remember(path: &Path) {
+    let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    let files = read.get_or_insert_default();
+    if files.len() < MOST_REMEMBERED {
+        files.extend(identity(path));
+    }
 }
 
 /// Reads the file at `path`.
@@ -35,6 +76,9 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     }
     if about.len() > limit.bytes {
         return Err(too_long(path, limit));
+    }
+    if about.is_file() {
+        remember(path);
     }
     let mut bytes = Vec::with_capacity(about.len() as usize);
     let file = File::open(path).map_err(unreadable)?;

@@ -10,13 +10,16 @@
 //! | a symbolic link | what it leads to is written, the link stays |
 //! | a pipe, a terminal, `/dev/null`, `/dev/stdout` | written in place |
 //! | a folder, a disk, a socket | refused |
+//! | a file that this run has read | refused, through links too, even with `--force` |
+//!
+//! Only a rig file may be the successor of the rig file that it was made from.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crate::error::InputError;
-use crate::interruption;
+use crate::input::{self, Identity};
 
 mod place;
 mod staged;
@@ -49,6 +52,8 @@ pub struct Output {
     /// As the user has named it.
     path: PathBuf,
     place: Place,
+    /// The input that it may replace.
+    predecessor: Option<Identity>,
 }
 
 impl Output {
@@ -57,9 +62,35 @@ impl Output {
     /// # Errors
     /// If it cannot be written, or exists and may not be replaced.
     pub fn open(path: &Path, replace: Replace) -> Result<Self, InputError> {
+        Self::open_any(path, replace, None)
+    }
+
+    /// As [`Output::open`], for a new version of the input `predecessor`, which it may replace.
+    ///
+    /// # Errors
+    /// As [`Output::open`].
+    pub fn open_successor(
+        path: &Path,
+        replace: Replace,
+        predecessor: &Path,
+    ) -> Result<Self, InputError> {
+        Self::open_any(path, replace, input::identity(predecessor))
+    }
+
+    fn open_any(
+        path: &Path,
+        replace: Replace,
+        predecessor: Option<Identity>,
+    ) -> Result<Self, InputError> {
         let unwritable = |cause: io::Error| InputError::io(path, "write", &cause);
         let place = Place::open(path).map_err(unwritable)?;
-        if let Place::File(target) = &place
+        let opened = Self {
+            path: path.to_owned(),
+            place,
+            predecessor,
+        };
+        opened.refuse_input()?;
+        if let Place::File(target) = &opened.place
             && target.exists()
         {
             let is_own = || is_own(target).map_err(unwritable);
@@ -77,8 +108,21 @@ impl Output {
                 }
             }
         }
-        let path = path.to_owned();
-        Ok(Self { path, place })
+        Ok(opened)
+    }
+
+    /// Refuses to replace a file that this run has read.
+    fn refuse_input(&self) -> Result<(), InputError> {
+        let Place::File(target) = &self.place else {
+            return Ok(());
+        };
+        match input::identity(target) {
+            Some(file) if input::was_read(&file) && self.predecessor.as_ref() != Some(&file) => {
+                let reason = "is an input of this command, which would be lost; name another file";
+                Err(InputError::file(&self.path, reason))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether writing replaces a file.
@@ -113,8 +157,10 @@ impl Output {
 /// # Errors
 /// If one of them cannot be written.
 pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
-    // Where the system allows no handler, a signal ends the program as before.
-    let _ = interruption::watch();
+    // What was read since the outputs were opened is an input, too.
+    outputs
+        .iter()
+        .try_for_each(|(output, _)| output.refuse_input())?;
     let mut staged = Vec::new();
     for (output, text) in &outputs {
         if let Place::File(target) = &output.place {

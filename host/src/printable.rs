@@ -21,10 +21,10 @@ pub const LONGEST: usize = 1_000;
 
 /// Returns the text without control characters and at most [`LONGEST`] characters long.
 ///
-/// Control characters, line separators and the marks that change the direction of writing become
-/// escapes as in Rust's string literals. All else stays, backslashes too, so that a path of Windows
-/// reads as usual; hence the result is for people and cannot be turned back. A longer text is cut
-/// and ends with `...`.
+/// Control characters, separators of lines and paragraphs and all format characters of Unicode,
+/// such as those that change the direction of writing, become escapes as in Rust's string literals.
+/// All else stays, backslashes too, so that a path of Windows reads as usual; hence the result is
+/// for people and cannot be turned back. A longer text is cut and ends with `...`.
 pub fn printable(text: impl Display) -> String {
     printable_up_to(LONGEST, text)
 }
@@ -61,12 +61,37 @@ impl fmt::Write for Kept {
     }
 }
 
-/// Returns whether a character appears as a glyph or a blank, and changes nothing around it.
-fn is_printable(letter: char) -> bool {
+/// Returns true if a character appears as a glyph or a blank, and changes nothing around it.
+pub(crate) fn is_printable(letter: char) -> bool {
     let is_separator = matches!(letter, '\u{2028}' | '\u{2029}');
-    let is_direction = matches!(letter,
-        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    !(letter.is_control() || is_separator || is_direction)
+    !(letter.is_control() || is_separator || is_format(letter))
+}
+
+/// Returns true for the characters of Unicode's general category Cf (format), version 16, and the
+/// code points that stand among them and are reserved.
+fn is_format(letter: char) -> bool {
+    matches!(
+        letter,
+        '\u{ad}'
+            | '\u{600}'..='\u{605}'
+            | '\u{61c}'
+            | '\u{6dd}'
+            | '\u{70f}'
+            | '\u{890}'..='\u{891}'
+            | '\u{8e2}'
+            | '\u{180e}'
+            | '\u{200b}'..='\u{200f}'
+            | '\u{202a}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}'
+            | '\u{feff}'
+            | '\u{fff0}'..='\u{fffb}'
+            | '\u{110bd}'
+            | '\u{110cd}'
+            | '\u{13430}'..='\u{1343f}'
+            | '\u{1bca0}'..='\u{1bca3}'
+            | '\u{1d173}'..='\u{1d17a}'
+            | '\u{e0000}'..='\u{e0fff}'
+    )
 }
 
 #[cfg(test)]
@@ -83,6 +108,11 @@ mod tests {
             ("\u{1b}]0;title\u{7}", r"\u{1b}]0;title\u{7}"),
             ("\u{7f}\u{9b}2J", r"\u{7f}\u{9b}2J"),
             ("gnp.\u{202e}exe\u{2028}", r"gnp.\u{202e}exe\u{2028}"),
+            (
+                "\u{200b}\u{2029}\u{feff}\u{ad}",
+                r"\u{200b}\u{2029}\u{feff}\u{ad}",
+            ),
+            ("\u{2069}\u{e0041}\u{fff9}", r"\u{2069}\u{e0041}\u{fff9}"),
         ] {
             assert_eq!(printable(foreign), shown);
         }

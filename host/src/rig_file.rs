@@ -57,7 +57,12 @@ pub(crate) const LIMIT: Limit = Limit {
 /// Sides of an image that could be one, px.
 const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
 /// Longer focal lengths than this belong to telescopes.
-pub(crate) const LIMIT_FOCAL_PX: f64 = 1e6;
+const LIMIT_FOCAL_PX: f64 = 1e6;
+/// A shorter focal length than this part of the image's side is no lens that draws straight lines
+/// straight: it would see more than 168 degrees.
+const LEAST_FOCAL_SHARE: f64 = 0.05;
+/// Pixels are nearly square. The larger side is at most so many times the smaller one.
+const LARGEST_ASPECT: f64 = 10.0;
 /// A rig wider than 100 m is a slip of the unit.
 const LIMIT_OFFSET_MM: f64 = 1e5;
 /// What is wrong with a distortion that [`can_undistort`] refuses.
@@ -67,8 +72,8 @@ pub(crate) const NOT_A_LENS: &str =
 const LIMIT_DISTORTION: f64 = 1e3;
 /// Cameras turned farther than this were not meant to be parallel, and see too little in common.
 pub const LIMIT_ROTATION_DEG: f64 = 20.0;
-/// Cameras closer than this are the same camera twice, mm.
-const LEAST_BASELINE_MM: f64 = 1e-3;
+/// Cameras closer than this are the same camera twice, mm: no two lenses are.
+const LEAST_BASELINE_MM: f64 = 0.1;
 
 /// Fields that every camera has, each with an example.
 const CAMERA_FIELDS: [(&str, &str); 4] = [
@@ -196,7 +201,7 @@ impl RigFile {
     /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is
     /// complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        Output::open(path, Replace::Anything)?.write(&self.to_toml())
+        Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
     }
 }
 
@@ -235,7 +240,8 @@ fn cameras(
             let [dx, dy] = [0, 1].map(|i| camera.offset_mm[i] - placed.offset_mm[i]);
             if dx.hypot(dy) < LEAST_BASELINE_MM {
                 return Err(table.required("offset_mm")?.fault(format!(
-                    "`{given}` is at the same place as camera `{other}`"
+                    "`{given}` is at the same place as camera `{other}`: cameras are at least \
+                     {LEAST_BASELINE_MM} mm apart"
                 )));
             }
         }
@@ -306,10 +312,14 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         }
     }
     let distortion = table.optional("distortion")?;
+    let focal = table.required("focal_px")?;
+    let focal_px = focal.each(|axis| axis.number(f64::MAX))?;
+    if let Some((index, reason)) = focal_fault(focal_px, image_size_px) {
+        let axes: [Field<'_>; 2] = focal.fields()?;
+        return Err(axes[index].fault(reason));
+    }
     let camera = Camera {
-        focal_px: table
-            .required("focal_px")?
-            .each(|axis| axis.positive(LIMIT_FOCAL_PX))?,
+        focal_px,
         principal_px,
         offset_mm: table
             .required("offset_mm")?
@@ -327,6 +337,30 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(NOT_A_LENS)),
         _ => Ok(camera),
     }
+}
+
+/// Returns which of the focal lengths, along x and y, belongs to no camera, and why.
+pub(crate) fn focal_fault(focal_px: [f64; 2], image_size_px: [u32; 2]) -> Option<(usize, String)> {
+    for (index, (focal, side)) in focal_px.into_iter().zip(image_size_px).enumerate() {
+        let least = (LEAST_FOCAL_SHARE * f64::from(side)).max(1.0);
+        if !(focal > 0.0) {
+            return Some((index, format!("{focal} must be greater than 0")));
+        }
+        if !(least..=LIMIT_FOCAL_PX).contains(&focal) {
+            let reason = format!(
+                "{focal} is out of range ({least} to {LIMIT_FOCAL_PX} px for an image of {side} px)"
+            );
+            return Some((index, reason));
+        }
+    }
+    let [fx, fy] = focal_px;
+    if fx.max(fy) > LARGEST_ASPECT * fx.min(fy) {
+        let reason = format!(
+            "{fx} and {fy} px differ by more than a factor of {LARGEST_ASPECT}: no pixel is so long"
+        );
+        return Some((1, reason));
+    }
+    None
 }
 
 fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {

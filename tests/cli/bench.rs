@@ -97,3 +97,29 @@ fn what_cannot_be_timed_is_refused() {
         assert_eq!(bench(misused).code, Some(2), "{misused:?}");
     }
 }
+
+#[test]
+fn more_captures_than_memory_are_refused() {
+    let desk = super::Desk::new();
+    let line = desk.change("rig.toml", "[320, 240]", "[8000, 6000]");
+    assert_eq!(line, 1);
+    // The focal lengths must fit the size.
+    let text = desk.read("rig.toml");
+    let lines = text.lines().map(|line| match line.starts_with("focal_px") {
+        true => "focal_px = [9000.0, 9000.0]",
+        false => line,
+    });
+    desk.write("rig.toml", lines.collect::<Vec<_>>().join("\n"));
+    for camera in ["left", "middle", "right"] {
+        std::fs::create_dir_all(desk.path("views").join(camera)).expect("ours");
+        for number in 0..8 {
+            desk.write(&format!("views/{camera}/{number}.png"), "");
+        }
+    }
+    let arguments = ["bench", "flow", "views", "--rig", "rig.toml"];
+    let outcome = run(desk.folder.path(), &arguments);
+    outcome.failed(
+        1,
+        &["views", "8 captures", "1024 MB", "7 captures or fewer"],
+    );
+}

@@ -298,3 +298,66 @@ fn a_file_that_is_no_image_is_named() {
     desk.write("views/left/0000.pgm", "no image at all");
     estimate(&desk, &["--json"]).failed(1, &["left", "0000.pgm"]);
 }
+
+/// Runs `trinocular track --images views --rig rig.toml`.
+fn track(desk: &Desk) -> Outcome {
+    let arguments = ["track", "--images", "views", "--rig", "rig.toml"];
+    run(desk.folder.path(), &arguments)
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_picture_file_is_refused_by_name() {
+    let moved = Some([2.0, -1.0, 0.0]);
+    let desk = desk_with_views(&[AT_REST, moved, moved, moved, moved]);
+    let mut files: Vec<_> = fs::read_dir(desk.path("views/left"))
+        .expect("ours")
+        .map(|entry| entry.expect("ours").path())
+        .collect();
+    files.sort();
+    for file in &files[1..4] {
+        fs::remove_file(file).expect("ours");
+    }
+    let made = std::process::Command::new("mkfifo").arg(&files[1]).status();
+    assert!(made.expect("it runs").success());
+    fs::create_dir(&files[2]).expect("ours");
+    std::os::unix::fs::symlink("nowhere", &files[3]).expect("ours");
+    let outcome = track(&desk);
+    assert_eq!(outcome.code, Some(1), "{}", outcome.stderr);
+    for (file, why) in files[1..4]
+        .iter()
+        .zip(["named pipe", "folder", "No such file"])
+    {
+        let name = file
+            .file_name()
+            .and_then(|name| name.to_str())
+            .expect("UTF-8");
+        let said = |line: &str| line.contains(name) && line.contains(why);
+        assert!(
+            outcome.stderr.lines().any(said),
+            "{name}: {}",
+            outcome.stderr
+        );
+    }
+}
+
+#[test]
+fn pictures_of_other_formats_are_told_by_name() {
+    let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
+    desk.write("views/left/9.tif", "II*");
+    desk.write("views/left/a.WebP", "RIFF");
+    desk.write("views/left/notes.txt", "");
+    let outcome = track(&desk);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let told = outcome.stderr.matches("not read: 9.tif, a.WebP").count();
+    assert_eq!(told, 1, "{}", outcome.stderr);
+    assert!(!outcome.stderr.contains("notes.txt"), "{}", outcome.stderr);
+    for camera in ["left", "middle", "right"] {
+        fs::remove_dir_all(desk.path("views").join(camera)).expect("ours");
+        fs::create_dir(desk.path("views").join(camera)).expect("ours");
+        desk.write(&format!("views/{camera}/0.bmp"), "BM");
+    }
+    track(&desk).failed(1, &["views", "0.bmp", "PNG"]);
+    let calibrate = ["calibrate", "views", "--board", "9x6", "--square", "25"];
+    run(desk.folder.path(), &calibrate).failed(1, &["views", "0.bmp", "PNG"]);
+}

@@ -106,3 +106,14 @@ fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
     let late = [&short[..], &["--latency", "8"]].concat();
     run(Path::new("."), &late).failed(2, &["--latency is 8, must be 0 to 7"]);
 }
+
+#[test]
+fn scene_out_of_range_names_the_option() {
+    for (option, value) in [("--noise", "500"), ("--depth", "0"), ("--tilt", "90")] {
+        let mut arguments = vec!["track", "--sim", option, value];
+        if option == "--tilt" {
+            arguments.push("0");
+        }
+        run(Path::new("."), &arguments).failed(2, &[option, value, "must be"]);
+    }
+}

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::{Desk, Outcome, run};
 
-const STAGE: &str = "
+pub(super) const STAGE: &str = "
 [stage]
 steps_per_mm = [80.0, 80.0, 400.0]
 max_speed_mm_s = [100.0, 100.0, 20.0]
@@ -278,4 +278,17 @@ fn bad_rigs_and_options_are_refused() {
     let place = format!("rig.toml:{line}: field `stage.max_speed_mm_s[2]`: ");
     verify(&desk, &["--json"]).failed(1, &[&place, "greater than 0"]);
     run(desk.folder.path(), &["verify", "none.toml"]).failed(1, &["none.toml", "cannot read"]);
+}
+
+#[test]
+fn absurd_lens_is_refused_by_line_and_field() {
+    for focal in ["1e-308", "0.5", "1e7"] {
+        let desk = desk();
+        let line = desk.change("rig.toml", "533.16", focal);
+        let place = format!("rig.toml:{line}: field `camera[0].focal_px[0]`");
+        verify(&desk, &[]).failed(1, &[&place, "out of range"]);
+    }
+    let desk = desk();
+    desk.change("rig.toml", "-70.0", "-0.01");
+    verify(&desk, &[]).failed(1, &["rig.toml:", "camera[1].offset_mm", "0.1 mm apart"]);
 }

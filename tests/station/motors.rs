@@ -1,10 +1,11 @@
 //! Motors are switched on and off as asked, and never while the stage moves.
 
-use super::{denial, setpoint, status, twin, wait};
+use super::{denial, frame, setpoint, status, twin, wait};
 use host::station::stage::default_stage;
 use host::station::twin::Twin;
 use shared::frame::message::{Command, Denial, Mounting};
-use shared::safety::{Inputs, Trust};
+use shared::safety::{Inputs, State, Trust};
+use shared::time::Instant;
 
 const OFF: Command = Command::Motors { on: false };
 const ON: Command = Command::Motors { on: true };
@@ -80,4 +81,28 @@ fn motors_go_off_after_the_time_at_rest() {
     wait(&mut twin, 300);
     let off = status(&mut twin);
     assert_eq!((off.motors, off.trust), (false, Trust::Degraded));
+}
+
+#[test]
+fn following_without_frames_counts_as_rest() {
+    let mut stage = default_stage();
+    stage.care.motors_off_after_s = 2;
+    let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
+    wait(&mut twin, 500);
+    let reference = Instant::from_micros(twin.now().micros() - 90_000);
+    for _ in 0..60 {
+        let capture = Instant::from_micros(twin.now().micros() - 20_000);
+        twin.command("frame", frame([0.0; 3], capture, reference))
+            .unwrap();
+        wait(&mut twin, 50);
+    }
+    let following = status(&mut twin);
+    assert_eq!(
+        (following.state, following.motors),
+        (State::Following, true)
+    );
+    wait(&mut twin, 2_500);
+    let off = status(&mut twin);
+    assert_eq!((off.state, off.motors), (State::Idle, false));
+    assert_eq!(off.trust, Trust::Degraded);
 }

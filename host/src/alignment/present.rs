@@ -124,10 +124,11 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
         let scaled = camera.scale_percent.map(|scale| scale.map(|s| 0.01 * s));
         if let Some([scale, sigma]) = scaled.filter(|scale| visible(*scale)) {
             warnings.push(format!(
-                "{} magnifies {:+.3} ± {:.3} % more than {} across the line of cameras: {:.2} px at the image's corners, check focal_px, and that the cameras are parallel",
+                "{} magnifies {:.3} ± {:.3} % {} than {} across the line of cameras: {:.2} px at the image's corners, check focal_px, and that the cameras are parallel",
                 camera.name,
-                100.0 * scale,
+                100.0 * scale.abs(),
                 100.0 * sigma,
+                if scale > 0.0 { "more" } else { "less" },
                 found.reference,
                 scale.abs() * reach_px
             ));

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::InputError;
 use crate::images::folder;
+use crate::notice;
 use crate::rig_file::TRINOCULAR;
 
 /// One camera's images.
@@ -32,6 +33,7 @@ pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
     }
     let io = |cause| InputError::io(dir, "list", &cause);
     let mut series = Vec::new();
+    let mut unread = Vec::new();
     for entry in fs::read_dir(dir).map_err(io)? {
         let path = entry.map_err(io)?.path();
         let name = path
@@ -40,18 +42,26 @@ pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
             .to_string_lossy()
             .into_owned();
         if path.is_dir() && !name.starts_with('.') {
-            let files = named(&path, folder::list(&path)?);
+            let listing = folder::listing(&path)?;
+            unread.extend(listing.remark().map(|remark| format!("{name}: {remark}")));
+            let files = named(&path, listing.files);
             if !files.is_empty() {
                 series.push(Series { name, files });
             }
         }
     }
     if series.is_empty() {
-        series = by_prefix(dir, folder::list(dir)?);
+        let listing = folder::listing(dir)?;
+        unread.extend(listing.remark());
+        series = by_prefix(dir, listing.files);
     }
     if series.is_empty() {
         let reason = "holds no images; expected a folder of PNG, JPEG or PNM files for each camera";
-        return Err(InputError::file(dir, reason));
+        let reason = std::iter::once(reason.to_owned()).chain(unread);
+        return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
+    }
+    for remark in unread {
+        notice!("warning: {}", InputError::file(dir, remark));
     }
     for Series { files, .. } in &mut series {
         files.sort_by_cached_key(|(instant, path)| (folder::numbers_padded(instant), path.clone()));

@@ -79,7 +79,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
     let replace = Replace::Nothing.or_forced(options.force);
-    let open = |path: &PathBuf| Output::open(path, replace);
+    let open = |path: &PathBuf| Output::open_successor(path, replace, &options.rig);
     let output = options.out.as_ref().map(open).transpose()?;
     let captures = captures(options, &rig)?;
     let found = Alignment::of(&rig, &captures, &settings)

@@ -41,7 +41,8 @@ enum What {
 struct FlowOptions {
     /// A folder of captures: left/ middle/ right/ (or the rig's cameras) with equal file names
     ///
-    /// Each capture follows the one before it; a single one follows itself.
+    /// Each capture follows the one before it; a single one follows itself. All are kept in memory,
+    /// so their pixels may take 1 GB at most.
     folder: PathBuf,
 
     /// The rig file; without it, heights and baselines are told from the first capture
@@ -125,6 +126,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
         }
     };
     let folder = Folder::open(&options.folder, &names, size_px, DEFAULT_PERIOD_US)?.complete()?;
+    fits_memory(&options.folder, &folder, names.len(), size_px)?;
     let captures: Vec<Capture> = folder.captures().collect::<Result<_, _>>()?;
     let rig = match given {
         Some(file) => file.rig,
@@ -136,6 +138,32 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
         })?,
     };
     Ok((rig, captures))
+}
+
+/// Bytes that the pixels of all captures may take.
+const MEMORY: u64 = 1 << 30;
+
+/// Refuses more captures than are kept in memory. Their files are not timed, so they are not read
+/// again for each repetition.
+fn fits_memory(
+    path: &Path,
+    folder: &Folder,
+    cameras: usize,
+    size_px: [u32; 2],
+) -> Result<(), InputError> {
+    let [width, height] = size_px.map(u64::from);
+    let each = (width * height).saturating_mul(cameras as u64).max(1);
+    let (count, most) = (folder.len() as u64, MEMORY / each);
+    if count <= most {
+        return Ok(());
+    }
+    let reason = format!(
+        "{count} captures of {cameras} x {width} x {height} px take {} MB, but bench keeps them in \
+         memory, {} MB at most; give a folder of {most} captures or fewer",
+        count.saturating_mul(each) >> 20,
+        MEMORY >> 20
+    );
+    Err(InputError::file(path, reason))
 }
 
 /// Width and height of the first image in a camera's folder that can be read.

@@ -5,6 +5,7 @@ use clap::{Args, ValueEnum};
 use host::error::{Failure, InputError};
 use host::interruption;
 use host::rig_file::{RigFile, Stage};
+use host::station::allowance::Allowance;
 use host::station::diagnosis::{self, remedy};
 use host::station::serial::Serial;
 use host::station::stage::{HEARTBEAT_MS, configuration};
@@ -197,18 +198,27 @@ impl Hand {
         heard.map_err(|error| self.failed(error))
     }
 
-    /// Waits until the stage stands; a signal stops it on a ramp. `watch` sees every status
-    /// meanwhile. Also says whether a signal came.
+    /// Stops the stage and waits until it stands.
+    pub fn stop(&mut self) -> Result<(), Failure> {
+        let stood = self.serial.stop().and_then(|()| self.serial.until_rest());
+        stood.map(|_| ()).map_err(|error| self.failed(error))
+    }
+
+    /// Waits until the stage stands; a signal stops it on a ramp, and so does the end of the time
+    /// that the motion is given. `watch` sees every status meanwhile. Also says whether a signal
+    /// came.
     pub fn wait_for_rest(
         &mut self,
+        allowance: Allowance,
         mut watch: impl FnMut(&Status),
     ) -> Result<(Status, bool), Failure> {
         let mut interrupted = false;
+        let mut allowance = allowance.start(Instant::now());
         let (mut last, mut heard) = (None, Instant::now());
         loop {
             if interruption::is_requested() && !interrupted {
                 interrupted = true;
-                self.serial.stop().map_err(|error| self.failed(error))?;
+                self.stop()?;
             }
             let status = match self.serial.fresh_status(true) {
                 Err(StationError::Cancelled) => continue,
@@ -216,6 +226,11 @@ impl Hand {
             };
             if !status.state.is_moving() {
                 return Ok((status, interrupted));
+            }
+            if let Some(waited) = allowance.spent(Instant::now(), Some(&status)) {
+                self.stop()?;
+                let waited_s = waited.as_secs();
+                return Err(self.failed(StationError::Overdue { waited_s }));
             }
             watch(&status);
             if last.replace(status.tick) != Some(status.tick) {

@@ -18,7 +18,7 @@ use host::mounting::plan::{FARTHEST, Stop, stops};
 use host::mounting::rewrite::with_matrix;
 use host::mounting::watch::Watch;
 use host::notice;
-use host::report::write_atomically;
+use host::output::{Output, Replace};
 use host::report::{Cell, Table};
 use host::rig_file::{RigFile, Stage};
 use serde_json::json;
@@ -157,9 +157,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let path = options.stage.path()?;
     let (rig, text) = RigFile::read_with_text(path)?;
     let stage = options.stage.stage_of(&rig)?;
-    if let Some(path) = &options.out {
+    if let Some(to) = &options.out {
         // Before the work: it would be for nothing.
-        super::destination::refuse_existing(path, options.force)?;
+        super::destination::refuse_existing(to, options.force, path)?;
     }
     let mut bench: Box<dyn Bench> = match &options.port {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
@@ -168,7 +168,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let (samples, fit, delay) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {
         let text = with_matrix(path, &text, &fit.matrix)?;
-        write_atomically(to, &text).map_err(super::unwritable)?;
+        Output::open_successor(to, Replace::Anything, path)?.write(&text)?;
     }
     if options.json {
         writeln!(

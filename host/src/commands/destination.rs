@@ -80,7 +80,10 @@ impl Destination {
 
 /// The rig file, and the stage that it keeps.
 fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Stage>), InputError> {
-    let output = Output::open(path, replace)?;
+    // What is read below is the file itself, whose stage section is kept. Other inputs have been
+    // read.
+    Output::open(path, replace)?;
+    let output = Output::open_successor(path, replace, path)?;
     let stage = match output.replaces_file() {
         true => RigFile::read(path)?.stage,
         false => None,
@@ -135,6 +138,7 @@ impl Opened {
 }
 
 /// Refuses a file that exists, unless it may be overwritten, and a place that cannot be written.
-pub fn refuse_existing(path: &Path, force: bool) -> Result<(), InputError> {
-    Output::open(path, Replace::Nothing.or_forced(force)).map(drop)
+/// The rig file `rig`, whose new version it is, may be named.
+pub fn refuse_existing(path: &Path, force: bool, rig: &Path) -> Result<(), InputError> {
+    Output::open_successor(path, Replace::Nothing.or_forced(force), rig).map(drop)
 }

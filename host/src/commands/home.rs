@@ -10,6 +10,7 @@ use clap::Args;
 use host::error::Failure;
 use host::notice;
 use host::rig_file::Stage;
+use host::station::allowance::Allowance;
 use host::station::diagnosis;
 use serde_json::json;
 use shared::frame::message::{Command, Status};
@@ -64,7 +65,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     hand.start_heartbeat()?;
     hand.command("home", Command::Home { axes })?;
     let progress = Progress::new("homing");
-    let (end, stopping) = hand.wait_for_rest(|_| {})?;
+    let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
+        Allowance::of_homing(stage, axes)
+    });
+    let (end, stopping) = hand.wait_for_rest(allowance, |_| {})?;
     drop(progress);
     tell(options, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

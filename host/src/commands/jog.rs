@@ -10,6 +10,7 @@ use clap::Args;
 use host::error::Failure;
 use host::notice;
 use host::rig_file::Stage;
+use host::station::allowance::Allowance;
 use host::station::diagnosis;
 use serde_json::json;
 use shared::frame::message::{Command, Status};
@@ -104,7 +105,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let mut progress = Progress::new("moving");
     let watch = |status: &Status| progress.at(share(&before, status));
-    let (end, stopping) = hand.wait_for_rest(watch)?;
+    let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
+        Allowance::of_distance(stage, distance_um.map(|um| f64::from(um) * 1e-3))
+    });
+    let (end, stopping) = hand.wait_for_rest(allowance, watch)?;
     drop(progress);
     tell(options, &before, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, &end, stopping)?;

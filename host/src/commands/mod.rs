@@ -6,6 +6,7 @@ use std::path::Path;
 use clap::{Parser, Subcommand};
 use host::error::{Failure, InputError};
 use host::station::StationError;
+use host::station::serial::{self, Ending};
 
 mod align;
 mod bench;
@@ -114,6 +115,25 @@ enum Command {
 
 /// Runs the command; results go to `out`, one line at a time.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
+    use Command::{CalibrateStage, Home, Jog};
+    let waits_for_rest = matches!(
+        arguments.command,
+        Some(Jog(_) | Home(_) | CalibrateStage(_))
+    );
+    let outcome = run_any(arguments, out);
+    let is_done = outcome.as_ref().err().is_none_or(Failure::is_closed_output);
+    let reason = match serial::ending() {
+        Ending::Unknown => "it is not known that the stage stands: look at it",
+        Ending::Stopped if waits_for_rest => "the run ended in motion; the stage was stopped",
+        Ending::Stopped | Ending::Quiet => return outcome,
+    };
+    match is_done {
+        true => Err(Failure::Station(reason.to_owned())),
+        false => outcome,
+    }
+}
+
+fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
     match arguments.command {
         None => experiment::run(&arguments.experiment, out),
         Some(Command::Align(options)) => align::run(&options, out),
@@ -146,7 +166,7 @@ pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
 fn failed(error: host::experiment::Error) -> Failure {
     use host::experiment::Error;
     match error {
-        Error::Scene(scene) => Failure::Usage(scene.to_string()),
+        Error::Scene(scene) => Failure::Usage(scene::reason(&scene)),
         Error::Station(station) => station_failed(station),
         Error::Reference(refusal) => Failure::Scene(refusal.to_string()),
     }

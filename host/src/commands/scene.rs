@@ -1,7 +1,7 @@
 //! Options of the rendered scene, shared by the commands that use the simulator.
 
 use clap::Args;
-use host::images::{SceneSettings, TextureKind};
+use host::images::{SceneError, SceneSettings, TextureKind};
 
 /// The poster and how the cameras take it.
 #[derive(Clone, Debug, Args)]
@@ -38,5 +38,21 @@ impl SceneOptions {
             noise_grey: self.noise,
             ..SceneSettings::default()
         }
+    }
+}
+
+/// The reason in the words of the options.
+pub fn reason(error: &SceneError) -> String {
+    let SceneError::OutOfRange { name, value, range } = error else {
+        return error.to_string();
+    };
+    match *name {
+        "depth_mm" => format!("--depth is {value} mm, must be {range}"),
+        "noise_grey" => format!("--noise is {value} grey levels, must be {range}"),
+        "tilt_rad[0]" | "tilt_rad[1]" => {
+            let degrees = value.to_degrees();
+            format!("--tilt is {degrees:.1} degrees, must be -68.7 to 68.7")
+        }
+        _ => error.to_string(),
     }
 }

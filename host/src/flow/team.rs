@@ -24,12 +24,23 @@ pub enum Absence {
     },
 }
 
+/// Who sees less of the motion than the rest of this, or the reverse of it, is not just early.
+const NEARLY_ALL: f64 = 0.9;
+
 impl std::fmt::Display for Absence {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Missing => write!(f, "gave no picture"),
             Self::Blank => write!(f, "shows nothing: dark, covered or out of light"),
             Self::Frozen => write!(f, "is frozen: it gave the same picture again"),
+            Self::OutOfStep { share } if *share < -NEARLY_ALL => {
+                let percent = 100.0 * (1.0 + share);
+                write!(
+                    f,
+                    "sees {percent:.1} % of the motion that the others see: see that its pictures \
+                     and its place in the rig are its own"
+                )
+            }
             Self::OutOfStep { share } => {
                 let (percent, more) = (100.0 * share.abs(), share > &0.0);
                 let (amount, when) = if more {
@@ -270,5 +281,10 @@ mod tests {
         assert!(late.to_string().contains("5.0 % more") && late.to_string().contains("later"));
         let early = Absence::OutOfStep { share: -0.05 };
         assert!(early.to_string().contains("5.0 % less") && early.to_string().contains("earlier"));
+        let reversed = Absence::OutOfStep { share: -1.5 }.to_string();
+        assert!(
+            reversed.contains("sees -50.0 % of the motion"),
+            "{reversed}"
+        );
     }
 }

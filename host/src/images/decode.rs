@@ -97,6 +97,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, R
                 extra: frame.coefficient_bytes(),
             };
             judge.size(frame.size_px, |_| frame.least_bytes())?;
+            jpeg::check_data(bytes)?;
             judge.decode(JpegDecoder::new(Cursor::new(bytes))?)
         }
         Some(ImageFormat::Pnm) => {

@@ -5,7 +5,9 @@
 //! captures/left/000001.png    captures/middle/000001.png    captures/right/000001.png
 //! ```
 //!
-//! PNG, JPEG and PNM files count; hidden files and all others are passed over. Colour becomes grey
+//! PNG, JPEG and PNM files count. Pictures in other formats are named once and passed over; hidden
+//! files and all others are passed over. What has a picture's name but is no file (a pipe, a
+//! folder, a link that leads nowhere) counts as a picture that cannot be read. Colour becomes grey
 //! by its luminance. Frames come in the order of their names, in which numbers count as numbers:
 //! `view9.png` comes before `view10.png`.
 //!
@@ -15,6 +17,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use image::{ExtendedColorType, ImageFormat};
 
@@ -22,6 +25,7 @@ use super::decode::{LARGEST_FILE, Refusal, decode};
 use super::{Capture, Image};
 use crate::error::InputError;
 use crate::input::{self, Limit};
+use crate::notice;
 
 pub mod watch;
 
@@ -29,6 +33,56 @@ pub mod watch;
 pub const DEFAULT_PERIOD_US: u64 = 33_333;
 
 const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm"];
+
+/// Endings of pictures in formats that are not read.
+const UNREAD: [&str; 27] = [
+    "tif", "tiff", "bmp", "dib", "webp", "gif", "avif", "heic", "heif", "jp2", "j2k", "jxl", "jpe",
+    "jfif", "jxr", "exr", "hdr", "tga", "qoi", "pam", "pfm", "dng", "raw", "cr2", "nef", "arw",
+    "apng",
+];
+
+/// Names of unread pictures that a message lists at most.
+const LISTED: usize = 10;
+
+/// The picture files of one camera's folder, and the pictures that are not read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Listing {
+    /// Names of files that are read.
+    pub files: BTreeSet<String>,
+    /// Names of pictures in other formats.
+    pub unread: BTreeSet<String>,
+}
+
+impl Listing {
+    /// Says which pictures are not read, and why; `None` if all are.
+    pub fn remark(&self) -> Option<String> {
+        let listed: Vec<&str> = self
+            .unread
+            .iter()
+            .take(LISTED)
+            .map(String::as_str)
+            .collect();
+        let more = match self.unread.len() - listed.len() {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        (!listed.is_empty()).then(|| {
+            let names = listed.join(", ");
+            format!("not read: {names}{more}; only PNG, JPEG and PNM are, so convert them")
+        })
+    }
+
+    /// Says so on standard error, once for each folder.
+    fn notice(&self, camera: &Path) {
+        static SAID: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+        if let Some(remark) = self.remark() {
+            let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+            if said.insert(camera.to_owned()) {
+                notice!("warning: {}", InputError::file(camera, remark));
+            }
+        }
+    }
+}
 
 /// A listed folder of captures. *Invariant:* when it was listed, at least one frame had a file in
 /// every camera's folder.
@@ -59,18 +113,31 @@ impl Folder {
         if !dir.is_dir() {
             return Err(InputError::file(dir, "no such folder"));
         }
+        let mut unread = Vec::new();
         let listed = |name| {
             let camera = dir.join(name);
-            let files = list(&camera)?;
-            Ok((camera, files))
+            let listing = listing(&camera)?;
+            unread.extend(listing.remark().map(|remark| format!("{name}: {remark}")));
+            Ok((camera, listing))
         };
         let cameras = names.iter().map(listed).collect::<Result<Vec<_>, _>>()?;
+        let is_empty = cameras.iter().all(|(_, listing)| listing.files.is_empty());
+        if !is_empty {
+            cameras
+                .iter()
+                .for_each(|(camera, listing)| listing.notice(camera));
+        }
+        let cameras: Vec<_> = cameras
+            .into_iter()
+            .map(|(camera, l)| (camera, l.files))
+            .collect();
         let mut frames: Vec<String> = cameras.iter().flat_map(|(_, f)| f).cloned().collect();
         frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
         frames.dedup();
         if frames.is_empty() {
             let reason = "holds no images; each camera's folder should have PNG, JPEG or PNM files";
-            return Err(InputError::file(dir, reason));
+            let reason = std::iter::once(reason.to_owned()).chain(unread);
+            return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
         }
         let folder = Self {
             cameras,
@@ -208,24 +275,37 @@ pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
         .map_err(|cause| InputError::file(path, format!("cannot write the image: {cause}")))
 }
 
-/// Names of the image files in one camera's folder.
+/// Names of the image files in one camera's folder. Pictures in other formats are named once.
+///
+/// # Errors
+/// If it cannot be listed.
 pub fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
+    let listing = listing(camera)?;
+    listing.notice(camera);
+    Ok(listing.files)
+}
+
+/// The pictures in one camera's folder.
+///
+/// # Errors
+/// If it cannot be listed, or a name is not UTF-8.
+pub fn listing(camera: &Path) -> Result<Listing, InputError> {
     if !camera.is_dir() {
         let reason = "no such folder; every camera of the rig needs one of its name";
         return Err(InputError::file(camera, reason));
     }
     let io = |cause| InputError::io(camera, "list", &cause);
-    let mut names = BTreeSet::new();
+    let mut listing = Listing::default();
     for entry in fs::read_dir(camera).map_err(io)? {
         let entry = entry.map_err(io)?;
         let path = entry.path();
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let is_image = extension.is_some_and(|e| EXTENSIONS.contains(&e.as_str()));
-        // The listing itself tells files from folders; only where a link leads must be asked.
-        let is_file = |kind: fs::FileType| kind.is_file() || (kind.is_symlink() && path.is_file());
-        if !is_image || !entry.file_type().is_ok_and(is_file) {
-            continue;
-        }
+        let has = |known: &[&str]| extension.as_deref().is_some_and(|e| known.contains(&e));
+        let names = match (has(&EXTENSIONS), has(&UNREAD)) {
+            (true, _) => &mut listing.files,
+            (_, true) => &mut listing.unread,
+            _ => continue,
+        };
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
             return Err(InputError::file(&path, "the file name is not UTF-8"));
         };
@@ -233,7 +313,7 @@ pub fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
             names.insert(name.to_owned());
         }
     }
-    Ok(names)
+    Ok(listing)
 }
 
 /// The name with every number padded with zeros, so that alphabetic order is the order of the

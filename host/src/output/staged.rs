@@ -5,22 +5,30 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 use super::place::folder;
+use crate::interruption::Hold;
 
 /// A written file under a temporary name, which is removed with this value.
 pub(super) struct Staged {
     target: PathBuf,
     temporary: PathBuf,
+    /// No signal may end the program before the file is in its place or removed.
+    _hold: Hold,
 }
 
 impl Staged {
     /// Writes what will be `target`, with the owner and the mode of a file that is there.
     pub fn write(target: &Path, bytes: &[u8]) -> io::Result<Self> {
         fits_limit(bytes.len())?;
+        let hold = Hold::new();
         let before = fs::metadata(target).ok();
         let (mut file, temporary) = create_beside(target, before.is_some())?;
         let target = target.to_owned();
         // From here on an error removes the file.
-        let staged = Self { target, temporary };
+        let staged = Self {
+            target,
+            temporary,
+            _hold: hold,
+        };
         if let Some(before) = before {
             keep_access(&file, &before)?;
         }

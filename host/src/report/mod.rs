@@ -39,7 +39,6 @@ mod plot;
 mod scatter;
 mod stroke;
 mod table;
-mod write;
 
 pub use page::Page;
 pub use path3d::Path3d;
@@ -47,7 +46,6 @@ pub use plot::{LinePlot, Series};
 pub use scatter::{Circle, Scatter};
 pub use stroke::Style;
 pub use table::{Cell, Emphasis, Table};
-pub use write::write_atomically;
 
 use crate::error::InputError;
 

@@ -46,7 +46,7 @@ fn the_papers_rig_reads_back_bit_for_bit() {
     let mut rig = RigFile::paper();
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
     rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 1e-3 / 3.0, 0.0, -0.0];
-    rig.rig.cameras[2].focal_px[0] = 1.0 / 3.0;
+    rig.rig.cameras[2].focal_px[0] = 500.0 + 1.0 / 3.0;
     rig.rig.cameras[0].rotation = Rotation::from_degrees([1.0 / 3.0, -0.7, 0.0]);
     rig.names[2] = "a \"b\" ü".to_owned();
     let text = rig.to_toml();
@@ -139,7 +139,10 @@ fn impossible_numbers_are_refused_by_name() {
         "camera[1].focal_px[1]",
         "finite",
     );
-    refused("534.18", "1e9", "camera[1].focal_px[1]", "out of range");
+    for focal in ["1e9", "1e-308", "0.5", "11.9"] {
+        refused("534.18", focal, "camera[1].focal_px[1]", "out of range");
+    }
+    refused("534.18", "20", "camera[1].focal_px[1]", "factor of 10");
     refused(
         "534.18",
         "\"534\"",

@@ -4,6 +4,7 @@
 use super::clock::Clock;
 use super::motion::Motion;
 use super::plausible::{self, Implausible, Known};
+use crate::printable::is_printable;
 use shared::frame::encode::{Bytes, encode};
 use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
 use shared::frame::receive::{Receiver, Rejects};
@@ -12,7 +13,7 @@ use std::collections::VecDeque;
 /// Answers kept until they are asked for.
 const ANSWERS: usize = 64;
 
-/// Stands for a control character in a board's name. No longer than what it replaces.
+/// Stands for a character in a board's name that is not printable. No longer than what it replaces.
 const UNPRINTABLE: char = '?';
 
 /// Sequence numbers of the packets to a station.
@@ -93,10 +94,11 @@ impl Client {
                 let name = hello.board.clone();
                 hello.board.clear();
                 for letter in name.chars() {
-                    let is_control = letter.is_control();
-                    let _ = hello
-                        .board
-                        .push(if is_control { UNPRINTABLE } else { letter });
+                    let shown = match is_printable(letter) {
+                        true => letter,
+                        false => UNPRINTABLE,
+                    };
+                    let _ = hello.board.push(shown);
                 }
                 self.hello = Some(hello);
                 // A line may have kept what the station told somebody else: of that, only what
@@ -124,7 +126,11 @@ impl Client {
                 tick,
                 outcome,
             } => {
-                self.answered_tick = Some(tick);
+                // An old answer that comes late makes no older status a fresh one.
+                let is_later = |before: u32| tick.wrapping_sub(before) <= u32::MAX / 2;
+                if self.answered_tick.is_none_or(is_later) {
+                    self.answered_tick = Some(tick);
+                }
                 let is_denied = matches!(outcome, Outcome::Denied(_));
                 self.motion.answered(sequence, tick, is_denied);
                 if self.answers.len() == ANSWERS {
@@ -222,5 +228,39 @@ impl Client {
     /// Bytes from the station that were no report.
     pub fn rejects(&self) -> Rejects {
         self.rejects
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::station::stage::default_stage;
+    use crate::station::twin::Twin;
+    use shared::frame::message::Mounting;
+
+    fn feed(client: &mut Client, report: Report) {
+        client.feed(0, &encode(&report).expect("it fits"));
+    }
+
+    fn answer(sequence: u16, tick: u32) -> Report {
+        Report::Answer {
+            sequence,
+            tick,
+            outcome: Outcome::Accepted,
+        }
+    }
+
+    #[test]
+    fn late_answer_makes_no_old_status_fresh() {
+        let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
+        let known = *twin.status().expect("it tells");
+        let status = |tick| Report::Status(Status { tick, ..known });
+        let mut client = Client::default();
+        feed(&mut client, status(50));
+        feed(&mut client, answer(2, 100));
+        feed(&mut client, answer(1, 40));
+        assert_eq!(client.status_since_answer(), None);
+        feed(&mut client, status(100));
+        assert!(client.status_since_answer().is_some());
     }
 }

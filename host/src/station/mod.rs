@@ -7,6 +7,7 @@
 //! its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the
 //! rig file's stage into a configuration.
 
+pub mod allowance;
 pub mod bound;
 pub mod client;
 pub mod clock;
@@ -52,6 +53,25 @@ pub enum StationError {
         /// How many were sent.
         sent: u32,
     },
+    /// It answered a stop, but still says that the stage moves.
+    #[error(
+        "the station answered the stop, but after {waited_s} s it still says that the stage moves: see that the stage stands"
+    )]
+    Restless {
+        /// How long was waited, s.
+        waited_s: u64,
+    },
+    /// A motion took longer than its profile can; it was stopped.
+    #[error(
+        "after {waited_s} s the station still said that the stage moves, which is longer than this motion takes; the stage was stopped and stands"
+    )]
+    Overdue {
+        /// How long was waited, s.
+        waited_s: u64,
+    },
+    /// It answered a stop, but its hello cannot be true.
+    #[error("the station answered the stop, but see that the stage stands: {0}")]
+    StoppedDoubtful(plausible::Implausible),
     /// A signal came: the program is to end.
     #[error("interrupted")]
     Cancelled,
@@ -143,7 +163,7 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
     match holder {
         Some(serial::Holder { pid, command }) => {
             format!(
-                "in use by `{command}` (process {pid}); press Ctrl-C there, or run `trinocular stop`, which does the same"
+                "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run `trinocular stop`, which does the same to a run of this program"
             )
         }
         None => "in use by another program; end that program first".to_owned(),

@@ -17,7 +17,8 @@ mod repetition;
 mod sender;
 mod stop;
 
-pub use busy::{Holder, end_other_host};
+pub use busy::{Holder, OtherHost, end_other_host};
+pub use stop::{Ending, ending};
 
 use super::StationError;
 use super::client::Client;
@@ -94,6 +95,8 @@ pub struct Serial {
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
     cleared: Option<Fault>,
+    /// A host that sleeps stops no stage.
+    _awake: interruption::Awake,
     /// The caller has asked for a stop: a signal is no news any more.
     stops: bool,
 }
@@ -129,10 +132,12 @@ impl Serial {
     }
 
     /// As [`Serial::connect`], and stops the stage: the first stop goes out right behind the first
-    /// hello, because a station may hear although nothing is heard of it.
+    /// hello, because a station may hear although nothing is heard of it. A station whose hello
+    /// cannot be true is stopped all the same.
     ///
     /// # Errors
-    /// As [`Serial::connect`].
+    /// As [`Serial::connect`]; [`StationError::StoppedDoubtful`] if the stop was answered, but the
+    /// hello cannot be true.
     pub fn connect_and_stop(path: &str) -> Result<Self, StationError> {
         let mut serial = Self::open(path)?;
         serial.stops = true;
@@ -140,8 +145,16 @@ impl Serial {
             let mut line = serial.shared.line();
             line.greet();
             line.begin_stop();
+            // Sends it, before hello is repeated.
+            line.attend();
         }
-        serial.hello()?;
+        match serial.hello() {
+            Err(StationError::Implausible(cause)) => {
+                serial.until_stopped()?;
+                return Err(StationError::StoppedDoubtful(cause));
+            }
+            said => said?,
+        }
         serial.shared.line().begin_session();
         Ok(serial)
     }
@@ -164,6 +177,7 @@ impl Serial {
             sender,
             threads: Vec::new(),
             cleared: None,
+            _awake: interruption::Awake::new(),
             stops: false,
         };
         let attendant = Arc::clone(&serial.shared);
@@ -269,26 +283,8 @@ impl Serial {
         end: Instant,
         mut got: impl FnMut(&mut Client) -> Option<T>,
     ) -> Result<Option<T>, StationError> {
-        self.wait_or_break(end, || self.check_signals(), &mut got)
-    }
-
-    /// As [`Serial::wait_until`], whatever signals come.
-    fn wait_through<T>(
-        &self,
-        end: Instant,
-        mut got: impl FnMut(&mut Client) -> Option<T>,
-    ) -> Result<Option<T>, StationError> {
-        self.wait_or_break(end, || Ok(()), &mut got)
-    }
-
-    fn wait_or_break<T>(
-        &self,
-        end: Instant,
-        check: impl Fn() -> Result<(), StationError>,
-        got: &mut dyn FnMut(&mut Client) -> Option<T>,
-    ) -> Result<Option<T>, StationError> {
         loop {
-            check()?;
+            self.check_signals()?;
             {
                 let mut line = self.shared.line();
                 line.attend();

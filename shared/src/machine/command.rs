@@ -21,6 +21,9 @@ impl Machine {
                     &mut self.frames_refused
                 };
                 *counter = counter.wrapping_add(1);
+                if outcome.is_ok() {
+                    self.rests = self.tick;
+                }
                 outcome
             }
             Command::Setpoint { position_um } => self.setpoint(*position_um),

@@ -30,8 +30,11 @@ impl Machine {
     }
 
     /// Switches the motors off after the time at rest that the configuration sets.
+    ///
+    /// A stage that follows is at rest when it stands and no frame is used: its host may have lost
+    /// the cameras or the target while the heartbeat goes on.
     pub(super) fn rest_motors(&mut self) {
-        if !self.stands() || self.state.is_commanded() {
+        if !self.stands() || matches!(self.state, State::Moving | State::Homing) {
             self.rests = self.tick;
         }
         let Some(active) = &self.active else { return };

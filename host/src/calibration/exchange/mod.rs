@@ -20,7 +20,7 @@ use shared::rig::{Camera, Rig};
 use super::lens::Lens;
 use crate::error::InputError;
 use crate::input::{self, Limit, not_utf8};
-use crate::rig_file::{LIMIT_FOCAL_PX, NOT_A_LENS, can_undistort};
+use crate::rig_file::{NOT_A_LENS, can_undistort, focal_fault};
 use yaml::{Document, Node, quoted};
 
 mod assemble;
@@ -184,12 +184,8 @@ fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], 
     if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
         return Err(field.fault("must be [fx 0 cx; 0 fy cy; 0 0 1]"));
     }
-    if !(fx > 0.0 && fy > 0.0) {
-        return Err(field.fault("focal lengths must be greater than 0"));
-    }
-    if fx.max(fy) > LIMIT_FOCAL_PX {
-        let reason = format!("focal lengths may be {LIMIT_FOCAL_PX} px at most");
-        return Err(field.fault(reason));
+    if let Some((_, reason)) = focal_fault([fx, fy], image_size_px) {
+        return Err(field.fault(format!("focal lengths: {reason}")));
     }
     let [width, height] = image_size_px;
     let is_inside = |at: f64, side: u32| (0.0..f64::from(side)).contains(&at);

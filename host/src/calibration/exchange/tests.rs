@@ -222,7 +222,7 @@ fn bad_values_are_refused_by_file_line_and_name() {
         "[ 5.3591573396163199e+08",
         6,
         "camera_matrix",
-        "1000000 px at most",
+        "out of range",
     );
     refused(
         "-3.8588898922304653e-02",

@@ -7,6 +7,7 @@ use host::images::Capture;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;
 use host::rig_file::{RigFile, Stage};
+use host::station::allowance::Allowance;
 use host::station::stage::setpoint;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -71,7 +72,12 @@ impl Bench for Real {
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
         self.hand.command("setpoint", setpoint(position_mm))?;
-        let (end, interrupted) = self.hand.wait_for_rest(|_| {})?;
+        let travel_mm = self
+            .stage
+            .travel_mm
+            .map(|[least, greatest]| greatest - least);
+        let allowance = Allowance::of_distance(&self.stage, travel_mm);
+        let (end, interrupted) = self.hand.wait_for_rest(allowance, |_| {})?;
         why_it_stands(&self.hand, &end, interrupted)?;
         Ok(in_mm(end.position_steps, &self.stage))
     }

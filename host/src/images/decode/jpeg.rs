@@ -6,6 +6,9 @@
 
 use super::Refusal;
 
+mod huffman;
+mod scan;
+
 /// Scans of a progressive file that are read at most; encoders make ten or so.
 const MOST_SCANS: usize = 100;
 /// The side of a block of coefficients, px.
@@ -131,7 +134,26 @@ fn segment(rest: &[u8]) -> Result<&[u8], Refusal> {
     rest.get(..length.max(2)).ok_or(cut_off)
 }
 
+/// Follows the compressed data to the last block.
+///
+/// # Errors
+/// If data are missing.
+pub(super) fn check_data(file: &[u8]) -> Result<(), Refusal> {
+    scan::check(file)
+}
+
 fn of_header(segment: &[u8], marker: u8) -> Result<Frame, Refusal> {
+    let unread = match marker {
+        0xC9 | 0xCA => Some("an arithmetic-coded"),
+        0xC3 | 0xCB => Some("a lossless"),
+        0xC5..=0xC7 | 0xCD..=0xCF => Some("a hierarchical"),
+        _ => None,
+    };
+    if let Some(kind) = unread {
+        return Err(Refusal::Malformed(format!(
+            "it is {kind} JPEG file, which is not read; save it as a baseline JPEG or a PNG file"
+        )));
+    }
     let &[_, _, _, h1, h0, w1, w0, _, ref components @ ..] = segment else {
         return Err(Refusal::Malformed(
             "the frame's header is too short".to_owned(),

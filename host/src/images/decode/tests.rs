@@ -254,3 +254,71 @@ fn other_formats_are_refused_by_name() {
         );
     }
 }
+
+/// The file without the last part of its compressed data, but with an end-of-image marker.
+fn closed_after(file: &[u8], length: usize) -> Vec<u8> {
+    let mut cut = file[..length].to_vec();
+    if cut.last() == Some(&0xFF) {
+        cut.pop();
+    }
+    [&cut[..], b"\xFF\xD9"].concat()
+}
+
+#[test]
+fn jpeg_closed_before_its_last_block_is_refused() {
+    let mut grey = Vec::new();
+    let pixels: Vec<u8> = (0..40 * 48).map(|i| (i * i % 251) as u8).collect();
+    JpegEncoder::new_with_quality(&mut grey, 95)
+        .encode(&pixels, 40, 48, ExtendedColorType::L8)
+        .unwrap();
+    for file in [PHOTOGRAPH, PROGRESSIVE, WITH_THUMBNAIL, &grey] {
+        assert!(decode(file, None).is_ok());
+        for permille in (50..=990).step_by(10) {
+            let cut = closed_after(file, file.len() * permille / 1000);
+            let refusal = decode(&cut, None);
+            assert!(refusal.is_err(), "{permille} per mille of {}", file.len());
+        }
+        for lost in 4..40 {
+            let cut = closed_after(file, file.len() - 2 - lost);
+            assert!(decode(&cut, None).is_err(), "{lost} of {}", file.len());
+        }
+    }
+}
+
+#[test]
+fn jpeg_that_lost_its_middle_is_refused() {
+    for file in [PHOTOGRAPH, PROGRESSIVE, WITH_THUMBNAIL] {
+        for lost in [file.len() / 10, file.len() / 4] {
+            let end = file.len() * 9 / 10;
+            let rest = [&file[..end - lost], &file[end..]].concat();
+            assert!(decode(&rest, None).is_err(), "{lost} of {}", file.len());
+        }
+    }
+}
+
+#[test]
+fn jpeg_without_its_last_scans_is_refused() {
+    let scans = PROGRESSIVE.windows(2).enumerate();
+    let scans = scans.filter(|(_, pair)| *pair == [0xFF, 0xDA]);
+    let starts: Vec<usize> = scans.map(|(at, _)| at).collect();
+    assert!(starts.len() > 4);
+    for start in &starts[1..] {
+        let refusal = refusal(&closed_after(PROGRESSIVE, *start));
+        assert!(matches!(refusal, Refusal::CutOff(_)), "{start}: {refusal}");
+    }
+}
+
+#[test]
+fn unread_kind_of_jpeg_is_named() {
+    for (marker, kind) in [
+        (0xC9, "arithmetic-coded"),
+        (0xCA, "arithmetic"),
+        (0xC3, "lossless"),
+    ] {
+        let mut file = PHOTOGRAPH.to_vec();
+        let frame = file.windows(2).position(|pair| pair == [0xFF, 0xC0]);
+        file[frame.unwrap() + 1] = marker;
+        let text = refusal(&file).to_string();
+        assert!(text.contains(kind) && text.contains("PNG"), "{text}");
+    }
+}

@@ -51,8 +51,48 @@ fn other_and_hidden_files_are_passed_over() {
     for name in ["notes.txt", ".hidden.png", "no_extension"] {
         fs::write(dir.path().join("left").join(name), "text").unwrap();
     }
-    fs::create_dir(dir.path().join("left/folder.png")).unwrap();
     assert_eq!(open(dir.path()).unwrap().len(), 1);
+}
+
+#[test]
+fn pictures_of_other_formats_are_named() {
+    let dir = saved(1);
+    let left = dir.path().join("left");
+    for number in 0..12 {
+        fs::write(left.join(format!("{number:02}.TIF")), "II*").unwrap();
+    }
+    let remark = listing(&left).unwrap().remark().unwrap();
+    assert!(
+        remark.contains("00.TIF, 01.TIF") && remark.contains("2 more"),
+        "{remark}"
+    );
+    assert_eq!(open(dir.path()).unwrap().len(), 1);
+    for camera in names() {
+        fs::remove_file(dir.path().join(camera).join("000000.png")).unwrap();
+    }
+    let error = open(dir.path()).unwrap_err();
+    assert!(error.reason.contains("left: not read: 00.TIF"), "{error}");
+}
+
+#[cfg(unix)]
+#[test]
+fn picture_names_of_what_is_no_file_are_refused() {
+    let dir = saved(3);
+    let path = |name: &str| dir.path().join("left").join(name);
+    for name in ["000000.png", "000001.png", "000002.png"] {
+        fs::remove_file(path(name)).unwrap();
+    }
+    fs::create_dir(path("000000.png")).unwrap();
+    std::os::unix::fs::symlink("nowhere", path("000001.png")).unwrap();
+    std::os::unix::net::UnixListener::bind(path("000002.png")).unwrap();
+    let folder = open(dir.path()).unwrap();
+    assert_eq!(folder.len(), 3);
+    let reasons = ["a folder", "cannot read", "a socket"];
+    for ((capture, reason), name) in folder.captures().zip(reasons).zip(folder.names()) {
+        let error = capture.unwrap_err();
+        assert!(error.reason.contains(reason), "{error}");
+        assert_eq!(error.file, path(name));
+    }
 }
 
 #[test]

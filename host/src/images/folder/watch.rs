@@ -60,7 +60,10 @@ struct Seen {
 impl Seen {
     /// As it is now; `None` if it is not there.
     fn now(file: &Path, since: Instant) -> Option<Self> {
-        let about = fs::metadata(file).ok()?;
+        // A link that leads nowhere is there, and cannot be read.
+        let about = fs::metadata(file)
+            .or_else(|_| fs::symlink_metadata(file))
+            .ok()?;
         let (size, modified) = (about.len(), about.modified().ok());
         Some(Self {
             size,

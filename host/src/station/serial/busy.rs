@@ -12,6 +12,9 @@ const LEAVING_PATIENCE: Duration = Duration::from_secs(15);
 /// How often it is looked whether it has left.
 const LOOK: Duration = Duration::from_millis(10);
 
+/// How long a suspended program may take to go on: a shell's `fg` continues it at once.
+const SUSPENDED_PATIENCE: Duration = Duration::from_secs(1);
+
 /// A running program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
@@ -35,18 +38,41 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
     }
 }
 
+/// Another program that had the port, and what became of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OtherHost {
+    /// Another run of this program was told to end, stopped its stage and left the port.
+    Left(Holder),
+    /// It is suspended (Ctrl-Z, SIGSTOP or a debugger), so that it does not hear.
+    Suspended(Holder),
+    /// It was told to end and did not.
+    Stays(Holder),
+    /// It is no run of this program and was told nothing.
+    Foreign(Holder),
+}
+
 /// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it
-/// has left the port; returns that program. It stops its stage before it ends. Does nothing where
-/// the system does not tell who has the port.
-pub fn end_other_host(path: &str) -> Option<Holder> {
-    let other = holder(Path::new(path)).filter(is_this_program)?;
-    interrupt(&other).then(|| {
-        let end = Instant::now() + LEAVING_PATIENCE;
-        while holder(Path::new(path)).as_ref() == Some(&other) && Instant::now() < end {
-            std::thread::sleep(LOOK);
+/// has left the port. It stops its stage before it ends. Returns `None` if the port is free, or
+/// where the system does not tell who has it.
+pub fn end_other_host(path: &str) -> Option<OtherHost> {
+    let other = holder(Path::new(path))?;
+    if !is_this_program(&other) || !interrupt(&other) {
+        return Some(OtherHost::Foreign(other));
+    }
+    let end = Instant::now() + LEAVING_PATIENCE;
+    let mut suspended: Option<Instant> = None;
+    while holder(Path::new(path)).as_ref() == Some(&other) {
+        let now = Instant::now();
+        if now >= end {
+            return Some(OtherHost::Stays(other));
         }
-        other
-    })
+        suspended = is_suspended(&other).then(|| suspended.unwrap_or(now));
+        if suspended.is_some_and(|since| now.duration_since(since) >= SUSPENDED_PATIENCE) {
+            return Some(OtherHost::Suspended(other));
+        }
+        std::thread::sleep(LOOK);
+    }
+    Some(OtherHost::Left(other))
 }
 
 #[cfg(target_os = "linux")]
@@ -62,6 +88,23 @@ fn interrupt(holder: &Holder) -> bool {
     use rustix::process::{Pid, Signal, kill_process};
     let pid = i32::try_from(holder.pid).ok().and_then(Pid::from_raw);
     pid.is_some_and(|pid| kill_process(pid, Signal::INT).is_ok())
+}
+
+/// Returns true if a signal stopped the program or a debugger holds it.
+#[cfg(target_os = "linux")]
+fn is_suspended(holder: &Holder) -> bool {
+    let about = std::fs::read_to_string(format!("/proc/{}/stat", holder.pid));
+    // The state follows the name, which stands in parentheses and may hold some itself.
+    let state = about.ok().and_then(|about| {
+        let (_, rest) = about.rsplit_once(')')?;
+        rest.trim_start().chars().next()
+    });
+    matches!(state, Some('T' | 't'))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_suspended(_: &Holder) -> bool {
+    false
 }
 
 #[cfg(not(target_os = "linux"))]

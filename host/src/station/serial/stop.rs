@@ -9,13 +9,42 @@
 //! and the other signals do so at once, whatever the caller is busy with.
 
 use super::super::StationError;
-use super::{REST_PATIENCE, Serial};
+use super::super::allowance::Allowance;
+use super::Serial;
 use crate::notice;
 use shared::safety::State;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long stops are repeated.
 pub(super) const STOP_PATIENCE: Duration = Duration::from_secs(2);
+
+/// The stage was stopped because a run ended in motion.
+static HAS_STOPPED: AtomicBool = AtomicBool::new(false);
+/// It is not known that the stage stands.
+static IS_UNKNOWN: AtomicBool = AtomicBool::new(false);
+
+/// How the runs of this program have left the stages of their stations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// At rest, by themselves or by a stop of the command.
+    Quiet,
+    /// At rest, because a [`Serial`] was dropped in motion and stopped the stage.
+    Stopped,
+    /// Perhaps in motion.
+    Unknown,
+}
+
+/// Returns how the runs have ended so far, the worst of them.
+pub fn ending() -> Ending {
+    if IS_UNKNOWN.load(Ordering::Relaxed) {
+        Ending::Unknown
+    } else if HAS_STOPPED.load(Ordering::Relaxed) {
+        Ending::Stopped
+    } else {
+        Ending::Quiet
+    }
+}
 
 /// How far a stop is.
 #[derive(Clone, Copy, Debug, Default)]
@@ -49,7 +78,7 @@ impl Serial {
         self.until_stopped()
     }
 
-    fn until_stopped(&self) -> Result<(), StationError> {
+    pub(super) fn until_stopped(&self) -> Result<(), StationError> {
         loop {
             {
                 let mut line = self.shared.line();
@@ -66,38 +95,89 @@ impl Serial {
         }
     }
 
-    /// Waits until the station says that the stage stands after a stop.
-    fn until_rest(&self) -> Result<State, StationError> {
-        let end = Instant::now() + REST_PATIENCE;
-        let rest = self.wait_through(end, |client| {
-            let tick = client.motion().stopped_tick()?;
-            let status = client.status()?;
-            let is_later = status.tick.wrapping_sub(tick) <= u32::MAX / 2;
-            (is_later && !status.state.is_moving()).then_some(status.state)
-        })?;
-        rest.ok_or_else(|| self.silence("status", REST_PATIENCE))
+    /// Waits until the station says that the stage stands after a stop that it has answered,
+    /// whatever signals come and however the line was before.
+    ///
+    /// # Errors
+    /// [`StationError::Restless`] if the station does not say so; [`StationError::Lost`] if the
+    /// line is down.
+    pub fn until_rest(&mut self) -> Result<State, StationError> {
+        let mut allowance = Allowance::RAMP.start(Instant::now());
+        loop {
+            {
+                let mut line = self.shared.line();
+                line.attend();
+                if !line.is_up() {
+                    return Err(line
+                        .check()
+                        .err()
+                        .unwrap_or(StationError::Restless { waited_s: 0 }));
+                }
+                let client = &mut line.client;
+                let status = client.status().copied();
+                let motion = client.motion();
+                let is_open = motion.may_go_on() || motion.is_on_its_ramp();
+                if let Some(status) = &status
+                    && !is_open
+                    && !status.state.is_moving()
+                {
+                    let is_later = |tick| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+                    if motion.stopped_tick().is_none_or(is_later) {
+                        return Ok(status.state);
+                    }
+                }
+                if let Some(waited) = allowance.spent(Instant::now(), status.as_ref()) {
+                    // The caller hears of it, so that it need not be tried again.
+                    client.motion_mut().ended();
+                    return Err(self.unknown_rest(waited));
+                }
+            }
+            std::thread::sleep(super::LOOK);
+        }
     }
 
-    /// Stops a stage that may still move because of this conversation, and says so.
+    fn unknown_rest(&self, waited: Duration) -> StationError {
+        let waited_s = waited.as_secs();
+        IS_UNKNOWN.store(true, Ordering::Relaxed);
+        StationError::Restless { waited_s }
+    }
+
+    /// Stops a stage that may still move because of this conversation, and says so. Waits until a
+    /// stage that was stopped stands.
     pub(super) fn end_motion(&mut self) {
-        {
+        let may_go_on = {
             let line = self.shared.line();
-            let is_given_up = matches!(line.stop, Stop::Unanswered { .. });
             let motion = line.client.motion();
-            if is_given_up || !(motion.may_go_on() || motion.is_on_its_ramp()) {
+            let may_go_on = motion.may_go_on();
+            if matches!(line.stop, Stop::Unanswered { .. }) {
+                // The error of that stop has said so.
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
                 return;
             }
-        }
+            if !(may_go_on || motion.is_on_its_ramp()) {
+                return;
+            }
+            if !line.is_up() {
+                // The run ended for that very reason, and its error says what the station does.
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
+                return;
+            }
+            may_go_on
+        };
         let path = self.path();
         match self.stop().and_then(|()| self.until_rest()) {
+            // A stop of the command's own, or of a signal: its ramp has been waited for.
+            Ok(_) if !may_go_on => return,
             Ok(State::Stopped) => notice!(
                 "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; \
                  `trinocular reset` lets it move again"
             ),
             Ok(_) => notice!("{path}: the run ended in motion; the stage stands"),
-            // The run ended for that very reason.
-            Err(StationError::Lost { .. } | StationError::Interrupted { .. }) => {}
-            Err(error) => notice!("{path}: the run ended in motion: {error}"),
+            Err(error) => {
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
+                notice!("{path}: the run ended in motion: {error}");
+            }
         }
+        HAS_STOPPED.store(true, Ordering::Relaxed);
     }
 }

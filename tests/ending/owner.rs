@@ -1,0 +1,41 @@
+//! `trinocular stop` when another program has the port.
+
+use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
+use trinocular_tests::binary::signal;
+use trinocular_tests::far_end::station;
+
+#[test]
+fn suspended_owner_of_the_port_is_named() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let first = desk.start(&end, RUNS[0]);
+    moving(&end);
+    signal(&first, "STOP");
+    let (code, err) = ended(desk.start(&end, "stop"));
+    assert_eq!(code, Some(3), "{err}");
+    let kill = format!("kill -9 {}", first.id());
+    for part in [end.path.as_str(), kill.as_str(), "suspended", "button"] {
+        assert!(err.contains(part), "`{part}` is not in: {err}");
+    }
+    // It hears the stop's signal when it goes on.
+    signal(&first, "CONT");
+    assert_eq!(ended(first).0, Some(3));
+    let (code, err) = ended(desk.start(&end, "stop"));
+    assert_eq!(code, Some(0), "{err}");
+    end.standing();
+}
+
+#[test]
+fn stop_after_the_owner_left_succeeds() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let mut first = desk.start(&end, RUNS[0]);
+    moving(&end);
+    first.kill().expect("it runs");
+    first.wait().expect("it ended");
+    let (code, err) = ended(desk.start(&end, "stop"));
+    assert_eq!(code, Some(0), "{err}");
+    stands_stopped(&end);
+}
