@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::open_existing;
-use super::staged::Staged;
+use super::staged::{Staged, folder};
 
 /// Links that are followed before they count as a circle, as Linux has it.
 const MOST_LINKS: usize = 40;
@@ -83,16 +83,6 @@ impl Place {
             Self::Output => write(&mut io::stdout().lock()),
             Self::Error => write(&mut io::stderr().lock()),
         }
-    }
-}
-
-/// The folder that holds `path`.
-pub(super) fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        // The parent of a bare name is the empty path: the current folder.
-        Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
-        Some(parent) => parent,
-        None => path,
     }
 }
 

@@ -4,7 +4,6 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use super::place::folder;
 use crate::interruption::Hold;
 
 /// A written file under a temporary name, which is removed with this value.
@@ -114,6 +113,16 @@ fn backup(target: &Path) -> io::Result<Option<PathBuf>> {
         return Ok(None);
     }
     unused(target, |backup| fs::hard_link(target, backup)).map(|((), backup)| Some(backup))
+}
+
+/// Returns the folder that holds `path`.
+pub(super) fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        // The parent of a bare name is the empty path: the current folder.
+        Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
+        Some(parent) => parent,
+        None => path,
+    }
 }
 
 /// A file that did not exist before, in the folder of `path` so that renaming stays on one file

@@ -5,7 +5,7 @@
 //! file -> scenario -> run (cameras, host, twin) -> trace -> figures -> missed expectations, page
 //! ```
 //!
-//! * [`file`] says what a file may hold, [`motion`] how the target moves;
+//! * [`mod@file`] says what a file may hold, [`motion`] how the target moves;
 //! * [`run`] is the loop, with [`cameras`] that render pictures or project points;
 //! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to;
 //! * [`expect`] is what must come of it, [`judge`] says what was missed;

@@ -1,0 +1,255 @@
+//! Commands of the pages, run as typed.
+//!
+//! In a `console` block a line that begins with `$ ` is a command, continued after a backslash on a
+//! line that begins with `> `; what follows must be its output, standard error included. A line
+//! `...` stands for any lines, ` ...` at the end of a line for its rest. A command must end with
+//! exit code 0 unless `$ echo $?` follows.
+//!
+//! Commands run in a folder that has the repository's `examples`, `tests` and `docs`, with the
+//! built program in the path. `/dev/ttyACM0` is the station of `far_end` on a pseudo-terminal; its
+//! heartbeat timeout is raised because a test must not fail on a busy computer. `sh` blocks are not
+//! run; `trinocular` must accept the options in them.
+
+use super::page::{Block, Page, root};
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::Command;
+use tempfile::TempDir;
+use trinocular_tests::binary::trinocular;
+use trinocular_tests::far_end::{FarEnd, station};
+
+/// Port that the pages name.
+const PORT: &str = "/dev/ttyACM0";
+/// Commands that send a heartbeat to a station on a port.
+const WITH_HEARTBEAT: [&str; 4] = ["jog", "zero", "home", "track"];
+
+/// A command of a page and its expected output.
+struct Step<'a> {
+    line: usize,
+    command: String,
+    expected: Vec<&'a str>,
+}
+
+fn steps<'a>(block: &Block<'a>) -> Vec<Step<'a>> {
+    let mut steps: Vec<Step<'a>> = Vec::new();
+    for (index, line) in block.lines.iter().enumerate() {
+        if let Some(command) = line.strip_prefix("$ ") {
+            steps.push(Step {
+                line: block.line + index,
+                command: command.to_owned(),
+                expected: Vec::new(),
+            });
+            continue;
+        }
+        let step = steps.last_mut().expect("a console block begins with `$ `");
+        match (step.command.strip_suffix('\\'), line.strip_prefix("> ")) {
+            (Some(begun), Some(rest)) => step.command = format!("{begun}{rest}"),
+            _ => step.expected.push(line.trim_end()),
+        }
+    }
+    steps
+}
+
+/// Returns true if `actual` is what a page shows; `...` stands for anything.
+fn matches(expected: &[&str], actual: &[&str]) -> bool {
+    let Some((first, rest)) = expected.split_first() else {
+        return actual.is_empty();
+    };
+    if *first == "..." {
+        return (0..=actual.len()).any(|skipped| matches(rest, &actual[skipped..]));
+    }
+    let Some((line, others)) = actual.split_first() else {
+        return false;
+    };
+    let same = match first.strip_suffix(" ...") {
+        Some(begin) => line.starts_with(begin),
+        None => first == line,
+    };
+    same && matches(rest, others)
+}
+
+/// Lines of progress, which a terminal shows in place.
+fn is_progress(line: &str) -> bool {
+    line.rsplit_once(": ").is_some_and(|(_, share)| {
+        let digits = share.strip_suffix(" %");
+        digits.is_some_and(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))
+    })
+}
+
+/// A folder like the repository, and a station once a command asks for one.
+struct Desk {
+    folder: TempDir,
+    station: Option<FarEnd>,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        for name in ["examples", "tests", "docs"] {
+            std::os::unix::fs::symlink(root().join(name), folder.path().join(name))
+                .expect("a link to the repository");
+        }
+        Self {
+            folder,
+            station: None,
+        }
+    }
+
+    /// Runs a command line; returns its output and exit code.
+    fn run(&mut self, command: &str) -> (String, i32) {
+        let mut command = command.to_owned();
+        let mut port = None;
+        if command.contains(PORT) {
+            let path = self.station.get_or_insert_with(station).path.clone();
+            let verb = command.split_whitespace().nth(1).unwrap_or_default();
+            if WITH_HEARTBEAT.contains(&verb) {
+                command += " --heartbeat 5000";
+            }
+            command = command.replace(PORT, &path);
+            port = Some(path);
+        }
+        let program = trinocular();
+        let folder = Path::new(program.get_program()).parent().expect("a folder");
+        let path = std::env::var("PATH").expect("a search path");
+        let output = Command::new("sh")
+            .args(["-c", &format!("exec 2>&1; {command}")])
+            .current_dir(self.folder.path())
+            .env("PATH", format!("{}:{path}", folder.display()))
+            .output()
+            .expect("a shell runs");
+        let mut text = String::from_utf8(output.stdout).expect("UTF-8");
+        if let Some(port) = port {
+            text = text.replace(&port, PORT);
+        }
+        (text, output.status.code().expect("no signal"))
+    }
+}
+
+/// Runs all console blocks of a page, one after the other.
+#[track_caller]
+fn page_runs_as_typed(name: &str) {
+    let page = Page::read(name);
+    let (mut desk, mut wrong) = (Desk::new(), String::new());
+    let blocks = page.blocks();
+    let console = blocks.iter().filter(|block| block.language == "console");
+    let all: Vec<Step<'_>> = console.flat_map(steps).collect();
+    let mut last = 0;
+    for (index, step) in all.iter().enumerate() {
+        let asks = |step: &Step<'_>| step.command == "echo $?";
+        let (text, code) = match asks(step) {
+            true => (last.to_string(), 0),
+            false => desk.run(&step.command),
+        };
+        last = code;
+        let lines: Vec<&str> = text.lines().map(str::trim_end).collect();
+        let lines: Vec<&str> = lines
+            .into_iter()
+            .filter(|line| !is_progress(line))
+            .collect();
+        let judged = code == 0 || all.get(index + 1).is_some_and(asks);
+        if !judged || !matches(&step.expected, &lines) {
+            let _ = writeln!(
+                wrong,
+                "{name}:{}: $ {}\nexit code {code}\n{}\n",
+                step.line,
+                step.command,
+                lines.join("\n")
+            );
+        }
+    }
+    assert!(!all.is_empty(), "{name} has no console block");
+    assert!(wrong.is_empty(), "not as the page shows:\n{wrong}");
+}
+
+/// Pages with console blocks, each of which is a test below.
+const RUN: [&str; 8] = [
+    "docs/quick-start.md",
+    "docs/wiring.md",
+    "docs/calibration.md",
+    "docs/tracking.md",
+    "docs/recordings.md",
+    "docs/reports.md",
+    "docs/troubleshooting.md",
+    "docs/scenario-file.md",
+];
+
+#[test]
+fn quick_start_runs_as_typed() {
+    page_runs_as_typed(RUN[0]);
+}
+
+#[test]
+fn wiring_runs_as_typed() {
+    page_runs_as_typed(RUN[1]);
+}
+
+#[test]
+fn calibration_runs_as_typed() {
+    page_runs_as_typed(RUN[2]);
+}
+
+#[test]
+fn tracking_runs_as_typed() {
+    page_runs_as_typed(RUN[3]);
+}
+
+#[test]
+fn recordings_runs_as_typed() {
+    page_runs_as_typed(RUN[4]);
+}
+
+#[test]
+fn reports_runs_as_typed() {
+    page_runs_as_typed(RUN[5]);
+}
+
+#[test]
+fn troubleshooting_runs_as_typed() {
+    page_runs_as_typed(RUN[6]);
+}
+
+#[test]
+fn scenario_file_runs_as_typed() {
+    page_runs_as_typed(RUN[7]);
+}
+
+#[test]
+fn every_page_with_commands_is_run() {
+    for page in Page::all() {
+        let runs = page
+            .blocks()
+            .iter()
+            .any(|block| block.language == "console");
+        assert_eq!(runs, RUN.contains(&page.name.as_str()), "{}", page.name);
+    }
+}
+
+#[test]
+fn commands_not_run_are_accepted() {
+    let mut desk = Desk::new();
+    for page in Page::all() {
+        for block in page.blocks() {
+            if block.language != "sh" {
+                continue;
+            }
+            let joined = block.lines.join("\n").replace("\\\n", " ");
+            for line in joined
+                .lines()
+                .filter(|line| line.starts_with("trinocular "))
+            {
+                let command = line.split('#').next().unwrap_or_default();
+                let (text, code) = desk.run(&format!("{} --help", command.replace(PORT, "p")));
+                assert_eq!(code, 0, "{}: {line}\n{text}", page.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn output_matches_with_ellipses_only() {
+    assert!(matches(&["a", "..."], &["a", "b", "c"]));
+    assert!(matches(&["...", "c 1 ..."], &["a", "c 1 2"]));
+    assert!(!matches(&["a"], &["a", "b"]));
+    assert!(!matches(&["...", "b"], &["a", "b", "c"]));
+    assert!(!matches(&["c 2 ..."], &["c 1 2"]));
+}
