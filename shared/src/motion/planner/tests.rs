@@ -45,14 +45,14 @@ fn run(planner: &mut Planner, judge: &mut Judge) -> u32 {
     panic!("never arrives");
 }
 
-/// Up to 16 MHz, though mostly low ones: the grid gets coarse with the square of the rate, and
-/// refuses gentle limits.
+/// Generates rates up to 16 MHz, mostly low ones: the grid gets coarser with the square of the
+/// rate, and refuses gentle limits.
 fn rates() -> impl Strategy<Value = WordRate> {
     prop_oneof![3 => 4..=200u32, 1 => 4..=2_000u32]
         .prop_map(|slots| WordRate::from_hz(8_000 * slots).unwrap())
 }
 
-/// Configurations the word rate allows, from crawling to one step per slot.
+/// Generates configurations that the word rate allows, from very slow ones to one step per slot.
 fn configs() -> impl Strategy<Value = (WordRate, [AxisConfig; AXES], Limits)> {
     let axis = (1_000..1_000_000u32, 1..=1_000u32, 1..1_000u32, 1..100u32);
     (rates(), prop::array::uniform3(axis)).prop_filter_map(
@@ -89,7 +89,7 @@ fn configs() -> impl Strategy<Value = (WordRate, [AxisConfig; AXES], Limits)> {
 struct Random(u64);
 
 impl Random {
-    /// Between -1 and 1.
+    /// Returns a number between -1 and 1.
     fn uniform(&mut self) -> f64 {
         let next = self.0.wrapping_mul(6_364_136_223_846_793_005);
         self.0 = next.wrapping_add(1_442_695_040_888_963_407);
@@ -253,7 +253,7 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
             judge.see(&segment);
         }
     }
-    // It really went to and fro.
+    // The motor really reversed often.
     assert!((5_000..35_000).contains(&turns), "{turns}");
     planner.set_target(centres([1_234, -4_321, 0]));
     run(&mut planner, &mut judge);
@@ -271,14 +271,14 @@ fn positions_and_speeds_are_those_of_the_segments_handed_out() {
     let mut positions = planner.positions();
     for n in 0..400 {
         if n % 7 == 3 {
-            // In the middle of a tick: waits for the next one.
+            // In the middle of a tick: takes effect with the next one.
             planner.set_target(centres([n, -n, 3]));
         }
         let segment = planner.plan_segment();
         for (axis, way) in segment.displacement().into_iter().enumerate() {
             positions[axis] = positions[axis].saturating_add(way);
             let motion = segment.axes()[axis];
-            // Half a slot after the last increment, unless the axis turned.
+            // Half a slot after the last increment, unless the axis reversed.
             let last = 2 * i64::from(motion.first) + 249 * i64::from(motion.change);
             let speed = planner.speeds()[axis];
             if motion.change != 0 {
@@ -311,7 +311,7 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
         judge.tick(&mut planner);
         farthest = farthest.max(planner.positions()[0].whole_steps());
     }
-    // Not farther than braking takes; less, for it goes on accelerating through the standstill.
+    // Shorter than the braking distance, because the axis keeps accelerating through standstill.
     assert!(
         (here + 300..=here + way).contains(&farthest),
         "{here} {way} {farthest}"
@@ -394,7 +394,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     while !planner.has_arrived() {
         for segment in planner.plan_tick() {
             judge.see(&segment);
-            // Off the line through both ends, steps.
+            // Distance from the line through both ends, steps.
             let gone =
                 |axis: usize| (judge.position[axis].fine() - (1 << 31)) as f64 / 4_294_967_296.0;
             for (axis, arrival) in arrival.iter_mut().enumerate() {
@@ -412,7 +412,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     assert!(last - first <= 80, "{arrival:?}");
     assert!(worst < 0.01, "{worst}");
     assert_eq!(planner.positions().map(Position::whole_steps), targets);
-    // Once moving, each goes on its own.
+    // Once moving, each axis goes on its own.
     planner.move_in_step(centres([0, 0, 0]).map(Some));
     judge.tick(&mut planner);
     planner.move_in_step(centres([0, -2_000, 0]).map(Some));

@@ -1,7 +1,8 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Follows the braking rule tick by tick, checking it against its definition, and adds up the way.
+/// Follows the braking rule tick by tick, checks it against its definition, and adds up the
+/// distance.
 fn slow_stop(pace: &Pace, mut u: i64, mut e: i64) -> i64 {
     let mut way = 0;
     for _ in 0..100_000 {
@@ -27,7 +28,7 @@ fn slow_easing(mut d: i64, jerk: i64) -> i64 {
     sum
 }
 
-/// 2,000 cases, or as many as `PROPTEST_CASES` asks for.
+/// Returns the configuration for 2,000 cases, or the number in `PROPTEST_CASES`.
 fn cases() -> ProptestConfig {
     match std::env::var_os("PROPTEST_CASES") {
         Some(_) => ProptestConfig::default(),
@@ -101,7 +102,7 @@ proptest! {
         pace.next_acceleration(u, e, ahead, pace.speed, stop);
     }
 
-    /// Exercises the narrow rule up to its very end, where overflow would panic.
+    /// Exercises the narrow rule up to its end, where overflow would panic.
     #[test]
     fn both_widths_agree(
         speed in 0..1u32 << 24, acceleration in 0u32..1 << 20, jerk in 0u32..1 << 16, shifts in (0..16u32, 0..16u32, 0..16u32),
@@ -118,7 +119,7 @@ proptest! {
     }
 }
 
-/// The definition: the highest acceleration that is allowed, by halving.
+/// Applies the definition: the highest acceleration that is allowed, by halving.
 fn next_by_halving(pace: &Pace, u: i64, e: i64, ahead: i64, fastest: i64) -> i64 {
     let allowed = |e: i64| {
         let end = u + e;
