@@ -1,4 +1,4 @@
-//! Faults and stops: what is looked for at every tick, and how motion ends.
+//! Faults and stops: the checks of every tick, and the ends of motion.
 
 use super::active::Active;
 use super::{MAX_LAG_US, Machine, SEGMENTS};
@@ -6,7 +6,7 @@ use crate::motion::Planner;
 use crate::safety::{Fault, State};
 
 impl Machine {
-    /// The stage stands, and no motion is planned.
+    /// Returns true if the stage is at rest and no motion is planned.
     pub(super) fn stands(&self) -> bool {
         self.planner.as_ref().is_none_or(Planner::has_arrived)
     }
@@ -26,7 +26,7 @@ impl Machine {
             self.fail(Fault::Limit);
         }
         let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
-        // In word periods times a million rather than in µs: no division.
+        // In word periods times a million rather than in µs, which needs no division.
         let most_us = u64::from(self.board.delay_us) + MAX_LAG_US;
         let most = most_us * u64::from(self.board.word_rate.hz());
         if lag.saturating_mul(1_000_000) > most && !self.stands() {
@@ -34,7 +34,8 @@ impl Machine {
         }
     }
 
-    /// An axis moves towards a tripped switch, or makes a step towards it within the coming tick.
+    /// Returns true if an axis moves towards a tripped switch, or makes a step towards it within
+    /// the coming tick.
     pub(super) fn runs_onto_a_switch(&self) -> bool {
         let switches = self.switches_to_obey();
         let Some(planner) = &self.planner else {
@@ -69,14 +70,14 @@ impl Machine {
         }
     }
 
-    /// A ping came within the heartbeat time.
+    /// Returns true if a ping came within the heartbeat timeout.
     pub(super) fn is_heard(&self) -> bool {
         let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
         self.heard
             .is_some_and(|heard| self.tick.saturating_sub(heard) <= longest)
     }
 
-    /// Latches a fault beside those that are latched, and stops.
+    /// Latches a fault beside those already latched, and stops.
     pub(super) fn fail(&mut self, fault: Fault) {
         self.faults.insert(fault);
         if fault.is_abrupt() {
@@ -95,7 +96,7 @@ impl Machine {
         }
     }
 
-    /// Ramps down; [`Machine::settle`] goes on to the state that fits when the stage stands.
+    /// Ramps down. [`Machine::settle`] enters the next state when the stage is at rest.
     pub(super) fn halt_on_ramp(&mut self) {
         if let Some(planner) = &mut self.planner {
             planner.stop();
@@ -107,7 +108,7 @@ impl Machine {
         }
     }
 
-    /// What follows from standing still.
+    /// Enters the state that follows when the stage is at rest.
     pub(super) fn settle(&mut self) {
         if !self.stands() {
             return;
