@@ -293,7 +293,7 @@ mod tests {
         }
 
         #[test]
-        fn products_quotients_and_roots_are_exact(
+        fn integer_arithmetic_is_exact(
             a: i64, b: i64, shifts in (0u32..64, 0u32..64),
         ) {
             let (a, b) = (a >> shifts.0, b >> shifts.1);
@@ -320,13 +320,13 @@ mod tests {
         }
 
         #[test]
-        fn nothing_is_divided_by_zero_or_less(d in i64::MIN..=0) {
+        fn divisors_up_to_zero_are_refused(d in i64::MIN..=0) {
             prop_assert_eq!(Reciprocal::of(d), None);
         }
     }
 
     #[test]
-    fn quantise_refuses_what_does_not_fit() {
+    fn quantise_refuses_misfits() {
         assert_eq!(quantise(1.0, 30), Some(1 << 30));
         assert_eq!(quantise(2.0, 30), None);
         assert_eq!(quantise(-2.0, 30), Some(i32::MIN));

@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn worst_fault_of_a_set_comes_first() {
+    fn worst_fault_comes_first() {
         let set: Faults = [Fault::Heartbeat, Fault::EmergencyStop, Fault::Limit]
             .into_iter()
             .collect();

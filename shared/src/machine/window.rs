@@ -66,7 +66,7 @@ mod tests {
     const STEP: i64 = 1 << 32;
 
     #[test]
-    fn only_ways_within_or_back_are_allowed() {
+    fn moves_within_or_back_are_allowed() {
         let window = Window::around([5 * STEP, 0, 0]);
         let width = [10 * STEP; 3];
         let allows =
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn another_scale_keeps_the_distance_in_mm() {
+    fn rescaling_keeps_the_distance_in_mm() {
         let mut window = Window::around([0; 3]);
         window.rescale(0, 800 * STEP, [80_000, 160_000], false);
         assert_eq!(window, Window::around([-800 * STEP, 0, 0]));

@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_names_field_and_bound() {
+    fn fault_names_field_and_bound() {
         let text = |config| std::format!("{}", fault(config));
         let cases = [
             (Field::StepsPerM, 0, "steps_per_m must be at least 1"),
@@ -510,7 +510,7 @@ mod tests {
         #![proptest_config(ProptestConfig { max_global_rejects: u32::MAX, ..ProptestConfig::default() })]
 
         #[test]
-        fn quantised_limits_exceed_nothing_and_lose_less_than_a_quantum(
+        fn limits_round_down_by_under_a_quantum(
             steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32, max_acceleration_um_s2 in 100_000..u32::MAX,
             max_jerk_um_s3 in 100_000_000..u32::MAX, slots in 4..=500u32,
         ) {

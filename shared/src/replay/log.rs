@@ -125,7 +125,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn entries_come_back() {
+    fn entries_survive_a_round_trip() {
         let entries = [
             (3, Entry::Bytes(&[1, 0, 2])),
             (3, Entry::Bytes(&[])),

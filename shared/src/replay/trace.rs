@@ -171,7 +171,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn records_come_back() {
+    fn records_survive_a_round_trip() {
         let digest = Digest {
             plan: 0xdead_beef,
             words: 7,

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn no_height_within_the_limit_costs_more_than_is_said() {
+    fn height_error_stays_below_its_bound() {
         // The paper's images end at 0.31 on the farther side, the middle camera's at 0.317.
         let mut worst: f64 = 0.0;
         for heights_mm in [
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_limit_is_where_it_is_said() {
+    fn height_limit_is_exact() {
         let most = |k: usize| {
             let (mut low, mut high) = (0.0, 10.0);
             for _ in 0..60 {
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn all_may_be_raised_together_but_not_change_places() {
+    fn cameras_rise_together_in_order() {
         assert_eq!(raised([5.0; 3]).height_error(), Some(0.0));
         let mut rig = Rig::paper();
         rig.cameras.swap(0, 1);

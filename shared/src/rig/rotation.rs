@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn straight_ahead_moves_as_the_axes_say() {
+    fn rotation_signs_follow_the_axes() {
         // A point straight ahead of the rig appears on the right of a camera that is rotated to the
         // left.
         let tan = 0.035_f64.tan();
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn rectifying_undoes_the_turn_and_the_matrix_is_a_rotation() {
+    fn rectify_inverts_turn() {
         let rotation = Rotation::from_degrees([1.7, -2.3, 12.0]);
         for at in [[0.0, 0.0], [0.4, -0.3], [-0.5, 0.2]] {
             let back = rotation.rectify(rotation.turn(at));

@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn floor_and_phase_make_up_the_position() {
+    fn floor_and_phase_add_up() {
         for fine in [0, 1, -1, i64::MIN, i64::MAX, (5 << 32) + 7, -(5 << 32) - 7] {
             let p = Position::from_fine(fine);
             assert_eq!(

@@ -161,7 +161,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn displacement_is_the_sum_of_the_increments(
+        fn displacement_sums_increments(
             slots: u16, first: u32, change: i32, backward: bool,
         ) {
             let motion = AxisMotion { first, change, backward };

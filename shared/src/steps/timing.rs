@@ -210,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn word_rate_is_a_whole_number_of_slots_per_segment() {
+    fn word_rate_makes_whole_slots() {
         assert_eq!(WordRate::from_hz(1_000_000), Ok(WordRate::MHZ_1));
         assert_eq!(WordRate::MHZ_1.slots_per_segment(), 125);
         assert_eq!(
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn drv8825_is_refused_by_name_at_1_mhz() {
+    fn drv8825_is_refused_at_1_mhz() {
         let fault = DriverTiming::DRV8825.check(WordRate::MHZ_1);
         let expected = TimingFault {
             requirement: Requirement::StepHigh,

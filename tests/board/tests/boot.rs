@@ -33,7 +33,7 @@ fn booted() -> Board {
 }
 
 #[test]
-fn the_clock_tree_is_the_intended_one() {
+fn clock_tree_is_as_intended() {
     let mut board = booted();
     let clocks = board.chip(|chip| chip.clocks());
     let intended = Clocks {
@@ -64,7 +64,7 @@ fn the_clock_tree_is_the_intended_one() {
 /// RM0090, table "Number of wait states": five from 150 to 168 MHz at 2.7 to 3.6 V. Without its
 /// caches the processor would wait for most jumps.
 #[test]
-fn flash_keeps_up_with_the_processor() {
+fn flash_keeps_up_with_the_core() {
     let acr = booted().chip(|chip| chip.flash_acr);
     assert_eq!(acr & 7, 5, "wait states");
     assert_eq!(acr >> 8 & 7, 7, "prefetch, instruction cache, data cache");
@@ -84,7 +84,7 @@ fn revision_a_runs_without_prefetch() {
 /// As `dfu-util` does with `:leave`: interrupts must not go to the boot loader's vectors, which
 /// still lie at address zero.
 #[test]
-fn boot_loaders_jump_is_a_start() {
+fn jump_of_a_boot_loader_starts_it() {
     let make = Make {
         boot_loader_at_zero: true,
         ..Make::default()
@@ -100,7 +100,7 @@ fn boot_loaders_jump_is_a_start() {
 
 /// The data sheet's oscillator runs at 17 to 47 kHz.
 #[test]
-fn the_watchdog_runs_and_is_patient_enough() {
+fn watchdog_timeout_is_as_stated() {
     for (lsi_hz, least, most) in [(17_000, 90, 100), (32_000, 48, 52), (47_000, 32, 36)] {
         let mut make = Make::default();
         make.around.lsi_hz = lsi_hz;
@@ -116,7 +116,7 @@ fn the_watchdog_runs_and_is_patient_enough() {
 }
 
 #[test]
-fn the_pins_do_what_the_wiring_table_says() {
+fn pins_match_the_wiring_table() {
     let mut board = booted();
     board.chip(|chip| {
         let ports = &chip.fabric.ports;
@@ -164,7 +164,7 @@ fn the_pins_do_what_the_wiring_table_says() {
 }
 
 #[test]
-fn nothing_moves_and_nothing_is_energised_before_the_first_command() {
+fn stage_is_dead_before_first_command() {
     let mut board = booted();
     board.run_until(400 * MS);
     assert_eq!(wiring::stepper_edges(&board.changes(C)), []);
@@ -182,7 +182,7 @@ fn nothing_moves_and_nothing_is_energised_before_the_first_command() {
 }
 
 #[test]
-fn no_register_is_used_against_the_manual() {
+fn registers_are_used_as_documented() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();
@@ -197,7 +197,7 @@ fn no_register_is_used_against_the_manual() {
 }
 
 #[test]
-fn every_start_is_another_session_and_says_its_cause() {
+fn start_has_new_session_and_cause() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();

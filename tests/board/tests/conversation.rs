@@ -28,7 +28,7 @@ fn configured(driver: Driver, make: Make) -> Station {
 }
 
 #[test]
-fn five_hundred_frames_then_a_jog_and_a_stop() {
+fn frames_jog_and_stop_over_the_uart() {
     let mut station = configured(Driver::Tmc2209, Make::default());
     scene::follow(&mut station, 500);
     let status = station.status();
@@ -55,7 +55,7 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
 /// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as
 /// many cycles again for everything the edges are the same.
 #[test]
-fn a_slower_processor_makes_the_same_edges() {
+fn slower_processor_makes_same_edges() {
     for slowness in [6, 7] {
         let make = Make {
             slowness,
@@ -104,7 +104,7 @@ fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
 
 /// To and fro on all axes, at the speed at which the default stage's step frequency is highest.
 #[test]
-fn pulses_are_as_long_as_each_driver_asks() {
+fn pulses_fit_every_driver() {
     for driver in [Driver::A4988, Driver::Tmc2209] {
         let mut station = configured(driver, Make::default());
         for way in [1, -1, 1] {
@@ -126,7 +126,7 @@ fn pulses_are_as_long_as_each_driver_asks() {
 }
 
 #[test]
-fn a_driver_that_is_too_slow_is_refused_by_name() {
+fn too_slow_driver_is_refused_by_name() {
     let mut station = greeted(Make::default());
     let refused = station.command(Command::Config(config(Driver::Drv8825)));
     assert!(matches!(refused, Err(Denial::Config(_))), "{refused:?}");

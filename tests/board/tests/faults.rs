@@ -75,7 +75,7 @@ fn processor_held() {
 }
 
 #[test]
-fn processor_held_for_five_milliseconds() {
+fn processor_held_for_5_ms() {
     let mut station = moving();
     let at = station.board.now();
     station.board.hold(true);
@@ -300,7 +300,7 @@ fn emergency_stop() {
 /// What the emergency stop erases may be the very word that turns an axis: its next move must set
 /// DIR all the same.
 #[test]
-fn emergency_stop_in_a_turn_keeps_directions() {
+fn emergency_stop_in_a_reversal() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();
@@ -400,7 +400,7 @@ fn host_falls_silent() {
 }
 
 #[test]
-fn power_on_with_the_emergency_stop_pressed() {
+fn power_on_with_emergency_stop() {
     let board = Board::power_on(&Image::firmware(), Make::default(), |fabric| {
         wiring::well(fabric);
         wiring::open(fabric, wiring::EMERGENCY_STOP);

@@ -23,7 +23,7 @@ fn gate(station: &mut Station, open: bool) {
 const FILTER_US: u64 = 7;
 
 #[test]
-fn open_gate_stops_pulses_of_a_halted_processor() {
+fn open_gate_stops_pulses_without_core() {
     let mut station = moving();
     station.board.hold(true);
     let at = station.board.now();
@@ -47,7 +47,7 @@ fn open_gate_stops_pulses_of_a_halted_processor() {
 }
 
 #[test]
-fn open_gate_alone_is_an_emergency_stop() {
+fn open_gate_is_an_emergency_stop() {
     let mut station = moving();
     let at = station.board.now();
     gate(&mut station, true);
@@ -70,7 +70,7 @@ fn open_gate_alone_is_an_emergency_stop() {
 
 /// Too short for the program to see the contact itself: it sees that the timer lost time.
 #[test]
-fn short_opening_of_the_gate_is_an_underrun() {
+fn short_gate_opening_is_an_underrun() {
     let mut station = moving();
     let at = station.board.now();
     gate(&mut station, true);
@@ -94,7 +94,7 @@ fn spark_on_the_gate_is_filtered() {
 }
 
 #[test]
-fn both_contacts_open_as_one_button() {
+fn both_contacts_act_as_one() {
     let mut station = moving();
     let at = station.board.now();
     switch(&mut station, wiring::EMERGENCY_STOP, true);
@@ -108,7 +108,7 @@ fn both_contacts_open_as_one_button() {
 }
 
 #[test]
-fn power_on_with_an_open_gate_waits_for_it() {
+fn power_on_waits_for_open_gate() {
     let board = Board::power_on(&Image::firmware(), Make::default(), |fabric| {
         wiring::well(fabric);
         let (port, pin) = wiring::GATE;

@@ -82,12 +82,12 @@ fn answered(link: Link) -> usize {
 }
 
 #[test]
-fn noise_on_the_uart_leaves_usb_its_answers() {
+fn uart_noise_spares_usb_answers() {
     assert_eq!(answered(Link::Usb), 10);
 }
 
 #[test]
-fn noise_on_usb_leaves_the_uart_its_answers() {
+fn usb_noise_spares_uart_answers() {
     assert_eq!(answered(Link::Uart), 10);
 }
 
@@ -112,19 +112,19 @@ fn moves_as_without(link: Link) {
 }
 
 #[test]
-fn noise_on_the_uart_leaves_a_usb_move_alone() {
+fn uart_noise_spares_a_usb_move() {
     moves_as_without(Link::Usb);
 }
 
 #[test]
-fn noise_on_usb_leaves_a_uart_move_alone() {
+fn usb_noise_spares_a_uart_move() {
     moves_as_without(Link::Uart);
 }
 
 /// The speaker's own noise costs the packets that it hits; it is counted, and the next packet is
 /// understood.
 #[test]
-fn noise_on_the_speakers_link_is_counted() {
+fn noise_on_the_active_link_counts() {
     for link in [Link::Uart, Link::Usb] {
         let mut station = station(link);
         station.greet();
@@ -139,7 +139,7 @@ fn noise_on_the_speakers_link_is_counted() {
 /// The speaker's host dies and its link goes on with noise, as one whose cable was pulled does: the
 /// other host is heard after half a second.
 #[test]
-fn noise_does_not_keep_a_dead_speaker() {
+fn noise_does_not_hold_the_link() {
     for link in [Link::Uart, Link::Usb] {
         let mut station = station(link);
         station.greet();
@@ -165,7 +165,7 @@ fn noise_does_not_keep_a_dead_speaker() {
 
 /// A packet that was cut off on one link is not continued by bytes of the other.
 #[test]
-fn halves_of_two_links_make_no_packet() {
+fn halves_of_two_links_do_not_join() {
     let mut station = station(Link::Usb);
     let hello = station.client.packet(Command::Hello).1;
     let (first, second) = hello.split_at(hello.len() / 2);

@@ -98,7 +98,7 @@ fn table(without: &[Load; 4], with: &[Load; 4]) -> String {
 }
 
 #[test]
-fn following_leaves_the_processor_room() {
+fn following_leaves_spare_load() {
     let (without, with) = (loads(false), loads(true));
     let text = table(&without, &with);
     println!("{text}");

@@ -11,7 +11,7 @@ use station_board::trial::{drivers_are_on, last_step, moving, restarted, rises_a
 use station_board::wiring;
 
 #[test]
-fn dip_ends_pulses_and_is_told_as_brown_out() {
+fn dip_ends_pulses_as_brown_out() {
     let mut station = moving();
     let at = station.board.now();
     station.board.chip(|chip| chip.set_supply(2_850));
@@ -31,7 +31,7 @@ fn dip_ends_pulses_and_is_told_as_brown_out() {
 }
 
 #[test]
-fn sag_above_the_threshold_changes_nothing() {
+fn sag_above_threshold_is_harmless() {
     let mut station = moving();
     let at = station.board.now();
     station.board.chip(|chip| chip.set_supply(2_950));
@@ -42,7 +42,7 @@ fn sag_above_the_threshold_changes_nothing() {
 
 /// The supply stays low: each start ends again, with drivers off, until it is back.
 #[test]
-fn low_supply_keeps_the_drivers_off() {
+fn low_supply_keeps_drivers_off() {
     let mut station = moving();
     station.board.chip(|chip| chip.set_supply(2_800));
     station.set_pings(false);
@@ -65,7 +65,7 @@ fn low_supply_keeps_the_drivers_off() {
 /// So short that memory is intact, so deep that the chip was reset by its power-on detector,
 /// without a word of the program.
 #[test]
-fn short_loss_of_power_is_a_brown_out() {
+fn short_power_loss_is_a_brown_out() {
     let mut station = moving();
     let at = station.board.now();
     station.board.lose_power();
@@ -89,7 +89,7 @@ fn short_loss_of_power_is_a_brown_out() {
 }
 
 #[test]
-fn power_on_with_a_low_supply_waits_for_it() {
+fn power_on_waits_for_the_supply() {
     let board = Board::power_on(&Image::firmware(), Make::default(), wiring::well);
     let mut station = Station::of(board);
     station.board.chip(|chip| chip.set_supply(2_700));

@@ -37,7 +37,7 @@ fn bus_is_well(station: &mut Station) {
 }
 
 #[test]
-fn it_enumerates_as_what_the_host_looks_for() {
+fn enumeration_matches_the_host() {
     let mut station = plugged();
     let ms = station.board.now() / MS;
     assert!(ms < 250, "{ms} ms from power to the open port");
@@ -60,7 +60,7 @@ fn it_enumerates_as_what_the_host_looks_for() {
 }
 
 #[test]
-fn frames_a_jog_and_a_stop_over_usb() {
+fn frames_jog_and_stop_over_usb() {
     let mut station = configured();
     scene::follow(&mut station, 500);
     assert_eq!(station.command(Command::Stop), Ok(()));
@@ -85,7 +85,7 @@ fn frames_a_jog_and_a_stop_over_usb() {
 /// The plug goes while both sides have a packet under way, in a fast move. Then it comes back;
 /// nothing was restarted.
 #[test]
-fn unplugged_in_mid_write_and_back() {
+fn unplugging_in_mid_write_recovers() {
     let mut station = configured();
     let session = station.client.hello().expect("hello").session;
     assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
@@ -138,7 +138,7 @@ fn unplugged_in_mid_write_and_back() {
 
 /// A host on the UART is heard once the one on USB has been silent for half a second.
 #[test]
-fn the_uart_takes_over_from_a_dead_usb_host() {
+fn uart_takes_over_from_dead_usb() {
     let mut station = configured();
     station.set_pings(false);
     station.use_link(Link::Uart);

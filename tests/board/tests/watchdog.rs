@@ -51,7 +51,7 @@ fn dead_usb_tasks_reset_the_chip() {
 }
 
 #[test]
-fn dead_emergency_stop_task_resets_the_chip() {
+fn dead_stop_task_resets_the_chip() {
     dead_task("switches14emergency_stop4POOL", 0);
 }
 
@@ -72,7 +72,7 @@ fn dead_switch_tasks_reset_the_chip() {
 /// The external interrupt that carries the emergency stop is gone: the task's own look at the pin
 /// finds it open.
 #[test]
-fn lost_edge_of_the_emergency_stop_is_found() {
+fn lost_emergency_edge_is_found() {
     const EXTI15_10: u16 = 40;
     let mut station = moving();
     station.board.disable_interrupt(EXTI15_10);
@@ -91,7 +91,7 @@ fn lost_edge_of_the_emergency_stop_is_found() {
 /// A task that has no place is a panic at the start, so a station without one of its switches never
 /// runs.
 #[test]
-fn task_without_a_place_ends_in_a_panic() {
+fn task_without_a_slot_panics() {
     let image = Image::firmware();
     let pool = image.symbol("switches14emergency_stop4POOL");
     let mut station = Station::power_on(&image, Make::default());

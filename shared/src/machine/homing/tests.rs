@@ -276,7 +276,7 @@ proptest! {
     /// From anywhere on the rails, on the switch too: the coordinate is right, with bouncing
     /// contacts and backlash as well.
     #[test]
-    fn every_start_ends_at_the_same_coordinate(
+    fn coordinate_is_the_same_from_any_start(
         sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8, backlash in prop::array::uniform3(0..3u16),
     ) {
         let backlash_um = backlash.map(|b| b * 50);
@@ -303,7 +303,7 @@ proptest! {
     /// A stop, a heartbeat timeout or the emergency stop at any moment ends the search, and no
     /// motion restarts by itself.
     #[test]
-    fn it_can_be_ended_at_any_moment(after in 0..9_000u32, how in 0..3u8) {
+    fn homing_ends_at_any_moment(after in 0..9_000u32, how in 0..3u8) {
         let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 3);
         prop_assert_eq!(bench.home([true; 3]), None);
         bench.wait(after);
@@ -341,7 +341,7 @@ proptest! {
 }
 
 #[test]
-fn a_switch_that_is_not_there_is_a_fault_after_the_search_way() {
+fn missing_switch_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     bench.contacts[0].stuck = Some(false);
     assert_eq!(bench.home([true, false, false]), None);
@@ -356,7 +356,7 @@ fn a_switch_that_is_not_there_is_a_fault_after_the_search_way() {
 }
 
 #[test]
-fn a_switch_that_does_not_release_is_a_fault_after_the_back_off() {
+fn stuck_switch_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Positive; 3]), [0; 3], 0);
     bench.contacts[2].stuck = Some(true);
     assert_eq!(bench.home([true, true, true]), None);
@@ -370,7 +370,7 @@ fn a_switch_that_does_not_release_is_a_fault_after_the_back_off() {
 }
 
 #[test]
-fn a_contact_that_bounces_without_end_is_a_fault() {
+fn endless_bounce_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [-1_700, 0, 0], u8::MAX);
     assert_eq!(bench.home([true, false, false]), None);
     assert_eq!(bench.finish().fault, Some(Fault::SwitchStuck));
@@ -378,7 +378,7 @@ fn a_contact_that_bounces_without_end_is_a_fault() {
 }
 
 #[test]
-fn the_other_switches_are_no_home_switches() {
+fn other_switches_stop_the_search() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     assert_eq!(bench.home([true; 3]), None);
     bench.wait(500);
@@ -400,7 +400,7 @@ fn the_other_switches_are_no_home_switches() {
 }
 
 #[test]
-fn only_what_has_a_switch_is_homed_and_only_at_rest() {
+fn homing_needs_switch_and_rest() {
     let stage = StageConfig {
         home: [switches([Side::Negative; 3]).home[0], None, None],
         ..StageConfig::DEFAULT
@@ -438,7 +438,7 @@ fn only_what_has_a_switch_is_homed_and_only_at_rest() {
 
 /// Lost steps appear as a shift of the origin when the axis is homed again.
 #[test]
-fn homing_again_puts_a_wrong_position_right() {
+fn homing_again_corrects_lost_steps() {
     let mut bench = Bench::new(switches([Side::Positive; 3]), [100, 200, -300], 2);
     assert_eq!(bench.home([true; 3]), None);
     bench.finish();
@@ -453,7 +453,7 @@ fn homing_again_puts_a_wrong_position_right() {
 }
 
 #[test]
-fn while_the_position_is_unknown_motion_stays_within_the_window() {
+fn unknown_position_keeps_the_window() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     let jog = |x| Command::Jog {
         distance_um: [x, 0, 0],

@@ -99,7 +99,7 @@ impl Random {
 
 proptest! {
     #[test]
-    fn every_move_ends_in_its_step_within_limits_and_without_overshoot(
+    fn moves_end_exactly_without_overshoot(
         (rate, configs, limits) in configs(), targets: [i16; AXES], in_step: bool,
     ) {
         let mut planner = Planner::new(limits, centres([0; AXES]));
@@ -181,7 +181,7 @@ proptest! {
     }
 
     #[test]
-    fn following_anything_keeps_all_limits(
+    fn following_keeps_all_limits(
         (rate, configs, _) in configs(),
         inputs in prop::collection::vec((prop::array::uniform3(-1_000..1_000i32), prop::array::uniform3(any::<i32>()), 1..100u32, any::<bool>()), 1..30),
     ) {
@@ -206,7 +206,7 @@ proptest! {
     }
 
     #[test]
-    fn stop_takes_the_way_it_says_and_no_longer_than_the_bound(
+    fn stop_keeps_distance_and_time_bound(
         (rate, configs, limits) in configs(), target: i16, ticks in 0..500usize,
     ) {
         let mut planner = Planner::new(limits, centres([0; AXES]));
@@ -239,7 +239,7 @@ proptest! {
 }
 
 #[test]
-fn ten_thousand_retargets_at_1_khz_end_exactly() {
+fn retargets_at_1_khz_end_exactly() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -265,7 +265,7 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
 }
 
 #[test]
-fn positions_and_speeds_are_those_of_the_segments_handed_out() {
+fn state_follows_the_segments() {
     let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
     planner.set_target(centres([100, -100, 7]));
     let mut positions = planner.positions();
@@ -294,7 +294,7 @@ fn positions_and_speeds_are_those_of_the_segments_handed_out() {
 }
 
 #[test]
-fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
+fn target_too_close_is_overshot() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -320,7 +320,7 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
 }
 
 #[test]
-fn soft_limits_clamp_targets_and_following() {
+fn soft_limits_clamp_every_motion() {
     let configs = [AxisConfig {
         travel_um: [-1_000, 2_500],
         ..CONFIG
@@ -351,7 +351,7 @@ fn soft_limits_clamp_targets_and_following() {
 }
 
 #[test]
-fn following_a_moving_target_has_no_lag() {
+fn moving_target_has_no_lag() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -377,7 +377,7 @@ fn following_a_moving_target_has_no_lag() {
 }
 
 #[test]
-fn axes_in_step_stay_on_the_line_and_arrive_together() {
+fn axes_in_step_stay_on_the_line() {
     let fast = AxisConfig {
         max_speed_um_s: 200_000,
         max_acceleration_um_s2: 3_000_000,
@@ -422,7 +422,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
 
 /// In the last quarter of a tick and, braking, in the first one of the next.
 #[test]
-fn an_axis_may_turn_twice_in_adjacent_segments() {
+fn axis_reverses_in_adjacent_segments() {
     // The highest jerk is 136 quanta.
     let config = AxisConfig {
         steps_per_m: 1_745,

@@ -49,12 +49,12 @@ proptest! {
     #![proptest_config(cases())]
 
     #[test]
-    fn stopping_way_is_that_of_the_braking_rule((pace, u, e) in states()) {
+    fn stopping_distance_follows_the_rule((pace, u, e) in states()) {
         prop_assert_eq!(pace.stopping_way(u, e), slow_stop(&pace, u, e));
     }
 
     #[test]
-    fn steepest_is_the_largest_that_can_ease_off((pace, u, _) in states()) {
+    fn steepest_can_just_ease_off((pace, u, _) in states()) {
         let u = u.abs();
         let fits = |d: i64| d + slow_easing(d, pace.jerk) <= u;
         let d = pace.steepest(u);
@@ -64,7 +64,7 @@ proptest! {
     }
 
     #[test]
-    fn interpolating_finds_what_halving_finds(
+    fn interpolation_agrees_with_halving(
         speed in 1u32..1 << 28, acceleration in 1u32..1 << 28, jerk in 1u32..1 << 26, shift in 0..20u32,
         (v, a, spare, margin) in (any::<i32>(), any::<i32>(), 0..1i64 << 40, 0..1i64 << 28),
     ) {
@@ -81,7 +81,7 @@ proptest! {
     }
 
     #[test]
-    fn next_acceleration_is_the_largest_allowed((pace, u, e) in states(), spare in 0..20_000i64) {
+    fn next_acceleration_is_largest_allowed((pace, u, e) in states(), spare in 0..20_000i64) {
         let ahead = pace.stopping_way(u, e) + spare;
         let fastest = u.abs() + slow_easing(e.abs(), pace.jerk) + spare;
         let allowed = |next: &i64| {
@@ -143,7 +143,7 @@ fn next_by_halving(pace: &Pace, u: i64, e: i64, ahead: i64, fastest: i64) -> i64
 }
 
 #[test]
-fn an_ordinary_stage_is_narrow() {
+fn ordinary_stage_is_narrow() {
     // 80 steps/mm, 100 mm/s, 2 m/s², 50 m/s³ with words at 1 MHz.
     let pace = Pace::new(68_719, 1_374, 34);
     assert!(pace.is_narrow, "{pace:?}");

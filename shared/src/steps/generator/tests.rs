@@ -106,7 +106,7 @@ fn segments(fastest: u32) -> impl Strategy<Value = Vec<Segment>> {
 
 proptest! {
     #[test]
-    fn words_are_those_of_the_floor_law(segments in segments(u32::MAX), room in 0..50usize) {
+    fn words_follow_the_floor_law(segments in segments(u32::MAX), room in 0..50usize) {
         let mut generator = generator();
         let mut model = Model::new();
         for segment in &segments {
@@ -136,7 +136,7 @@ proptest! {
     }
 
     #[test]
-    fn ring_shows_the_edges_of_filled_words(
+    fn ring_has_the_edges_of_fill(
         segments in prop_oneof![segments(u32::MAX), segments(1 << 29), segments(1 << 26)],
         silent in prop::collection::vec(prop::bool::weighted(0.1), 60),
     ) {
@@ -171,7 +171,7 @@ proptest! {
 
     // Below half a step per slot every segment may reverse.
     #[test]
-    fn there_and_back_is_the_same_way(segments in segments(i32::MAX as u32)) {
+    fn there_and_back_retraces_steps(segments in segments(i32::MAX as u32)) {
         let mut generator = generator();
         let start = generator.positions();
         for segment in &segments {
@@ -221,7 +221,7 @@ proptest! {
 
 /// Full speed needs every slot: one step lost in 2³² slots is the price of a 32-bit increment.
 #[test]
-fn full_speed_steps_in_every_slot_but_the_turning_one() {
+fn full_speed_steps_in_every_slot() {
     let mut generator = generator();
     let start = AxisMotion {
         first: 1 << 20,
@@ -248,7 +248,7 @@ fn full_speed_steps_in_every_slot_but_the_turning_one() {
 }
 
 #[test]
-fn segments_that_turn_too_fast_are_refused() {
+fn too_fast_reversals_are_refused() {
     let slow = |first, change, backward| AxisMotion {
         first,
         change,
@@ -272,7 +272,7 @@ fn segments_that_turn_too_fast_are_refused() {
 }
 
 #[test]
-fn halt_keeps_the_position_true() {
+fn halt_keeps_the_position() {
     let mut generator = generator();
     let fast = AxisMotion {
         first: 1 << 30,

@@ -221,7 +221,7 @@ mod tests {
     /// A circular player and the eraser behind it, on a ring of three words at 0; the port is word
     /// 4, the idle word is word 5.
     #[test]
-    fn what_was_played_is_erased() {
+    fn played_words_are_erased() {
         let mut bus = Words(vec![1, 2, 3, 0, 0, 77]);
         let mut dma = Dma::default();
         for (stream, par, direction) in [(1, 16, 1 << 6), (2, 20, 0)] {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_transfer_stops_the_stream() {
+    fn failed_transfer_stops_the_stream() {
         let mut bus = Words(vec![1, 2]);
         let mut dma = Dma::default();
         dma.write(0x14, 2, &mut bus);

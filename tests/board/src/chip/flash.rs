@@ -180,18 +180,18 @@ mod tests {
     }
 
     #[test]
-    fn without_prefetch_each_line_waits() {
+    fn lines_wait_without_prefetch() {
         assert_eq!(straight(&mut at_168_mhz(0), 3), [5, 5, 5]);
     }
 
     #[test]
-    fn prefetch_hides_waits_of_straight_code() {
+    fn prefetch_hides_waits() {
         // Eight cycles a line, of which the next line's read takes six.
         assert_eq!(straight(&mut at_168_mhz(PRFTEN), 4), [5, 0, 0, 0]);
     }
 
     #[test]
-    fn cached_loop_waits_in_its_first_round() {
+    fn cached_loop_waits_once() {
         let mut accelerator = at_168_mhz(ICEN);
         assert_eq!(straight(&mut accelerator, 64).iter().sum::<u64>(), 5 * 64);
         assert_eq!(straight(&mut accelerator, 64).iter().sum::<u64>(), 0);

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn repetitions_and_one_pulse_end_the_count() {
+    fn one_pulse_mode_ends_the_count() {
         let mut timer = Timer::new(false, 1);
         for (offset, value) in [(0x2c, 9), (0x30, 2), (0x14, 1), (0x10, 0), (0x0c, 1)] {
             timer.write(offset, value, 0);
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_stops_the_count_behind_its_filter() {
+    fn filtered_gate_stops_the_count() {
         let mut timer = Timer::new(false, 2);
         // ETF 15 at a quarter of the clock: 1,024 clocks. Gated by ETRF.
         for (offset, value) in [
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn the_prescaler_changes_at_an_update() {
+    fn prescaler_changes_at_an_update() {
         let mut timer = Timer::new(true, 4);
         timer.write(0x28, 83, 0);
         timer.write(0x00, CEN, 0);

@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_nobody_fetched_is_an_overrun() {
+    fn unread_byte_is_an_overrun() {
         let mut usart = running();
         usart.arrive(0, b"ab");
         usart.advance(BITS * usart.far_bit);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_rate_breaks_the_frame() {
+    fn wrong_rate_breaks_the_frame() {
         let mut usart = running();
         usart.write(0x08, 50, 0);
         usart.arrive(0, b"a");

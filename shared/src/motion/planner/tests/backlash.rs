@@ -83,7 +83,7 @@ proptest! {
     /// Retargets at any moment: the load ends exactly at its target, the motor keeps every limit,
     /// the load every soft limit.
     #[test]
-    fn the_load_ends_in_its_step_whatever_the_motor_did(
+    fn load_ends_exactly_at_its_step(
         (rate, configs, limits) in configs(), width in prop::array::uniform3(0..40u32),
         moves in prop::collection::vec((prop::array::uniform3(-300..300i32), 1..60u32, any::<bool>()), 1..12),
         last in prop::array::uniform3(-300..300i32), stops: bool,
@@ -123,7 +123,7 @@ proptest! {
 
     /// Changes limits or the origin at rest: the load stays, and ends at its target.
     #[test]
-    fn the_load_stays_when_limits_or_origin_change(
+    fn load_stays_when_limits_change(
         width in prop::array::uniform3(0..40u32), there in prop::array::uniform3(-300..300i32), back in prop::array::uniform3(-300..300i32),
         by in prop::array::uniform3(-1_000..1_000i32), ticks in 0..80u32,
     ) {
@@ -157,7 +157,7 @@ proptest! {
 /// A target that oscillates, as a filter describes it with some noise: the load follows, and the
 /// motor reverses when the target does and not more often.
 #[test]
-fn a_swinging_target_is_followed_with_two_turns_a_period() {
+fn swinging_target_costs_two_reversals() {
     let limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
     let width = [0, 4, 24];
     let (mut planner, mut judge, mut carriage) =

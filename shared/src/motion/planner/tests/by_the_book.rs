@@ -30,7 +30,7 @@ fn optimal_time(d: f64, v: f64, a: f64, j: f64) -> f64 {
 
 /// The limits are quantised downwards by up to 1/34 (jerk) and 1/689 (acceleration) here.
 #[test]
-fn moves_take_the_optimal_time() {
+fn moves_take_the_textbook_time() {
     for steps in [1, 2, 10, 100, 639, 641, 5_000, 80_000] {
         let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
         let mut judge = Judge::new([CONFIG; AXES], WordRate::MHZ_1);

@@ -149,7 +149,7 @@ fn compare(cases: usize, config: AxisConfig, reach: f64, drift: f64) -> Outcome 
 }
 
 #[test]
-fn ten_thousand_states_reach_their_targets_in_the_optimal_time() {
+fn ten_thousand_states_take_optimal_time() {
     for (name, drift) in [("at rest", 0.0), ("moving at up to 50 mm/s", 0.5)] {
         let outcome = compare(10_000, STAGE, 4_800.0, drift);
         std::println!("targets within 60 mm, {name}: {outcome:.4?}");
@@ -161,7 +161,7 @@ fn ten_thousand_states_reach_their_targets_in_the_optimal_time() {
 
 /// The shortest of these take a dozen ticks, of which a whole one is 8 %.
 #[test]
-fn near_targets_take_the_optimal_time_to_the_tick() {
+fn near_targets_take_optimal_ticks() {
     let outcome = compare(10_000, STAGE, 8.0, 0.0);
     std::println!("targets within 0.1 mm, at rest: {outcome:.4?}");
     assert!(outcome.median <= 1.01 && outcome.worst <= 1.10);
@@ -169,7 +169,7 @@ fn near_targets_take_the_optimal_time_to_the_tick() {
 }
 
 #[test]
-fn gentle_and_hard_stages_take_the_optimal_time() {
+fn extreme_stages_take_optimal_time() {
     // The gentle case has three quanta of jerk. In one move of ten, quanta that coarse leave more
     // than `near` when braking ends, and up to 15 ticks more; slower words make a finer grid.
     for (acceleration, jerk, late) in [(1_000, 5_000, 15), (10_000, 1_000_000, 1)] {
