@@ -268,7 +268,8 @@ mod tests {
             if exact.abs() < 9e18 {
                 // One unit of the last place, plus the truncated low word, plus the relative bound.
                 let low_word = f64::from(bits + d.leading_zeros() as i32 - 63).exp2();
-                prop_assert!((got as f64 - exact).abs() <= 1.0 + low_word + exact.abs() * (-29.5f64).exp2(), "{got} {exact}");
+                let bound = 1.0 + low_word + exact.abs() * (-29.5f64).exp2();
+                prop_assert!((got as f64 - exact).abs() <= bound, "{got} {exact}");
             } else {
                 prop_assert!(got.abs_diff(0) > 1 << 62);
             }

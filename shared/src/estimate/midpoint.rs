@@ -169,7 +169,8 @@ pub fn solve_fixed(sums: &FixedCentredSums) -> Result<FixedEstimate, Refusal> {
     let variance = residual * residual / u64::from(sums.freedom); // s², nm²
     // 1/d in Q8.24 at most 2^(20 + 24): 2^63/m is 2^31/mantissa, times 2^-exponent.
     let inverse = u64::from(invert_mantissa(sums.spread));
-    let inverse = inverse << (MAX_FIXED_EXPONENT - sums.exponent) >> (31 - 24 + MAX_FIXED_EXPONENT); // Q24
+    let up = MAX_FIXED_EXPONENT - sums.exponent;
+    let inverse = inverse << up >> (31 - 24 + MAX_FIXED_EXPONENT); // Q24
     let lever = |centroid: i32| {
         let square = (i64::from(centroid) * i64::from(centroid)).unsigned_abs() >> 34; // Q24
         scale(inverse, square, 24)

@@ -86,7 +86,8 @@ const MAX_LAG_US: u64 = 2_000;
 /// // The shell polls with its own time and the room in its ring of port words.
 /// let Output::Segment(pause) = machine.poll(Instant::from_micros(0), 1_000) else { panic!() };
 /// assert_eq!((pause.slots(), pause.displacement()), (125, [0; 3]));
-/// assert_eq!(machine.poll(Instant::from_micros(0), 1_000), Output::Idle(Instant::from_micros(250)));
+/// let next = Instant::from_micros(250);
+/// assert_eq!(machine.poll(Instant::from_micros(0), 1_000), Output::Idle(next));
 /// assert_eq!(machine.state(), State::Unconfigured);
 /// ```
 #[derive(Clone, Copy, Debug)]

@@ -262,7 +262,7 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     Ok([low as i32, high as i32])
 }
 
-/// Limits of all axes, and the word rate that they were computed for.
+/// Limits of all axes, and the word rate that belongs to them.
 ///
 /// ```
 /// use shared::motion::{AxisConfig, Limits};
@@ -507,15 +507,26 @@ mod tests {
 
     proptest! {
         // Slow words refuse one configuration in fifty.
-        #![proptest_config(ProptestConfig { max_global_rejects: u32::MAX, ..ProptestConfig::default() })]
+        #![proptest_config(ProptestConfig {
+            max_global_rejects: u32::MAX,
+            ..ProptestConfig::default()
+        })]
 
         #[test]
         fn limits_round_down_by_under_a_quantum(
-            steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32, max_acceleration_um_s2 in 100_000..u32::MAX,
+            steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32,
+            max_acceleration_um_s2 in 100_000..u32::MAX,
             max_jerk_um_s3 in 100_000_000..u32::MAX, slots in 4..=500u32,
         ) {
             let rate = WordRate::from_hz(8_000 * slots).unwrap();
-            let config = AxisConfig { steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um: [-1_000, 1_000], invert: false };
+            let config = AxisConfig {
+                steps_per_m,
+                max_speed_um_s,
+                max_acceleration_um_s2,
+                max_jerk_um_s3,
+                travel_um: [-1_000, 1_000],
+                invert: false,
+            };
             let limits = AxisLimits::new(&config, rate);
             prop_assume!(limits.is_ok());
             let limits = limits.unwrap();

@@ -44,7 +44,8 @@ pub enum Event {
 ///
 /// let mut words = [0; 250];
 /// let Event::Sent(bytes) = station.run(Instant::from_micros(5_000), &mut words) else { panic!() };
-/// let Some(Ok(Report::Hello(hello))) = Receiver::default().next(&mut &bytes[..]) else { panic!() };
+/// let report = Receiver::default().next(&mut &bytes[..]);
+/// let Some(Ok(Report::Hello(hello))) = report else { panic!() };
 /// assert_eq!((hello.board.as_str(), hello.mismatches().len()), ("example", 0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -167,7 +167,8 @@ mod tests {
             let motion = AxisMotion { first, change, backward };
             // Total for all inputs, even those of no valid segment.
             let all = motion.distance(slots);
-            let sum: i128 = (0..i128::from(slots)).map(|k| i128::from(first) + k * i128::from(change)).sum();
+            let increment = |k: i128| i128::from(first) + k * i128::from(change);
+            let sum: i128 = (0..i128::from(slots)).map(increment).sum();
             prop_assert_eq!(i128::from(all), sum);
             if let Ok(segment) = Segment::new(slots, [motion; 3]) {
                 let sign = if backward { -1 } else { 1 };

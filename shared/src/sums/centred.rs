@@ -279,7 +279,8 @@ impl CentredSums {
         if !(spread > 0.0) {
             return Err(Refusal::Degenerate);
         }
-        let (mantissa, exponent) = libm::frexp(spread); // spread = mantissa 2^exponent, mantissa in [0.5, 1)
+        // spread = mantissa 2^exponent, mantissa in [0.5, 1)
+        let (mantissa, exponent) = libm::frexp(spread);
         let coupling_mm = libm::ldexp(self.coupling_sum / self.weight, -exponent);
         let fit = |value: Option<i32>| value.ok_or(Refusal::OutOfRange);
         let nanometre = |mm: f64| fit(quantise(mm * 1e6, 0));

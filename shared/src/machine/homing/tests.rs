@@ -271,13 +271,17 @@ fn sides() -> impl Strategy<Value = [Side; 3]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.min(48), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: ProptestConfig::default().cases.min(48),
+        ..ProptestConfig::default()
+    })]
 
     /// From anywhere on the rails, on the switch too: the coordinate is right, with bouncing
     /// contacts and backlash as well.
     #[test]
     fn coordinate_is_the_same_from_any_start(
-        sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8, backlash in prop::array::uniform3(0..3u16),
+        sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8,
+        backlash in prop::array::uniform3(0..3u16),
     ) {
         let backlash_um = backlash.map(|b| b * 50);
         let stage = StageConfig { backlash_um, ..switches(sides) };

@@ -37,8 +37,10 @@ fn cases() -> ProptestConfig {
 }
 
 prop_compose! {
-    fn states()(speed in 1..5_000u32, acceleration in 1..300u32, jerk in 1..300u32, u in -1.0..1.0f64, e in -1.0..1.0f64)
-        -> (Pace, i64, i64) {
+    fn states()(
+        speed in 1..5_000u32, acceleration in 1..300u32, jerk in 1..300u32,
+        u in -1.0..1.0f64, e in -1.0..1.0f64,
+    ) -> (Pace, i64, i64) {
         let pace = Pace::new(speed, acceleration, jerk);
         // Twice the speed: relative to a moving target.
         (pace, (u * 2.0 * f64::from(speed)) as i64, (e * pace.acceleration as f64).round() as i64)
@@ -65,7 +67,8 @@ proptest! {
 
     #[test]
     fn interpolation_agrees_with_halving(
-        speed in 1u32..1 << 28, acceleration in 1u32..1 << 28, jerk in 1u32..1 << 26, shift in 0..20u32,
+        speed in 1u32..1 << 28, acceleration in 1u32..1 << 28, jerk in 1u32..1 << 26,
+        shift in 0..20u32,
         (v, a, spare, margin) in (any::<i32>(), any::<i32>(), 0..1i64 << 40, 0..1i64 << 28),
     ) {
         let pace = Pace::new(speed >> shift, acceleration >> shift, jerk >> shift);
@@ -86,16 +89,21 @@ proptest! {
         let fastest = u.abs() + slow_easing(e.abs(), pace.jerk) + spare;
         let allowed = |next: &i64| {
             let end = u + next;
-            (*next <= 0 || end + slow_easing(*next, pace.jerk) <= fastest) && u + end + slow_stop(&pace, end, *next) <= ahead
+            (*next <= 0 || end + slow_easing(*next, pace.jerk) <= fastest)
+                && u + end + slow_stop(&pace, end, *next) <= ahead
         };
         let lowest = (e - pace.jerk).max(-pace.acceleration);
         let highest = (e + pace.jerk).min(pace.acceleration);
         let best = (lowest..=highest).rev().find(allowed);
-        prop_assert_eq!(Some(pace.next_acceleration(u, e, ahead, fastest, pace.stopping_way(u, e))), best);
+        let stop = pace.stopping_way(u, e);
+        prop_assert_eq!(Some(pace.next_acceleration(u, e, ahead, fastest, stop)), best);
     }
 
     #[test]
-    fn nothing_overflows(speed: u32, acceleration: u32, jerk: u32, u in -(1i64 << 29)..1 << 29, e in -1.0..1.0f64, ahead: i64) {
+    fn nothing_overflows(
+        speed: u32, acceleration: u32, jerk: u32,
+        u in -(1i64 << 29)..1 << 29, e in -1.0..1.0f64, ahead: i64,
+    ) {
         let pace = Pace::new(speed, acceleration, jerk);
         let e = (e * pace.acceleration as f64) as i64;
         let stop = pace.stopping_way(u, e);
@@ -105,16 +113,19 @@ proptest! {
     /// Exercises the narrow rule up to its end, where overflow would panic.
     #[test]
     fn both_widths_agree(
-        speed in 0..1u32 << 24, acceleration in 0u32..1 << 20, jerk in 0u32..1 << 16, shifts in (0..16u32, 0..16u32, 0..16u32),
+        speed in 0..1u32 << 24, acceleration in 0u32..1 << 20, jerk in 0u32..1 << 16,
+        shifts in (0..16u32, 0..16u32, 0..16u32),
         u in -1.0..1.0f64, e in -1.0..1.0f64,
     ) {
         let pace = Pace::new(speed >> shifts.0, acceleration >> shifts.1, jerk >> shifts.2);
         let u = (u * 2.0 * pace.speed as f64).round() as i64;
         let e = (e * pace.acceleration as f64).round() as i64;
         if let Some((rule, u32, e32)) = pace.narrow(u, e) {
-            prop_assert_eq!(i64::from(rule.stopping_way(u32, e32).0), pace.wide().stopping_way(Wide(u), Wide(e)).0);
-            prop_assert_eq!(i64::from(rule.brake(u32, e32).0), pace.wide().brake(Wide(u), Wide(e)).0);
-            prop_assert_eq!(i64::from(rule.easing(e32).0), pace.wide().easing(Wide(e)).0);
+            let (wide, u64, e64) = (pace.wide(), Wide(u), Wide(e));
+            let stop = rule.stopping_way(u32, e32).0;
+            prop_assert_eq!(i64::from(stop), wide.stopping_way(u64, e64).0);
+            prop_assert_eq!(i64::from(rule.brake(u32, e32).0), wide.brake(u64, e64).0);
+            prop_assert_eq!(i64::from(rule.easing(e32).0), wide.easing(e64).0);
         }
     }
 }

@@ -144,7 +144,8 @@ proptest! {
         let (mut filled, mut played, mut unseen) = (0, 0, 0);
         for (segment, silent) in segments.iter().zip(silent) {
             prop_assert_eq!(playing.load(segment), filling.load(segment));
-            let ring: Vec<AtomicU32> = (0..2 * segment.slots()).map(|_| AtomicU32::new(IDLE)).collect();
+            let idle = (0..2 * segment.slots()).map(|_| AtomicU32::new(IDLE));
+            let ring: Vec<AtomicU32> = idle.collect();
             let words = all_words(&mut filling);
             if silent {
                 playing.skip();
@@ -182,7 +183,8 @@ proptest! {
             let slots = segment.slots();
             // The same increments, last to first.
             let back = segment.axes().map(|motion| AxisMotion {
-                first: (i64::from(motion.first) + i64::from(motion.change) * i64::from(slots - 1)) as u32,
+                first: (i64::from(motion.first)
+                    + i64::from(motion.change) * i64::from(slots - 1)) as u32,
                 change: -motion.change,
                 backward: !motion.backward,
             });
@@ -195,13 +197,29 @@ proptest! {
 
     #[test]
     fn nothing_panics(
-        raw in prop::collection::vec((any::<u16>(), prop::array::uniform3((any::<u32>(), any::<i32>(), any::<bool>())), 0..300usize, any::<bool>()), 1..20),
+        raw in prop::collection::vec(
+            (
+                any::<u16>(),
+                prop::array::uniform3((any::<u32>(), any::<i32>(), any::<bool>())),
+                0..300usize,
+                any::<bool>(),
+            ),
+            1..20,
+        ),
         pins: [u8; 6],
     ) {
-        let map = PortMap { step: [pins[0], pins[1], pins[2]], dir: [pins[3], pins[4], pins[5]], invert: [true; 3] };
+        let map = PortMap {
+            step: [pins[0], pins[1], pins[2]],
+            dir: [pins[3], pins[4], pins[5]],
+            invert: [true; 3],
+        };
         let mut generator = Generator::new(map).unwrap_or(generator());
         for (slots, axes, room, halt) in raw {
-            let motions = axes.map(|(first, change, backward)| AxisMotion { first, change, backward });
+            let motions = axes.map(|(first, change, backward)| AxisMotion {
+                first,
+                change,
+                backward,
+            });
             if let Ok(segment) = Segment::new(slots, motions) {
                 let before = generator.positions();
                 if generator.load(&segment).is_err() {

@@ -107,7 +107,9 @@ proptest! {
         if stops {
             planner.stop();
             carriage.run(&mut planner, &mut judge);
-            prop_assert_eq!(planner.targets().map(Position::whole_steps), planner.loads().map(Position::whole_steps));
+            let [targets, loads] =
+                [planner.targets(), planner.loads()].map(|all| all.map(Position::whole_steps));
+            prop_assert_eq!(targets, loads);
         }
         planner.set_target(centres(last));
         carriage.run(&mut planner, &mut judge);
@@ -117,18 +119,21 @@ proptest! {
             prop_assert!(carriage.load[axis].abs_diff(goal.fine()) < NEAR);
             prop_assert_eq!(planner.loads()[axis].whole_steps(), goal.whole_steps());
             let behind = i64::from(goal.whole_steps()) - (carriage.motor[axis] >> 32);
-            prop_assert!(behind == 0 || behind == i64::from(width[axis]), "the motor is {} steps off", behind);
+            let is_exact = behind == 0 || behind == i64::from(width[axis]);
+            prop_assert!(is_exact, "the motor is {behind} steps off");
         }
     }
 
     /// Changes limits or the origin at rest: the load stays, and ends at its target.
     #[test]
     fn load_stays_when_limits_change(
-        width in prop::array::uniform3(0..40u32), there in prop::array::uniform3(-300..300i32), back in prop::array::uniform3(-300..300i32),
+        width in prop::array::uniform3(0..40u32), there in prop::array::uniform3(-300..300i32),
+        back in prop::array::uniform3(-300..300i32),
         by in prop::array::uniform3(-1_000..1_000i32), ticks in 0..80u32,
     ) {
         let limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
-        let (mut planner, mut judge, mut carriage) = stage([CONFIG; AXES], limits, WordRate::MHZ_1, width);
+        let (mut planner, mut judge, mut carriage) =
+            stage([CONFIG; AXES], limits, WordRate::MHZ_1, width);
         planner.set_target(centres(there));
         for _ in 0..ticks {
             carriage.tick(&mut planner, &mut judge);
