@@ -554,7 +554,7 @@ impl core::fmt::Display for ConfigField {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Matrix => f.write_str("the matrix is singular"),
-            Self::Driver => f.write_str("the driver cannot take this board's word rate"),
+            Self::Driver => f.write_str("the driver does not support this board's word rate"),
             Self::Value {
                 setting,
                 axis,
@@ -578,27 +578,31 @@ impl core::fmt::Display for Denial {
             Self::PositionUnknown => "the position is unknown: home or zero first",
             Self::Stopped => "stopped: reset first",
             Self::Faulted => "a fault is latched: reset first",
-            Self::CauseRemains => "the cause of the fault is still there",
+            Self::CauseRemains => "the cause of the fault is still present",
             Self::Config(field) => return write!(f, "configuration: {field}"),
             Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
-            Self::CaptureInFuture => "the capture lies in the future",
-            Self::CaptureTooOld => "the capture is too old",
-            Self::CaptureOutOfOrder => "the capture is not after the last one used",
+            Self::CaptureInFuture => "the capture time lies in the future",
+            Self::CaptureTooOld => "the capture time is too old",
+            Self::CaptureOutOfOrder => "the capture time is not after that of the last frame used",
             Self::UnknownReference => {
-                "the reference is neither the present one nor a recent capture"
+                "the keyframe is neither the present one nor a recent frame set"
             }
-            Self::LimitSwitch => "the way leads onto a tripped limit switch",
+            Self::LimitSwitch => "the move leads onto a tripped limit switch",
             Self::Outlier => {
-                "the target cannot have moved so far: waiting for a second frame that says so"
+                "the target moved too far for one frame: a second frame that agrees is accepted"
             }
-            Self::OutsideWindow => "the position is unknown: so far away the stage may not move",
-            Self::NoHomeSwitch => "an axis to be homed has no home switch",
+            Self::OutsideWindow => {
+                "the position is unknown, and the move is too long for that: home or zero first"
+            }
+            Self::NoHomeSwitch => "an axis to home has no home switch",
             Self::Dropped => "dropped, because a stop came later",
             Self::OutsideTravel { axis } => {
                 return write!(f, "axis {axis} stands outside its travel");
             }
-            Self::NoHeartbeat => "no ping came within the heartbeat time",
-            Self::FaultUnread => "a new fault has appeared that no status has named yet",
+            Self::NoHeartbeat => "no ping came within the heartbeat timeout",
+            Self::FaultUnread => {
+                "a fault appeared that no status has reported yet: read the status, then reset"
+            }
             Self::MotorsOff => "the motors are off",
         };
         f.write_str(text)

@@ -125,7 +125,7 @@ impl Machine {
         if self.forbidden {
             return Err(Denial::CauseRemains);
         }
-        if !self.faults.is_within(self.read) {
+        if !self.faults.is_within(self.reported_faults) {
             return Err(Denial::FaultUnread);
         }
         self.faults = Faults::NONE;
@@ -161,7 +161,7 @@ impl Machine {
     }
 
     fn require_heartbeat(&self) -> Result<(), Denial> {
-        match self.is_heard() {
+        match self.has_heartbeat() {
             true => Ok(()),
             false => Err(Denial::NoHeartbeat),
         }

@@ -12,9 +12,9 @@ impl Machine {
     }
 
     pub(super) fn check_switches(&mut self) {
-        let glimpsed = core::mem::take(&mut self.glimpsed);
-        let emergency_stop = self.inputs.emergency_stop || glimpsed.emergency_stop;
-        let driver_fault = self.inputs.driver_fault || glimpsed.driver_fault;
+        let latched = core::mem::take(&mut self.latched_inputs);
+        let emergency_stop = self.inputs.emergency_stop || latched.emergency_stop;
+        let driver_fault = self.inputs.driver_fault || latched.driver_fault;
         self.forbidden = emergency_stop || driver_fault;
         if emergency_stop {
             self.fail(Fault::EmergencyStop);
@@ -44,9 +44,9 @@ impl Machine {
         if switches == [[false; 2]; 3] || planner.has_arrived() {
             return false;
         }
-        let onto = |ways: [i64; 3]| {
-            let mut axes = ways.into_iter().zip(switches);
-            axes.any(|(way, [negative, positive])| (negative && way < 0) || (positive && way > 0))
+        let onto = |displacements: [i64; 3]| {
+            let mut axes = displacements.into_iter().zip(switches);
+            axes.any(|(by, [negative, positive])| (negative && by < 0) || (positive && by > 0))
         };
         if onto(planner.speeds()) {
             return true;
@@ -65,16 +65,16 @@ impl Machine {
     }
 
     pub(super) fn check_heartbeat(&mut self) {
-        if self.state.is_commanded() && !self.is_heard() {
+        if self.state.is_commanded() && !self.has_heartbeat() {
             self.fail(Fault::Heartbeat);
         }
     }
 
     /// Returns true if a ping came within the heartbeat timeout.
-    pub(super) fn is_heard(&self) -> bool {
+    pub(super) fn has_heartbeat(&self) -> bool {
         let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
-        self.heard
-            .is_some_and(|heard| self.tick.saturating_sub(heard) <= longest)
+        self.last_ping_tick
+            .is_some_and(|last_ping| self.tick.saturating_sub(last_ping) <= longest)
     }
 
     /// Latches a fault beside those already latched, and stops.
@@ -113,7 +113,7 @@ impl Machine {
         if !self.stands() {
             return;
         }
-        self.sought = None;
+        self.abandoned_switch = None;
         if self.state == State::Moving {
             self.renew_limits();
         }

@@ -86,7 +86,7 @@ impl Contact {
 
 /// Action that the machine must take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Deed {
+enum Action {
     Wait,
     /// Stop on a ramp.
     Halt,
@@ -117,10 +117,10 @@ impl Homing {
     }
 
     /// Returns the distance `way`, signed towards the switch.
-    fn towards(&self, way: i64) -> i64 {
+    fn towards(&self, distance: i64) -> i64 {
         match self.home.side {
-            Side::Negative => way.saturating_neg(),
-            Side::Positive => way,
+            Side::Negative => distance.saturating_neg(),
+            Side::Positive => distance,
         }
     }
 
@@ -131,13 +131,13 @@ impl Homing {
 
     /// Executes one tick. `at` is the position of the axis, `stands` is true at rest; `search` and
     /// `back_off` are distances, all 2⁻³² steps.
-    fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Deed {
+    fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Action {
         if stands {
             self.rested = self.rested.saturating_add(1);
         }
         let undecided = match self.rested > PATIENCE {
-            true => Deed::Fail(Fault::SwitchStuck),
-            false => Deed::Wait,
+            true => Action::Fail(Fault::SwitchStuck),
+            false => Action::Wait,
         };
         let steady = self.contact.steady();
         let place = self.contact.at;
@@ -146,11 +146,11 @@ impl Homing {
                 None => undecided,
                 Some(true) => {
                     self.enter(Phase::Release(at, false));
-                    Deed::Wait
+                    Action::Wait
                 }
                 Some(false) => {
                     self.enter(Phase::Search);
-                    Deed::Go(at.saturating_add(self.towards(search)), false)
+                    Action::Go(at.saturating_add(self.towards(search)), false)
                 }
             },
             Phase::Search | Phase::Approach if steady == Some(true) => {
@@ -158,34 +158,34 @@ impl Homing {
                     Phase::Search => Phase::Release(place, false),
                     _ => Phase::Leave(place, false),
                 });
-                Deed::Halt
+                Action::Halt
             }
             Phase::Search | Phase::Approach => match stands {
-                true => Deed::Fail(Fault::SwitchNotFound),
-                false => Deed::Wait,
+                true => Action::Fail(Fault::SwitchNotFound),
+                false => Action::Wait,
             },
-            _ if !stands => Deed::Wait,
+            _ if !stands => Action::Wait,
             Phase::Release(place, false) | Phase::Leave(place, false) => {
                 self.enter(match self.phase {
                     Phase::Release(..) => Phase::Release(place, true),
                     _ => Phase::Leave(place, true),
                 });
-                Deed::Go(place.saturating_sub(self.towards(back_off)), false)
+                Action::Go(place.saturating_sub(self.towards(back_off)), false)
             }
             // The contact must be steady at rest.
-            _ if self.rested < STEADY => Deed::Wait,
+            _ if self.rested < STEADY => Action::Wait,
             Phase::Release(place, true) => match steady {
                 None => undecided,
-                Some(true) => Deed::Fail(Fault::SwitchStuck),
+                Some(true) => Action::Fail(Fault::SwitchStuck),
                 Some(false) => {
                     self.enter(Phase::Approach);
-                    Deed::Go(place.saturating_add(self.towards(back_off)), true)
+                    Action::Go(place.saturating_add(self.towards(back_off)), true)
                 }
             },
             Phase::Leave(place, true) => match steady {
                 None => undecided,
-                Some(true) => Deed::Fail(Fault::SwitchStuck),
-                Some(false) => Deed::Done(place),
+                Some(true) => Action::Fail(Fault::SwitchStuck),
+                Some(false) => Action::Done(place),
             },
         }
     }
@@ -213,16 +213,20 @@ impl Machine {
     /// the stage is at rest, so that a stop on the way onto it keeps the position.
     pub(super) fn give_up_homing(&mut self) {
         if let Some(homing) = self.homing.take() {
-            self.sought = Some(homing.switch());
+            self.abandoned_switch = Some(homing.switch());
         }
     }
 
     /// Returns the limit switches without the one searched for.
     pub(super) fn switches_to_obey(&self) -> [[bool; 2]; 3] {
         let mut limits = self.inputs.limits;
-        let sought = self.homing.as_ref().map(Homing::switch).or(self.sought);
-        let sought = sought.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
-        if let Some(switch) = sought {
+        let searched = self
+            .homing
+            .as_ref()
+            .map(Homing::switch)
+            .or(self.abandoned_switch);
+        let searched = searched.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
+        if let Some(switch) = searched {
             *switch = false;
         }
         limits
@@ -255,21 +259,21 @@ impl Machine {
         let deed = homing.tick(on_axis(self.position()), self.stands(), search, back_off);
         self.homing = Some(homing);
         match deed {
-            Deed::Wait => {}
-            Deed::Halt => {
+            Action::Wait => {}
+            Action::Halt => {
                 if let Some(planner) = &mut self.planner {
                     planner.stop();
                 }
             }
-            Deed::Go(place, second) => {
+            Action::Go(place, second) => {
                 let [fast, slow] = limits;
                 self.send_axis(axis, place, if second { slow } else { fast });
                 if self.runs_onto_a_switch() {
                     self.fail(Fault::Limit);
                 }
             }
-            Deed::Fail(fault) => self.fail(fault),
-            Deed::Done(place) => {
+            Action::Fail(fault) => self.fail(fault),
+            Action::Done(place) => {
                 let mut by = [0; 3];
                 if let Some(by) = by.get_mut(axis) {
                     *by = shift_right_rounded(home.saturating_sub(place), 32);

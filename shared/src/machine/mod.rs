@@ -122,7 +122,7 @@ pub enum Output {
 
 /// Inputs that count at the next tick however short they are.
 #[derive(Clone, Copy, Debug, Default)]
-struct Glimpsed {
+struct LatchedInputs {
     emergency_stop: bool,
     driver_fault: bool,
 }
@@ -139,21 +139,21 @@ pub struct Machine {
     outbox: Outbox,
     inputs: Inputs,
     /// Inputs sensed since the last tick that forbid any motion.
-    glimpsed: Glimpsed,
+    latched_inputs: LatchedInputs,
     /// True if an emergency stop or a driver's fault counts in this tick.
     forbidden: bool,
 
     /// Next control tick.
     tick: u64,
     /// Segments of the present tick already handed out; [`SEGMENTS`] when the next tick is due.
-    given: u8,
+    emitted_segments: u8,
     started: bool,
     /// Port words in all segments handed out.
     words_planned: u64,
     /// Tick of the last ping; `None` before the first.
-    heard: Option<u64>,
+    last_ping_tick: Option<u64>,
     /// Tick of the last status.
-    told: u64,
+    last_status_tick: u64,
 
     active: Option<Active>,
     planner: Option<Planner>,
@@ -164,7 +164,7 @@ pub struct Machine {
     /// `Faulted`.
     faults: Faults,
     /// Faults that the last status reported.
-    read: Faults,
+    reported_faults: Faults,
     trust: Trust,
     /// Axes whose zero is known; all of them when the trust is `Homed`.
     referenced: [bool; 3],
@@ -176,7 +176,7 @@ pub struct Machine {
     rests: u64,
     homing: Option<Homing>,
     /// Home switch of a search that was abandoned, axis and end, until the stage is at rest.
-    sought: Option<(usize, usize)>,
+    abandoned_switch: Option<(usize, usize)>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -198,14 +198,14 @@ impl Machine {
             inbox: Inbox::default(),
             outbox: Outbox::default(),
             inputs: Inputs::default(),
-            glimpsed: Glimpsed::default(),
+            latched_inputs: LatchedInputs::default(),
             forbidden: false,
             tick: 0,
-            given: SEGMENTS,
+            emitted_segments: SEGMENTS,
             started: false,
             words_planned: 0,
-            heard: None,
-            told: 0,
+            last_ping_tick: None,
+            last_status_tick: 0,
             active: None,
             planner: None,
             history: History::default(),
@@ -215,14 +215,14 @@ impl Machine {
                 false => State::default(),
             },
             faults: unexpected.then_some(Fault::Restart).into_iter().collect(),
-            read: Faults::NONE,
+            reported_faults: Faults::NONE,
             trust: Trust::default(),
             referenced: [false; 3],
             window: Window::default(),
             motors: false,
             rests: 0,
             homing: None,
-            sought: None,
+            abandoned_switch: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
@@ -252,8 +252,8 @@ impl Machine {
     /// there as if it were present.
     pub fn sense(&mut self, inputs: Inputs) {
         self.inputs = inputs;
-        self.glimpsed.emergency_stop |= inputs.emergency_stop;
-        self.glimpsed.driver_fault |= inputs.driver_fault;
+        self.latched_inputs.emergency_stop |= inputs.emergency_stop;
+        self.latched_inputs.driver_fault |= inputs.driver_fault;
     }
 
     /// Returns the action at `now`. Call again at once after any output but [`Output::Idle`].
@@ -282,14 +282,14 @@ impl Machine {
         if now.since(due) > MAX_LAG_US {
             self.catch_up(now);
         }
-        if self.given == SEGMENTS {
+        if self.emitted_segments == SEGMENTS {
             self.control();
-            self.given = 0;
+            self.emitted_segments = 0;
         }
-        self.given += 1;
+        self.emitted_segments += 1;
         self.words_planned = self.words_planned.saturating_add(words as u64);
         let segment = self.next_segment();
-        if self.given == SEGMENTS {
+        if self.emitted_segments == SEGMENTS {
             self.remember();
             self.tick = self.tick.saturating_add(1);
         }
@@ -342,12 +342,12 @@ impl Machine {
 
     /// Returns the instant at which the next segment is due.
     fn due(&self) -> Instant {
-        let given = if self.given == SEGMENTS {
+        let emitted = if self.emitted_segments == SEGMENTS {
             0
         } else {
-            self.given
+            self.emitted_segments
         };
-        self.now().plus_micros(u64::from(given) * SEGMENT_US)
+        self.now().plus_micros(u64::from(emitted) * SEGMENT_US)
     }
 
     /// Returns the instant of the present tick.
@@ -359,7 +359,7 @@ impl Machine {
     /// motion.
     fn catch_up(&mut self, now: Instant) {
         self.tick = now.micros() / TICK_US;
-        self.given = SEGMENTS;
+        self.emitted_segments = SEGMENTS;
         self.history.clear();
         if !self.stands() {
             self.fail(Fault::Underrun);
@@ -385,7 +385,7 @@ impl Machine {
         let sequence = packet.sequence;
         if matches!(packet.command, Command::Hello) {
             self.sequence = Some(sequence);
-            self.greet();
+            self.introduce();
             return;
         }
         match self.sequence.map(|last| sequence.wrapping_sub(last)) {
@@ -401,7 +401,7 @@ impl Machine {
     fn queue(&mut self, now: Instant, packet: Packet) {
         match packet.command {
             Command::Ping { host_us } => {
-                self.heard = Some(self.tick);
+                self.last_ping_tick = Some(self.tick);
                 self.report(Report::Pong {
                     host_us,
                     received: now,
@@ -425,7 +425,7 @@ impl Machine {
     /// large, which makes the image smaller.
     #[cold]
     #[inline(never)]
-    fn greet(&mut self) {
+    fn introduce(&mut self) {
         self.report(Report::Hello(self.hello()));
         self.report(Report::LastRun(self.board.last_run));
     }
@@ -485,11 +485,11 @@ impl Machine {
         self.settle();
         self.rest_motors();
         let changed = before != (self.state, self.faults, self.motors);
-        let unread = !self.faults.is_within(self.read);
-        let due = self.tick.saturating_sub(self.told) >= STATUS_TICKS;
+        let unread = !self.faults.is_within(self.reported_faults);
+        let due = self.tick.saturating_sub(self.last_status_tick) >= STATUS_TICKS;
         if followed || changed || unread || due {
-            self.told = self.tick;
-            self.read = self.faults;
+            self.last_status_tick = self.tick;
+            self.reported_faults = self.faults;
             let status = self.status();
             self.outbox.status(status);
         }

@@ -108,21 +108,24 @@ impl Machine {
         self.require_ready()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
-        let ways = active.fine_from_um(distance_um);
+        let distances = active.fine_from_um(distance_um);
         let width = active.fine_from_um([narrow(active.config.stage.window_um.into()); 3]);
         let from = self.position();
         let mut goals: Goals = [None; 3];
         let mut to = from;
-        let axes = from.into_iter().zip(ways).zip(planner.stopping_ways());
-        for ((goal, to), ((from, way), stopping)) in goals.iter_mut().zip(&mut to).zip(axes) {
+        let axes = from
+            .into_iter()
+            .zip(distances)
+            .zip(planner.stopping_distances());
+        for ((goal, to), ((from, distance), stopping)) in goals.iter_mut().zip(&mut to).zip(axes) {
             // Not nearer than the stopping distance, or the axis would come back against the
             // direction of the jog.
-            let way = match way.signum() {
-                1 => way.max(stopping),
-                -1 => way.min(stopping),
+            let distance = match distance.signum() {
+                1 => distance.max(stopping),
+                -1 => distance.min(stopping),
                 _ => continue,
             };
-            *to = from.saturating_add(way);
+            *to = from.saturating_add(distance);
             *goal = Some(*to);
         }
         if self.trust != Trust::Homed && !self.window.allows(from, to, width) {
@@ -185,8 +188,8 @@ impl Machine {
         let Some((load, [negative, positive])) = loads.get(axis).zip(limits.get(axis)) else {
             return Ok(());
         };
-        let way = target.whole_steps().cmp(&load.whole_steps());
-        match (*negative && way.is_lt()) || (*positive && way.is_gt()) {
+        let distance = target.whole_steps().cmp(&load.whole_steps());
+        match (*negative && distance.is_lt()) || (*positive && distance.is_gt()) {
             true => Err(Denial::LimitSwitch),
             false => Ok(()),
         }

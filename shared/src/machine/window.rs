@@ -37,14 +37,14 @@ impl Window {
             return;
         };
         let [old, new] = scales.map(|scale| u64::from(scale.max(1)));
-        let way = at.abs_diff(*anchor);
+        let distance = at.abs_diff(*anchor);
         // The remainder is below 2^32, so its product is below 2^64.
-        let way = (way / old)
+        let distance = (distance / old)
             .saturating_mul(new)
-            .saturating_add(way % old * new / old);
-        let way = i64::try_from(way).unwrap_or(i64::MAX);
+            .saturating_add(distance % old * new / old);
+        let distance = i64::try_from(distance).unwrap_or(i64::MAX);
         let forwards = (at >= *anchor) != turned;
-        *anchor = at.saturating_sub(if forwards { way } else { -way });
+        *anchor = at.saturating_sub(if forwards { distance } else { -distance });
     }
 
     /// Returns true if no axis moves more than half a step farther than `width` from where it may

@@ -33,7 +33,7 @@ const SLACK: i64 = 1 << 31;
 
 /// Backlash of one axis, with the position of its load.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Play {
+pub(super) struct Backlash {
     /// Width of the backlash, fine units: whole steps, from 0.
     width: i64,
     /// Position of the load, within `motor ..= motor + width`.
@@ -46,7 +46,7 @@ pub(super) struct Play {
     follows: bool,
 }
 
-impl Play {
+impl Backlash {
     /// Creates the state at rest, with a load that was last pushed forwards.
     pub(super) fn new(width_steps: u32, motor: Position) -> Self {
         Self {
@@ -61,19 +61,19 @@ impl Play {
     /// Returns the state of the same axis at rest, with another width.
     pub(super) fn with_width(self, width_steps: u32, motor: Position) -> Self {
         let width = i64::from(width_steps) << 32;
-        let play = Self {
+        let backlash = Self {
             width,
             held: true,
             ..self
         };
         Self {
-            load: play.pushed(self.load, motor),
-            ..play
+            load: backlash.pushed(self.load, motor),
+            ..backlash
         }
     }
 
     /// Returns true if the axis has backlash.
-    pub(super) const fn is_loose(&self) -> bool {
+    pub(super) const fn has_backlash(&self) -> bool {
         self.width != 0
     }
 

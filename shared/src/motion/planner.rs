@@ -1,5 +1,5 @@
 use super::Limits;
-use super::backlash::Play;
+use super::backlash::Backlash;
 use crate::fixed::{product, quotient, times};
 use crate::steps::{AXES, Position, Segment, WordRate};
 use axis::{Axis, near, within};
@@ -34,7 +34,7 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 /// v a0/j + a0³/3j² + (v'/2)(v'/a + a/j) + (v' + a T) T      v' = v + a0²/2j      a0 > 0, T = 1 ms
 /// ```
 ///
-/// after the tick already planned ([`Planner::stopping_ways`] is exact); the last term is the
+/// after the tick already planned ([`Planner::stopping_distances`] is exact); the last term is the
 /// grid's.
 ///
 /// # Example
@@ -74,7 +74,7 @@ pub struct Planner {
     /// Positions after the segments handed out.
     positions: [Position; AXES],
     /// Backlash and loads after the segments handed out.
-    plays: [Play; AXES],
+    backlashes: [Backlash; AXES],
 }
 
 impl Planner {
@@ -91,10 +91,10 @@ impl Planner {
             tick: [Segment::pause(limits.rate.slots_per_segment()); SEGMENTS],
             given: SEGMENTS,
             positions,
-            plays: [
-                Play::new(x.backlash(), px),
-                Play::new(y.backlash(), py),
-                Play::new(z.backlash(), pz),
+            backlashes: [
+                Backlash::new(x.backlash(), px),
+                Backlash::new(y.backlash(), py),
+                Backlash::new(z.backlash(), pz),
             ],
         }
     }
@@ -103,9 +103,11 @@ impl Planner {
     /// tick. The load keeps its place between its flanks.
     pub fn relimited(&self, limits: Limits) -> Self {
         let mut planner = Self::new(limits, self.positions);
-        let plays = planner.plays.iter_mut().zip(self.plays);
-        for ((play, old), (axis, motor)) in plays.zip(limits.axes.iter().zip(self.positions)) {
-            *play = old.with_width(axis.backlash(), motor);
+        let backlashes = planner.backlashes.iter_mut().zip(self.backlashes);
+        for ((backlash, old), (axis, motor)) in
+            backlashes.zip(limits.axes.iter().zip(self.positions))
+        {
+            *backlash = old.with_width(axis.backlash(), motor);
         }
         planner
     }
@@ -119,8 +121,8 @@ impl Planner {
             *position = position.saturating_add(by);
         }
         let mut planner = Self::new(self.limits, positions);
-        for ((play, old), by) in planner.plays.iter_mut().zip(self.plays).zip(by) {
-            *play = old.shifted(by);
+        for ((backlash, old), by) in planner.backlashes.iter_mut().zip(self.backlashes).zip(by) {
+            *backlash = old.shifted(by);
         }
         planner
     }
@@ -141,16 +143,16 @@ impl Planner {
     pub fn set_targets_of(&mut self, targets: [Option<Position>; AXES]) {
         let quantum = self.distance_quantum();
         self.line = None;
-        let axes = self.axes.iter_mut().zip(&mut self.plays);
-        for ((axis, play), target) in axes.zip(targets) {
+        let axes = self.axes.iter_mut().zip(&mut self.backlashes);
+        for ((axis, backlash), target) in axes.zip(targets) {
             match target {
                 Some(target) => {
                     let target = axis.limits.clamp(target);
-                    axis.aim(play.aim(target, false), 0);
+                    axis.aim(backlash.aim(target, false), 0);
                 }
-                None if play.is_following() => {
+                None if backlash.is_following() => {
                     axis.aim(axis.stop(quantum), 0);
-                    play.hold();
+                    backlash.hold();
                 }
                 None => axis.aim(axis.target, 0),
             }
@@ -174,25 +176,25 @@ impl Planner {
             if speed < 0 { -size } else { size }
         };
         self.line = None;
-        let axes = self.axes.iter_mut().zip(&mut self.plays);
-        for ((axis, play), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
+        let axes = self.axes.iter_mut().zip(&mut self.backlashes);
+        for ((axis, backlash), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
             let target = axis.limits.clamp(target);
-            axis.aim(play.aim(target, follows), quanta(speed));
+            axis.aim(backlash.aim(target, follows), quanta(speed));
         }
     }
 
     /// Chooses the flank that brings each load to its goal.
-    fn take_up(&mut self) {
-        if !self.plays.iter().any(Play::is_loose) {
+    fn choose_flanks(&mut self) {
+        if !self.backlashes.iter().any(Backlash::has_backlash) {
             return;
         }
         let quantum = self.distance_quantum();
-        for (axis, play) in self.axes.iter_mut().zip(&mut self.plays) {
-            let way = axis
+        for (axis, backlash) in self.axes.iter_mut().zip(&mut self.backlashes) {
+            let distance = axis
                 .own
-                .stopping_way(axis.speed - axis.drift, axis.acceleration);
-            let stop = axis.position.saturating_add(times(quantum, way));
-            let change = play.turn(axis.target, stop, axis.drift, quantum, near(quantum));
+                .stopping_distance(axis.speed - axis.drift, axis.acceleration);
+            let stop = axis.position.saturating_add(times(quantum, distance));
+            let change = backlash.turn(axis.target, stop, axis.drift, quantum, near(quantum));
             if change != 0 {
                 // Only a new goal reverses an axis of a line, and that ends the line by itself.
                 axis.target = axis.target.saturating_add(change);
@@ -208,7 +210,7 @@ impl Planner {
     pub fn move_in_step(&mut self, targets: [Option<Position>; AXES]) {
         self.set_targets_of(targets);
         if self.is_at_rest() {
-            self.take_up();
+            self.choose_flanks();
             self.line = Line::through(&self.axes);
             if let Some(line) = self.line {
                 let pace = line.pace(&self.axes);
@@ -224,9 +226,9 @@ impl Planner {
     pub fn stop(&mut self) {
         let quantum = self.distance_quantum();
         self.line = None;
-        for (axis, play) in self.axes.iter_mut().zip(&mut self.plays) {
+        for (axis, backlash) in self.axes.iter_mut().zip(&mut self.backlashes) {
             axis.aim(axis.stop(quantum), 0);
-            play.hold();
+            backlash.hold();
         }
     }
 
@@ -240,10 +242,10 @@ impl Planner {
         let pause = Segment::pause(self.limits.rate.slots_per_segment());
         let segment = self.tick.get(self.given).copied().unwrap_or(pause);
         self.given += 1;
-        let axes = self.positions.iter_mut().zip(&mut self.plays);
-        for ((position, play), way) in axes.zip(segment.displacement()) {
-            *position = position.saturating_add(way);
-            play.advance(*position);
+        let axes = self.positions.iter_mut().zip(&mut self.backlashes);
+        for ((position, backlash), distance) in axes.zip(segment.displacement()) {
+            *position = position.saturating_add(distance);
+            backlash.advance(*position);
         }
         segment
     }
@@ -257,7 +259,7 @@ impl Planner {
     fn next_tick(&mut self) {
         let slots = self.limits.rate.slots_per_segment();
         let quantum = self.distance_quantum();
-        self.take_up();
+        self.choose_flanks();
         let accelerations = self.accelerations(quantum);
         let ramp = |axis: &Axis, acceleration| Ramp {
             speed: axis.speed,
@@ -265,7 +267,7 @@ impl Planner {
         };
         let ([x, y, z], [ax, ay, az]) = (&self.axes, accelerations);
         let [x, y, z] = [ramp(x, ax), ramp(y, ay), ramp(z, az)];
-        let mut ways = [0; AXES];
+        let mut distances = [0; AXES];
         for (segment, quarter) in self.tick.iter_mut().zip(0..) {
             let motions = [
                 x.quarter(slots, quarter),
@@ -275,12 +277,14 @@ impl Planner {
             // Speeds on the grid always make a segment. If they did not, a pause would be safe and
             // the position would stay valid.
             *segment = Segment::new(slots, motions).unwrap_or(Segment::pause(slots));
-            for (way, part) in ways.iter_mut().zip(segment.displacement()) {
-                *way += part;
+            for (distance, part) in distances.iter_mut().zip(segment.displacement()) {
+                *distance += part;
             }
         }
-        for ((axis, way), acceleration) in self.axes.iter_mut().zip(ways).zip(accelerations) {
-            axis.advance(way, acceleration, quantum);
+        for ((axis, distance), acceleration) in
+            self.axes.iter_mut().zip(distances).zip(accelerations)
+        {
+            axis.advance(distance, acceleration, quantum);
         }
         self.line = self.line.filter(|line| {
             self.axes
@@ -297,12 +301,12 @@ impl Planner {
     /// Returns the positions of the loads after the segments handed out so far: equal to those of
     /// the motors without backlash.
     pub fn loads(&self) -> [Position; AXES] {
-        self.plays.each_ref().map(Play::load)
+        self.backlashes.each_ref().map(Backlash::load)
     }
 
     /// Returns the targets of the loads, within the soft limits.
     pub fn targets(&self) -> [Position; AXES] {
-        let ([x, y, z], [a, b, c]) = (&self.axes, &self.plays);
+        let ([x, y, z], [a, b, c]) = (&self.axes, &self.backlashes);
         [a.goal(x.target), b.goal(y.target), c.goal(z.target)]
     }
 
@@ -319,9 +323,11 @@ impl Planner {
 
     /// Returns the distances that the axes would still move after the present tick if
     /// [`Planner::stop`] were called now, 2⁻³² step, negative backwards. Exact.
-    pub fn stopping_ways(&self) -> [i64; AXES] {
+    pub fn stopping_distances(&self) -> [i64; AXES] {
         let quantum = self.distance_quantum();
-        self.axes.each_ref().map(|axis| axis.stopping_way(quantum))
+        self.axes
+            .each_ref()
+            .map(|axis| axis.stopping_distance(quantum))
     }
 
     /// Returns true for each axis that does not move in the present tick and has no speed left
@@ -341,7 +347,7 @@ impl Planner {
     pub fn has_arrived(&self) -> bool {
         let near = near(self.distance_quantum());
         let arrived =
-            |axis: &Axis| axis.is_at_rest() && axis.drift == 0 && within(axis.way(), near);
+            |axis: &Axis| axis.is_at_rest() && axis.drift == 0 && within(axis.distance(), near);
         self.axes.iter().all(arrived)
     }
 

@@ -184,8 +184,8 @@ impl<I: Integer> Rule<I> {
         }
     }
 
-    /// Implements [`Pace::stopping_way`].
-    fn stopping_way(self, u: I, e: I) -> I {
+    /// Implements [`Pace::stopping_distance`].
+    fn stopping_distance(self, u: I, e: I) -> I {
         let d = -e;
         if u >= self.easing(d) {
             self.stopping_ahead(u, d)
@@ -209,11 +209,11 @@ impl<I: Integer> Rule<I> {
         let level = level.min((self.a - s).over(j)).max(k);
         let c = level - k;
         let climb = c.times(u + u - c.times(d)) - j.times(pyramid(c));
-        climb + self.falling_way(u - c.times(d) - self.level_sum(c))
+        climb + self.falling_distance(u - c.times(d) - self.level_sum(c))
     }
 
     /// Returns the distance of holding and falling from speed `u >= 0`.
-    fn falling_way(self, u: I) -> I {
+    fn falling_distance(self, u: I) -> I {
         let a = self.a;
         let full = a + self.easing(a);
         let held = if u >= full {
@@ -339,10 +339,10 @@ impl Pace {
 
     /// Returns the distance to rest by the braking rule from speed `u`, after a tick with
     /// acceleration `e`: distance quanta. All three are signed in the same direction.
-    pub(super) fn stopping_way(&self, u: i64, e: i64) -> i64 {
+    pub(super) fn stopping_distance(&self, u: i64, e: i64) -> i64 {
         match self.narrow(u, e) {
-            Some((rule, u, e)) => rule.stopping_way(u, e).0.into(),
-            None => self.wide().stopping_way(Wide(u), Wide(e)).0,
+            Some((rule, u, e)) => rule.stopping_distance(u, e).0.into(),
+            None => self.wide().stopping_distance(Wide(u), Wide(e)).0,
         }
     }
 
@@ -350,7 +350,7 @@ impl Pace {
     /// `ahead` distance quanta of where it is now, and ease off before it is faster than `fastest`;
     /// that of the braking rule if there is none.
     ///
-    /// `stop` is [`Pace::stopping_way`] from here, where the search starts.
+    /// `stop` is [`Pace::stopping_distance`] from here, where the search starts.
     pub(super) fn next_acceleration(
         &self,
         u: i64,
@@ -359,9 +359,9 @@ impl Pace {
         fastest: i64,
         stop: i64,
     ) -> i64 {
-        let way = |e: i64| {
+        let distance = |e: i64| {
             let end = u + e;
-            u + end + self.stopping_way(end, e)
+            u + end + self.stopping_distance(end, e)
         };
         let mut highest = (e + self.jerk).min(self.acceleration);
         if highest > 0 && u + highest + self.easing(highest) > fastest {
@@ -371,8 +371,8 @@ impl Pace {
         if highest <= good {
             return good;
         }
-        let (mut bad, mut good_way, mut bad_way) = (highest, stop, way(highest));
-        if bad_way <= ahead {
+        let (mut bad, mut good_distance, mut bad_distance) = (highest, stop, distance(highest));
+        if bad_distance <= ahead {
             return highest;
         }
         // The distance grows with the acceleration, nearly in proportion, so two or three tries
@@ -383,15 +383,15 @@ impl Pace {
             let step = if halve {
                 size >> 1
             } else {
-                let slope = quotient(bad_way.saturating_sub(good_way), size);
-                quotient(ahead.saturating_sub(good_way), slope)
+                let slope = quotient(bad_distance.saturating_sub(good_distance), size);
+                quotient(ahead.saturating_sub(good_distance), slope)
             };
             let middle = good + step.clamp(1, size - 1);
-            let middle_way = way(middle);
-            if middle_way <= ahead {
-                (good, good_way) = (middle, middle_way);
+            let middle_distance = distance(middle);
+            if middle_distance <= ahead {
+                (good, good_distance) = (middle, middle_distance);
             } else {
-                (bad, bad_way) = (middle, middle_way);
+                (bad, bad_distance) = (middle, middle_distance);
             }
             halve = !halve && bad - good > size >> 1;
         }

@@ -52,8 +52,8 @@ impl Probe {
                 *turns = turns.saturating_add(u16::from(changed & dir != 0));
                 if changed & after & step != 0 {
                     *rises = rises.saturating_add(1);
-                    let way = if after & dir != 0 { 1 } else { -1 };
-                    *steps = steps.wrapping_add(way);
+                    let direction = if after & dir != 0 { 1 } else { -1 };
+                    *steps = steps.wrapping_add(direction);
                 }
             }
         }

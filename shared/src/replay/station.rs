@@ -55,11 +55,11 @@ pub struct Station {
     generator: Generator,
     rate: WordRate,
     /// Words that the step engine holds at the start, all zero: its delay.
-    ring: u64,
+    ring_words: u64,
     /// Words made from segments.
-    made: u64,
+    words_made: u64,
     /// Words on the pins since the start, those of the first filling included.
-    out: u64,
+    words_out: u64,
     inputs: Inputs,
     now: Instant,
 }
@@ -76,9 +76,9 @@ impl Station {
             machine: Machine::new(board),
             generator: Generator::new(map)?,
             rate,
-            ring: u64::from(ring_words),
-            made: 0,
-            out: 0,
+            ring_words: u64::from(ring_words),
+            words_made: 0,
+            words_out: 0,
             inputs: Inputs::default(),
             now: Instant::default(),
         })
@@ -112,9 +112,11 @@ impl Station {
     /// Lets time pass until `instant`; the words of that time go to the pins.
     pub fn pass(&mut self, instant: Instant) {
         let due = instant.micros().saturating_mul(u64::from(self.rate.hz())) / 1_000_000;
-        self.out = due.min(self.ring.saturating_add(self.made)).max(self.out);
+        self.words_out = due
+            .min(self.ring_words.saturating_add(self.words_made))
+            .max(self.words_out);
         self.now = instant;
-        self.inputs.words_emitted = self.out.saturating_sub(self.ring);
+        self.inputs.words_emitted = self.words_out.saturating_sub(self.ring_words);
         self.machine.sense(self.inputs);
     }
 
@@ -131,7 +133,7 @@ impl Station {
                     return Event::Refused(fault);
                 }
                 let filled = self.generator.fill(words);
-                self.made = self.made.saturating_add(filled as u64);
+                self.words_made = self.words_made.saturating_add(filled as u64);
                 Event::Segment(segment, filled)
             }
         }

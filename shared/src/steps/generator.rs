@@ -89,8 +89,8 @@ impl Axis {
     }
 
     /// Advances by `way` fine units in the present direction.
-    fn advance(&mut self, way: u64) {
-        let sum = u64::from(self.phase).saturating_add(way);
+    fn advance(&mut self, distance: u64) {
+        let sum = u64::from(self.phase).saturating_add(distance);
         // Truncation splits the sum into phase and carries; the carries number fewer than 2³².
         self.phase = sum as u32;
         let steps = i64::from((sum >> 32) as u32);
@@ -105,8 +105,8 @@ impl Axis {
             return 0;
         }
         // The distance of a valid segment is not negative.
-        let way = self.motion_left().distance(slots).max(0).cast_unsigned();
-        (u64::from(self.phase).saturating_add(way) >> 32) as u32
+        let distance = self.motion_left().distance(slots).max(0).cast_unsigned();
+        (u64::from(self.phase).saturating_add(distance) >> 32) as u32
     }
 
     /// Writes STEP into the slots of the next `steps` steps, searching one step at a time: phase
@@ -401,9 +401,9 @@ impl Generator {
                 axis.held = increment;
             } else {
                 // `load` made sure that both together stay below one step.
-                let way = u64::from(increment) + u64::from(core::mem::take(&mut axis.held));
+                let distance = u64::from(increment) + u64::from(core::mem::take(&mut axis.held));
                 let before = axis.count;
-                axis.advance(way);
+                axis.advance(distance);
                 if axis.count != before {
                     steps |= axis.step_bit;
                 }
@@ -442,9 +442,9 @@ impl Generator {
             if axis.is_rest() {
                 continue;
             }
-            let way = axis.motion_left().distance(slots);
+            let distance = axis.motion_left().distance(slots);
             // The distance of a valid segment is not negative.
-            axis.advance(way.max(0).cast_unsigned());
+            axis.advance(distance.max(0).cast_unsigned());
             axis.increment = axis
                 .increment
                 .wrapping_add(axis.change.wrapping_mul(u32::from(slots)));

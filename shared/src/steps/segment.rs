@@ -92,15 +92,15 @@ impl Segment {
     pub fn displacement(&self) -> [i64; AXES] {
         // By components, because `map` copies the axes.
         let [x, y, z] = &self.axes;
-        let way = |motion: &AxisMotion| {
-            let way = motion.distance(self.slots);
+        let signed = |motion: &AxisMotion| {
+            let distance = motion.distance(self.slots);
             if motion.backward {
-                way.wrapping_neg()
+                distance.wrapping_neg()
             } else {
-                way
+                distance
             }
         };
-        [way(x), way(y), way(z)]
+        [signed(x), signed(y), signed(z)]
     }
 }
 

@@ -324,10 +324,10 @@ pub struct FixedCentredSums {
     #[serde(with = "postcard::fixint::le")]
     pub freedom: u16,
     /// Weighted mean of `v/g`: `tx, ty`, nm.
-    #[serde(with = "crate::frame::fixint2")]
+    #[serde(with = "super::fixint2")]
     pub mean_nm: [i32; 2],
     /// Centroid `ξ, η`, Q2.29 (±4).
-    #[serde(with = "crate::frame::fixint2")]
+    #[serde(with = "super::fixint2")]
     pub centroid: [i32; 2],
     /// Mantissa of the spread, Q0.32, always in `[2^31, 2^32)`: spread = `mantissa 2^exponent`.
     #[serde(with = "postcard::fixint::le")]

@@ -12,6 +12,7 @@
 //! where floating point becomes integer.
 
 pub mod centred;
+pub mod fixint2;
 pub mod pair;
 
 /// Positions of one point in one camera at the keyframe and now, in normalised coordinates

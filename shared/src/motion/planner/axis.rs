@@ -40,7 +40,7 @@ impl Axis {
             acceleration: 0,
             target: position,
             drift: 0,
-            margin: 2 * own.speed + own.stopping_way(own.speed, own.acceleration),
+            margin: 2 * own.speed + own.stopping_distance(own.speed, own.acceleration),
         }
     }
 
@@ -56,7 +56,7 @@ impl Axis {
     }
 
     /// Returns the distance from the position to the target, fine units.
-    pub(super) fn way(&self) -> i64 {
+    pub(super) fn distance(&self) -> i64 {
         self.target.fine().saturating_sub(self.position.fine())
     }
 
@@ -67,16 +67,16 @@ impl Axis {
     /// would end, so that the axis can always reach it without overshoot from there.
     pub(super) fn choose(&self, quantum: i64) -> i64 {
         let speed = self.speed - self.drift;
-        let way = self.way();
-        let left = way.saturating_sub(product(speed, quantum));
+        let distance = self.distance();
+        let left = distance.saturating_sub(product(speed, quantum));
         if within(left, near(quantum)) && self.pace.brake(speed, self.acceleration) == -speed {
             // Braking ends in this tick, near enough.
             return -speed;
         }
-        let stop = self.pace.stopping_way(speed, self.acceleration);
-        let (mut sign, mut ahead) = (1, quotient(way, quantum));
+        let stop = self.pace.stopping_distance(speed, self.acceleration);
+        let (mut sign, mut ahead) = (1, quotient(distance, quantum));
         if stop > ahead {
-            (sign, ahead) = (-1, quotient(way.saturating_neg(), quantum));
+            (sign, ahead) = (-1, quotient(distance.saturating_neg(), quantum));
         }
         let fastest = self.pace.speed - product(sign, self.drift);
         self.towards(sign, speed, ahead, fastest, stop)
@@ -112,12 +112,12 @@ impl Axis {
         let ahead = quotient(high, quantum);
         let (speed, fastest) = (self.speed, self.pace.speed);
         let end = speed + wanted;
-        let way = speed + end + self.pace.stopping_way(end, wanted);
-        if -behind <= way && way <= ahead {
+        let distance = speed + end + self.pace.stopping_distance(end, wanted);
+        if -behind <= distance && distance <= ahead {
             return wanted;
         }
         let brake = self.pace.brake(speed, self.acceleration);
-        let stop = self.pace.stopping_way(speed, self.acceleration);
+        let stop = self.pace.stopping_distance(speed, self.acceleration);
         let (sign, room) = match wanted.cmp(&brake) {
             Ordering::Equal => return wanted,
             Ordering::Greater => (1, ahead),
@@ -142,8 +142,8 @@ impl Axis {
     }
 
     /// Advances by the motion planned for a tick.
-    pub(super) fn advance(&mut self, way: i64, acceleration: i64, quantum: i64) {
-        self.position = self.position.saturating_add(way);
+    pub(super) fn advance(&mut self, distance: i64, acceleration: i64, quantum: i64) {
+        self.position = self.position.saturating_add(distance);
         self.target = self.target.saturating_add(product(2 * quantum, self.drift));
         self.speed += acceleration;
         self.acceleration = acceleration;
@@ -151,13 +151,14 @@ impl Axis {
 
     /// Returns the position at which full braking ends.
     pub(super) fn stop(&self, quantum: i64) -> Position {
-        self.position.saturating_add(self.stopping_way(quantum))
+        self.position
+            .saturating_add(self.stopping_distance(quantum))
     }
 
     /// Returns the distance to rest at full braking, fine units.
-    pub(super) fn stopping_way(&self, quantum: i64) -> i64 {
-        let way = self.own.stopping_way(self.speed, self.acceleration);
-        times(quantum, way)
+    pub(super) fn stopping_distance(&self, quantum: i64) -> i64 {
+        let distance = self.own.stopping_distance(self.speed, self.acceleration);
+        times(quantum, distance)
     }
 }
 

@@ -189,7 +189,7 @@ proptest! {
                 planner.plan_tick();
             }
             planner.has_arrived();
-            planner.stopping_ways();
+            planner.stopping_distances();
         }
     }
 
@@ -239,7 +239,7 @@ proptest! {
         let sign = if target < 0 { -1.0 } else { 1.0 };
         let speeds = planner.speeds();
         let accelerations = planner.axes.map(|axis| axis.acceleration);
-        let ways = planner.stopping_ways();
+        let ways = planner.stopping_distances();
         let before = planner.positions();
         planner.stop();
         run(&mut planner, &mut judge);
@@ -325,7 +325,7 @@ fn target_too_close_is_overshot() {
         judge.tick(&mut planner);
     }
     let here = planner.positions()[0].whole_steps();
-    let way = (planner.stopping_ways()[0] >> 32) as i32;
+    let way = (planner.stopping_distances()[0] >> 32) as i32;
     assert!(way > 390, "{way}");
     planner.set_target(centres([here + 10; AXES]));
     let mut farthest = here;

@@ -52,7 +52,7 @@ proptest! {
 
     #[test]
     fn stopping_distance_follows_the_rule((pace, u, e) in states()) {
-        prop_assert_eq!(pace.stopping_way(u, e), slow_stop(&pace, u, e));
+        prop_assert_eq!(pace.stopping_distance(u, e), slow_stop(&pace, u, e));
     }
 
     #[test]
@@ -74,7 +74,7 @@ proptest! {
         let pace = Pace::new(speed >> shift, acceleration >> shift, jerk >> shift);
         let u = i64::from(v) % (pace.speed + 1);
         let e = i64::from(a) % (pace.acceleration + 1);
-        let stop = pace.stopping_way(u, e);
+        let stop = pace.stopping_distance(u, e);
         let ahead = stop + (spare >> shift);
         let fastest = u.abs() + (margin >> shift);
         prop_assert_eq!(
@@ -85,7 +85,7 @@ proptest! {
 
     #[test]
     fn next_acceleration_is_largest_allowed((pace, u, e) in states(), spare in 0..20_000i64) {
-        let ahead = pace.stopping_way(u, e) + spare;
+        let ahead = pace.stopping_distance(u, e) + spare;
         let fastest = u.abs() + slow_easing(e.abs(), pace.jerk) + spare;
         let allowed = |next: &i64| {
             let end = u + next;
@@ -95,7 +95,7 @@ proptest! {
         let lowest = (e - pace.jerk).max(-pace.acceleration);
         let highest = (e + pace.jerk).min(pace.acceleration);
         let best = (lowest..=highest).rev().find(allowed);
-        let stop = pace.stopping_way(u, e);
+        let stop = pace.stopping_distance(u, e);
         prop_assert_eq!(Some(pace.next_acceleration(u, e, ahead, fastest, stop)), best);
     }
 
@@ -106,7 +106,7 @@ proptest! {
     ) {
         let pace = Pace::new(speed, acceleration, jerk);
         let e = (e * pace.acceleration as f64) as i64;
-        let stop = pace.stopping_way(u, e);
+        let stop = pace.stopping_distance(u, e);
         pace.next_acceleration(u, e, ahead, pace.speed, stop);
     }
 
@@ -122,8 +122,8 @@ proptest! {
         let e = (e * pace.acceleration as f64).round() as i64;
         if let Some((rule, u32, e32)) = pace.narrow(u, e) {
             let (wide, u64, e64) = (pace.wide(), Wide(u), Wide(e));
-            let stop = rule.stopping_way(u32, e32).0;
-            prop_assert_eq!(i64::from(stop), wide.stopping_way(u64, e64).0);
+            let stop = rule.stopping_distance(u32, e32).0;
+            prop_assert_eq!(i64::from(stop), wide.stopping_distance(u64, e64).0);
             prop_assert_eq!(i64::from(rule.brake(u32, e32).0), wide.brake(u64, e64).0);
             prop_assert_eq!(i64::from(rule.easing(e32).0), wide.easing(e64).0);
         }
@@ -135,7 +135,7 @@ fn next_by_halving(pace: &Pace, u: i64, e: i64, ahead: i64, fastest: i64) -> i64
     let allowed = |e: i64| {
         let end = u + e;
         let too_fast = e > 0 && end + pace.easing(e) > fastest;
-        !too_fast && u + end + pace.stopping_way(end, e) <= ahead
+        !too_fast && u + end + pace.stopping_distance(end, e) <= ahead
     };
     let highest = (e + pace.jerk).min(pace.acceleration);
     if allowed(highest) {

@@ -125,7 +125,7 @@ fn compare(cases: usize, config: AxisConfig, reach: f64, drift: f64) -> Outcome 
             ticks += 1;
             assert!(ticks < 100_000, "never arrives: {cases:?}");
             for (axis, end) in planner.axes.iter().zip(&mut ends) {
-                let rests = axis.speed == axis.drift && axis.way().abs() < near(quantum);
+                let rests = axis.speed == axis.drift && axis.distance().abs() < near(quantum);
                 // The next tick continues at the target's speed.
                 if end.is_none() && rests && axis.free(quantum) == 0 {
                     *end = Some(ticks);
