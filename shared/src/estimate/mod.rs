@@ -19,3 +19,6 @@ pub use quality::{Gate, Refusal};
 
 /// Displacement per axis, nm.
 pub type DisplacementNm = [i32; 3];
+
+#[cfg(test)]
+mod tests;
