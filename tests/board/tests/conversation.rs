@@ -52,8 +52,8 @@ fn frames_jog_and_stop_over_the_uart() {
     assert_eq!(station.status().position_steps.map(i64::from), steps);
 }
 
-/// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as
-/// many cycles again for everything the edges are the same.
+/// Cache misses and bus conflicts slow a real processor down. With 50 and 75 % more cycles for
+/// everything the edges are the same.
 #[test]
 fn slower_processor_makes_same_edges() {
     for slowness in [6, 7] {
@@ -72,7 +72,8 @@ fn slower_processor_makes_same_edges() {
     }
 }
 
-/// Shortest times at the pins, ns: STEP high, STEP low, DIR before a rise, DIR after a rise.
+/// Returns the shortest times at the pins, ns: STEP high, STEP low, DIR before a rise, DIR after a
+/// rise.
 fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
     let mut least = [u64::MAX; 4];
     for (step, dir) in STEPPERS.step.into_iter().zip(STEPPERS.dir) {
@@ -102,7 +103,7 @@ fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
     least
 }
 
-/// To and fro on all axes, at the speed at which the default stage's step frequency is highest.
+/// Back and forth on all axes, at the speed with the default stage's highest step frequency.
 #[test]
 fn pulses_fit_every_driver() {
     for driver in [Driver::A4988, Driver::Tmc2209] {

@@ -1,4 +1,4 @@
-//! Motors off and on, and what the LED shows.
+//! Motors off and on, and the status LED.
 
 use host::rig_file::Driver;
 use shared::frame::message::{Command, StageConfig};
@@ -57,7 +57,7 @@ fn motors_switch_off_after_rest() {
     assert!(!drivers_are_on(&mut station));
 }
 
-/// How often the LED goes on, and for how much of the time it is on.
+/// Returns the number of flashes of the LED, and the share of the time during which it is on.
 fn led(station: &mut Station, time: Beats) -> (usize, f64) {
     let from = station.board.now();
     station.run(time);

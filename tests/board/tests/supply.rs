@@ -1,4 +1,4 @@
-//! The supply: what a dip does, and what the next start says of it.
+//! Dips of the supply, and the report of the next start.
 
 use shared::frame::message::{End, ResetCause};
 use shared::safety::{Fault, State};
@@ -40,7 +40,7 @@ fn sag_above_threshold_is_harmless() {
     assert!(rises_after(&mut station, at).len() > 300);
 }
 
-/// The supply stays low: each start ends again, with drivers off, until it is back.
+/// The supply stays low: each start ends again, with drivers off, until it recovers.
 #[test]
 fn low_supply_keeps_drivers_off() {
     let mut station = moving();
@@ -62,8 +62,8 @@ fn low_supply_keeps_drivers_off() {
     assert_eq!(station.status().fault, Some(Fault::Restart));
 }
 
-/// So short that memory is intact, so deep that the chip was reset by its power-on detector,
-/// without a word of the program.
+/// The loss is so short that memory is intact, and so deep that the power-on detector resets the
+/// chip before the program writes a word.
 #[test]
 fn short_power_loss_is_a_brown_out() {
     let mut station = moving();
