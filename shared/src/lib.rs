@@ -20,8 +20,8 @@
 //! [`machine`] is the whole station. A shell (firmware, emulator, twin) calls `receive` with bytes,
 //! `sense` with switches and `poll` with the time, and does what `poll` returns.
 //!
-//! [`rig`] holds the cameras as plain data, projects points into their images and converts pixels to
-//! normalised coordinates.
+//! [`rig`] holds the cameras as plain data, projects points into their images and converts pixels
+//! to normalised coordinates.
 //!
 //! [`sums`] reduces the correspondences of one frame set to a few numbers, the flow sums. The host
 //! accumulates them in floating point and sends them as integers.
@@ -59,11 +59,12 @@
 //! assert!((x.speed - 2.0).abs() < 0.1);
 //! ```
 //!
-//! [`motion`] plans segments of motion to target positions, within limits of speed, acceleration and
-//! jerk; [`steps`] converts segments to the port words that make STEP and DIR edges. The two need no
-//! other module but [`fixed`]: see the example `planner`.
+//! [`motion`] plans segments of motion to target positions, within limits of speed, acceleration
+//! and jerk; [`steps`] converts segments to the port words that make STEP and DIR edges. The two
+//! need no other module but [`fixed`]: see the example `planner`.
 //!
-//! [`safety`] defines the states of the station, the trust in its position, and the numbered faults.
+//! [`safety`] defines the states of the station, the trust in its position, and the numbered
+//! faults.
 //!
 //! [`replay`] is the emulated station, and a run of it that can be repeated and compared between
 //! machines.

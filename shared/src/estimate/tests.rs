@@ -271,6 +271,7 @@ fn noisy_paper_solves_its_equations() {
 
 /// The stated sigma is the standard deviation of the error, and the error has no bias.
 #[test]
+#[cfg_attr(miri, ignore)] // hundreds of runs: too slow for an interpreter
 fn stated_sigma_is_that_of_the_error() {
     let rig = rig(&PLANE);
     let (moved, runs) = ([3.0, -4.0, 6.0], 400);

@@ -1,5 +1,5 @@
-//! Case `eight-points` of `tests/golden/estimators.json`, copied: eight points in three cameras, with
-//! 0.05 px of noise, and the results of independent double-precision code.
+//! Case `eight-points` of `tests/golden/estimators.json`, copied: eight points in three cameras,
+//! with 0.05 px of noise, and the results of independent double-precision code.
 
 /// Focal length, px.
 pub const FOCAL_PX: f64 = 533.32;

@@ -85,7 +85,10 @@ proptest! {
     #[test]
     fn load_ends_exactly_at_its_step(
         (rate, configs, limits) in configs(), width in prop::array::uniform3(0..40u32),
-        moves in prop::collection::vec((prop::array::uniform3(-300..300i32), 1..60u32, any::<bool>()), 1..12),
+        moves in prop::collection::vec(
+            (prop::array::uniform3(-300..300i32), 1..60u32, any::<bool>()),
+            1..12,
+        ),
         last in prop::array::uniform3(-300..300i32), stops: bool,
     ) {
         let (mut planner, mut judge, mut carriage) = stage(configs, limits, rate, width);
