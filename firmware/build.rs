@@ -1,5 +1,5 @@
-//! Link arguments. They are here and not in `.cargo/config.toml`, which cargo ignores when it is
-//! called from another folder.
+//! Link arguments. They are here and not in `.cargo/config.toml`, because cargo ignores that file
+//! when it runs in another folder.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();

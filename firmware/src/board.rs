@@ -1,13 +1,13 @@
-//! The board: clock, pins and word rate. The only place that names a pin.
+//! Board: clock, pins and word rate. The only module that names a pin.
 //!
-//! Each board is a small file with the same items; one cargo feature chooses it. Whatever a driver
-//! wants of STEP and DIR (pulse lengths, set-up, hold) is not here: it comes with the host's
-//! configuration, and the station refuses a driver that the word rate is too fast for.
+//! Each board is a small file with the same items; one cargo feature selects it. The driver's
+//! timing of STEP and DIR (pulse lengths, set-up, hold) is not here: it comes with the host's
+//! configuration, and the station refuses a driver that is too slow for the word rate.
 //!
 //! # Inputs
-//! Limit switches and the emergency stop are contacts that are closed when all is well, between pin
-//! and ground, with the chip's pull-up: a cut wire reads as open. A switch that is not there is a
-//! wire to ground.
+//! Limit switches and the emergency stop are contacts between pin and ground that are closed in the
+//! normal state, with the chip's pull-up: a cut wire reads as open. A missing switch is replaced by
+//! a wire to ground.
 //!
 //! The emergency stop's second contact, on boards with a [`Gate`], stops the step timer itself.
 
@@ -36,52 +36,52 @@ use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{Config, Peri};
 use shared::steps::WordRate;
 
-/// Port words per second: 500 kHz of steps on every axis.
+/// Port words per second: at most 500,000 steps/s on every axis.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;
 
-/// Speed of the UART link, baud.
+/// Rate of the UART link, baud.
 pub const UART_BAUD: u32 = 921_600;
 
-/// An output pin.
+/// Output pin.
 #[derive(Clone, Copy)]
 pub struct Line {
-    /// Its port.
+    /// GPIO port of the pin.
     pub port: embassy_stm32::pac::gpio::Gpio,
-    /// Its number within the port, 0 to 15.
+    /// Number of the pin within its port, 0 to 15.
     pub pin: u8,
-    /// The level that means "on".
+    /// True if the high level means "on".
     pub active_high: bool,
 }
 
-/// An input that gates the step timer in hardware: TIM8_ETR, which is PA0 on these chips.
+/// Input that gates the step timer in hardware: TIM8_ETR, which is PA0 on these chips.
 #[derive(Clone, Copy)]
 pub struct Gate {
-    /// The level at which the timer runs.
+    /// True if the timer runs at the high level.
     pub active_high: bool,
 }
 
-/// Timer and streams of the step engine: whoever has this knows that nobody else has them.
+/// Timer and streams of the step engine. Its owner has exclusive use of them.
 #[expect(dead_code, reason = "the registers are used directly")]
 pub struct Hardware {
-    /// One overflow per word.
+    /// Step timer, with one overflow per word.
     pub timer: Peri<'static, TIM8>,
-    /// DMA2 stream 1, which TIM8's update can request.
+    /// Player: DMA2 stream 1, which TIM8's update can request.
     pub player: Peri<'static, DMA2_CH1>,
-    /// DMA2 stream 2, which TIM8's compare 1 can request.
+    /// Eraser: DMA2 stream 2, which TIM8's compare 1 can request.
     pub eraser: Peri<'static, DMA2_CH2>,
 }
 
-/// What a board's `assign` makes of the chip.
+/// Peripherals of the chip, as a board's `assign` sets them up.
 pub struct Parts {
-    /// Switches of each axis, at the negative end and at the positive end. Open is high.
+    /// Limit switches of each axis, negative end first. The high level means open.
     pub limits: [[ExtiInput<'static, Async>; 2]; 3],
-    /// Open is high, and stops.
+    /// Emergency stop. The high level means open, and stops.
     pub emergency_stop: ExtiInput<'static, Async>,
-    /// Low is a fault.
+    /// Fault line of the drivers. The low level means a fault.
     pub driver_fault: Option<ExtiInput<'static, Async>>,
-    /// The second link.
+    /// UART, the second link.
     pub uart: BufferedUart<'static>,
-    /// The first link: controller, D+, D-.
+    /// USB, the first link: controller, D+, D-.
     pub usb: (
         Peri<'static, USB_OTG_FS>,
         Peri<'static, PA12>,
@@ -91,11 +91,11 @@ pub struct Parts {
     pub engine: Hardware,
     /// The independent watchdog.
     pub watchdog: Peri<'static, IWDG>,
-    /// For session numbers.
+    /// Random number generator, for session numbers.
     pub random: Peri<'static, RNG>,
 }
 
-/// 168 MHz from the board's crystal, 48 MHz for USB.
+/// Returns the clock configuration: 168 MHz from the board's crystal, 48 MHz for USB.
 pub fn clocks() -> Config {
     use embassy_stm32::rcc::{
         AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv,

@@ -1,8 +1,8 @@
-//! The station's clock: microseconds since the start.
+//! Clock of the station: microseconds since the start.
 
 use embassy_time::Instant;
 
-/// The present moment.
+/// Returns the present instant.
 pub fn now() -> shared::time::Instant {
     shared::time::Instant::from_micros(Instant::now().as_micros())
 }

@@ -1,4 +1,4 @@
-//! The machine and its wires: bytes and switches in, bytes and segments out.
+//! The machine and its connections: bytes and switches in, bytes and segments out.
 
 use crate::{board, clock, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
@@ -7,10 +7,10 @@ use shared::frame::message::{LastRun, ResetCause};
 use shared::machine::{Board, Machine, Output};
 use static_cell::StaticCell;
 
-/// How long to wait when a segment is due and the engine has no room, µs.
+/// Waiting time when a segment is due and the engine has no room, µs.
 const NO_ROOM_US: u64 = 50;
 
-/// Runs the machine for ever.
+/// Runs the machine forever.
 #[embassy_executor::task]
 pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
     static MACHINE: StaticCell<Machine> = StaticCell::new();
@@ -42,7 +42,7 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
             Output::Send(bytes) => link::send(bytes),
             Output::Segment(segment) => {
                 words_given = words_given.saturating_add(u64::from(segment.slots()) * 2);
-                // `poll` was told that there is room.
+                // `poll` got the room of the engine, so the segment fits.
                 let _ = engine::give(segment, machine.inverted());
             }
             Output::Idle(until) => {
@@ -73,7 +73,7 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
     }
 }
 
-/// The crate's version, as hello says it.
+/// Version of the crate, for hello.
 const VERSION: [u8; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),
     number(env!("CARGO_PKG_VERSION_MINOR")),

@@ -1,16 +1,16 @@
-//! What the last life of the program left behind.
+//! Record of the program's previous run.
 //!
-//! A panic, a hard fault or a supply that dips stops motion, writes a few words into memory that a
-//! reset does not clear, and waits for the watchdog. The next start reads them, together with the
-//! chip's own record of what reset it, and the machine tells every host. What an address means,
-//! `addr2line -fie station-b ADDRESS` says.
+//! On a panic, a hard fault or a supply that dips, the program stops motion, writes a few words
+//! into memory that a reset does not clear, and waits for the watchdog. The next start reads them,
+//! together with the chip's own record of the reset's cause, and the machine reports them to every
+//! host. `addr2line -fie station-b ADDRESS` converts an address to a source line.
 //!
 //! # Brown-out
-//! The chip's own detector of brown-outs is off unless its option bytes are set, and its flag
-//! never comes alone. So a start counts as one after a brown-out when the record says that the
-//! supply was low, and when power came on with memory intact: then it was gone for less than the
-//! second or so that memory lasts. Whoever switches the station off and on again that quickly is
-//! told the same.
+//! The chip's own brown-out detector is off unless its option bytes are set, and its flag never
+//! comes alone. A start therefore counts as one after a brown-out in two cases: if the record says
+//! that the supply was low, and if power came on with memory intact, because then it was gone for
+//! less than the second or so that memory lasts. Switching the station off and on again that
+//! quickly has the same effect.
 
 use crate::vectors::{RETAINED, RETAINED_WORDS};
 use crate::{engine, pins};
@@ -19,21 +19,21 @@ use embassy_stm32::pac;
 use shared::frame::message::{End, LastRun, PLACES, ResetCause};
 use shared::safety::Fault;
 
-/// Words of memory that this module has: seal, starts, cause, fault, places.
+/// Words of memory in this module: seal, starts, cause, fault, places.
 const _: () = assert!(RETAINED_WORDS == 4 + PLACES);
 
-/// Marks the words as written by this program. Chance makes it once in 2^32 power-ons.
+/// Mark of words written by this program. A random match occurs once in 2^32 power-ons.
 const SEAL: u32 = 0x5b1d_c0de;
 
-/// How the program ended, as a number in the record. 0 is a reset from outside.
+/// Cause of the program's end, as a number in the record. 0 is a reset from outside.
 #[derive(Clone, Copy)]
 #[repr(u32)]
 pub enum Cause {
-    /// The program gave up.
+    /// Panic of the program.
     Panic = 1,
-    /// The processor did.
+    /// Hard fault of the processor.
     HardFault = 2,
-    /// The supply fell below 2.9 V.
+    /// Supply below 2.9 V.
     Supply = 3,
 }
 
@@ -46,15 +46,15 @@ fn word(index: usize) -> &'static AtomicU32 {
     RETAINED.get(index).unwrap_or(&NOWHERE)
 }
 
-/// Reads what reset the chip and the record, and opens a new one. Once, at the start.
+/// Reads the record and the cause of the reset, and starts a new record. Call once, at the start.
 pub fn begin() -> (ResetCause, LastRun) {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     let valid = word(0).load(Relaxed) == SEAL;
     let old = |index: usize| if valid { word(index).load(Relaxed) } else { 0 };
-    // The pin's flag is set by every reset, power-on sets the brown-out's: so from the particular
-    // to the general. The watchdog ends the wait after a dip, so its flag says less than the
-    // record.
+    // Every reset sets the pin's flag, and power-on sets that of the brown-out, so test the
+    // specific flags first. The watchdog ends the wait after a dip, so the record outranks its
+    // flag.
     let powered = flags.porrstf() || flags.borrstf();
     let cause = if old(2) == SUPPLY || powered && valid {
         ResetCause::BrownOut
@@ -85,7 +85,7 @@ pub fn begin() -> (ResetCause, LastRun) {
     (cause, last_run)
 }
 
-/// Keeps the machine's fault for the next start: its number plus one, 0 is none.
+/// Keeps the machine's fault for the next start: its number plus one, 0 for none.
 pub fn keep_fault(fault: Option<Fault>) {
     word(3).store(
         fault.map_or(0, |fault| u32::from(fault.number()) + 1),
@@ -100,7 +100,7 @@ pub fn silence() {
     pins::set_drivers(false);
 }
 
-/// Ends motion, leaves the message, and waits for the watchdog.
+/// Ends motion, writes the record, and waits for the watchdog.
 pub fn end(cause: Cause, places: impl Iterator<Item = u32>) -> ! {
     silence();
     word(2).store(cause as u32, Relaxed);
@@ -112,9 +112,8 @@ pub fn end(cause: Cause, places: impl Iterator<Item = u32>) -> ! {
     }
 }
 
-/// A panic becomes a fault of the processor: the undefined instruction. Its handler then knows
-/// where it came from without the tables of file names and lines that `info` would bring along (12
-/// KiB).
+/// Converts a panic to a fault of the processor, by an undefined instruction. The fault handler
+/// then knows the address without the tables of file names and lines in `info`, which take 12 KiB.
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     #[cfg(feature = "defmt")]

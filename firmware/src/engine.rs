@@ -1,4 +1,4 @@
-//! The step engine: segments to port words, and these to the pins without the processor.
+//! Step engine: converts segments to port words, which reach the pins without the processor.
 //!
 //! ```text
 //!  TIM8 update ---> DMA2 stream 1 ("player") : ring[n] -> BSRR of the step port
@@ -6,43 +6,43 @@
 //! ```
 //!
 //! TIM8 overflows once per word. Each overflow makes the player copy the next word of the ring into
-//! the port's set/reset register, so an edge lies where the timer puts it; what is left of jitter
-//! is the bus matrix granting the DMA its transfer, some tens of ns.
+//! the port's set/reset register, so an edge lies where the timer puts it. The remaining jitter is
+//! the time in which the bus matrix grants the DMA its transfer, some tens of ns.
 //!
 //! # Why old words cannot be replayed
-//! A circular DMA goes round for ever, and would play the last millisecond of motion again and
-//! again if the refill stopped. Here a second stream runs half a word behind the first and
-//! overwrites each word that was just played with the *idle word*, which lowers the STEP pins and
-//! can raise none. Both streams are started by the same timer's events, so the eraser never lags by
-//! more than one word and needs no software at all: a word is played at most once after each time
-//! it was written. When the processor stops writing, for whatever reason, the ring runs dry within
-//! its remaining words (at most 1 ms of motion, [`LEAD`] blocks and the one that was filled) and
-//! from then on every word is the idle word.
+//! A circular DMA never stops, and would play the last millisecond of motion again and again if the
+//! refill stopped. Here a second stream runs half a word behind the first and overwrites each
+//! played word with the *idle word*, which lowers the STEP pins and can raise none. Events of the
+//! same timer start both streams, so the eraser never lags by more than one word and needs no
+//! software at all: each written word is played at most once. When the processor stops writing, for
+//! any reason, the ring runs dry within its remaining words (at most 1 ms of motion, [`LEAD`]
+//! blocks and the one that was filled), and from then on every word is the idle word.
 //!
-//! | what happens | what ends the steps |
+//! | event | end of the steps |
 //! |---|---|
 //! | the refill stalls, interrupts stay masked, the processor hangs | the eraser; then the watchdog's reset |
 //! | panic, hard fault | the handler stops TIM8; if even that fails, the eraser |
-//! | the emergency stop's second contact opens | the gate stops TIM8 in hardware; `check` sees the stand and stops it for good |
+//! | the emergency stop's second contact opens | the gate stops TIM8 in hardware; `check` detects it and stops TIM8 until a restart |
 //! | a debugger halts the processor | TIM8 freezes with it (DBGMCU); without that, the eraser |
-//! | a stream dies (transfer error), or loses a request | `check` sees it at the next segment, 250 µs later, and stops TIM8 |
+//! | a stream dies (transfer error), or loses a request | `check` detects it at the next segment, 250 µs later, and stops TIM8 |
 //! | reset | the pins become inputs; the drivers' enable lines have their own pull-ups |
 //!
-//! So a single failure, of the processor or of a stream, gives no step that was not planned. (The
-//! eraser alone failing is seen by the processor; only both failing within the same 250 µs would
+//! So a single failure, of the processor or of a stream, makes no step that was not planned. (The
+//! processor detects a failure of the eraser alone; only both failing within the same 250 µs would
 //! replay.)
 //!
 //! The alternatives were a second timer that counts words and gates TIM8, and TIM8 in one-pulse
-//! mode with its repetition counter. Both stop the timer at a count that software must move on in
+//! mode with its repetition counter. Both stop the timer at a count that software must advance in
 //! time, one write away from an error at each wrap, and both lose the time base on a stop. Erasing
-//! keeps it: after an underrun the next word still goes out when its time has come.
+//! keeps it: after an underrun the next word is still played at its time.
 //!
 //! # Blocks
 //! A segment of the machine is a *block* of 250 words; the ring holds five. Block `b` is played
-//! from `b` times 250 µs after the engine's start. A segment given out during block `b` becomes
-//! block `b + 3`, whose first word comes 750 µs after the segment was due: that is the machine's
-//! `delay_us`. A segment that comes later than its block is an underrun: nothing more is played
-//! until the machine has noticed (it sees that words are not emitted), faulted, and stands.
+//! from `b` times 250 µs after the engine's start. A segment that the machine hands out during
+//! block `b` becomes block `b + 3`, whose first word comes 750 µs after the segment was due: that
+//! is the machine's `delay_us`. A segment that comes later than its block is an underrun: the
+//! engine plays nothing more until the machine has detected it (words are not emitted), faulted,
+//! and come to rest.
 
 use crate::board::{GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
 use crate::pins::{self, IDLE_WORD};
@@ -57,7 +57,7 @@ use embassy_time::Instant;
 use shared::machine::SEGMENT_US;
 use shared::steps::{AxisMotion, Generator, Segment};
 
-/// TIM8's clock: twice APB2.
+/// Clock of TIM8, Hz: twice APB2.
 const TIMER_HZ: u32 = 168_000_000;
 
 /// Timer counts per word.
@@ -65,63 +65,65 @@ const PERIOD: u32 = TIMER_HZ / WORD_RATE.hz();
 const _: () =
     assert!(TIMER_HZ.is_multiple_of(WORD_RATE.hz()) && PERIOD >= 16 && PERIOD <= 0x1_0000);
 
-/// Words of a segment.
+/// Words per segment.
 pub const BLOCK: usize = WORD_RATE.slots_per_segment() as usize * 2;
 
 /// Blocks in the ring.
 const BLOCKS: u64 = 5;
 
-/// Blocks between the one being played when a segment is due and the segment's own: how long the
-/// machine may think about a tick. With the segment itself that is 1 ms of motion, the most that
-/// may be under way.
+/// Blocks between the one being played when a segment is due and the segment's own: the time that
+/// the machine has for a tick. With the segment itself that is 1 ms of motion, the most that may be
+/// queued.
 const LEAD: u64 = 3;
 const _: () = assert!(LEAD + 2 <= BLOCKS && (LEAD + 1) * SEGMENT_US <= 1000);
 
-/// From a segment's due time to its first word, µs.
+/// Delay from a segment's due time to its first word, µs.
 pub const DELAY_US: u32 = LEAD as u32 * SEGMENT_US as u32;
 
 const RING: usize = BLOCK * BLOCKS as usize;
 const _: () = assert!(RING <= 0xffff, "a stream counts to 65535");
 
-/// A block is not written when it starts sooner than this, µs: the player could overtake.
+/// Least time before the start of a block in which it may still be written, µs: the player could
+/// overtake.
 const MARGIN_US: u64 = 30;
 
-/// The start's last wait, with interrupts masked, µs.
+/// Last part of the wait at the start, with interrupts masked, µs.
 const UNDISTURBED_US: u64 = 10;
 
-/// How far the player may be from where time says it is, words.
+/// Largest distance of the player from its place by time, words.
 const SLIP: usize = 2;
 
-/// The words between processor and DMA.
+/// Ring of words between processor and DMA.
 static WORDS: [AtomicU32; RING] = [const { AtomicU32::new(0) }; RING];
 
-/// What the eraser writes.
+/// Word that the eraser writes.
 static ERASED: AtomicU32 = AtomicU32::new(IDLE_WORD);
 
 static SEGMENTS: Channel<CriticalSectionRawMutex, (Segment, [bool; 3]), 2> = Channel::new();
 
-/// When the last planned word is out: low half of the station's clock, µs.
+/// Instant at which the last planned word is emitted: low half of the station's clock, µs.
 static END: AtomicU32 = AtomicU32::new(0);
 
-/// The present [`Trouble`], or 0.
-static TROUBLE: AtomicU8 = AtomicU8::new(0);
+/// Present [`EngineFault`], or 0.
+static ENGINE_FAULT: AtomicU8 = AtomicU8::new(0);
 
-/// The emergency stop is open: words are erased instead of written, until [`resume`].
-static HUSHED: AtomicBool = AtomicBool::new(false);
+/// True while the emergency stop suppresses motion: words are erased instead of written, until
+/// [`resume`].
+static SUPPRESSED: AtomicBool = AtomicBool::new(false);
 
 static RESTART: AtomicBool = AtomicBool::new(false);
 
-/// Why nothing is played.
+/// Reason for which the engine plays nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Trouble {
-    /// A segment with motion came after its time.
+pub enum EngineFault {
+    /// A segment with motion came too late.
     Late = 1,
     /// A segment came before there was room.
     Early = 2,
     /// The generator refused a segment.
     Refused = 3,
-    /// A stream stopped, or is not where the time says.
+    /// A stream stopped, or is not at its place by time.
     Stream = 4,
 }
 
@@ -133,10 +135,10 @@ fn eraser() -> pac::dma::St {
     pac::DMA2.st(2)
 }
 
-/// The channel of both requests (RM0090, table "DMA2 request mapping").
+/// Channel of both requests (RM0090, table "DMA2 request mapping").
 const REQUEST: u8 = 7;
 
-/// Turns segments into words as they come.
+/// Converts segments to words as they come.
 #[embassy_executor::task]
 pub async fn run(_hardware: Hardware) {
     let Ok(generator) = Generator::new(STEP_PINS) else {
@@ -152,9 +154,9 @@ pub async fn run(_hardware: Hardware) {
     engine.start();
     loop {
         let (segment, invert) = SEGMENTS.receive().await;
-        // With the gate open the timer would not run, and each start would wait for it.
+        // With the gate open the timer does not run, and each start would wait for it.
         if !pins::gate_is_open() && RESTART.swap(false, Relaxed) {
-            note!("step engine: restart after {}", TROUBLE.load(Relaxed));
+            note!("step engine: restart after {}", ENGINE_FAULT.load(Relaxed));
             engine.start();
         }
         engine.feed(&segment, invert);
@@ -164,36 +166,36 @@ pub async fn run(_hardware: Hardware) {
 
 struct Engine {
     generator: Generator,
-    /// When block 0 began, µs.
+    /// Instant at which block 0 began, µs.
     began_us: u64,
-    /// The block that is being played.
+    /// Block that is being played.
     playing: Block,
-    /// The block that the next segment becomes.
+    /// Block of the next segment.
     next: u64,
-    /// One past the last block with motion.
+    /// Number of the last block with motion, plus one.
     motion_end: u64,
 }
 
-/// A block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are
-/// dear.
+/// Block on its way to the pins. Kept from segment to segment, because divisions of 64 bits are
+/// slow.
 #[derive(Clone, Copy, Default)]
 struct Block {
     number: u64,
-    /// Its first word in the ring.
+    /// Index of its first word in the ring.
     place: usize,
-    /// When it begins, µs.
+    /// Instant at which it begins, µs.
     at_us: u64,
 }
 
 impl Block {
-    /// The block in which `now` lies.
+    /// Returns the block in which `now` lies.
     fn at(self, now: u64) -> Self {
         const SEGMENT: u32 = SEGMENT_US as u32;
         let later = u32::try_from(now.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
         self.after(later / SEGMENT)
     }
 
-    /// The block so many blocks later.
+    /// Returns the block `blocks` later.
     fn after(self, blocks: u32) -> Self {
         Self {
             number: self.number.saturating_add(blocks.into()),
@@ -216,8 +218,8 @@ impl Engine {
         }
         prepare_timer();
         prepare_streams();
-        // Once per start, at most 270 µs; nothing is played meanwhile. The last of it undisturbed,
-        // since `check` compares by the word.
+        // Once per start, at most 270 µs, during which nothing is played. The last part runs with
+        // interrupts masked, because `check` compares by the word.
         let began_us =
             (Instant::now().as_micros() + UNDISTURBED_US) / SEGMENT_US * SEGMENT_US + SEGMENT_US;
         while Instant::now().as_micros() + UNDISTURBED_US < began_us {}
@@ -233,7 +235,7 @@ impl Engine {
         self.next = LEAD;
         self.motion_end = 0;
         self.generator.forget_directions();
-        TROUBLE.store(0, Relaxed);
+        ENGINE_FAULT.store(0, Relaxed);
         self.publish();
     }
 
@@ -242,44 +244,44 @@ impl Engine {
             .saturating_add(block.saturating_mul(SEGMENT_US))
     }
 
-    /// Turns a segment into the words of its block.
+    /// Converts a segment to the words of its block.
     fn feed(&mut self, segment: &Segment, invert: [bool; 3]) {
         let now = Instant::now().as_micros();
         self.playing = self.playing.at(now);
         let playing = self.playing.number;
-        if TROUBLE.load(Relaxed) == 0 && !check(self.playing) {
+        if ENGINE_FAULT.load(Relaxed) == 0 && !check(self.playing) {
             stop();
-            TROUBLE.store(Trouble::Stream as u8, Relaxed);
+            ENGINE_FAULT.store(EngineFault::Stream as u8, Relaxed);
         }
         let rest = segment.axes().iter().all(AxisMotion::is_rest);
         if rest {
-            // Idle words are in the ring already, so a pause may lie anywhere: it leads the blocks
+            // Idle words are in the ring already, so a pause may lie anywhere: it brings the blocks
             // back to their place in time.
             self.next = self.motion_end.max(playing.saturating_add(LEAD));
         } else if now.saturating_add(MARGIN_US) > self.block_start(self.next) {
-            self.fail(Trouble::Late);
+            self.fail(EngineFault::Late);
         } else if self.next >= playing.saturating_add(BLOCKS) {
-            self.fail(Trouble::Early);
+            self.fail(EngineFault::Early);
         }
         let block = self.next;
         self.next = block.saturating_add(1);
-        let silent = rest || TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed);
+        let silent = rest || ENGINE_FAULT.load(Relaxed) != 0 || SUPPRESSED.load(Relaxed);
         if !silent {
             self.motion_end = self.next;
         }
-        if TROUBLE.load(Relaxed) != 0 || HUSHED.load(Relaxed) {
-            // Erased words may have been the ones that turn an axis.
+        if ENGINE_FAULT.load(Relaxed) != 0 || SUPPRESSED.load(Relaxed) {
+            // Erased words may have been the ones that write DIR.
             self.generator.forget_directions();
         }
         // The generator always runs, so that its count stays the sum of all segments.
         self.generator.set_invert(invert);
         if self.generator.load(segment).is_err() {
             self.generator.halt();
-            self.fail(Trouble::Refused);
+            self.fail(EngineFault::Refused);
             return;
         }
         if silent {
-            // What is in the ring is idle words.
+            // The ring holds idle words only.
             self.generator.skip();
         } else {
             // Less than BLOCKS ahead, by the check above.
@@ -295,10 +297,10 @@ impl Engine {
         self.publish();
     }
 
-    /// Erases what is queued and plays nothing more until a restart.
-    fn fail(&mut self, trouble: Trouble) {
-        if TROUBLE.load(Relaxed) == 0 {
-            TROUBLE.store(trouble as u8, Relaxed);
+    /// Erases the queue and plays nothing more until a restart.
+    fn fail(&mut self, fault: EngineFault) {
+        if ENGINE_FAULT.load(Relaxed) == 0 {
+            ENGINE_FAULT.store(fault as u8, Relaxed);
             erase();
         }
     }
@@ -308,27 +310,28 @@ impl Engine {
     }
 }
 
-/// Stops the timer, and with it every edge. From any context, a panic's too.
+/// Stops the timer, and with it every edge. Callable from any context, also from a panic.
 pub fn stop() {
     pac::TIM8.cr1().modify(|w| w.set_cen(false));
     STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
 }
 
-/// Plays nothing more, at once: for the emergency stop. The machine learns of it at its next tick.
-pub fn hush() {
-    HUSHED.store(true, Relaxed);
+/// Suppresses all motion at once, for the emergency stop. The machine sees the stop at its next
+/// tick.
+pub fn suppress() {
+    SUPPRESSED.store(true, Relaxed);
     erase();
 }
 
-/// The machine stands: play again what comes from now on.
+/// Plays again from now on. Called when the machine is at rest.
 pub fn resume() {
-    HUSHED.store(false, Relaxed);
-    if TROUBLE.load(Relaxed) != 0 {
+    SUPPRESSED.store(false, Relaxed);
+    if ENGINE_FAULT.load(Relaxed) != 0 {
         RESTART.store(true, Relaxed);
     }
 }
 
-/// Overwrites the whole ring, beginning with what would be played next.
+/// Overwrites the whole ring, beginning with the next word to be played.
 fn erase() {
     let next = RING.saturating_sub(usize::from(player().ndtr().read().ndt()));
     let (played, ahead) = WORDS.split_at(next.min(RING));
@@ -337,14 +340,14 @@ fn erase() {
     }
 }
 
-/// Hands a segment to the engine. False when it has no place, which [`room`] tells beforehand.
+/// Queues a segment. Returns false when it has no place, which [`room`] shows beforehand.
 pub fn give(segment: Segment, invert: [bool; 3]) -> bool {
     SEGMENTS.try_send((segment, invert)).is_ok()
 }
 
-/// Words that can be given now.
+/// Returns the number of words that can be queued now.
 pub fn room() -> usize {
-    // The engine's executor is the more urgent one: an empty channel means that END is up to date.
+    // The engine's executor has the higher priority: an empty channel means that END is up to date.
     let queued = queued_us() / SEGMENT_US as u32;
     if SEGMENTS.is_empty() && u64::from(queued) < BLOCKS - 1 {
         BLOCK
@@ -353,21 +356,21 @@ pub fn room() -> usize {
     }
 }
 
-/// Planned words that are not on the pins yet, as time, µs.
+/// Returns the time of the planned words that are not on the pins yet, µs.
 pub fn queued_us() -> u32 {
     let now = Instant::now().as_micros() as u32;
     END.load(Relaxed).wrapping_sub(now).cast_signed().max(0) as u32
 }
 
-/// Whether the engine plays what it is given.
+/// Returns true if the engine plays the segments that it gets.
 pub fn plays() -> bool {
-    TROUBLE.load(Relaxed) == 0 && !RESTART.load(Relaxed)
+    ENGINE_FAULT.load(Relaxed) == 0 && !RESTART.load(Relaxed)
 }
 
 fn prepare_timer() {
     let timer = pac::TIM8;
     if let Some(gate) = GATE {
-        // The slowest filter there is: 8 samples at 168 MHz / 4 / 32, 6 µs.
+        // The slowest filter: 8 samples at 168 MHz / 4 / 32, 6 µs.
         timer.cr1().modify(|w| w.set_ckd(Ckd::DIV4));
         timer.smcr().write(|w| {
             w.set_etf(FilterValue::FDTS_DIV32_N8);
@@ -400,16 +403,16 @@ fn prepare_timer() {
 fn prepare_streams() {
     for stream in [player(), eraser()] {
         stream.cr().modify(|w| w.set_en(false));
-        // The end of a transfer under way: some cycles.
+        // Wait for the end of a transfer in progress: some cycles.
         while stream.cr().read().en() {}
         stream.fcr().write(|_| {}); // direct mode
         stream.ndtr().write(|w| w.set_ndt(RING as u16));
-        // In fact as unsafe as a raw pointer: the stream reads and writes RING words from here on,
-        // whatever the compiler thinks. It is sound because WORDS has that many, is static, and is
-        // made of atomics.
+        // As unsafe as a raw pointer: the stream reads and writes RING words from here on, unknown
+        // to the compiler. It is sound because WORDS has that many, is static, and consists of
+        // atomics.
         stream.m0ar().write_value(WORDS.as_ptr() as u32);
     }
-    // All flags of streams 0 to 3; 0 and 3 are nobody's.
+    // All flags of streams 0 to 3; streams 0 and 3 are not used.
     pac::DMA2.ifcr(0).write(|w| w.0 = 0x0f7d_0f7d);
     player().par().write_value(STEP_PORT.bsrr().as_ptr() as u32);
     eraser().par().write_value(ERASED.as_ptr() as u32);
@@ -430,14 +433,15 @@ fn prepare_streams() {
     }
 }
 
-/// Words in a time of at most a second, µs.
+/// Returns the number of words in a time of at most a second, µs.
 pub const fn words(us: u32) -> usize {
     const PER_MS: u32 = WORD_RATE.hz() / 1_000;
     let us = if us < 1_000_000 { us } else { 1_000_000 };
     (us * PER_MS / 1_000) as usize
 }
 
-/// Both streams run, the player is where the time says, and the eraser is right behind it.
+/// Returns true if both streams run, the player is at its place by time, and the eraser is right
+/// behind it.
 fn check(playing: Block) -> bool {
     let (now, played, erased, running) = cortex_m::interrupt::free(|_| {
         (

@@ -1,11 +1,11 @@
-//! Faults of the processor and of its supply: the ways into [`crash::end`].
+//! Faults of the processor and of its supply, which lead to [`crash::end`].
 //!
-//! | what | how it is noticed |
+//! | fault | detected by |
 //! |---|---|
-//! | panic | the panic handler executes the undefined instruction, which is a hard fault |
-//! | stack too long | it leaves core-coupled memory at its lower end, where there is nothing: a bus fault, and so a hard fault |
-//! | other hard faults | by the processor |
-//! | supply below 2.9 V | the chip's voltage detector interrupts; the processor is specified for 168 MHz above 2.7 V |
+//! | panic | the panic handler executes an undefined instruction, which is a hard fault |
+//! | stack overflow | the stack leaves core-coupled memory at its lower end, where there is nothing: a bus fault, and so a hard fault |
+//! | other hard faults | the processor |
+//! | supply below 2.9 V | the chip's voltage detector, which interrupts; the processor is specified for 168 MHz above 2.7 V |
 #![allow(unsafe_code)]
 
 use crate::crash::{self, Cause};
@@ -14,24 +14,24 @@ use cortex_m_rt::ExceptionFrame;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::pac;
 
-/// Where flash is.
+/// Address range of flash.
 const CODE: core::ops::Range<u32> = 0x0800_0000..0x0810_0000;
 
-/// What the processor puts on the stack before a fault's handler: eight registers.
+/// Size of the exception frame, bytes: eight registers, which the processor pushes before a fault's
+/// handler.
 const FRAME: u32 = 32;
 
 unsafe extern "C" {
-    /// Where the stack begins: its highest address. Only the addresses of these three mean
-    /// anything.
+    /// Highest address of the stack, where it begins. Only the addresses of these three symbols
+    /// have a meaning.
     static _stack_start: u32;
-    /// Where the stack must end: its lowest address.
+    /// Lowest address that the stack may reach.
     static _stack_end: u32;
-    /// The end of RAM by cortex-m-rt's linker script, where the handler has its own stack.
+    /// End of RAM by cortex-m-rt's linker script, where the handler has its own stack.
     static _ram_end: u32;
 }
 
-/// Takes a stack of its own before anything else, since a stack that is too long may be what is
-/// wrong.
+/// Switches to a stack of its own before anything else, because a stack overflow may be the cause.
 ///
 /// # Safety
 /// For the vector table only.
@@ -50,13 +50,12 @@ unsafe extern "C" fn hard_fault() -> ! {
     )
 }
 
-/// The processor stopped itself, of its own accord or because of a panic. Return addresses are odd
-/// (Thumb).
+/// Handles a hard fault, or a panic that became one. Return addresses are odd (Thumb).
 extern "C" fn end_with_frame(stack: u32) -> ! {
     crash::silence();
     let bottom = &raw const _stack_end as u32;
     let top = &raw const _stack_start as u32;
-    // A frame that lies outside the stack was not written, and says nothing.
+    // A frame outside the stack was not written, so it holds no information.
     let above = stack.wrapping_add(FRAME);
     let whole = stack >= bottom && above <= top && stack.is_multiple_of(4);
     let above = if whole { above } else { bottom };
@@ -85,11 +84,11 @@ extern "C" fn end_with_frame(stack: u32) -> ! {
     crash::end(cause, [at, frame.lr()].into_iter().chain(callers))
 }
 
-/// Line of the external interrupts to which the voltage detector is wired.
+/// Line of the external interrupts that is wired to the voltage detector.
 const DETECTOR: usize = 16;
 
-/// Watches the supply from now on. The watchdog must run already: it is what ends the wait for a
-/// supply that recovers.
+/// Starts to watch the supply. The watchdog must run already, because it ends the wait for a supply
+/// that recovers.
 pub fn watch_supply() {
     // Threshold 7 is nominally 2.9 V (RM0090 5.4.1).
     pac::PWR.cr1().modify(|w| {

@@ -1,15 +1,16 @@
 //! Bytes to and from the host, over USB or UART.
 //!
 //! Both links run the same code, each with its own receiver. The machine talks to one of them at a
-//! time, the *speaker*: the first that sent a packet with a right checksum, until it has sent none
-//! for half a second (a host sends a heartbeat every 20 ms). Noise on a link is no packet, so it
-//! neither makes a speaker nor keeps one, and it cannot break a packet of the other link. What the
-//! speaker's link garbles is counted by the machine; what the other link garbles is dropped.
+//! time, the *active link*: the first that received a packet with a correct checksum, until it has
+//! received none for half a second (a host sends a heartbeat every 20 ms). Noise on a link makes no
+//! packet, so it neither activates a link nor keeps it active, and it cannot break a packet of the
+//! other link. The machine counts the rejects of the active link; those of the other link are
+//! dropped.
 //!
-//! A host counts as *connected* while it is heard and, on USB, holds DTR; what the machine says to
-//! anybody else is dropped, so an absent or hanging host costs nothing. Every write has a time
-//! limit; a packet that was cut off is closed by a zero byte before the next one. So unplugging,
-//! plugging in again, and a host that died need no special case.
+//! A host counts as *connected* while its packets arrive and, on USB, it holds DTR. Reports to any
+//! other host are dropped, so an absent or hanging host costs nothing. Every write has a time
+//! limit, and a zero byte closes a packet that was cut off before the next one. So unplugging,
+//! plugging in again, and a dead host need no special case.
 
 use crate::clock;
 use crate::watch::{self, Task};
@@ -26,19 +27,19 @@ use shared::frame::encode::Bytes;
 use shared::frame::message::Packet;
 use shared::frame::receive::{Receiver, Reject};
 
-/// How long a write may take.
+/// Time limit of a write.
 const WRITE_LIMIT: Duration = Duration::from_millis(50);
 
-/// How long to wait after a read that failed: the cable is not plugged in.
+/// Pause after a read that failed because the cable is unplugged.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Time without a packet after which the other link may speak, ms.
+/// Time without a packet after which the other link may become active, ms.
 const SILENCE_MS: u32 = 500;
 
-/// A full-speed USB packet.
+/// Size of a full-speed USB packet, bytes.
 pub const PACKET: usize = 64;
 
-/// Which link.
+/// One of the two links.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Port {
     /// USB CDC-ACM.
@@ -47,11 +48,11 @@ pub enum Port {
     Uart,
 }
 
-/// What came over a link, with the time of its last byte.
+/// Outcome of bytes from a link, with the time of the last byte.
 pub struct Arrival {
-    /// When it was complete.
+    /// Instant at which the packet was complete.
     pub at: shared::time::Instant,
-    /// A packet, or the reason why the bytes were none.
+    /// Packet, or the reason for a reject.
     pub outcome: Result<Packet, Reject>,
 }
 
@@ -59,9 +60,9 @@ static RECEIVED: Channel<CriticalSectionRawMutex, Arrival, 4> = Channel::new();
 static TO_USB: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 static TO_UART: Channel<CriticalSectionRawMutex, Bytes, 4> = Channel::new();
 
-/// Who speaks (0 nobody, 1 USB, 2 UART) in the lowest two bits, and when it was last heard in the
-/// others, ms.
-static SPEAKER: AtomicU32 = AtomicU32::new(0);
+/// Active link in the lowest two bits (0 none, 1 USB, 2 UART), and the time of its last packet in
+/// the others, ms.
+static ACTIVE: AtomicU32 = AtomicU32::new(0);
 
 impl Port {
     const fn mark(self) -> u32 {
@@ -85,28 +86,28 @@ impl Port {
         }
     }
 
-    /// Whether the machine is to have what came over this link. A packet with a right checksum
-    /// makes the link the speaker, if the other is not.
-    fn speaks(self, outcome: &Result<Packet, Reject>) -> bool {
-        let speaker = speaker();
-        // A message of another protocol, too, comes from a host rather than from a motor's cable.
+    /// Returns true if this outcome is for the machine. A packet with a correct checksum activates
+    /// the link, unless the other one is active.
+    fn takes(self, outcome: &Result<Packet, Reject>) -> bool {
+        let active = active();
+        // A message of another protocol also comes from a host rather than from a motor's cable.
         let sound = matches!(outcome, Ok(_) | Err(Reject::Malformed));
-        if sound && speaker.is_none_or(|other| other == self) {
-            SPEAKER.store(milliseconds() << 2 | self.mark(), Relaxed);
+        if sound && active.is_none_or(|other| other == self) {
+            ACTIVE.store(milliseconds() << 2 | self.mark(), Relaxed);
             return true;
         }
-        speaker == Some(self)
+        active == Some(self)
     }
 }
 
 fn milliseconds() -> u32 {
-    // 30 bits: they wrap every twelve days, and only differences matter.
+    // 30 bits wrap every twelve days, and only differences matter.
     (Instant::now().as_millis() as u32) & (u32::MAX >> 2)
 }
 
-/// The link that sent a packet lately.
-fn speaker() -> Option<Port> {
-    let word = SPEAKER.load(Relaxed);
+/// Returns the active link.
+fn active() -> Option<Port> {
+    let word = ACTIVE.load(Relaxed);
     let silence = milliseconds().wrapping_sub(word >> 2) & (u32::MAX >> 2);
     match word & 3 {
         1 if silence < SILENCE_MS => Some(Port::Usb),
@@ -115,24 +116,25 @@ fn speaker() -> Option<Port> {
     }
 }
 
-/// The next arrival for the machine.
+/// Returns the next arrival for the machine.
 pub fn received() -> Option<Arrival> {
     RECEIVED.try_receive().ok()
 }
 
-/// Until there is something for the machine.
+/// Waits until there is an arrival for the machine.
 pub async fn wait() {
     RECEIVED.ready_to_receive().await;
 }
 
-/// Sends a packet to whoever speaks. Never waits: with a full queue or nobody there it is dropped.
+/// Sends a packet over the active link. Never waits: the packet is dropped if the queue is full or
+/// no link is active.
 pub fn send(bytes: Bytes) {
-    if let Some(port) = speaker() {
+    if let Some(port) = active() {
         let _ = port.queue().try_send(bytes);
     }
 }
 
-/// Serves one link for ever. `open` says whether the other end listens at all.
+/// Serves one link forever. `open` returns true if the other end listens.
 pub async fn serve(port: Port, rx: impl Read, tx: impl Write, open: impl Fn() -> bool) {
     join(receive(port, rx), transmit(port, tx, open)).await;
 }
@@ -154,7 +156,7 @@ async fn receive(port: Port, mut rx: impl Read) {
         let at = clock::now();
         let mut bytes = buffer.get(..count).unwrap_or_default();
         while let Some(outcome) = receiver.next(&mut bytes) {
-            if port.speaks(&outcome) {
+            if port.takes(&outcome) {
                 watch::alive(port.task());
                 // The machine takes it within a control tick, so this never waits long.
                 RECEIVED.send(Arrival { at, outcome }).await;
@@ -164,7 +166,7 @@ async fn receive(port: Port, mut rx: impl Read) {
 }
 
 async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
-    // The host may have been in the middle of something else.
+    // The host may be in the middle of other data.
     let mut torn = true;
     loop {
         let bytes = port.queue().receive().await;
@@ -173,14 +175,14 @@ async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
             continue;
         }
         let mut line: heapless::Vec<u8, { MAX_PACKET + 2 }> = heapless::Vec::new();
-        // The room is there, so none of these is refused.
+        // There is room, so none of these fails.
         if torn {
             let _ = line.push(0);
         }
         let _ = line.extend_from_slice(&bytes);
         if line.len().is_multiple_of(PACKET) {
-            // A USB host waits for more after a full packet. An empty packet of ours, one zero
-            // byte, means nothing and ends the wait.
+            // A USB host waits for more after a full packet. Our empty packet, one zero byte, means
+            // nothing and ends the wait.
             let _ = line.push(0);
         }
         let written = with_timeout(WRITE_LIMIT, tx.write_all(&line)).await;
@@ -188,7 +190,7 @@ async fn transmit(port: Port, mut tx: impl Write, open: impl Fn() -> bool) {
     }
 }
 
-/// The UART link. It has no DTR: the host is there while it is heard.
+/// Serves the UART link. It has no DTR: the host counts as connected while its packets arrive.
 #[embassy_executor::task]
 pub async fn uart(uart: BufferedUart<'static>) {
     let (tx, rx) = uart.split();

@@ -1,10 +1,10 @@
-//! Logging over a debug probe, compiled in by the feature `defmt` only.
+//! Logging over a debug probe, only with the feature `defmt`.
 
 #[cfg(feature = "defmt")]
 use defmt_rtt as _;
 
-/// A line in the log. Without `defmt` its arguments are looked at by the compiler and by nothing
-/// else.
+/// Writes a line to the log. Without `defmt` the compiler checks the arguments, and nothing
+/// evaluates them.
 macro_rules! note {
     ($text:literal $(, $value:expr)* $(,)?) => {{
         #[cfg(feature = "defmt")]

@@ -1,23 +1,24 @@
 //! The station on an STM32F405 or F407: clocks, links, pins, watchdog, and the loop that moves
 //! bytes and words.
 //!
-//! All that the station *decides* is in the crate `shared`; see its
-//! [`Machine`](shared::machine::Machine). This program gives the machine its clock and its wires:
+//! The crate `shared` makes all decisions of the station; see its
+//! [`Machine`](shared::machine::Machine). This program gives the machine its clock and its
+//! connections:
 //!
-//! | module | what it does | runs |
+//! | module | purpose | runs |
 //! |---|---|---|
-//! | [`engine`] | segments to port words, and these to the pins without the processor | executor of interrupt UART5 |
+//! | [`engine`] | segments to port words, which reach the pins without the processor | executor of interrupt UART5 |
 //! | [`control`] | the machine: bytes and switches in, bytes and segments out | executor of interrupt UART4 |
 //! | [`link`], [`usb`] | bytes of USB and UART, one code for both | thread |
 //! | [`switches`] | limit switches, emergency stop, driver fault | as `control`; the emergency stop as `engine` |
 //! | [`watch`] | the watchdog, fed while every task is alive; the LED | thread |
-//! | [`crash`] | what a panic, a fault or a dip of the supply leaves behind for the next start | |
-//! | [`fault`] | the handlers of hard faults and of a low supply | |
-//! | [`board`] | the only place that names a pin | |
+//! | [`crash`] | record of a panic, a fault or a dip of the supply for the next start | |
+//! | [`fault`] | handlers of hard faults and of a low supply | |
+//! | [`board`] | the only module that names a pin | |
 //! | [`clock`] | the station's time | |
 //! | [`vectors`] | interrupts and the memory that survives a reset; with [`fault`] the only unsafe code | |
 //!
-//! *Invariant:* no task waits for a link while it holds something that motion needs. Motion never
+//! *Invariant:* no task waits for a link while it holds a resource that motion needs. Motion never
 //! waits for the host.
 //!
 //! Features: one board (`olimex-h405`, `feather-f405`, `skr-2`); `defmt` for a log over a debug
@@ -25,7 +26,7 @@
 #![no_std]
 #![no_main]
 
-// First: its macro is used below.
+// First, because the modules below use its macro.
 #[macro_use]
 mod log;
 
@@ -54,9 +55,9 @@ async fn main(spawner: Spawner) {
     let (reset_cause, last_run) = crash::begin();
     let chip = embassy_stm32::init(board::clocks());
     // Flash needs five wait states at 168 MHz. Caches and prefetch, off after reset and left off by
-    // the HAL, hide nearly all of them. The chip's first revision, A, must do without prefetch
-    // (errata sheet ES0182). It is known by the device number of another chip, the STM32F2's, which
-    // is an erratum, too.
+    // the HAL, hide nearly all of them. The chip's first revision, A, must run without prefetch
+    // (errata sheet ES0182). It reports the device number of another chip, the STM32F2, which is an
+    // erratum, too.
     const REVISION_A: u16 = 0x411;
     let prefetch = pac::DBGMCU.idcode().read().dev_id() != REVISION_A;
     pac::FLASH.acr().modify(|w| {
@@ -64,7 +65,7 @@ async fn main(spawner: Spawner) {
         w.set_dcen(true);
         w.set_prften(prefetch);
     });
-    // Under a debugger time, steps and watchdog stand still together with the processor.
+    // Under a debugger, time, steps and watchdog stop together with the processor.
     pac::DBGMCU.apb1fzr().modify(|freeze| {
         freeze.set_tim5(true);
         freeze.set_iwdg(true);
@@ -77,7 +78,7 @@ async fn main(spawner: Spawner) {
         panic!("UART")
     };
     // From here on a hang resets the chip.
-    let watchdog = watch::unleash(parts.watchdog);
+    let watchdog = watch::start(parts.watchdog);
     let session = Rng::new(parts.random, Irqs).next_u32();
     note!("{} starts, session {}", board::NAME, session);
 
@@ -107,8 +108,8 @@ async fn main(spawner: Spawner) {
     watch::run(watchdog, tasks).await
 }
 
-/// A task with its place. A station without one of its tasks must not run: a place that is missing
-/// is a panic at the start.
+/// Returns the token of a task that has a slot. A station without one of its tasks must not run, so
+/// a missing slot is a panic at the start.
 fn spawned<T>(task: Result<SpawnToken<T>, SpawnError>) -> SpawnToken<T> {
     match task {
         Ok(token) => token,

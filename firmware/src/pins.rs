@@ -4,23 +4,23 @@ use crate::board::{DRIVERS, GATE, LED, Line, STEP_PINS, STEP_PORT};
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Pupdr};
 
-/// The word that lowers every STEP pin and does nothing else: what the pins get when there is no
+/// Idle word: lowers every STEP pin and does nothing else. The pins get it while there is no
 /// motion.
 pub const IDLE_WORD: u32 =
     (1 << STEP_PINS.step[0] | 1 << STEP_PINS.step[1] | 1 << STEP_PINS.step[2]) << 16;
 
-/// The pin of TIM8_ETR, on port A.
+/// Pin of TIM8_ETR, on port A.
 const GATE_PIN: usize = 0;
 
-/// Its alternate function (data sheet, "Alternate function mapping").
+/// Alternate function of the gate's pin (data sheet, "Alternate function mapping").
 const TIM8_FUNCTION: u8 = 3;
 
-/// Makes outputs of STEP, DIR, the drivers' enable lines and the LED: STEP low, drivers off, LED
-/// off. Gives the gate's pin to the step timer.
+/// Configures STEP, DIR, the drivers' enable lines and the LED as outputs: STEP low, drivers off,
+/// LED off. Connects the gate's pin to the step timer.
 pub fn prepare() {
     for line in DRIVERS.iter().chain([&LED]) {
         set(*line, false);
-        // The slowest edges: an enable line needs no others, and PC13 to PC15 allow no others.
+        // The slowest edges: an enable line needs no faster ones, and PC13 to PC15 allow none.
         output(*line, Ospeedr::LOW_SPEED);
     }
     STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
@@ -49,7 +49,7 @@ pub fn prepare() {
     }
 }
 
-/// Whether the gate, if the board has one, stops the step timer.
+/// Returns true if the board has a gate and it stops the step timer.
 pub fn gate_is_open() -> bool {
     GATE.is_some_and(|gate| {
         let high = pac::GPIOA.idr().read().idr(GATE_PIN) == pac::gpio::vals::Idr::HIGH;

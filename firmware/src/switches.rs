@@ -1,16 +1,16 @@
 //! Limit switches, emergency stop and the drivers' fault line.
 //!
-//! An edge on the pin's EXTI line wakes a task, which looks again after 20 µs so that a spark does
-//! not stop the stage, and then holds the switch as open for at least two control ticks: so the
-//! machine, which looks once per tick, misses nothing that lasted 20 µs. Without an edge the task
-//! looks at the pin whenever the watchdog looks at the task, every 10 ms: a lost edge costs no more
-//! than that.
+//! An edge on the pin's EXTI line wakes a task, which samples again after 20 µs so that a spark
+//! does not stop the stage, and then holds the switch as open for at least two control ticks. So
+//! the machine, which samples once per tick, misses nothing that lasted 20 µs. Without an edge the
+//! task samples the pin whenever the watchdog checks the task, every 10 ms: a lost edge costs no
+//! more than that.
 //!
 //! The emergency stop does not wait for the machine: its task runs beside the step engine and
 //! empties the ring. Its second contact, where the board has a [gate](crate::board::Gate), stops
 //! the step timer without any program; the machine sees that contact, too. Drivers stay energised,
-//! since a stage without current may fall; who wants the current off takes a further contact for
-//! the motor supply.
+//! because a stage without current may fall; to cut the current, use a further contact in the motor
+//! supply.
 
 use crate::watch::{self, Task};
 use crate::{engine, pins};
@@ -24,10 +24,10 @@ use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 use shared::safety::Inputs;
 
-/// A level must last this long, µs.
+/// Least duration of a level, µs.
 const SPARK_US: u64 = 20;
 
-/// An open switch is shown for at least this long, µs: two control ticks.
+/// Least time for which an open switch is shown, µs: two control ticks.
 const HOLD_US: u64 = 2_000;
 
 const EMERGENCY_STOP: u8 = 1 << 6;
@@ -38,12 +38,12 @@ static OPEN: AtomicU8 = AtomicU8::new(0);
 
 static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// Until a switch opens.
+/// Waits until a switch opens.
 pub async fn changed() {
     CHANGED.wait().await;
 }
 
-/// What the machine is to know.
+/// Returns the inputs for the machine.
 pub fn inputs(words_emitted: u64) -> Inputs {
     let open = OPEN.load(Relaxed);
     let limit = |number: u8| open & 1 << number != 0;
@@ -70,16 +70,17 @@ pub async fn limit(number: u8, switch: ExtiInput<'static, Async>) {
 #[embassy_executor::task]
 pub async fn emergency_stop(switch: ExtiInput<'static, Async>) {
     let task = Task::EmergencyStop;
-    watch(switch, task, EMERGENCY_STOP, Level::High, engine::hush).await
+    watch(switch, task, EMERGENCY_STOP, Level::High, engine::suppress).await
 }
 
-/// Watches a line that is low when a driver is in trouble.
+/// Watches a line that is low when a driver has a fault.
 #[embassy_executor::task]
 pub async fn driver_fault(line: ExtiInput<'static, Async>) {
     watch(line, Task::DriverFault, DRIVER_FAULT, Level::Low, || {}).await
 }
 
-/// Shows `bit` while the pin has the level that means trouble. `act` is called as soon as it has.
+/// Shows `bit` while the pin has the level that means open or fault, and calls `act` as soon as it
+/// has.
 async fn watch(mut pin: ExtiInput<'static, Async>, task: Task, bit: u8, trouble: Level, act: fn()) {
     loop {
         wait(&mut pin, task, trouble).await;
@@ -90,7 +91,7 @@ async fn watch(mut pin: ExtiInput<'static, Async>, task: Task, bit: u8, trouble:
         act();
         OPEN.fetch_or(bit, Relaxed);
         CHANGED.signal(());
-        // Contacts bounce: closed is what was closed for a while.
+        // Contacts bounce: closed means closed for a while.
         loop {
             Timer::after_micros(HOLD_US).await;
             if pin.get_level() != trouble {
@@ -102,7 +103,7 @@ async fn watch(mut pin: ExtiInput<'static, Async>, task: Task, bit: u8, trouble:
     }
 }
 
-/// Waits for a level. Each round begins with a look at the pin itself.
+/// Waits for a level. Each round begins with a sample of the pin itself.
 async fn wait(pin: &mut ExtiInput<'static, Async>, task: Task, level: Level) {
     loop {
         watch::alive(task);

@@ -1,4 +1,4 @@
-//! The USB device: one CDC-ACM interface.
+//! USB device: one CDC-ACM interface.
 
 use crate::board;
 use crate::link::{self, PACKET, Port};
@@ -13,23 +13,23 @@ use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::{Builder, Handler, UsbDevice};
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// The numbers by which the host's program finds the station: pid.codes' test product. Replace it
-/// before making more than one's own.
+/// Vendor and product numbers by which the host's program finds the station: pid.codes' test
+/// product. Replace them before making more than a few stations.
 const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 
 type Otg = Driver<'static, USB_OTG_FS>;
 
-/// Ends what a host that went away did not fetch.
+/// Drops the data that a departed host did not fetch.
 ///
-/// A packet that waits in an endpoint outlives the reset with which the next host begins, since the
-/// manual (RM0090, 34.17) lets an endpoint's enable bit end with its transfer or by being disabled,
-/// and the driver does neither. Then nothing is ever written to that endpoint again.
+/// A packet that waits in an endpoint outlives the reset with which the next host begins: by the
+/// manual (RM0090, 34.17) an endpoint's enable bit ends with its transfer or when it is disabled,
+/// and the driver does neither. Then no packet can ever be written to that endpoint again.
 struct Reconnection;
 
 impl Handler for Reconnection {
     fn reset(&mut self) {
-        // Endpoint 0's next SETUP packet takes care of it.
+        // Endpoint 0 recovers with its next SETUP packet.
         for endpoint in 1..ENDPOINTS {
             let control = pac::USB_OTG_FS.diepctl(endpoint);
             if control.read().epena() {
@@ -42,10 +42,10 @@ impl Handler for Reconnection {
     }
 }
 
-/// Endpoints of the controller each way.
+/// Endpoints of the controller per direction.
 const ENDPOINTS: usize = 4;
 
-/// Starts the device and its link. Once.
+/// Starts the device and its link. Call once.
 pub fn start(
     spawner: Spawner,
     controller: Peri<'static, USB_OTG_FS>,
@@ -83,7 +83,7 @@ pub fn start(
 
 #[embassy_executor::task]
 async fn device(mut device: UsbDevice<'static, Otg>) {
-    // The device may not be dropped in its work, and has none while nothing is plugged in.
+    // The device must not be dropped while it works, and has no work while the cable is unplugged.
     join(device.run(), async {
         loop {
             watch::alive(Task::Device);

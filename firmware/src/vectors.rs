@@ -1,11 +1,11 @@
 //! Interrupts, executors and the memory that survives a reset.
 //!
-//! With [`fault`](crate::fault) the only file with unsafe code: whatever must be said to hardware,
-//! linker or vector table without the compiler's help is said in these two, in few lines.
+//! This file and [`fault`](crate::fault) hold all unsafe code: everything that hardware, linker or
+//! vector table need without the compiler's checks is here, in few lines.
 //!
 //! # Priorities
-//! Smaller is more urgent. Nothing waits long: a critical section masks all of them and is a few
-//! dozen instructions.
+//! A smaller number is more urgent. No interrupt waits long: a critical section masks all of them
+//! for a few dozen instructions.
 //!
 //! | priority | interrupt | longest work |
 //! |---|---|---|
@@ -27,7 +27,7 @@ use embassy_stm32::{bind_interrupts, exti, peripherals, rng, usart, usb};
 use static_cell::ConstStaticCell;
 
 bind_interrupts!(
-    /// The handlers of the HAL's drivers.
+    /// Interrupt handlers of the HAL's drivers.
     pub struct Irqs {
         OTG_FS => usb::InterruptHandler<peripherals::USB_OTG_FS>;
         USART3 => usart::BufferedInterruptHandler<peripherals::USART3>;
@@ -45,16 +45,16 @@ bind_interrupts!(
 static STEP: InterruptExecutor = InterruptExecutor::new();
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 
-/// Whom a task may interrupt.
+/// Priority level of a task.
 #[derive(Clone, Copy)]
 pub enum Level {
-    /// The step engine's.
+    /// Level of the step engine.
     Step,
-    /// The machine's.
+    /// Level of the machine.
     Control,
 }
 
-/// Starts an executor and sets the other interrupts' priorities around it. Once per level.
+/// Starts an executor and sets the other interrupts' priorities around it. Call once per level.
 pub fn executor(level: Level) -> SendSpawner {
     interrupt::USART3.set_priority(Priority::P2);
     interrupt::OTG_FS.set_priority(Priority::P4);
@@ -72,28 +72,28 @@ pub fn executor(level: Level) -> SendSpawner {
 
 #[embassy_stm32::interrupt]
 fn UART5() {
-    // SAFETY: this is the interrupt that STEP was started with, and nobody else calls it.
+    // SAFETY: STEP was started with this interrupt, and no other code calls `on_interrupt`.
     unsafe { STEP.on_interrupt() }
 }
 
 #[embassy_stm32::interrupt]
 fn UART4() {
-    // SAFETY: this is the interrupt that CONTROL was started with, and nobody else calls it.
+    // SAFETY: CONTROL was started with this interrupt, and no other code calls `on_interrupt`.
     unsafe { CONTROL.on_interrupt() }
 }
 
-/// Words in [`RETAINED`].
+/// Number of words in [`RETAINED`].
 pub const RETAINED_WORDS: usize = 10;
 
-/// Words that a reset leaves as they are; what they mean is the business of
-/// [`crash`](crate::crash). After power-on they hold anything.
+/// Words that a reset does not clear; [`crash`](crate::crash) defines their meaning. After power-on
+/// their values are arbitrary.
 // SAFETY: the section exists in cortex-m-rt's linker script and is neither loaded nor cleared.
 // Every bit pattern is a valid AtomicU32, and all accesses go through atomics, which the compiler
 // may not fold into the initial value.
 #[unsafe(link_section = ".uninit.retained")]
 pub static RETAINED: [AtomicU32; RETAINED_WORDS] = [const { AtomicU32::new(0) }; RETAINED_WORDS];
 
-/// Memory of the UART's driver: a few packets each way. The second call finds it gone and panics.
+/// Returns the memory of the UART's driver: a few packets per direction. The second call panics.
 pub fn uart_buffers() -> (&'static mut [u8], &'static mut [u8]) {
     static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
     static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);

@@ -1,4 +1,4 @@
-//! The watchdog and the status LED.
+//! Watchdog and status LED.
 
 use crate::board::LED;
 use crate::pins;
@@ -11,36 +11,36 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker};
 use shared::safety::State;
 
-/// Nominal patience. Its oscillator runs at 17 to 47 kHz instead of 32 (data sheet), so it is 34 to
-/// 94 ms in truth.
-const PATIENCE_US: u32 = 50_000;
+/// Nominal timeout of the watchdog, µs. Its oscillator runs at 17 to 47 kHz instead of 32 (data
+/// sheet), so the real timeout is 34 to 94 ms.
+const TIMEOUT_US: u32 = 50_000;
 
-/// How often the tasks are looked at.
+/// Interval between two checks of the tasks, ms.
 const LOOK_MS: u64 = 10;
 
-/// Who must be alive.
+/// Task that must be alive, with the work that shows it.
 #[derive(Clone, Copy)]
 pub enum Task {
     /// Turned a segment into words.
     Step,
-    /// Asked the machine what to do.
+    /// Polled the machine.
     Control,
-    /// Looked for bytes on USB; a host is not needed.
+    /// Polled USB for bytes; needs no host.
     Usb,
-    /// Looked for bytes on the UART.
+    /// Polled the UART for bytes.
     Uart,
-    /// Served the USB controller; a plug is not needed.
+    /// Served the USB controller; needs no cable.
     Device,
-    /// Looked at the emergency stop.
+    /// Sampled the emergency stop.
     EmergencyStop,
-    /// Looked at the drivers' fault line.
+    /// Sampled the drivers' fault line.
     DriverFault,
-    /// Looked at a limit switch, 0 to 5.
+    /// Sampled a limit switch, 0 to 5.
     Limit(u8),
 }
 
 impl Task {
-    /// The task's bit in a set of tasks.
+    /// Returns the task's bit in a set of tasks.
     pub const fn bit(self) -> u32 {
         1 << match self {
             Self::Step => 0,
@@ -55,17 +55,17 @@ impl Task {
     }
 }
 
-/// Every bit that a task may have.
+/// Number of bits that a task may have.
 const BITS: usize = 14;
 
 static ALIVE: AtomicU32 = AtomicU32::new(0);
 
-/// Asks each task, by its bit, for a sign of life.
+/// Requests for a sign of life from each task, by its bit.
 static ASKED: [Signal<CriticalSectionRawMutex, ()>; BITS] = [const { Signal::new() }; BITS];
 static STATE: AtomicU8 = AtomicU8::new(0);
 
-/// Waits for the watchdog's next look at this task, for tasks that may have nothing else to wait
-/// for. What they say then, [`alive`], is seen at the look after it.
+/// Waits for the watchdog's next check of this task, for tasks that may have no other event to wait
+/// for. A call of [`alive`] then counts at the check after it.
 pub async fn look(task: Task) {
     match ASKED.get(task.bit().trailing_zeros() as usize) {
         Some(asked) => asked.wait().await,
@@ -73,31 +73,31 @@ pub async fn look(task: Task) {
     }
 }
 
-/// Says that a task is alive: each at least every 10 ms, give or take a look.
+/// Reports that a task is alive. Each task must call it every 10 ms, plus or minus one check.
 pub fn alive(task: Task) {
     ALIVE.fetch_or(task.bit(), Relaxed);
 }
 
-/// The state that the LED shows.
+/// Sets the state that the LED shows.
 pub fn show(state: State) {
     STATE.store(state as u8, Relaxed);
 }
 
-/// Starts the watchdog. Nothing but a reset stops it.
-pub fn unleash(watchdog: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IWDG> {
-    let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE_US);
+/// Starts the watchdog. Only a reset stops it.
+pub fn start(watchdog: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IWDG> {
+    let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
     watchdog.unleash();
     watchdog
 }
 
-/// States in which it moves because a host wants it to.
+/// States in which the stage moves at a host's command.
 const COMMANDED: [u8; 3] = [
     State::Moving as u8,
     State::Following as u8,
     State::Homing as u8,
 ];
 
-/// Feeds the watchdog while everyone of the set `tasks` is alive; blinks.
+/// Feeds the watchdog while every task of the set `tasks` is alive, and blinks.
 ///
 /// | LED | state |
 /// |---|---|
@@ -112,8 +112,8 @@ pub async fn run(mut watchdog: IndependentWatchdog<'static, IWDG>, tasks: u32) -
     let mut looks: u32 = 0;
     loop {
         ticker.next().await;
-        // A task that comes round every 10 ms may miss one look; two such looks still leave time
-        // for a third.
+        // A task that runs every 10 ms may miss one check; two such checks still leave time for a
+        // third.
         seen |= ALIVE.swap(0, Relaxed);
         if seen & tasks == tasks {
             seen = 0;

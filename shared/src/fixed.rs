@@ -1,27 +1,28 @@
-//! Fixed-point arithmetic: what has to hold for any numbers.
+//! Fixed-point arithmetic on integers.
 //!
-//! Everything here is total: no panic, no wrap, for any input. Results that do not fit saturate.
-//! ([`product`] alone trusts its caller.)
+//! Every function is total: it neither panics nor wraps, for any input, and results that do not fit
+//! saturate. The one exception is [`product`], which trusts its caller.
 //!
-//! Elsewhere a shift stands where the bits themselves are meant (a step in a
-//! [`Position`](crate::steps::Position), a pin in a port word) or where a comment beside it gives
-//! the format it leads to.
+//! Other modules shift only where the bits themselves are meant (a step in a
+//! [`Position`](crate::steps::Position), a pin in a port word) or where a comment beside the shift
+//! gives the resulting format.
 
-/// `value 2^bits` rounded to the nearest `i32`, or `None` if it is not finite or does not fit.
+/// Converts `value` to fixed point: `value 2^bits`, rounded to the nearest `i32`.
 ///
-/// For the host's side of the wire; the station never calls it.
+/// Returns `None` if `value` is not finite or the result does not fit. The host calls this before
+/// it sends; the station never does.
 pub fn quantise(value: f64, bits: i32) -> Option<i32> {
     let scaled = libm::round(libm::ldexp(value, bits));
     let fits = scaled >= f64::from(i32::MIN) && scaled <= f64::from(i32::MAX);
     fits.then_some(scaled as i32)
 }
 
-/// `value` to 32 bits, saturating.
+/// Converts `value` to 32 bits, saturating.
 pub fn narrow(value: i64) -> i32 {
     i32::try_from(value).unwrap_or(if value < 0 { i32::MIN } else { i32::MAX })
 }
 
-/// `value / 2^bits` rounded to nearest, halves up. `bits` above 63 give 0.
+/// Computes `value / 2^bits`, rounded to nearest, halves up. Returns 0 for `bits` above 63.
 pub fn shift_right_rounded(value: i64, bits: u32) -> i64 {
     match bits {
         0 => value,
@@ -34,24 +35,22 @@ pub fn shift_right_rounded(value: i64, bits: u32) -> i64 {
     }
 }
 
-/// `a b / 2^bits`, rounded to nearest. `bits` must be 1 to 62 for a useful result.
+/// Computes `a b / 2^bits`, rounded to nearest. `bits` must be 1 to 62 for a useful result.
 pub fn multiply_shift(a: i32, b: i32, bits: u32) -> i64 {
     shift_right_rounded(i64::from(a) * i64::from(b), bits)
 }
 
-/// `a b`, exactly: two 63-bit sizes make at most 126 bits.
+/// Computes `a b` exactly: two 63-bit magnitudes make at most 126 bits.
 ///
-/// A function of its own, because a checked 128-bit product takes some 300 bytes wherever it
-/// stands.
+/// Never inlined, because a checked 128-bit product takes about 300 bytes at every call site.
 #[inline(never)]
 pub fn wide(a: i64, b: i64) -> i128 {
     i128::from(a).wrapping_mul(i128::from(b))
 }
 
-/// `a b`, saturating.
+/// Computes `a b`, saturating. Fast for factors of 32 bits.
 ///
-/// A function of its own like [`wide`]: a checked 64-bit product takes some 80 bytes wherever it
-/// stands. Fast for factors of 32 bits.
+/// Never inlined, because a checked 64-bit product takes about 80 bytes at every call site.
 #[inline(never)]
 pub fn times(a: i64, b: i64) -> i64 {
     if let (Ok(a), Ok(b)) = (i32::try_from(a), i32::try_from(b)) {
@@ -61,18 +60,19 @@ pub fn times(a: i64, b: i64) -> i64 {
     i64::try_from(product).unwrap_or(if product < 0 { i64::MIN } else { i64::MAX })
 }
 
-/// `a b`, for numbers that were shown to fit: checked in debug builds only. Three instructions on a
-/// Cortex-M4, where a check takes twenty.
+/// Computes `a b` for factors whose product is known to fit; only debug builds check it.
+///
+/// Takes three instructions on a Cortex-M4, where a check takes twenty.
 #[inline(always)]
 pub const fn product(a: i64, b: i64) -> i64 {
     debug_assert!(a.checked_mul(b).is_some());
     a.wrapping_mul(b)
 }
 
-/// `a / divisor`, rounded down. A divisor below 1 counts as 1.
+/// Computes `a / divisor`, rounded down. A divisor below 1 counts as 1.
 ///
-/// Numbers of 32 bits take the processor's own division, an order of magnitude faster than one of
-/// 64 bits.
+/// Numbers of 32 bits use the processor's own division, which is an order of magnitude faster than
+/// one of 64 bits.
 #[inline(never)]
 pub fn quotient(a: i64, divisor: i64) -> i64 {
     let divisor = divisor.max(1);
@@ -90,34 +90,34 @@ pub fn quotient(a: i64, divisor: i64) -> i64 {
     }
 }
 
-/// The square root, rounded down; 0 of negative numbers.
+/// Computes the square root, rounded down. Returns 0 for negative numbers.
 pub fn root(a: i64) -> i64 {
     square_root(u64::try_from(a).unwrap_or(0)).into()
 }
 
-/// The integer square root, rounded down: exact for every input. Faster for 32 bits.
+/// Computes the integer square root, rounded down, exact for every input.
 ///
-/// Longer numbers by Zimmermann's Karatsuba square root (INRIA report 3805, 1999): the root of the
-/// upper half, then half as many digits again by one division.
+/// Values of 32 bits use [`square_root_32`]. Longer values use Zimmermann's Karatsuba square root
+/// (INRIA report 3805, 1999): the root of the upper half, then as many bits again by one division.
 #[inline(never)]
 pub fn square_root(value: u64) -> u32 {
     if let Ok(small) = u32::try_from(value) {
         return square_root_32(small);
     }
-    // Normalised to 63 or 64 bits; an even shift, so that the root shifts by half of it.
+    // Normalise to 63 or 64 bits, by an even shift so that the root shifts by half of it.
     let shift = value.leading_zeros() & !1;
     let normal = value << shift;
     let (high, low) = ((normal >> 32) as u32, normal as u32);
     let root = square_root_32(high); // 2^15 to 2^16
     let rest = high.wrapping_sub(root.wrapping_mul(root)); // at most 2 root
-    // (rest 2^16 + the next 16 bits) / (2 root), halved to stay within 32 bits; the bit that drops
-    // out goes to the new rest.
+    // (rest 2^16 + the next 16 bits) / (2 root), halved to stay within 32 bits. The bit shifted out
+    // goes to the new rest.
     let half = rest << 15 | low >> 17;
     let digits = half.checked_div(root).unwrap_or(0);
     let left = half.wrapping_sub(digits.wrapping_mul(root));
     let last = i64::from(left) << 17 | i64::from(low & 0x1_ffff);
-    // The division was by twice the root, without the square of the digits: never too small, and
-    // too large by one at most.
+    // The division by twice the root ignored the square of the digits: the result is never too
+    // small, and at most one too large.
     let digits = i64::from(digits);
     let root = (i64::from(root) << 16) + digits - i64::from(last < product(digits, digits));
     (root >> (shift / 2)) as u32
@@ -129,14 +129,16 @@ const ROOTS: [u16; 24] = [
     240, 244, 248, 252, 256,
 ];
 
-/// Newton's method from above, from 6 % too large at most: two steps leave it exact, or one too
-/// large.
+/// Computes the integer square root of 32 bits, rounded down, exact for every input.
+///
+/// Newton's method from above: the first guess is at most 6 % too large, so two steps leave the
+/// root exact or one too large.
 #[inline(never)]
 pub fn square_root_32(value: u32) -> u32 {
     if value == 0 {
         return 0;
     }
-    // Normalised to 31 or 32 bits; an even shift, so that the root shifts by half of it.
+    // Normalise to 31 or 32 bits, by an even shift so that the root shifts by half of it.
     let shift = value.leading_zeros() & !1;
     let normal = value << shift;
     let bound = ROOTS
@@ -148,11 +150,11 @@ pub fn square_root_32(value: u32) -> u32 {
     root >> (shift / 2)
 }
 
-/// `a 2^32 / divisor`, rounded down; saturates, also for a divisor of 0. The divisor must stay
-/// below 2^63.
+/// Computes `a 2^32 / divisor`, rounded down, saturating; a divisor of 0 saturates, too. `divisor`
+/// must be below 2^63.
 ///
-/// Bit by bit: for values that are worked out once, where a 128-bit division would take more memory
-/// than time.
+/// Works bit by bit, for values that are computed once: a 128-bit division would cost more memory
+/// than it saves time.
 #[inline(never)]
 pub fn ratio(a: u64, divisor: u64) -> u64 {
     let (Some(whole), Some(mut rest)) = (a.checked_div(divisor), a.checked_rem(divisor)) else {
@@ -173,11 +175,11 @@ pub fn ratio(a: u64, divisor: u64) -> u64 {
     quotient
 }
 
-/// One over a positive number, as a 32-bit mantissa and an exponent.
+/// Reciprocal of a positive number, as a 32-bit mantissa and an exponent.
 ///
-/// For `d` normalised to a mantissa `m` in `[2^31, 2^32)`, `mantissa` is `2^63 / m` to within
-/// 2^-29.6 of itself, and `1/d = mantissa 2^(zeros - 95)`. Relative error at most 2^-29.6, of which
-/// 2^-31 comes from dropping the low bits of `d`: the test `reciprocal_error_bound` asserts it.
+/// For `d` normalised to a mantissa `m` in `[2^31, 2^32)`, `mantissa` is `2^63 / m` and `1/d =
+/// mantissa 2^(zeros - 95)`. The relative error is at most 2^-29.6, of which 2^-31 comes from
+/// dropping the low bits of `d` (test `reciprocal_error_bound`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reciprocal {
     mantissa: u32,
@@ -185,7 +187,7 @@ pub struct Reciprocal {
 }
 
 impl Reciprocal {
-    /// The reciprocal of `divisor`, or `None` if it is not positive.
+    /// Computes the reciprocal of `divisor`, or returns `None` if `divisor` is not positive.
     #[inline(always)]
     pub fn of(divisor: i64) -> Option<Self> {
         let divisor = u64::try_from(divisor).ok().filter(|d| *d > 0)?;
@@ -197,11 +199,11 @@ impl Reciprocal {
         })
     }
 
-    /// `numerator / divisor 2^bits`, rounded towards minus infinity within the reciprocal's error,
-    /// saturating.
+    /// Computes `numerator / divisor 2^bits`, rounded towards minus infinity within the
+    /// reciprocal's error, saturating.
     #[inline(always)]
     pub fn times(self, numerator: i64, bits: i32) -> i64 {
-        // The upper half fits an i32, which makes this one product of the processor.
+        // The upper half fits an i32, so that one product of the processor suffices.
         let high = i64::from((numerator >> 32) as i32) * i64::from(self.mantissa);
         let low = u64::from(numerator as u32) * u64::from(self.mantissa);
         let product = high.saturating_add((low >> 32) as i64); // numerator mantissa 2^-32
@@ -220,14 +222,14 @@ impl Reciprocal {
     }
 }
 
-/// `2^63 / m` for a mantissa `m` in `[2^31, 2^32)`, to within 2^-29.6 of itself; the result lies in
-/// `[2^31, 2^32)`.
+/// Computes `2^63 / m` for a mantissa `m` in `[2^31, 2^32)`, with a relative error of at most
+/// 2^-29.6. The result lies in `[2^31, 2^32)`.
 ///
-/// A 16-bit quotient from the hardware divider, then one Newton step `r (2 - m r)` in 32 x 32 -> 64
-/// bit products: a 64 by 32 bit division costs some 270 instructions on a Cortex-M4, this some 20.
-/// The quotient is off by less than 2^-14.9 relative, the step squares that to 2^-29.8 and errs
-/// below the true value. A mantissa outside the range (never made by [`Reciprocal::of`]) is taken
-/// as the nearest inside.
+/// A 16-bit quotient from the hardware divider is refined by one Newton step `r (2 - m r)` in 32 x
+/// 32 -> 64 bit products. This costs about 20 instructions on a Cortex-M4; a 64 by 32 bit division
+/// costs about 270. The quotient's relative error is below 2^-14.9; the step squares it to 2^-29.8
+/// and errs below the true value. A mantissa outside the range, which [`Reciprocal::of`] never
+/// makes, is clamped to it.
 pub fn invert_mantissa(mantissa: u32) -> u32 {
     let mantissa = mantissa.max(1 << 31);
     let guess = u32::MAX / (mantissa >> 16); // 2^48 / m, at most 17 bits
@@ -264,9 +266,10 @@ mod tests {
             let got = Reciprocal::of(d).unwrap().times(n, bits);
             let exact = n as f64 / d as f64 * f64::from(bits).exp2();
             if exact.abs() < 9e18 {
-                // one unit of the last place, plus the truncated low word, plus the relative bound
+                // One unit of the last place, plus the truncated low word, plus the relative bound.
                 let low_word = f64::from(bits + d.leading_zeros() as i32 - 63).exp2();
-                prop_assert!((got as f64 - exact).abs() <= 1.0 + low_word + exact.abs() * (-29.5f64).exp2(), "{got} {exact}");
+                let bound = 1.0 + low_word + exact.abs() * (-29.5f64).exp2();
+                prop_assert!((got as f64 - exact).abs() <= bound, "{got} {exact}");
             } else {
                 prop_assert!(got.abs_diff(0) > 1 << 62);
             }
@@ -291,7 +294,7 @@ mod tests {
         }
 
         #[test]
-        fn products_quotients_and_roots_are_exact(
+        fn integer_arithmetic_is_exact(
             a: i64, b: i64, shifts in (0u32..64, 0u32..64),
         ) {
             let (a, b) = (a >> shifts.0, b >> shifts.1);
@@ -318,13 +321,13 @@ mod tests {
         }
 
         #[test]
-        fn nothing_is_divided_by_zero_or_less(d in i64::MIN..=0) {
+        fn divisors_up_to_zero_are_refused(d in i64::MIN..=0) {
             prop_assert_eq!(Reciprocal::of(d), None);
         }
     }
 
     #[test]
-    fn quantise_refuses_what_does_not_fit() {
+    fn quantise_refuses_misfits() {
         assert_eq!(quantise(1.0, 30), Some(1 << 30));
         assert_eq!(quantise(2.0, 30), None);
         assert_eq!(quantise(-2.0, 30), Some(i32::MIN));

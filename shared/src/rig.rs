@@ -1,7 +1,7 @@
-//! Cameras as plain data, and the two projections everything else is written in.
+//! Cameras as plain data, and the two projections that everything else uses.
 //!
-//! Ordinary image axes: x right, y down, z forward. Camera `k` sits at `(cx, cy, 0)` mm and sees
-//! the point `(X, Y, Z)` mm at the *normalised* coordinates
+//! Image axes are the usual ones: x right, y down, z forward. Camera `k` sits at `(cx, cy, 0)` mm
+//! and sees the point `(X, Y, Z)` mm at the *normalised* coordinates
 //!
 //! ```text
 //! xi = (X - cx) / Z        eta = (Y - cy) / Z        (dimensionless)
@@ -9,9 +9,9 @@
 //! ```
 //!
 //! Normalised coordinates divide each camera's own focal lengths out, so cameras with different
-//! focal lengths need no common mean. They are along the rig's axes, however the camera is turned:
-//! a rotation moves all points of a ray alike, whatever their depth, so the view of a turned camera
-//! is that of a virtual parallel one at the same place. Everything behind [`Camera::normalise`] is
+//! focal lengths need no common mean. They are along the rig's axes even for a rotated camera: a
+//! rotation moves all points of a ray alike, at any depth, so the view of a rotated camera is that
+//! of a virtual parallel camera at the same place. Everything behind [`Camera::normalise`] is
 //! therefore about parallel cameras.
 
 mod line;
@@ -20,7 +20,7 @@ mod rotation;
 pub use line::HEIGHT_ERROR_LIMIT;
 pub use rotation::Rotation;
 
-/// The most cameras a rig can have.
+/// Largest number of cameras in a rig.
 pub const MAX_CAMERAS: usize = 8;
 
 /// One camera of a rig.
@@ -30,16 +30,16 @@ pub struct Camera {
     pub focal_px: [f64; 2],
     /// Principal point, px from the centre of the top left pixel.
     pub principal_px: [f64; 2],
-    /// Position of the camera in the rig's plane, mm: right and down of the rig's origin.
+    /// Position of the camera in the plane of the rig, mm right and mm down of the rig's origin.
     pub offset_mm: [f64; 2],
-    /// OpenCV's k1 k2 p1 p2 k3 (Brown's model), dimensionless.
+    /// Lens distortion, dimensionless: OpenCV's k1 k2 p1 p2 k3 (Brown's model).
     pub distortion: [f64; 5],
-    /// How the camera is turned against the rig's axes: none in a rig that is parallel as built.
+    /// Rotation of the camera against the rig's axes: none in a rig that is parallel as built.
     pub rotation: Rotation,
 }
 
 impl Camera {
-    /// A camera without lens distortion, parallel to the rig.
+    /// Creates a camera without lens distortion, parallel to the rig.
     pub const fn ideal(focal_px: [f64; 2], principal_px: [f64; 2], offset_mm: [f64; 2]) -> Self {
         Self {
             focal_px,
@@ -50,29 +50,31 @@ impl Camera {
         }
     }
 
-    /// Where the point `(X, Y, Z)` mm appears, px. `Z` must be positive.
+    /// Projects the point `(X, Y, Z)` mm into the image, px. `Z` must be positive.
     pub fn project(&self, point_mm: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = point_mm;
         self.denormalise([(x - self.offset_mm[0]) / z, (y - self.offset_mm[1]) / z])
     }
 
-    /// Whether the camera sees the normalised plane as it is but for scale and shift: neither
-    /// turned nor distorted.
+    /// Returns true if the image is the normalised plane but for scale and shift: no rotation, no
+    /// lens distortion.
     pub fn is_ideal(&self) -> bool {
         self.distortion == [0.0; 5] && self.rotation.degrees() == [0.0; 3]
     }
 
-    /// Normalised coordinates to pixels as seen, through rotation and lens distortion.
+    /// Converts normalised coordinates to image coordinates, px, through rotation and lens
+    /// distortion.
     pub fn denormalise(&self, normalised: [f64; 2]) -> [f64; 2] {
         let seen = self.distort(self.rotation.turn(normalised));
         core::array::from_fn(|i| self.focal_px[i] * seen[i] + self.principal_px[i])
     }
 
-    /// Pixels as seen to normalised coordinates, lens distortion and rotation removed.
+    /// Converts image coordinates, px, to normalised coordinates, and removes lens distortion and
+    /// rotation.
     ///
-    /// The distortion has no closed inverse: the fixed-point iteration used by OpenCV's
-    /// `undistortPoints` runs until it moves less than 1e-13, at most 50 times. Exact (to rounding)
-    /// for cameras without distortion.
+    /// The distortion has no closed inverse. The fixed-point iteration of OpenCV's
+    /// `undistortPoints` runs until it moves less than 1e-13, at most 50 times. The result is
+    /// exact, to rounding, for cameras without distortion.
     pub fn normalise(&self, pixel: [f64; 2]) -> [f64; 2] {
         let seen: [f64; 2] =
             core::array::from_fn(|i| (pixel[i] - self.principal_px[i]) / self.focal_px[i]);
@@ -91,7 +93,7 @@ impl Camera {
         self.rotation.rectify(guess)
     }
 
-    /// Brown's model: radial k1 k2 k3, tangential p1 p2.
+    /// Applies Brown's model: radial k1 k2 k3, tangential p1 p2.
     fn distort(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let r2 = x * x + y * y;
@@ -103,19 +105,32 @@ impl Camera {
     }
 }
 
-/// Cameras in one plane, parallel or rectified by their rotations, in the order their views come.
+/// Cameras in one plane, parallel or rectified by their rotations, in the order of their views.
+///
+/// ```
+/// use shared::rig::Rig;
+///
+/// let rig = Rig::paper();
+/// let point_mm = [20.0, -10.0, 890.0];
+/// let pixels: Vec<_> = rig.cameras.iter().map(|c| c.project(point_mm)).collect();
+/// // The point is farther right in the image of a camera farther left.
+/// assert!(pixels[0][0] > pixels[1][0] && pixels[1][0] > pixels[2][0]);
+///
+/// let [x, y] = rig.cameras[1].normalise(pixels[1]);
+/// assert!((x * 890.0 - 20.0).abs() < 1e-9 && (y * 890.0 + 10.0).abs() < 1e-9);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// Width and height of every camera's image, px.
     pub image_size_px: [u32; 2],
-    /// The cameras. Rigs for the paper's two estimators have exactly left, middle, right, in this
+    /// Cameras of the rig. The paper's two estimators need exactly left, middle, right, in this
     /// order.
     pub cameras: heapless::Vec<Camera, MAX_CAMERAS>,
 }
 
 impl Rig {
-    /// The paper's rig: its Table 3 cameras, 70 mm left and 68 mm right of the middle one, 320 x
-    /// 240 px.
+    /// Returns the paper's rig: the cameras of its Table 3, 70 mm left and 68 mm right of the
+    /// middle one, 320 x 240 px.
     pub fn paper() -> Self {
         let cameras = [
             Camera::ideal([533.16, 529.12], [154.43, 123.00], [-70.0, 0.0]),
@@ -128,7 +143,7 @@ impl Rig {
         }
     }
 
-    /// Mean of all focal lengths, px: what turns normalised noise into pixels.
+    /// Returns the mean of all focal lengths, px, which converts normalised noise to pixels.
     pub fn mean_focal_px(&self) -> f64 {
         let sum: f64 = self
             .cameras

@@ -1,31 +1,31 @@
-//! States, trust in the position, and numbered faults.
+//! States of the station, trust in its position, and numbered faults.
 
 use serde::{Deserialize, Serialize};
 
-/// What the station is doing.
+/// Activity of the station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum State {
-    /// No configuration yet: nothing moves.
+    /// The station has no configuration: nothing moves.
     #[default]
     Unconfigured,
-    /// At rest, ready.
+    /// The stage is at rest and ready.
     Idle,
     /// A setpoint or jog is under way.
     Moving,
-    /// Following the target that flow frames describe.
+    /// The stage follows the target that the flow frames describe.
     Following,
-    /// Ramping down after a stop or a fault.
+    /// The stage ramps down after a stop or a fault.
     Stopping,
     /// Stopped by command: nothing moves until a reset.
     Stopped,
     /// A fault is latched: nothing moves until a reset.
     Faulted,
-    /// Axes are looking for their home switches.
+    /// Axes search their home switches.
     Homing,
 }
 
 impl State {
-    /// Every state, at its number.
+    /// All states, ordered by number.
     pub const ALL: [Self; 8] = [
         Self::Unconfigured,
         Self::Idle,
@@ -37,70 +37,73 @@ impl State {
         Self::Homing,
     ];
 
-    /// The state's number.
+    /// Returns the number of the state.
     pub const fn number(self) -> u8 {
         self as u8
     }
 
-    /// Whether the stage may be in motion.
+    /// Returns true if the stage may be in motion.
     pub const fn is_moving(self) -> bool {
         self.is_commanded() || matches!(self, Self::Stopping)
     }
 
-    /// Whether it moves because a host wants it to: the host must be heard meanwhile.
+    /// Returns true if the stage moves at a host's command, so that the host must send heartbeats
+    /// meanwhile.
     pub const fn is_commanded(self) -> bool {
         matches!(self, Self::Moving | Self::Following | Self::Homing)
     }
 }
 
-/// How far the station's idea of its position can be trusted.
+/// Trust in the station's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Trust {
-    /// Since power-up nobody said where it is: only slow jogs, near by.
+    /// The position was never defined since power-up: only slow jogs within the window are
+    /// possible.
     #[default]
     Unknown,
-    /// Homed or zeroed.
+    /// The stage is homed or zeroed.
     Homed,
-    /// Homed once, but steps may have been lost since (abrupt stop): zero or home again. Treated as
-    /// unknown.
+    /// The stage was homed, but an abrupt stop or a fault may have lost steps since: zero or home
+    /// again. Treated as unknown.
     Degraded,
 }
 
-/// Why motion was stopped. The numbers are part of the protocol and never change their meaning.
+/// Cause of a stop. The numbers are part of the protocol and never change their meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
-    /// 0: no ping within the heartbeat time while moving. Ramped stop; the position is still good.
+    /// 0: no ping within the heartbeat timeout while moving. Ramped stop; the position stays valid.
     Heartbeat,
     /// 1: the emergency stop is open. Abrupt stop; the position is degraded.
     EmergencyStop,
-    /// 2: a limit switch was met. Abrupt stop; the position is degraded.
+    /// 2: a limit switch tripped. Abrupt stop; the position is degraded.
     Limit,
     /// 3: a driver reports a fault. Abrupt stop; the position is degraded.
     Driver,
-    /// 4: the step engine fell behind or stopped: words were not emitted in time. Abrupt stop; the
-    /// position is degraded.
+    /// 4: the step engine fell behind or stopped, so that words were not emitted in time. Abrupt
+    /// stop; the position is degraded.
     Underrun,
-    /// 5: the target stayed farther away than allowed for longer than allowed. Ramped stop; the
-    /// position is still good.
+    /// 5: the distance to the target stayed above its limit for longer than allowed. Ramped stop;
+    /// the position stays valid.
     FollowingError,
-    /// 6: the cameras did not see the stage move as it was commanded to: steps are lost, or a motor
-    /// is off. Ramped stop; the position is degraded.
+    /// 6: the cameras did not see the stage move as commanded: steps are lost, or a motor is off.
+    /// Ramped stop; the position is degraded.
     LostSteps,
-    /// 7: no home switch within the search way. Ramped stop; where the axis is stays unknown.
+    /// 7: no home switch within the search distance. Ramped stop; the position of the axis stays
+    /// unknown.
     SwitchNotFound,
-    /// 8: a home switch that does not release when backed off, or does not stay tripped. Ramped
-    /// stop; where the axis is stays unknown.
+    /// 8: a home switch does not release after backing off, or does not stay tripped. Ramped stop;
+    /// the position of the axis stays unknown.
     SwitchStuck,
     /// 9: the program restarted by itself: watchdog, brown-out, panic. Nothing moves until a reset;
     /// the position is unknown.
     Restart,
-    /// 10: following is unstable: the stage makes the target's distance larger, or swings around
-    /// it. Ramped stop; the position is still good.
+    /// 10: following is unstable: the stage increases the target's distance, or oscillates around
+    /// the target. Ramped stop; the position stays valid.
     Unstable,
 }
 
 impl Fault {
-    /// Every fault, at its number.
+    /// All faults, ordered by number.
     pub const ALL: [Self; 11] = [
         Self::Heartbeat,
         Self::EmergencyStop,
@@ -115,8 +118,8 @@ impl Fault {
         Self::Unstable,
     ];
 
-    /// Every fault, the worst first: those that forbid any motion, those after which steps may be
-    /// missing, and those that leave the position good.
+    /// All faults, the worst first: those that forbid any motion, those after which steps may be
+    /// missing, and those that leave the position valid.
     pub const RANKED: [Self; 11] = [
         Self::EmergencyStop,
         Self::Driver,
@@ -131,12 +134,12 @@ impl Fault {
         Self::Heartbeat,
     ];
 
-    /// The fault's number.
+    /// Returns the number of the fault.
     pub const fn number(self) -> u8 {
         self as u8
     }
 
-    /// Whether motion ends at once, without a ramp, which may lose steps.
+    /// Returns true if motion ends at once, without a ramp, which may lose steps.
     pub const fn is_abrupt(self) -> bool {
         matches!(
             self,
@@ -144,7 +147,7 @@ impl Fault {
         )
     }
 
-    /// Whether steps may be missing although the stop itself lost none.
+    /// Returns true if steps may be missing although the stop itself lost none.
     pub const fn loses_steps(self) -> bool {
         matches!(self, Self::LostSteps)
     }
@@ -155,35 +158,35 @@ impl Fault {
 pub struct Faults(u16);
 
 impl Faults {
-    /// No fault.
+    /// Empty set.
     pub const NONE: Self = Self(0);
 
-    /// Adds a fault.
+    /// Adds a fault to the set.
     pub const fn insert(&mut self, fault: Fault) {
         self.0 |= Self::bit(fault);
     }
 
-    /// Returns whether the fault is in the set.
+    /// Returns true if the fault is in the set.
     pub const fn contains(self, fault: Fault) -> bool {
         self.0 & Self::bit(fault) != 0
     }
 
-    /// Returns whether there is no fault in the set.
+    /// Returns true if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Returns whether every fault of this set is in `other`, too.
+    /// Returns true if every fault of this set is also in `other`.
     pub const fn is_within(self, other: Self) -> bool {
         self.0 & !other.0 == 0
     }
 
-    /// The worst fault of the set, by [`Fault::RANKED`].
+    /// Returns the worst fault of the set, by [`Fault::RANKED`].
     pub fn worst(self) -> Option<Fault> {
         self.iter().next()
     }
 
-    /// The faults of the set, the worst first.
+    /// Returns the faults of the set, the worst first.
     pub fn iter(self) -> impl Iterator<Item = Fault> {
         let all = Fault::RANKED.into_iter();
         all.filter(move |fault| self.contains(*fault))
@@ -204,17 +207,16 @@ impl FromIterator<Fault> for Faults {
     }
 }
 
-/// The switches and what the step engine did, as sampled by the shell.
+/// Switches and progress of the step engine, as sampled by the shell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// Per axis: limit switch at the negative end, at the positive end. `true` is tripped (contact
-    /// open).
+    /// Limit switches of each axis, negative end first; true is tripped (contact open).
     pub limits: [[bool; 2]; 3],
-    /// The emergency stop is open.
+    /// True while the emergency stop is open.
     pub emergency_stop: bool,
-    /// A driver's fault line is active.
+    /// True while a driver's fault line is active.
     pub driver_fault: bool,
-    /// Port words emitted since the start.
+    /// Number of port words emitted since the start.
     pub words_emitted: u64,
 }
 
@@ -232,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn worst_fault_of_a_set_comes_first() {
+    fn worst_fault_comes_first() {
         let set: Faults = [Fault::Heartbeat, Fault::EmergencyStop, Fault::Limit]
             .into_iter()
             .collect();

@@ -3,34 +3,34 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Microseconds since the station started.
+/// Instant of the station's clock: microseconds since the station started.
 ///
-/// On the wire it takes 48 bits, little-endian: enough for 8.9 years of uptime. Later instants
-/// saturate there.
+/// On the wire an instant takes 48 bits, little-endian, which is enough for 8.9 years of uptime.
+/// Later instants saturate there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instant(u64);
 
 impl Instant {
-    /// The last instant the wire can carry.
+    /// Last instant that the wire can carry.
     pub const MAX: Self = Self((1 << 48) - 1);
 
-    /// From microseconds.
+    /// Creates an instant from microseconds since the start.
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros)
     }
 
-    /// To microseconds.
+    /// Returns the microseconds since the start.
     pub const fn micros(self) -> u64 {
         self.0
     }
 
-    /// This much later, saturating.
+    /// Returns the instant `micros` later, saturating.
     #[must_use]
     pub const fn plus_micros(self, micros: u64) -> Self {
         Self(self.0.saturating_add(micros))
     }
 
-    /// Microseconds since `earlier`; 0 if that is later.
+    /// Returns the microseconds since `earlier`, or 0 if `earlier` is later.
     pub const fn since(self, earlier: Self) -> u64 {
         self.0.saturating_sub(earlier.0)
     }

@@ -1,5 +1,5 @@
-//! Link arguments. They live here because a package's own `.cargo/config.toml` is ignored when
-//! cargo is started elsewhere.
+//! Link arguments. They are here because cargo ignores a package's own `.cargo/config.toml` when it
+//! runs in another folder.
 
 use std::path::PathBuf;
 use std::{env, fs, io};

@@ -1,4 +1,4 @@
-//! What the plain STM32F405RG boards share: their headers bring out the same pins.
+//! Common parts of the plain STM32F405RG boards, whose headers carry the same pins.
 
 use super::{Hardware, Line, Parts, UART_BAUD};
 use crate::vectors::{Irqs, uart_buffers};
@@ -7,10 +7,10 @@ use embassy_stm32::gpio::Pull;
 use embassy_stm32::usart::{BufferedUart, Config, ConfigError};
 use embassy_stm32::{Peripherals, pac};
 
-/// The port of all STEP and DIR pins.
+/// Port of all STEP and DIR pins.
 pub const STEP_PORT: pac::gpio::Gpio = pac::GPIOC;
 
-/// Switched on together when the station is configured: the drivers' enable line (nEN), PB15 (the
+/// Enable lines, switched on together when the station is configured: the drivers' nEN, PB15 (the
 /// Feather's MO).
 pub const DRIVERS: &[Line] = &[Line {
     port: pac::GPIOB,
@@ -18,14 +18,14 @@ pub const DRIVERS: &[Line] = &[Line {
     active_high: false,
 }];
 
-/// Gives every pin its work.
+/// Assigns a function to every pin.
 ///
 /// # Errors
-/// If the UART cannot run at [`UART_BAUD`].
+/// [`ConfigError`] if the UART cannot run at [`UART_BAUD`].
 pub fn assign(p: Peripherals) -> Result<Parts, ConfigError> {
     let mut config = Config::default();
     config.baudrate = UART_BAUD;
-    // An unconnected receiver picks up what the motors' cables radiate.
+    // An unconnected receiver picks up interference from the motors' cables.
     config.rx_pull = Pull::Up;
     let (tx_buffer, rx_buffer) = uart_buffers();
     Ok(Parts {

@@ -3,7 +3,7 @@
 //! Three of its five driver sockets have STEP and DIR on one port, and these carry the axes: X in
 //! the socket marked Y, Y in the one marked E0, Z in the one marked E1. (Its sockets X and Z, and
 //! the boards SKR Pro and Octopus, spread STEP and DIR of three axes over several ports, which one
-//! stream of port words cannot serve.) Motor power goes through a transistor that PC13 switches.
+//! stream of port words cannot serve.) PC13 switches the motor power through a transistor.
 //!
 //! This image replaces the maker's boot loader, which would expect a program 32 KiB higher.
 
@@ -15,24 +15,24 @@ use embassy_stm32::usart::{BufferedUart, Config, ConfigError};
 use embassy_stm32::{Peripherals, pac};
 use shared::steps::PortMap;
 
-/// As hello reports it.
+/// Name of the board in hello.
 pub const NAME: &str = "skr-2";
 
-/// The crystal.
+/// Frequency of the crystal, Hz.
 pub const CRYSTAL_HZ: u32 = 8_000_000;
 
-/// The port of all STEP and DIR pins.
+/// Port of all STEP and DIR pins.
 pub const STEP_PORT: pac::gpio::Gpio = pac::GPIOD;
 
-/// Sockets Y, E0, E1. The host's configuration says which axes are inverted.
+/// Sockets Y, E0, E1. The host's configuration states which axes are inverted.
 pub const STEP_PINS: PortMap = PortMap {
     step: [5, 15, 11],
     dir: [4, 14, 10],
     invert: [false; 3],
 };
 
-/// Switched on together when the station is configured: motor power first, then the enable line
-/// (nEN) of each socket.
+/// Enable lines, switched on together when the station is configured: motor power first, then the
+/// nEN line of each socket.
 pub const DRIVERS: &[Line] = &[
     Line {
         port: pac::GPIOC,
@@ -56,25 +56,25 @@ pub const DRIVERS: &[Line] = &[
     },
 ];
 
-/// The emergency stop's second contact, between PA0 (header E1DET) and ground, as all others of
-/// this board. Open is high.
+/// Second contact of the emergency stop, between PA0 (header E1DET) and ground, like all others of
+/// this board. The high level means open.
 pub const GATE: Option<Gate> = Some(Gate { active_high: false });
 
-/// No LED of the board hangs on a pin: one may be put on PE13, header EXP1.
+/// Status LED. The board has none on a pin; connect one to PE13, header EXP1.
 pub const LED: Line = Line {
     port: pac::GPIOE,
     pin: 13,
     active_high: true,
 };
 
-/// Gives every pin its work.
+/// Assigns a function to every pin.
 ///
 /// # Errors
-/// If the UART cannot run at [`UART_BAUD`].
+/// [`ConfigError`] if the UART cannot run at [`UART_BAUD`].
 pub fn assign(p: Peripherals) -> Result<Parts, ConfigError> {
     let mut config = Config::default();
     config.baudrate = UART_BAUD;
-    // An unconnected receiver picks up what the motors' cables radiate.
+    // An unconnected receiver picks up interference from the motors' cables.
     config.rx_pull = Pull::Up;
     let (tx_buffer, rx_buffer) = uart_buffers();
     Ok(Parts {

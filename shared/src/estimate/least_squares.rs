@@ -7,19 +7,36 @@
 //!     | 0  b1  b3 |        | d4 |
 //! ```
 //!
-//! in normalised coordinates, where the paper's focal length is 1. For the comparison with the two
-//! others; the station does not run it. It shares the closed form's bias at finite displacements.
+//! in normalised coordinates, where the paper's focal length is 1. This estimator serves the
+//! comparison with the other two; the station does not run it. It shares the closed form's bias at
+//! finite displacements.
 
 use super::Refusal;
 use crate::sums::pair::PairSums;
 use nalgebra::{Matrix3, Matrix4x3, Vector4};
 
-/// The target's displacement, mm.
+/// Computes the target's displacement since the keyframe, mm.
 ///
 /// # Errors
 /// [`Refusal::TooFewPoints`] without points, [`Refusal::OutOfRange`] if a sum is not finite,
 /// [`Refusal::Degenerate`] if `A'A` is singular to working precision (its determinant is the
 /// paper's eq. 8).
+///
+/// # Example
+/// ```
+/// use shared::estimate::{closed_form, least_squares};
+/// use shared::sums::pair::PairSums;
+///
+/// // The sums of one point on the axis at 900 mm, cameras at ±60 mm, displaced by (9, 0, 0) mm.
+/// let mut sums = PairSums::new(&shared::rig::Rig::paper())?;
+/// (sums.points, sums.a1, sums.b1) = (1, 60.0 / 900.0, 60.0 / 900.0);
+/// (sums.a2, sums.b2) = (-0.5 * sums.a1.powi(2), 0.5 * sums.b1.powi(2));
+/// (sums.d1, sums.d3) = (60.0 * 0.01, 60.0 * 0.01);
+/// let [x, y, z] = least_squares::solve(&sums)?;
+/// assert!((x - 9.0).abs() < 1e-6 && y.abs() < 1e-6 && z.abs() < 1e-4);
+/// assert!((closed_form::solve(&sums)?[0] - x).abs() < 1e-6);
+/// # Ok::<(), shared::estimate::Refusal>(())
+/// ```
 pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     if sums.points == 0 {
         return Err(Refusal::TooFewPoints);
@@ -41,7 +58,7 @@ pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     Ok([solution[0], solution[1], solution[2]])
 }
 
-/// The paper's matrix `A`, with `f = 1`.
+/// Returns the paper's matrix `A`, with `f = 1`.
 pub fn matrix(sums: &PairSums) -> Matrix4x3<f64> {
     Matrix4x3::new(
         sums.a1, 0.0, sums.a2, //

@@ -1,59 +1,78 @@
 //! The midpoint estimator: exact at any displacement, with its own covariance.
 //!
-//! From the centred sums of [`crate::sums::centred`] (`d` spread, `r` coupling, `(tx, ty)` mean,
-//! `c = (ξ, η)` centroid, `e` mean squared residual, all divided by the total weight):
+//! From the centred sums of [`crate::sums::centred`] (`d` spread, `r` coupling, `(tx, ty)` mean, `c
+//! = (ξ, η)` centroid, `e` mean squared residual, all divided by the total weight):
 //!
 //! ```text
 //! Tz = r / d        Tx = tx + ξ Tz        Ty = ty + η Tz
 //! s² = e / (2 K N - 3)        Cov = s² [ diag(1, 1, 0) + u u' / d ],   u = (ξ, η, 1)
 //! ```
 //!
-//! That is the weighted least-squares solution of `v/g = T_xy - ξ T_z`, which holds for finite `T`
-//! without approximation. It needs two cameras, and works for as many as the rig has, anywhere in a
-//! plane.
+//! This is the weighted least-squares solution of `v/g = T_xy - ξ T_z`, which holds for finite `T`
+//! without approximation. It needs at least two cameras and uses all that the rig has, anywhere in
+//! a plane.
 //!
-//! The covariance is that of white noise which is independent between observations, times the
-//! overlap that the caller states in [`CentredSums::overlap`]. It does not see what all points have
-//! in common.
+//! The covariance is that of white noise, independent between observations, times the variance
+//! inflation factor that the caller states in [`CentredSums::overlap`]. It does not include errors
+//! that all points have in common.
 
 use super::{DisplacementNm, Refusal};
 use crate::fixed::{invert_mantissa, multiply_shift, narrow, shift_right_rounded, square_root};
 use crate::sums::centred::{CentredSums, FixedCentredSums};
 
-/// Smallest spread: points within 0.1 mrad of each other say nothing about z.
+/// Smallest spread: points within 0.1 mrad of each other do not determine z.
 const MIN_SPREAD: f64 = 1e-8;
 
-/// The spread's smallest exponent in [`solve_fixed`]: a spread of 2^-20 is a root mean square
+/// Smallest exponent of the spread in [`solve_fixed`]: a spread of 2^-20 is a root mean square
 /// distance of 1 mrad (half a pixel at 530 px), where z is a thousand times less certain than x.
 const MIN_FIXED_EXPONENT: i8 = -19;
 
-/// The largest: a spread of 16 is far beyond any lens.
+/// Largest exponent of the spread: a spread of 16 is far beyond any lens.
 const MAX_FIXED_EXPONENT: i8 = 4;
 
-/// A displacement and how well it is known.
+/// Displacement with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Displacement of the target, mm.
+    /// Displacement of the target since the keyframe, mm.
     pub displacement_mm: [f64; 3],
-    /// Its covariance, mm².
+    /// Covariance of the displacement, mm².
     pub covariance_mm2: [[f64; 3]; 3],
     /// Standard deviation of one flow component, px of the mean focal length.
     pub sigma_px: f64,
 }
 
 impl Estimate {
-    /// Standard deviation per axis, mm.
+    /// Returns the standard deviation of the displacement per axis, mm.
     pub fn sigma_mm(&self) -> [f64; 3] {
         core::array::from_fn(|i| libm::sqrt(self.covariance_mm2[i][i]))
     }
 }
 
-/// The target's displacement with its covariance.
+/// Computes the target's displacement since the keyframe with its covariance.
 ///
 /// # Errors
 /// [`Refusal::TooFewPoints`] without a degree of freedom (one point in two cameras has one),
 /// [`Refusal::Degenerate`] if all points are in one direction, [`Refusal::OutOfRange`] if a sum is
 /// not finite.
+///
+/// # Example
+/// ```
+/// use shared::estimate::midpoint;
+/// use shared::{rig::Rig, sums::centred::CentredSums};
+///
+/// // Sums as accumulated from two points 0.1 left and right of the axis, seen by two cameras
+/// // without noise: displaced by 3 mm to the right and 10 mm towards the cameras.
+/// let mut sums = CentredSums::new(&Rig::paper())?;
+/// (sums.points, sums.weight) = (2, 6.0);
+/// sums.mean_mm = [3.0, 0.0];
+/// sums.spread_sum = 6.0 * 0.01;
+/// sums.coupling_sum = -10.0 * sums.spread_sum;
+/// sums.scatter_sum = 100.0 * sums.spread_sum;
+/// let estimate = midpoint::solve(&sums)?;
+/// assert_eq!(estimate.displacement_mm, [3.0, 0.0, -10.0]);
+/// assert!(estimate.sigma_mm().iter().all(|sigma| *sigma < 1e-6));
+/// # Ok::<(), shared::estimate::Refusal>(())
+/// ```
 pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     let freedom = sums.freedom();
     if freedom <= 0 {
@@ -85,32 +104,33 @@ pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     })
 }
 
-/// The station's estimate, in integers.
+/// Displacement with its variances, as the station computes them in integers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FixedEstimate {
-    /// Displacement of the target, nm.
+    /// Displacement of the target since the keyframe, nm.
     pub displacement_nm: DisplacementNm,
     /// Variance per axis, nm², saturating.
     pub variance_nm2: [u64; 3],
 }
 
 impl FixedEstimate {
-    /// Standard deviation per axis, nm, rounded down.
+    /// Returns the standard deviation of the displacement per axis, nm, rounded down.
     pub fn sigma_nm(&self) -> [u32; 3] {
         let [x, y, z] = self.variance_nm2;
         [square_root(x), square_root(y), square_root(z)]
     }
 }
 
-/// The target's displacement in nm, without variances. Saturates at ±268 mm.
+/// Computes the target's displacement since the keyframe, nm, without variances. Saturates at ±268
+/// mm.
 ///
 /// Within 0.1 µm per axis of [`solve`] on the unquantised sums, for displacements up to 100 mm,
 /// depth 300-2000 mm, focal lengths 300-2500 px, 8-4000 points (test
-/// `midpoint_fixed_point_follows_the_oracle`): nothing in it depends on rig or depth.
+/// `midpoint_fixed_point_follows_the_oracle`). No term depends on rig or depth.
 ///
 /// # Errors
-/// [`Refusal::TooFewPoints`], [`Refusal::Degenerate`] if the spread is too small or its mantissa
-/// not normalised.
+/// [`Refusal::TooFewPoints`] without a degree of freedom, [`Refusal::Degenerate`] if the spread is
+/// too small or its mantissa not normalised, [`Refusal::OutOfRange`] if the spread is too large.
 pub fn displacement_fixed(sums: &FixedCentredSums) -> Result<DisplacementNm, Refusal> {
     if sums.freedom == 0 {
         return Err(Refusal::TooFewPoints);
@@ -137,19 +157,20 @@ pub fn displacement_fixed(sums: &FixedCentredSums) -> Result<DisplacementNm, Ref
     ])
 }
 
-/// The target's displacement and its variances.
+/// Computes the target's displacement since the keyframe and its variances.
 ///
-/// Each variance is within 1 % + 2 nm² of [`solve`]'s where sigma is above 1 µm.
+/// Each variance is within 1 % + 2 nm² of that of [`solve`] where sigma is above 1 µm.
 ///
 /// # Errors
-/// As [`displacement_fixed`].
+/// The refusals of [`displacement_fixed`].
 pub fn solve_fixed(sums: &FixedCentredSums) -> Result<FixedEstimate, Refusal> {
     let displacement_nm = displacement_fixed(sums)?;
     let residual = u64::from(sums.residual_nm);
     let variance = residual * residual / u64::from(sums.freedom); // s², nm²
     // 1/d in Q8.24 at most 2^(20 + 24): 2^63/m is 2^31/mantissa, times 2^-exponent.
     let inverse = u64::from(invert_mantissa(sums.spread));
-    let inverse = inverse << (MAX_FIXED_EXPONENT - sums.exponent) >> (31 - 24 + MAX_FIXED_EXPONENT); // Q24
+    let up = MAX_FIXED_EXPONENT - sums.exponent;
+    let inverse = inverse << up >> (31 - 24 + MAX_FIXED_EXPONENT); // Q24
     let lever = |centroid: i32| {
         let square = (i64::from(centroid) * i64::from(centroid)).unsigned_abs() >> 34; // Q24
         scale(inverse, square, 24)
@@ -165,7 +186,7 @@ pub fn solve_fixed(sums: &FixedCentredSums) -> Result<FixedEstimate, Refusal> {
     })
 }
 
-/// `a b / 2^bits`, saturating.
+/// Computes `a b / 2^bits`, saturating.
 fn scale(a: u64, b: u64, bits: u32) -> u64 {
     let product = (u128::from(a) * u128::from(b)) >> bits;
     u64::try_from(product).unwrap_or(u64::MAX)

@@ -1,7 +1,7 @@
-//! Commands on the wire: a number, then the fields.
+//! Encoding of commands on the wire: a number, then the fields.
 //!
-//! A frame is numbered by its kind of sums, so that no byte is spent on a second number: with every
-//! field at its extreme, all framing included, it just fits one full-speed USB packet.
+//! A flow frame is numbered by its kind of sums, so that no byte is spent on a second number: with
+//! every field at its extreme, all framing included, it just fits one full-speed USB packet.
 
 use super::message::{Command, Config, Frame, Sums};
 use crate::sums::centred::FixedCentredSums;
@@ -24,7 +24,7 @@ const HOME: u32 = 9;
 const MOTORS: u32 = 10;
 const FRAME_MIDPOINT: u32 = 11;
 
-/// The instants of a frame and one kind of sums, in this order.
+/// Instants of a flow frame and one kind of sums, in this order.
 type Parts<S> = (Instant, Instant, S);
 
 impl Serialize for Command {

@@ -1,10 +1,10 @@
-//! Messages to bytes.
+//! Encoding of messages to packets.
 
 use super::{CRC, MAX_PACKET};
 use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::Serialize;
 
-/// A packet ready to be sent.
+/// Packet, ready to send.
 pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 
 /// Encodes `message` as one packet: a zero, then postcard and CRC-32 in COBS, and a zero.
@@ -12,6 +12,18 @@ pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 /// # Errors
 /// [`TooLong`] if it would exceed [`MAX_PACKET`]. No message of this protocol does (test
 /// `every_message_fits`).
+///
+/// # Example
+/// ```
+/// use shared::frame::encode::encode;
+/// use shared::frame::message::{Command, Packet};
+///
+/// let packet = Packet { sequence: 7, command: Command::Hello };
+/// let bytes = encode(&packet)?;
+/// assert_eq!((bytes.first(), bytes.last()), (Some(&0), Some(&0)));
+/// assert!(!bytes[1..bytes.len() - 1].contains(&0));
+/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// ```
 pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
     let mut bytes = Bytes::new();
     bytes.resize(MAX_PACKET, 0).map_err(|_| TooLong)?;
@@ -24,7 +36,7 @@ pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
     Ok(bytes)
 }
 
-/// The message does not fit one packet.
+/// Error of a message that does not fit one packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooLong;
 

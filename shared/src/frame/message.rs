@@ -1,4 +1,4 @@
-//! The messages. `schema.txt` lists them in words; keep the two together (tests compare them).
+//! Messages of the protocol. `schema.txt` lists them in words; tests compare it with this file.
 
 use super::{PROTOCOL, SCHEMA_HASH};
 use crate::estimate::{Gate, Refusal};
@@ -11,13 +11,13 @@ use crate::time::Instant;
 use crate::track::pursuit::{Settings, Sight};
 use serde::{Deserialize, Serialize};
 
-/// What the host sends.
+/// Message from the host to the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
-    /// Counts up by one per packet, modulo 65536.
+    /// Sequence number: counts up by one per packet, modulo 65536.
     #[serde(with = "postcard::fixint::le")]
     pub sequence: u16,
-    /// What to do.
+    /// Command to execute.
     pub command: Command,
 }
 
@@ -25,141 +25,148 @@ pub struct Packet {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc: the largest message sets the size
 pub enum Command {
-    /// Starts a session: the sequence count begins here. Answered by [`Report::Hello`] and
-    /// [`Report::LastRun`].
+    /// Starts a session: the sequence count begins here. The station replies with [`Report::Hello`]
+    /// and [`Report::LastRun`].
     Hello,
-    /// Replaces the whole configuration. Only at rest; refused as a whole if any value is
-    /// impossible.
+    /// Replaces the whole configuration. Requires rest; the station refuses the whole if any value
+    /// is impossible.
     Config(Config),
-    /// One frame's flow sums.
+    /// Gives the flow sums of one frame set.
     Frame(Frame),
-    /// Move to a stage position. Needs a known position.
+    /// Moves to a stage position. Requires a known position.
     Setpoint {
         /// Absolute stage position per axis, µm.
         position_um: [i32; 3],
     },
-    /// Move by a distance from where the axes are; slowly while the position is unknown.
+    /// Moves by a distance from where the axes are; slowly while the position is unknown.
     ///
-    /// In motion it replaces what is left of an earlier move of the axes that it names, and never
-    /// turns an axis against its own direction. Other axes go on to where an earlier move sends
-    /// them. Rounded to whole steps, and clamped to the soft limits.
+    /// In motion it replaces the rest of an earlier move of the axes that it names, and never
+    /// reverses an axis against the direction of its own distance. Other axes continue their
+    /// earlier move. The distance is rounded to whole steps and clamped to the soft limits.
     Jog {
         /// Distance per stage axis, µm.
         distance_um: [i32; 3],
     },
-    /// Declares the present position to be zero on all axes. Only at rest.
+    /// Declares the present position to be zero on all axes. Requires rest.
     Zero,
-    /// Ramps down at once and stays stopped until a reset.
+    /// Ramps down at once; the station then stays stopped until a reset.
     Stop,
     /// Clears a fault or a stop whose cause is gone.
     Reset,
-    /// Heartbeat and time sync. Answered by [`Report::Pong`].
+    /// Heartbeat and time synchronisation. The station replies with [`Report::Pong`].
     Ping {
-        /// The host's clock, µs; returned as it is.
+        /// The host's clock, µs; the reply returns it unchanged.
         host_us: u64,
     },
-    /// Find the home switches of these axes, one axis after the other: Z, X, Y. Only at rest. What
-    /// the switches find becomes the position.
+    /// Finds the home switches of these axes, one axis after the other: Z, X, Y. Requires rest. The
+    /// switches define the position.
     Home {
-        /// Which axes; each needs a home switch in the configuration.
+        /// Axes to home; each needs a home switch in the configuration.
         axes: [bool; 3],
     },
-    /// Switches the motors on or off. Only at rest; motors without current lose the position, so
-    /// that a known one is degraded.
+    /// Switches the motors on or off. Requires rest. Motors without current lose the position, so
+    /// that a known position becomes degraded.
     Motors {
-        /// On.
+        /// True switches the motors on.
         on: bool,
     },
 }
 
-/// One frame: the target's flow since the reference instant, as the cameras on the stage saw it.
+/// Flow frame: the target's flow since the keyframe, as the cameras on the stage saw it.
+///
+/// The word *frame* means this message and nothing else in the project; the protocol keeps it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// When the images were taken, station time.
+    /// Capture time of the frame set, station time.
     pub capture: Instant,
-    /// When the images that the flow is measured against were taken, station time.
+    /// Capture time of the keyframe that the flow is measured against, station time.
     pub reference: Instant,
-    /// The sums.
+    /// Flow sums.
     pub sums: Sums,
 }
 
-/// The sums, which also choose the estimator. On the wire each kind is a command of its own.
+/// Flow sums of one kind, which also selects the estimator. On the wire each kind is a command of
+/// its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sums {
-    /// For the paper's closed form.
+    /// Sums for the paper's closed form.
     ClosedForm(FixedPairSums),
-    /// For the midpoint estimator.
+    /// Sums for the midpoint estimator.
     Midpoint(FixedCentredSums),
 }
 
-/// Everything the station must know about the stage. It keeps none of it across a restart.
+/// Configuration of the station: everything it must know about the stage. The station keeps none of
+/// it across a restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Config {
     /// Resolution and limits of the stage's axes.
     pub axes: [AxisConfig; 3],
-    /// Camera axes to stage axes, row by row, Q2.29 (±4): `stage = matrix camera`.
+    /// Hand-eye matrix from camera axes to stage axes, row by row, Q2.29 (±4): `stage = matrix
+    /// camera`.
     pub matrix: [[i32; 3]; 3],
-    /// What the motor drivers need of STEP and DIR.
+    /// STEP and DIR timing that the motor drivers need.
     pub driver: DriverTiming,
-    /// When an estimate is not used.
+    /// Limits that an estimate must meet.
     pub gate: Gate,
-    /// Longest silence of the host while moving, ms. 20 to 10000.
+    /// Heartbeat timeout while moving, ms, 20 to 10000.
     pub heartbeat_ms: u16,
-    /// Fastest motion while the position is unknown, µm/s.
+    /// Highest speed while the position is unknown, µm/s.
     pub slow_speed_um_s: u32,
-    /// Whether the cameras ride on the stage.
+    /// Place of the cameras: on the stage or beside it.
     pub mounting: Mounting,
-    /// How the target is followed.
+    /// Settings of the target tracker.
     pub tracking: Settings,
-    /// Lost motion, home switches, and what is watched.
+    /// Backlash, home switches and supervision.
     pub stage: StageConfig,
 }
 
-/// What the station must know of the stage beyond its axes.
+/// Configuration of the stage beyond the limits of its axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StageConfig {
-    /// Lost motion of each axis when it turns round, µm; 0 is none. Rounded to whole steps.
+    /// Backlash of each axis, µm; 0 means none. Rounded to whole steps.
     pub backlash_um: [u16; 3],
-    /// The home switch of each axis.
+    /// Home switch of each axis.
     pub home: [Option<HomeSwitch>; 3],
-    /// Speed towards a home switch the first and the second time, µm/s.
+    /// Speeds towards a home switch, µm/s: the first approach and the second.
     pub home_speed_um_s: [u32; 2],
-    /// How far an axis backs off from its home switch, µm.
+    /// Distance by which an axis backs off from its home switch, µm.
     pub back_off_um: u32,
-    /// While the position is unknown: how far an axis may go from where that began, µm.
+    /// Distance by which an axis may leave the place at which its position became unknown, µm.
     pub window_um: u32,
-    /// Longest distance between target and stage while following, on any axis, µm; 0 is any.
+    /// Largest distance between target and stage while following, per axis, µm; 0 means any.
     pub largest_error_um: u32,
-    /// For how long it may be longer, ms.
+    /// Longest time for which that distance may be exceeded, ms.
     pub longest_error_ms: u16,
-    /// How far the stage may move towards the target without the cameras seeing it come nearer, on
-    /// any axis, µm; 0 is any. Only with prediction.
+    /// Distance that the stage may move towards the target, per axis, while the cameras do not see
+    /// it come nearer, µm; 0 means any. Requires prediction.
     pub unseen_um: u32,
-    /// Time at rest after which the motors are switched off, s; 0 is never. Following is no rest.
+    /// Time at rest after which the motors are switched off, s; 0 means never. Following does not
+    /// count as rest.
     pub motors_off_after_s: u16,
 }
 
-/// A limit switch that also says where the axis is.
+/// Limit switch that also defines the position of its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HomeSwitch {
-    /// Which of the axis's two switches it is.
+    /// End of the axis at which the switch is.
     pub side: Side,
-    /// Where it trips on the way onto it, µm from zero.
+    /// Position at which the switch trips when the axis moves onto it, µm from zero.
     pub position_um: i32,
 }
 
-/// An end of an axis. Append-only.
+/// End of an axis. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
-    /// The one that is met going backwards.
+    /// End in the negative direction.
     Negative,
-    /// The one that is met going forwards.
+    /// End in the positive direction.
     Positive,
 }
 
 impl StageConfig {
-    /// No lost motion, no home switches; 10 and 1 mm/s and 2 mm to back off if there were any; 10
-    /// mm while the position is unknown; nothing watched; the motors stay on.
+    /// Default configuration: no backlash, no home switches (with speeds of 10 and 1 mm/s and a
+    /// back-off of 2 mm for those that are added), a window of 10 mm while the position is unknown,
+    /// no supervision, and motors that stay on.
     pub const DEFAULT: Self = Self {
         backlash_um: [0; 3],
         home: [None; 3],
@@ -173,51 +180,53 @@ impl StageConfig {
     };
 }
 
-/// Where the cameras are. Append-only.
+/// Place of the cameras. Append-only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mounting {
-    /// On the stage, which keeps their view of the target constant: the servo of the paper.
+    /// On the stage (eye-in-hand): the stage keeps the cameras' view of the target constant, as in
+    /// the paper.
     #[default]
     OnStage,
-    /// Beside it: the stage copies the target's motion as resting cameras see it (recorded images,
-    /// for one).
+    /// Beside the stage (eye-to-hand): the stage copies the target's motion as seen by resting
+    /// cameras, for example from recorded images.
     Fixed,
 }
 
 /// Fraction bits of [`Config::matrix`].
 pub const MATRIX_BITS: u32 = 29;
 
-/// What the station sends. Append-only.
+/// Message from the station to the host. Append-only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Report {
-    /// Who it is.
+    /// Identity of the station.
     Hello(Hello),
     /// Reply to a ping.
     Pong {
-        /// As in the ping.
+        /// The host's clock as in the ping, µs.
         host_us: u64,
-        /// When the ping arrived.
+        /// Instant at which the ping arrived.
         received: Instant,
-        /// When this reply was made.
+        /// Instant at which this reply was made.
         sent: Instant,
     },
-    /// How it is: after every frame, on every change of state, and ten times a second.
+    /// State of the station: sent after every flow frame, on every change of state, and ten times a
+    /// second.
     Status(Status),
-    /// What became of a command (all but hello and ping).
+    /// Answer to a command other than hello and ping.
     Answer {
-        /// The command's sequence number.
+        /// Sequence number of the command.
         sequence: u16,
-        /// The control tick at which it took effect.
+        /// Control tick at which the command took effect.
         tick: u32,
-        /// Accepted, or refused and why.
+        /// Acceptance, or the reason for a denial.
         outcome: Outcome,
     },
-    /// What was before it started: after every hello. A message of its own, so that hello stays
-    /// readable for hosts of any version.
+    /// Record of the run before the present start, sent after every hello. A message of its own, so
+    /// that hosts of any version can read the hello.
     LastRun(LastRun),
 }
 
-/// Who the station is.
+/// Identity of the station.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// [`PROTOCOL`] of the firmware.
@@ -226,50 +235,50 @@ pub struct Hello {
     pub schema: u32,
     /// Major, minor, patch of the firmware.
     pub version: [u8; 3],
-    /// The board, for people.
+    /// Name of the board, for people.
     pub board: heapless::String<16>,
     /// Port words per second, Hz.
     pub word_rate_hz: u32,
-    /// From the control tick to its first port word, µs.
+    /// Delay from the control tick to its first port word, µs.
     pub delay_us: u32,
-    /// A number that differs after every start.
+    /// Number that differs after every start.
     pub session: u32,
-    /// Why the station last started.
+    /// Reason for the last start.
     pub reset_cause: ResetCause,
 }
 
-/// Why the station started. Append-only.
+/// Reason for a start of the station. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ResetCause {
-    /// Power came.
+    /// Power-on.
     PowerOn,
-    /// The supply dipped.
+    /// Brown-out: the supply dipped.
     BrownOut,
-    /// The reset pin.
+    /// Reset pin.
     Pin,
-    /// Software asked for it.
+    /// Reset requested by software.
     Software,
-    /// The watchdog was not fed.
+    /// Watchdog timeout.
     Watchdog,
 }
 
-/// What the station remembers of the time before its present start, in memory that a reset does not
-/// clear. Power-on forgets it.
+/// Record of the run before the present start, in memory that a reset does not clear. Power-on
+/// clears it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LastRun {
     /// Starts since power-on, the present one included; 0 from a station that does not count.
     pub starts: u32,
-    /// The fault that was latched when it ended.
+    /// Fault that was latched at the end of the run.
     pub fault: Option<Fault>,
-    /// How it ended.
+    /// Cause of the end of the run.
     pub end: End,
-    /// Addresses in the program, 0 is none: the instruction that failed, then what on the stack
-    /// looks like return addresses (odd, as Thumb has them), innermost first.
+    /// Addresses in the program, 0 for none: the instruction that failed, then the apparent return
+    /// addresses on the stack (odd, as in Thumb code), innermost first.
     pub places: [u32; PLACES],
 }
 
 impl LastRun {
-    /// Of a station that keeps nothing across its starts.
+    /// Record of a station that keeps nothing across its starts.
     pub const UNKNOWN: Self = Self {
         starts: 0,
         fault: None,
@@ -278,23 +287,24 @@ impl LastRun {
     };
 }
 
-/// Addresses in a [`LastRun`].
+/// Number of addresses in a [`LastRun`].
 pub const PLACES: usize = 6;
 
-/// How a run of the program ended. Append-only.
+/// Cause of the end of a run. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum End {
-    /// Not by itself: power, the pin, or a watchdog that nobody fed ([`Hello::reset_cause`] says
+    /// External cause: power, the reset pin, or a watchdog timeout ([`Hello::reset_cause`] says
     /// which).
     Outside,
-    /// It panicked.
+    /// Panic of the program.
     Panic,
-    /// The processor faulted.
+    /// Fault of the processor.
     HardFault,
 }
 
 impl Hello {
-    /// Names what keeps this host from moving that station, field by field. Empty when they fit.
+    /// Returns the fields in which the station differs from this host, and which therefore keep the
+    /// host from moving it. Empty if they agree.
     pub fn mismatches(&self) -> heapless::Vec<Mismatch, 2> {
         let ours = [
             ("protocol", u32::from(self.protocol), u32::from(PROTOCOL)),
@@ -313,159 +323,161 @@ impl Hello {
     }
 }
 
-/// A field of [`Hello`] in which station and host differ.
+/// Field of [`Hello`] in which station and host differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mismatch {
-    /// The field's name.
+    /// Name of the field.
     pub field: &'static str,
-    /// The station's value.
+    /// Value of the station.
     pub station: u32,
-    /// The host's value.
+    /// Value of the host.
     pub host: u32,
 }
 
-/// The station at one instant.
+/// State of the station at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Status {
-    /// When it was made.
+    /// Instant at which this status was made.
     pub time: Instant,
     /// Control ticks since the start, modulo 2^32.
     pub tick: u32,
-    /// What it is doing.
+    /// Activity of the station.
     pub state: State,
-    /// The worst of the latched faults.
+    /// Worst of the latched faults.
     pub fault: Option<Fault>,
     /// Trust in `position_steps`.
     pub trust: Trust,
     /// Planned stage position at the start of this tick, whole steps.
     pub position_steps: [i32; 3],
-    /// Where the stage is going, whole steps.
+    /// Target of the motion, whole steps.
     pub target_steps: [i32; 3],
-    /// Flow frames that were used, modulo 2^32.
+    /// Number of flow frames used, modulo 2^32.
     pub frames_used: u32,
-    /// Flow frames that were refused, modulo 2^32.
+    /// Number of flow frames refused, modulo 2^32.
     pub frames_refused: u32,
-    /// Packets that were not understood, or not new.
+    /// Counts of packets that were invalid or out of sequence.
     pub drops: Drops,
-    /// The last frame that was used.
+    /// Estimate from the last flow frame that was used.
     pub estimate: Option<EstimateReport>,
-    /// What is known of the target.
+    /// State of the target track.
     pub sight: Sight,
-    /// How long ago the target was seen, ms, saturating; 0 while nothing is followed.
+    /// Time since the target was last seen, ms, saturating; 0 while the station does not follow.
     pub seen_ms: u16,
     /// All latched faults; [`Status::fault`] is the worst of them.
     pub faults: Faults,
-    /// The motors are on.
+    /// True while the motors are on.
     pub motors: bool,
 }
 
-/// Packets that changed nothing; the counts saturate.
+/// Counts of packets that had no effect; the counts saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Drops {
-    /// Bytes that were no message.
+    /// Byte sequences that were not valid packets.
     pub rejects: super::receive::Rejects,
-    /// Sequence number seen before.
+    /// Packets with the sequence number of the last one.
     pub duplicate: u16,
-    /// Sequence number from behind.
+    /// Packets with a sequence number behind the last one.
     pub stale: u16,
-    /// Commands that were not done because there were more than one control tick takes.
+    /// Commands beyond the number that one control tick takes.
     pub overflow: u16,
-    /// Answers and other reports that found no room.
+    /// Answers and other reports that found no room in the queue.
     pub answers: u16,
 }
 
-/// What the station made of one frame.
+/// Estimate from one flow frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EstimateReport {
-    /// The frame's sequence number.
+    /// Sequence number of the flow frame.
     pub sequence: u16,
-    /// Displacement of the target since the reference, camera axes, nm.
+    /// Displacement of the target since the keyframe, camera axes, nm.
     pub displacement_nm: [i32; 3],
-    /// Its standard deviation, nm; `None` for the paper's estimators.
+    /// Standard deviation of the displacement, nm; `None` for the paper's estimators.
     pub sigma_nm: Option<[u32; 3]>,
-    /// From the capture to the first port word that it can change, µs.
+    /// Latency from the capture time to the first port word that the frame can change, µs.
     pub latency_us: u32,
 }
 
-/// What became of a command.
+/// Outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outcome {
-    /// Taken.
+    /// Accepted.
     Accepted,
-    /// Nothing was changed, for this reason.
+    /// Denied for this reason; the command changed nothing.
     Denied(Denial),
 }
 
-/// Why a command was refused. Append-only.
+/// Reason for the denial of a command. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Denial {
-    /// There is no configuration yet.
+    /// The station has no configuration yet.
     Unconfigured,
     /// The stage is moving.
     Moving,
-    /// The position is unknown or degraded: home or zero first.
+    /// The position is unknown or degraded: home or zero the stage first.
     PositionUnknown,
-    /// Stopped: reset first.
+    /// The station is stopped: reset it first.
     Stopped,
-    /// A fault is latched: reset first.
+    /// A fault is latched: reset the station first.
     Faulted,
-    /// The fault's cause is still there.
+    /// The cause of the fault is still present.
     CauseRemains,
     /// A value of the configuration is impossible.
     Config(ConfigField),
     /// The sums give no usable displacement.
     Estimate(Refusal),
-    /// The capture lies in the future, or at a word that is not emitted yet.
+    /// The capture time lies in the future, or at a port word that is not emitted yet.
     CaptureInFuture,
-    /// The capture lies before the history of positions.
+    /// The capture time lies before the recorded history of positions.
     CaptureTooOld,
-    /// The capture is not after the last one used.
+    /// The capture time is not after that of the last frame used.
     CaptureOutOfOrder,
-    /// The reference is neither the present one nor a recent capture.
+    /// The keyframe is neither the present one nor a recent frame set.
     UnknownReference,
-    /// The way leads onto a tripped limit switch.
+    /// The move leads onto a tripped limit switch.
     LimitSwitch,
-    /// No target that the stage can follow moves so fast. A second frame that agrees is followed.
+    /// No target that the stage can follow moves this fast. A second frame that agrees is accepted.
     Outlier,
-    /// The position is unknown, and the way leads farther from where that began than the
+    /// The position is unknown, and the move leads farther from where it became unknown than the
     /// configuration allows.
     OutsideWindow,
-    /// An axis that is to be homed has no home switch, or no axis was named.
+    /// An axis to home has no home switch, or the command names no axis.
     NoHomeSwitch,
-    /// A stop that was sent later came before it was done.
+    /// A stop that was sent later arrived before the command took effect.
     Dropped,
-    /// The axis stands outside its travel: it moves inwards only, and no target is followed.
+    /// The axis stands outside its travel: it can only move inwards, and the station does not
+    /// follow a target.
     OutsideTravel {
-        /// Number from 0.
+        /// Axis, from 0.
         axis: u8,
     },
-    /// No ping came within the heartbeat time: the host must send pings before it moves the stage.
+    /// No ping arrived within the heartbeat timeout: the host must send pings before it moves the
+    /// stage.
     NoHeartbeat,
-    /// A fault appeared that no status has named so far: read the status, then reset.
+    /// A fault appeared that no status has reported yet: read the status, then reset.
     FaultUnread,
     /// The motors are off.
     MotorsOff,
 }
 
-/// Which part of a configuration is impossible. Append-only.
+/// Invalid part of a configuration. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ConfigField {
     /// The matrix is singular: its determinant is below one thousandth.
     Matrix,
-    /// The driver cannot take this board's word rate.
+    /// The driver does not support this board's word rate.
     Driver,
-    /// A number beyond a bound.
+    /// A number lies beyond a bound.
     Value {
-        /// The number that is refused.
+        /// Setting that is refused.
         setting: Setting,
-        /// Its axis, from 0; `None` for a number that belongs to no axis.
+        /// Axis of the setting, from 0; `None` for a setting without axis.
         axis: Option<u8>,
-        /// The nearest value that is accepted.
+        /// Nearest value that is accepted.
         bound: Bound,
     },
 }
 
-/// A number of the configuration. Append-only.
+/// Numeric setting of the configuration. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Setting {
     /// [`AxisConfig::steps_per_m`].
@@ -480,7 +492,7 @@ pub enum Setting {
     TravelLow,
     /// The high end of [`AxisConfig::travel_um`].
     TravelHigh,
-    /// [`Gate::max_sigma_nm`]; the axis is the camera's.
+    /// [`Gate::max_sigma_nm`]; the axis is one of the camera.
     GateSigma,
     /// [`Gate::max_displacement_nm`].
     GateDisplacement,
@@ -492,11 +504,11 @@ pub enum Setting {
     Coast,
     /// [`StageConfig::backlash_um`].
     Backlash,
-    /// The position of [`StageConfig::home`].
+    /// [`HomeSwitch::position_um`].
     HomePosition,
-    /// The first of [`StageConfig::home_speed_um_s`].
+    /// First element of [`StageConfig::home_speed_um_s`].
     HomeSpeedFirst,
-    /// The second of [`StageConfig::home_speed_um_s`].
+    /// Second element of [`StageConfig::home_speed_um_s`].
     HomeSpeedSecond,
     /// [`StageConfig::back_off_um`].
     BackOff,
@@ -511,7 +523,7 @@ pub enum Setting {
 }
 
 impl Setting {
-    /// The field's name in the configuration.
+    /// Returns the name of the setting in the configuration.
     pub const fn name(self) -> &'static str {
         match self {
             Self::StepsPerM => "steps_per_m",
@@ -542,7 +554,7 @@ impl core::fmt::Display for ConfigField {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Matrix => f.write_str("the matrix is singular"),
-            Self::Driver => f.write_str("the driver cannot take this board's word rate"),
+            Self::Driver => f.write_str("the driver does not support this board's word rate"),
             Self::Value {
                 setting,
                 axis,
@@ -566,27 +578,31 @@ impl core::fmt::Display for Denial {
             Self::PositionUnknown => "the position is unknown: home or zero first",
             Self::Stopped => "stopped: reset first",
             Self::Faulted => "a fault is latched: reset first",
-            Self::CauseRemains => "the cause of the fault is still there",
+            Self::CauseRemains => "the cause of the fault is still present",
             Self::Config(field) => return write!(f, "configuration: {field}"),
             Self::Estimate(refusal) => return write!(f, "estimate refused: {refusal}"),
-            Self::CaptureInFuture => "the capture lies in the future",
-            Self::CaptureTooOld => "the capture is too old",
-            Self::CaptureOutOfOrder => "the capture is not after the last one used",
+            Self::CaptureInFuture => "the capture time lies in the future",
+            Self::CaptureTooOld => "the capture time is too old",
+            Self::CaptureOutOfOrder => "the capture time is not after that of the last frame used",
             Self::UnknownReference => {
-                "the reference is neither the present one nor a recent capture"
+                "the keyframe is neither the present one nor a recent frame set"
             }
-            Self::LimitSwitch => "the way leads onto a tripped limit switch",
+            Self::LimitSwitch => "the move leads onto a tripped limit switch",
             Self::Outlier => {
-                "the target cannot have moved so far: waiting for a second frame that says so"
+                "the target moved too far for one frame: a second frame that agrees is accepted"
             }
-            Self::OutsideWindow => "the position is unknown: so far away the stage may not move",
-            Self::NoHomeSwitch => "an axis to be homed has no home switch",
+            Self::OutsideWindow => {
+                "the position is unknown, and the move is too long for that: home or zero first"
+            }
+            Self::NoHomeSwitch => "an axis to home has no home switch",
             Self::Dropped => "dropped, because a stop came later",
             Self::OutsideTravel { axis } => {
                 return write!(f, "axis {axis} stands outside its travel");
             }
-            Self::NoHeartbeat => "no ping came within the heartbeat time",
-            Self::FaultUnread => "a new fault has appeared that no status has named yet",
+            Self::NoHeartbeat => "no ping came within the heartbeat timeout",
+            Self::FaultUnread => {
+                "a fault appeared that no status has reported yet: read the status, then reset"
+            }
             Self::MotorsOff => "the motors are off",
         };
         f.write_str(text)

@@ -1,37 +1,37 @@
-//! Bytes to messages, in any chunking.
+//! Decoding of packets from bytes in any chunking.
 
 use super::{CRC, MAX_PACKET};
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-/// Why bytes were not a message.
+/// Reason for which bytes were not a valid message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reject {
-    /// More bytes than a packet may have without a closing zero.
+    /// More bytes than a packet may have came without a closing zero.
     TooLong,
-    /// The COBS stuffing is broken.
+    /// The COBS stuffing is invalid.
     Framing,
     /// The CRC-32 differs.
     Checksum,
-    /// A sound packet that is no message of this protocol.
+    /// The packet is intact but is not a message of this protocol.
     Malformed,
 }
 
-/// How often each [`Reject`] happened; the counts saturate.
+/// Count of each [`Reject`]; the counts saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejects {
-    /// [`Reject::TooLong`].
+    /// Count of [`Reject::TooLong`].
     pub too_long: u16,
-    /// [`Reject::Framing`].
+    /// Count of [`Reject::Framing`].
     pub framing: u16,
-    /// [`Reject::Checksum`].
+    /// Count of [`Reject::Checksum`].
     pub checksum: u16,
-    /// [`Reject::Malformed`].
+    /// Count of [`Reject::Malformed`].
     pub malformed: u16,
 }
 
 impl Rejects {
-    /// Counts one more.
+    /// Counts one reject.
     pub fn count(&mut self, reject: Reject) {
         let counter = match reject {
             Reject::TooLong => &mut self.too_long,
@@ -42,7 +42,7 @@ impl Rejects {
         *counter = counter.saturating_add(1);
     }
 
-    /// All of them.
+    /// Returns the sum of all counts.
     pub fn total(&self) -> u32 {
         [self.too_long, self.framing, self.checksum, self.malformed]
             .map(u32::from)
@@ -51,22 +51,43 @@ impl Rejects {
     }
 }
 
-/// Collects bytes until a packet is complete, and undoes the COBS stuffing on the way: each block
-/// is a code and code - 1 bytes, and stands for these bytes and a zero; but for a code of 255, and
-/// at the end of the packet, there is no zero.
+/// Receiver of packets: collects bytes until a packet is complete, and undoes the COBS stuffing as
+/// they arrive.
+///
+/// Each COBS block is a code and code - 1 bytes, and stands for these bytes and a zero. There is no
+/// zero after a block with code 255 and at the end of the packet.
 ///
 /// *Invariant:* the first `length` bytes of `buffer` are the packet so far, or `overrun` is set and
-/// the rest of it is being skipped.
+/// the receiver skips the rest of the packet.
+///
+/// ```
+/// use shared::frame::encode::encode;
+/// use shared::frame::message::{Command, Packet};
+/// use shared::frame::receive::{Receiver, Reject};
+///
+/// let packet = Packet { sequence: 7, command: Command::Ping { host_us: 1_000 } };
+/// let mut bytes = encode(&packet)?;
+/// let mut receiver = Receiver::<Packet>::default();
+///
+/// // Byte by byte or in one piece: any chunking gives the same packets.
+/// let received = bytes.iter().find_map(|byte| receiver.next(&mut &[*byte][..]));
+/// assert_eq!(received, Some(Ok(packet)));
+///
+/// bytes[2] ^= 1;
+/// let damaged = receiver.next(&mut &bytes[..]);
+/// assert_eq!(damaged, Some(Err(Reject::Checksum)));
+/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Receiver<T> {
-    /// A packet without its code and its closing zero.
+    /// Packet without its code and its closing zero.
     buffer: [u8; MAX_PACKET - 1],
     length: usize,
-    /// Bytes of the block that are still to come.
+    /// Bytes of the present block that are still to come.
     block: u8,
-    /// The block ends with a zero, unless the packet ends there.
+    /// True if the block ends with a zero, unless the packet ends there.
     zero: bool,
-    /// At least one byte of the packet has come.
+    /// True after the first byte of the packet.
     begun: bool,
     overrun: bool,
     message: PhantomData<T>,
@@ -87,10 +108,11 @@ impl<T> Default for Receiver<T> {
 }
 
 impl<T: DeserializeOwned> Receiver<T> {
-    /// Takes bytes from the front of `input` up to the end of the next packet.
+    /// Takes bytes from the front of `input` up to the end of the next packet, and returns the
+    /// message or the reason for a reject; `input` then holds the bytes behind the packet.
     ///
-    /// `None` when `input` is used up without one; call again with what comes next. Otherwise the
-    /// packet's outcome, and `input` holds what follows it.
+    /// Returns `None` when `input` is used up before a packet ends; call again with the bytes that
+    /// follow.
     pub fn next(&mut self, input: &mut &[u8]) -> Option<Result<T, Reject>> {
         while let Some((&byte, rest)) = input.split_first() {
             *input = rest;
@@ -139,7 +161,7 @@ impl<T: DeserializeOwned> Receiver<T> {
     }
 }
 
-/// The message in one packet.
+/// Decodes the message in one packet.
 fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Reject> {
     let body = bytes.len().checked_sub(4).ok_or(Reject::Checksum)?;
     let (body, sum) = bytes.split_at_checked(body).ok_or(Reject::Checksum)?;

@@ -1,4 +1,4 @@
-//! A configuration that was checked, with what the control loop needs worked out once.
+//! Checked configuration, with values for the control loop computed once.
 
 use crate::estimate::{DisplacementNm, Gate};
 use crate::fixed::{multiply_shift, ratio, times, wide};
@@ -14,50 +14,53 @@ use nalgebra::{Matrix3, Vector3};
 /// Fraction bits of [`Active::fine_per_nm`].
 const SCALE_BITS: u32 = 16;
 
-/// Smallest determinant of the camera-to-stage matrix, Q3·29: one thousandth.
+/// Smallest determinant of the hand-eye matrix, Q3·29: one thousandth.
 const MIN_DETERMINANT: u128 = (1 << (3 * MATRIX_BITS)) / 1000;
 
-/// A home switch lies within this many steps of zero: as far again is left to search.
+/// Farthest home switch from zero, steps: leaves as much again to search.
 const FARTHEST_HOME: i64 = 1 << 28;
 
-/// Positions stay within this many steps of zero, and so do all distances of the configuration.
+/// Farthest position from zero, steps, which also limits all distances of the configuration.
 const FARTHEST: i64 = 1 << 29;
 
-/// The longest displacement that the gate may let pass, steps.
+/// Longest displacement that the gate may let pass, steps.
 const FARTHEST_SIGHT: i64 = 1 << 29;
 
-/// The configuration in use.
+/// Configuration in use.
 #[derive(Clone, Debug)]
 pub(super) struct Active {
     pub config: Config,
-    /// For motion with a known position.
+    /// Limits of motion with a known position.
     pub limits: Limits,
-    /// For motion while the position is unknown: slow, and without soft limits.
+    /// Limits of motion while the position is unknown: slow, and without soft limits.
     pub slow: Limits,
-    /// For the way to a home switch, the first time and the second.
+    /// Limits of the search for a home switch, the first approach and the second.
     pub home: [Limits; 2],
-    /// 2⁻³² steps per nm on each axis, Q48.16. Below 2⁵¹.
+    /// Scale of each axis, 2⁻³² steps per nm, Q48.16. Below 2⁵¹.
     fine_per_nm: [i64; 3],
-    /// What each axis can do, and so the most that a target can be followed in.
+    /// Kinematic limits of each axis, which bound the motion of a target that can be followed.
     pub reach: [Reach; 3],
-    /// What the cameras must see. Without prediction the stage follows from a distance, which looks
-    /// like a stall.
+    /// Limits of the supervision by the cameras. Without prediction the stage lags behind the
+    /// target, which looks like a stall.
     pub bounds: Option<Bounds>,
-    /// Variances along the camera axes, nm², to those along the stage axes, steps². What the camera
-    /// axes' errors have in common is left out.
+    /// Conversion of variances along the camera axes, nm², to variances along the stage axes,
+    /// steps². Ignores correlations between the errors of the camera axes.
     variances: Matrix3<f32>,
 }
 
 /// Checks a configuration for a board with this word rate, as the station does.
 ///
 /// # Errors
-/// The first impossible value, and the nearest one that would do.
+/// The first invalid value, with the nearest valid one.
 pub fn check(config: &Config, rate: WordRate) -> Result<(), ConfigField> {
     Active::new(config, rate).map(|_| ())
 }
 
 impl Active {
-    /// Checks every value; the first impossible one is named.
+    /// Checks every value and prepares the configuration.
+    ///
+    /// # Errors
+    /// The first invalid value, with the nearest valid one.
     pub fn new(config: &Config, rate: WordRate) -> Result<Self, ConfigField> {
         if determinant(&config.matrix).unsigned_abs() < MIN_DETERMINANT {
             return Err(ConfigField::Matrix);
@@ -79,7 +82,7 @@ impl Active {
             Ok::<_, ConfigField>(limits.with_backlash(backlash))
         };
         let [fast, second] = config.stage.home_speed_um_s;
-        // Without a home switch the speeds mean nothing.
+        // Without a home switch the speeds have no effect.
         let home = |setting, speed| match config.stage.home {
             [None, None, None] => Ok(limits),
             _ => slow(setting, speed),
@@ -105,17 +108,17 @@ impl Active {
         Ok(active)
     }
 
-    /// The gate for estimates.
+    /// Returns the gate for estimates.
     pub fn gate(&self) -> &Gate {
         &self.config.gate
     }
 
-    /// Whether the cameras ride on the stage.
+    /// Returns true if the cameras are on the stage.
     pub fn on_stage(&self) -> bool {
         self.config.mounting == Mounting::OnStage
     }
 
-    /// `None` when nothing is watched.
+    /// Returns the limits of the supervision, or `None` without supervision.
     fn bounds(&self) -> Option<Bounds> {
         let stage = &self.config.stage;
         let fine = |um: u32| self.fine([i64::from(um) * 1000; 3]);
@@ -131,12 +134,12 @@ impl Active {
         (bounds != Bounds::default()).then_some(bounds)
     }
 
-    /// Longest silence of the host, control ticks.
+    /// Returns the heartbeat timeout, control ticks.
     pub fn heartbeat_ticks(&self) -> u64 {
         u64::from(self.config.heartbeat_ms)
     }
 
-    /// A displacement in camera axes to one in stage axes: matrix, then resolution.
+    /// Converts a displacement in camera axes to one in stage axes: matrix, then resolution.
     pub fn to_stage(&self, camera_nm: DisplacementNm) -> Fine {
         // Loops over references: mapping arrays by value copies them.
         let mut stage_nm = [0_i64; 3];
@@ -149,13 +152,14 @@ impl Active {
         self.fine(stage_nm)
     }
 
-    /// Standard deviations along the camera axes, nm, to variances along the stage axes, steps².
+    /// Converts standard deviations along the camera axes, nm, to variances along the stage axes,
+    /// steps².
     pub fn variance(&self, camera_sigma_nm: [u32; 3]) -> [f32; 3] {
         let [x, y, z] = camera_sigma_nm.map(|sigma| sigma as f32);
         (self.variances * Vector3::new(x * x, y * y, z * z)).into()
     }
 
-    /// Stage distances in nm to 2⁻³² steps, saturating.
+    /// Converts stage distances in nm to 2⁻³² steps, saturating.
     pub fn fine(&self, stage_nm: [i64; 3]) -> Fine {
         let mut fine = [0; 3];
         for ((fine, nm), scale) in fine.iter_mut().zip(stage_nm).zip(&self.fine_per_nm) {
@@ -165,7 +169,7 @@ impl Active {
         fine
     }
 
-    /// Stage distances in µm to 2⁻³² steps, saturating.
+    /// Converts stage distances in µm to 2⁻³² steps, saturating.
     pub fn fine_from_um(&self, stage_um: [i32; 3]) -> Fine {
         self.fine(stage_um.map(|um| i64::from(um) * 1000))
     }
@@ -179,7 +183,7 @@ fn reach(axis: AxisConfig) -> Reach {
     }
 }
 
-/// The squares of the matrix from camera axes in nm to stage axes in steps.
+/// Returns the squares of the matrix from camera axes in nm to stage axes in steps.
 fn variances(config: &Config) -> Matrix3<f32> {
     const ONE: f32 = (1 << MATRIX_BITS) as f32;
     let rows = config.matrix.iter().zip(&config.axes);
@@ -193,7 +197,7 @@ fn variances(config: &Config) -> Matrix3<f32> {
     Matrix3::from_row_iterator(elements)
 }
 
-/// Checks what an estimate may be: something must pass, and no displacement may overflow.
+/// Checks the gate: some estimate must pass, and no displacement may overflow.
 fn check_gate(config: &Config) -> Result<(), ConfigField> {
     let gate = &config.gate;
     for (axis, sigma) in (0..).zip(gate.max_sigma_nm) {
@@ -214,10 +218,10 @@ fn check_gate(config: &Config) -> Result<(), ConfigField> {
     between(Setting::GateDisplacement, displacement, 1..=most.max(1))
 }
 
-/// Checks the parts of the stage that depend on no limit of an axis.
+/// Checks the stage's settings that depend on no limit of an axis.
 fn check_stage(config: &Config) -> Result<(), ConfigField> {
     let stage = &config.stage;
-    // The farthest distance that every axis can express.
+    // Farthest distance that every axis can express.
     let finest = config.axes.iter().map(|axis| axis.steps_per_m).max();
     let farthest = farthest_um(FARTHEST, finest.unwrap_or(1));
     between(Setting::Window, stage.window_um.into(), 1..=farthest)?;
@@ -233,7 +237,7 @@ fn check_stage(config: &Config) -> Result<(), ConfigField> {
     between(Setting::Unseen, stage.unseen_um.into(), 0..=farthest)
 }
 
-/// Converts lost motion to whole steps, to the nearest; checks that home switches are within reach.
+/// Converts backlash to whole steps, to the nearest, and checks that home switches are in range.
 fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigField> {
     let mut backlash = [0; 3];
     let axes = config.axes.iter().zip(limits.axes());
@@ -244,7 +248,7 @@ fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigFi
         let [low, high] = limits.range();
         let travel = u64::from(high.abs_diff(low));
         if steps > travel {
-            // The largest that still rounds down to the travel.
+            // Largest value that still rounds down to the travel.
             let most = (travel * 1_000_000 + 499_999) / scale;
             let bound = Bound::AtMost(most.cast_signed());
             return Err(value(Setting::Backlash, Some(number), bound));
@@ -269,7 +273,7 @@ fn backlash_steps(config: &Config, limits: &Limits) -> Result<[u32; 3], ConfigFi
     Ok(backlash)
 }
 
-/// Checks that the search for a home switch, five quarters of the travel and the back-off, stays
+/// Checks that the search for a home switch, five quarters of the travel plus the back-off, stays
 /// within the range of positions.
 fn check_search(config: &Config, number: u8, axis: &AxisConfig) -> Result<(), ConfigField> {
     let [low, high] = axis.travel_um.map(i64::from);
@@ -282,13 +286,13 @@ fn check_search(config: &Config, number: u8, axis: &AxisConfig) -> Result<(), Co
     Ok(())
 }
 
-/// The longest way of at most `steps`, µm, that an `i32` holds.
+/// Returns the longest distance of at most `steps`, µm, that an `i32` holds.
 fn farthest_um(steps: i64, steps_per_m: u32) -> i64 {
     let um = steps * 1_000_000 / i64::from(steps_per_m.max(1));
     um.min(i32::MAX.into())
 }
 
-/// The fault of a number that is not within `range`.
+/// Checks that a number lies within `range`; the error names the nearest valid one.
 fn between(
     setting: Setting,
     number: i64,
@@ -311,7 +315,7 @@ const fn value(setting: Setting, axis: Option<u8>, bound: Bound) -> ConfigField 
     }
 }
 
-/// A limit that the planner cannot use, as a field of the configuration.
+/// Converts a limit that the planner cannot use to the field of the configuration.
 pub fn limit_field(fault: ConfigFault) -> ConfigField {
     let setting = match fault.fault.field {
         Field::StepsPerM => Setting::StepsPerM,
@@ -324,12 +328,12 @@ pub fn limit_field(fault: ConfigFault) -> ConfigField {
     on_axis(setting, fault)
 }
 
-/// A fault of an axis's limits, as one of `setting`, from which the limit comes.
+/// Converts a fault of an axis's limits to one of `setting`, from which the limit comes.
 fn on_axis(setting: Setting, fault: ConfigFault) -> ConfigField {
     value(setting, Some(fault.axis as u8), fault.fault.bound)
 }
 
-/// The axis at `speed_um_s`, with the widest travel there is.
+/// Returns the axis at `speed_um_s`, with the widest possible travel.
 fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
     let widest_um = (1u64 << 29) * 1_000_000 / u64::from(axis.steps_per_m.max(1));
     let widest_um = i32::try_from(widest_um).unwrap_or(i32::MAX);
@@ -340,7 +344,7 @@ fn slow_axis(axis: AxisConfig, speed_um_s: u32) -> AxisConfig {
     }
 }
 
-/// Determinant of three rows of Q.29 numbers, Q.87. Below 2^97 in size.
+/// Computes the determinant of three rows of Q.29 numbers, Q.87. Below 2^97 in size.
 fn determinant(m: &[[i32; 3]; 3]) -> i128 {
     let &[[a, b, c], [d, e, f], [g, h, i]] = m;
     let product = |p: i32, q: i32| i64::from(p) * i64::from(q);

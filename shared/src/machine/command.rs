@@ -1,4 +1,4 @@
-//! What a command does, or why it is denied.
+//! Execution of commands, or the reasons for their denial.
 
 use super::Machine;
 use super::active::Active;
@@ -45,7 +45,7 @@ impl Machine {
         self.active = Some(active);
         let before = self.position();
         self.use_limits();
-        // Another lost motion can put the load at another place without a step of the motor.
+        // Another backlash can change the load's position without a step of the motor.
         let after = self.position();
         let jump = core::array::from_fn(|axis| {
             let of = |place: Fine| place.get(axis).copied().unwrap_or_default();
@@ -63,7 +63,8 @@ impl Machine {
         Ok(())
     }
 
-    /// Counts in the steps of a new configuration: a known position is lost with its scale.
+    /// Converts positions to the steps of a new configuration. A known position becomes unknown
+    /// when its scale changes.
     fn rescale(&mut self, new: &Config) {
         let old = self.active.as_ref().map(|active| active.config.axes);
         let Some(old) = old else { return };
@@ -82,7 +83,7 @@ impl Machine {
         }
     }
 
-    /// What is known of the position holds no more.
+    /// Marks the position as no longer trusted.
     pub(super) fn lose_trust(&mut self) {
         if self.trust == Trust::Homed {
             self.trust = Trust::Degraded;
@@ -112,8 +113,8 @@ impl Machine {
         Ok(())
     }
 
-    /// At rest: every position grows by these. Whole steps only: the generator's phase stays as it
-    /// is.
+    /// Moves the origin at rest: every position grows by `by_steps`. Only whole steps, so that the
+    /// generator's phase stays the same.
     pub(super) fn move_origin(&mut self, by_steps: [i64; 3]) {
         if let Some(planner) = &mut self.planner {
             *planner = planner.shifted(by_steps);
@@ -127,11 +128,11 @@ impl Machine {
         if self.forbidden {
             return Err(Denial::CauseRemains);
         }
-        if !self.faults.is_within(self.read) {
+        if !self.faults.is_within(self.reported_faults) {
             return Err(Denial::FaultUnread);
         }
         self.faults = Faults::NONE;
-        // Homing may have left others.
+        // Homing may have left other limits.
         self.use_limits();
         self.tracker.reset();
         self.state = if self.active.is_some() {
@@ -163,7 +164,7 @@ impl Machine {
     }
 
     fn require_heartbeat(&self) -> Result<(), Denial> {
-        match self.is_heard() {
+        match self.has_heartbeat() {
             true => Ok(()),
             false => Err(Denial::NoHeartbeat),
         }
@@ -177,7 +178,7 @@ impl Machine {
     }
 }
 
-/// The resting position nearest to a distance from zero.
+/// Returns the resting position nearest to a distance from zero.
 pub(super) fn to_centre(fine: i64) -> Position {
     let nearest = Position::from_fine(fine.saturating_add(Position::centre(0).fine()));
     Position::centre(nearest.whole_steps())

@@ -1,4 +1,4 @@
-//! Faults and stops: what is looked for at every tick, and how motion ends.
+//! Faults and stops: the checks of every tick, and the ends of motion.
 
 use super::active::Active;
 use super::{MAX_LAG_US, Machine, SEGMENTS};
@@ -6,15 +6,15 @@ use crate::motion::Planner;
 use crate::safety::{Fault, State};
 
 impl Machine {
-    /// The stage stands, and no motion is planned.
+    /// Returns true if the stage is at rest and no motion is planned.
     pub(super) fn stands(&self) -> bool {
         self.planner.as_ref().is_none_or(Planner::has_arrived)
     }
 
     pub(super) fn check_switches(&mut self) {
-        let glimpsed = core::mem::take(&mut self.glimpsed);
-        let emergency_stop = self.inputs.emergency_stop || glimpsed.emergency_stop;
-        let driver_fault = self.inputs.driver_fault || glimpsed.driver_fault;
+        let latched = core::mem::take(&mut self.latched_inputs);
+        let emergency_stop = self.inputs.emergency_stop || latched.emergency_stop;
+        let driver_fault = self.inputs.driver_fault || latched.driver_fault;
         self.forbidden = emergency_stop || driver_fault;
         if emergency_stop {
             self.fail(Fault::EmergencyStop);
@@ -26,7 +26,7 @@ impl Machine {
             self.fail(Fault::Limit);
         }
         let lag = self.words_planned.saturating_sub(self.inputs.words_emitted);
-        // In word periods times a million rather than in µs: no division.
+        // In word periods times a million rather than in µs, which needs no division.
         let most_us = u64::from(self.board.delay_us) + MAX_LAG_US;
         let most = most_us * u64::from(self.board.word_rate.hz());
         if lag.saturating_mul(1_000_000) > most && !self.stands() {
@@ -34,7 +34,8 @@ impl Machine {
         }
     }
 
-    /// An axis moves towards a tripped switch, or makes a step towards it within the coming tick.
+    /// Returns true if an axis moves towards a tripped switch, or makes a step towards it within
+    /// the coming tick.
     pub(super) fn runs_onto_a_switch(&self) -> bool {
         let switches = self.switches_to_obey();
         let Some(planner) = &self.planner else {
@@ -43,9 +44,9 @@ impl Machine {
         if switches == [[false; 2]; 3] || planner.has_arrived() {
             return false;
         }
-        let onto = |ways: [i64; 3]| {
-            let mut axes = ways.into_iter().zip(switches);
-            axes.any(|(way, [negative, positive])| (negative && way < 0) || (positive && way > 0))
+        let onto = |displacements: [i64; 3]| {
+            let mut axes = displacements.into_iter().zip(switches);
+            axes.any(|(by, [negative, positive])| (negative && by < 0) || (positive && by > 0))
         };
         if onto(planner.speeds()) {
             return true;
@@ -64,19 +65,19 @@ impl Machine {
     }
 
     pub(super) fn check_heartbeat(&mut self) {
-        if self.state.is_commanded() && !self.is_heard() {
+        if self.state.is_commanded() && !self.has_heartbeat() {
             self.fail(Fault::Heartbeat);
         }
     }
 
-    /// A ping came within the heartbeat time.
-    pub(super) fn is_heard(&self) -> bool {
+    /// Returns true if a ping came within the heartbeat timeout.
+    pub(super) fn has_heartbeat(&self) -> bool {
         let longest = self.active.as_ref().map_or(0, Active::heartbeat_ticks);
-        self.heard
-            .is_some_and(|heard| self.tick.saturating_sub(heard) <= longest)
+        self.last_ping_tick
+            .is_some_and(|last_ping| self.tick.saturating_sub(last_ping) <= longest)
     }
 
-    /// Latches a fault beside those that are latched, and stops.
+    /// Latches a fault beside those already latched, and stops.
     pub(super) fn fail(&mut self, fault: Fault) {
         self.faults.insert(fault);
         if fault.is_abrupt() {
@@ -95,7 +96,7 @@ impl Machine {
         }
     }
 
-    /// Ramps down; [`Machine::settle`] goes on to the state that fits when the stage stands.
+    /// Ramps down. [`Machine::settle`] enters the next state when the stage is at rest.
     pub(super) fn halt_on_ramp(&mut self) {
         if let Some(planner) = &mut self.planner {
             planner.stop();
@@ -107,12 +108,12 @@ impl Machine {
         }
     }
 
-    /// What follows from standing still.
+    /// Enters the state that follows when the stage is at rest.
     pub(super) fn settle(&mut self) {
         if !self.stands() {
             return;
         }
-        self.sought = None;
+        self.abandoned_switch = None;
         if self.state == State::Moving {
             self.renew_limits();
         }

@@ -1,4 +1,4 @@
-//! One flow frame: gate, estimate, target; and where the stage goes for it.
+//! Processing of one flow frame: gate, estimate, target, and the motion that follows from it.
 
 use super::Machine;
 use super::command::to_centre;
@@ -11,11 +11,12 @@ use crate::track::history::Unknown;
 use crate::track::pursuit::{Aim, Measurement};
 use crate::track::watch::{Advice, Sample};
 
-/// The paper's estimators have no standard deviation. Taken is this share of the gate's largest.
+/// Sigma of the paper's estimators, which state none, as one part in this many of the gate's
+/// largest.
 const UNSTATED: u32 = 10;
 
 impl Machine {
-    /// Uses one frame: the stage goes to where the target is by now.
+    /// Uses one flow frame: the stage moves to the target's present position.
     pub(super) fn follow(&mut self, sequence: u16, frame: &Frame) -> Result<(), Denial> {
         self.require_ready()?;
         self.require_homed()?;
@@ -96,7 +97,7 @@ impl Machine {
         Ok(())
     }
 
-    /// Ramps down when there was no frame for too long.
+    /// Ramps down when no frame came for too long.
     pub(super) fn check_sight(&mut self) {
         let (State::Following, Some(active)) = (self.state, &self.active) else {
             return;
@@ -109,9 +110,9 @@ impl Machine {
         }
     }
 
-    /// Sends the stage to where the target will be when the coming tick's first word is on the
-    /// pins. From there the planner goes on with the target's speed by itself, tick by tick, until
-    /// the next frame.
+    /// Sends the stage to where the target will be when the first word of the coming tick is on the
+    /// pins. From there the planner continues at the target's velocity, tick by tick, until the
+    /// next frame.
     fn aim(&mut self) {
         if self.tracker.watch.holds() {
             return;
@@ -137,7 +138,7 @@ impl Machine {
                 continue; // a tripped switch: stays
             }
             *target = wanted;
-            // Beyond a soft limit the planner goes as far as that, and there it rests.
+            // Beyond a soft limit the planner moves only to the limit and rests there.
             let [low, high] = limits.range();
             if (low..high).contains(&wanted.whole_steps()) {
                 *speed = per_slot(aim.speed, slots);
@@ -146,13 +147,14 @@ impl Machine {
         planner.follow(targets, speeds);
     }
 
-    /// When the first word of the coming tick is on the pins.
+    /// Returns the instant at which the first word of the coming tick is on the pins.
     fn first_word(&self) -> Instant {
         self.now().plus_micros(u64::from(self.board.delay_us))
     }
 }
 
-/// A resting target lies in the middle of a step, a moving one anywhere.
+/// Converts the aim to a position: a resting target lies in the middle of a step, a moving one
+/// anywhere.
 fn resting_or_moving(aim: Aim) -> Position {
     if aim.speed == 0.0 {
         to_centre(aim.position)
@@ -161,14 +163,14 @@ fn resting_or_moving(aim: Aim) -> Position {
     }
 }
 
-/// Steps/ms to 2⁻³² step per slot, of which there are `slots` to the ms. Saturates at two steps per
-/// slot, beyond what any axis can do.
+/// Converts steps/ms to 2⁻³² step per slot, with `slots` per ms. Saturates at two steps per slot,
+/// beyond the speed of any axis.
 fn per_slot(speed: f32, slots: u32) -> i64 {
     const QUARTER: f32 = (1 << 30) as f32;
     i64::from((speed * (QUARTER / slots as f32)) as i32) << 2
 }
 
-/// The displacement, if the gate lets it pass.
+/// Estimates the displacement, and checks it against the gate.
 fn estimate(sums: &Sums, gate: &Gate) -> Result<(DisplacementNm, Option<[u32; 3]>), Refusal> {
     match sums {
         Sums::ClosedForm(sums) => {

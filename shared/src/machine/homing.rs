@@ -1,21 +1,21 @@
-//! Homing: axes look for their home switches, which say where they are.
+//! Homing: axes search their home switches, which define the position.
 //!
-//! One axis after the other, Z first, since that takes the cameras away from what they look at:
+//! One axis moves after the other, Z first, because that moves the cameras away from the target:
 //!
-//! 1. *Look*: is the switch tripped already? Then go on with 3.
-//! 2. *Search*: towards the switch at the first speed, at most five quarters of the axis's travel
-//!    and the back-off; on a ramp to rest when it trips.
+//! 1. *Look*: if the switch is tripped already, continue with 3.
+//! 2. *Search*: move towards the switch at the first speed, at most five quarters of the axis's
+//!    travel plus the back-off; ramp to rest when it trips.
 //! 3. *Release*: back off from where it tripped. It must have released by then.
-//! 4. *Approach*: onto it again at the second speed, at most two back-offs. Where the stage was
-//!    when it tripped is the home position.
+//! 4. *Approach*: move onto it again at the second speed, at most two back-offs. The stage's
+//!    position when it trips is the home position.
 //! 5. *Leave*: back off again; it must have released. Then the axis's origin is set.
 //!
-//! Soft limits do not hold meanwhile, and the switch that is looked for is no fault; every other
-//! switch is. Nothing stops abruptly, so a search that is ended by a stop or a silent host leaves
-//! the position as good as it was.
+//! Soft limits do not apply meanwhile, and the switch searched for is no fault; every other switch
+//! is. Nothing stops abruptly, so a search that ends by a stop or a heartbeat timeout leaves the
+//! position as good as it was.
 //!
-//! *Bounce:* a switch counts as tripped or released when it said so for [`STEADY`] ticks on end;
-//! the place is that of the first of these. One that cannot make up its mind within [`PATIENCE`]
+//! *Bounce:* a switch counts as tripped or released when it has been so for [`STEADY`] consecutive
+//! ticks; the place is that of the first of these. A switch that is not steady within [`PATIENCE`]
 //! ticks at rest is stuck.
 
 use super::Machine;
@@ -25,16 +25,16 @@ use crate::frame::message::{Denial, HomeSwitch, Side};
 use crate::motion::Limits;
 use crate::safety::{Fault, State, Trust};
 
-/// Ticks that a contact must stay as it is.
+/// Ticks for which a contact must be steady.
 const STEADY: u16 = 5;
 
-/// Ticks that a stage at rest waits for a contact to be steady.
+/// Ticks for which a stage at rest waits for a steady contact.
 const PATIENCE: u16 = 100;
 
-/// The order of the axes.
+/// Order in which the axes are homed.
 const ORDER: [usize; 3] = [2, 0, 1];
 
-/// A search under way.
+/// State of a search.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
     /// Axes that are still to be homed, the present one included.
@@ -51,19 +51,19 @@ pub(super) struct Homing {
 enum Phase {
     Look,
     Search,
-    /// Where it tripped, 2⁻³² steps; under way there?
+    /// Place at which the switch tripped, 2⁻³² steps; true once the axis is under way there.
     Release(i64, bool),
     Approach,
     Leave(i64, bool),
 }
 
-/// A switch as it was sampled lately.
+/// Recent samples of a switch.
 #[derive(Clone, Copy, Debug, Default)]
 struct Contact {
     tripped: bool,
-    /// For so many ticks.
+    /// Number of ticks with this level.
     ticks: u16,
-    /// Where the axis was at the first of them, 2⁻³² steps.
+    /// Position of the axis at the first of these ticks, 2⁻³² steps.
     at: i64,
 }
 
@@ -84,15 +84,15 @@ impl Contact {
     }
 }
 
-/// What the machine is to do.
+/// Action that the machine must take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Deed {
+enum Action {
     Wait,
     /// Stop on a ramp.
     Halt,
-    /// Go to this place, 2⁻³² steps; the second speed?
+    /// Move to this place, 2⁻³² steps; true for the second speed.
     Go(i64, bool),
-    /// The axis is home: its switch tripped at this place.
+    /// Homing of the axis is complete: its switch tripped at this place.
     Done(i64),
     Fail(Fault),
 }
@@ -111,16 +111,16 @@ impl Homing {
         })
     }
 
-    /// The switch looked for.
+    /// Returns the switch searched for.
     fn switch(&self) -> (usize, usize) {
         (self.axis, self.home.side as usize)
     }
 
-    /// `way` towards the switch.
-    fn towards(&self, way: i64) -> i64 {
+    /// Returns the distance `way`, signed towards the switch.
+    fn towards(&self, distance: i64) -> i64 {
         match self.home.side {
-            Side::Negative => way.saturating_neg(),
-            Side::Positive => way,
+            Side::Negative => distance.saturating_neg(),
+            Side::Positive => distance,
         }
     }
 
@@ -129,15 +129,15 @@ impl Homing {
         self.rested = 0;
     }
 
-    /// One tick: `at` is where the axis is, `stands` whether it goes nowhere; `search` and
-    /// `back_off` are ways, all 2⁻³² steps.
-    fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Deed {
+    /// Executes one tick. `at` is the position of the axis, `stands` is true at rest; `search` and
+    /// `back_off` are distances, all 2⁻³² steps.
+    fn tick(&mut self, at: i64, stands: bool, search: i64, back_off: i64) -> Action {
         if stands {
             self.rested = self.rested.saturating_add(1);
         }
         let undecided = match self.rested > PATIENCE {
-            true => Deed::Fail(Fault::SwitchStuck),
-            false => Deed::Wait,
+            true => Action::Fail(Fault::SwitchStuck),
+            false => Action::Wait,
         };
         let steady = self.contact.steady();
         let place = self.contact.at;
@@ -146,11 +146,11 @@ impl Homing {
                 None => undecided,
                 Some(true) => {
                     self.enter(Phase::Release(at, false));
-                    Deed::Wait
+                    Action::Wait
                 }
                 Some(false) => {
                     self.enter(Phase::Search);
-                    Deed::Go(at.saturating_add(self.towards(search)), false)
+                    Action::Go(at.saturating_add(self.towards(search)), false)
                 }
             },
             Phase::Search | Phase::Approach if steady == Some(true) => {
@@ -158,41 +158,41 @@ impl Homing {
                     Phase::Search => Phase::Release(place, false),
                     _ => Phase::Leave(place, false),
                 });
-                Deed::Halt
+                Action::Halt
             }
             Phase::Search | Phase::Approach => match stands {
-                true => Deed::Fail(Fault::SwitchNotFound),
-                false => Deed::Wait,
+                true => Action::Fail(Fault::SwitchNotFound),
+                false => Action::Wait,
             },
-            _ if !stands => Deed::Wait,
+            _ if !stands => Action::Wait,
             Phase::Release(place, false) | Phase::Leave(place, false) => {
                 self.enter(match self.phase {
                     Phase::Release(..) => Phase::Release(place, true),
                     _ => Phase::Leave(place, true),
                 });
-                Deed::Go(place.saturating_sub(self.towards(back_off)), false)
+                Action::Go(place.saturating_sub(self.towards(back_off)), false)
             }
-            // Steady at rest, that is.
-            _ if self.rested < STEADY => Deed::Wait,
+            // The contact must be steady at rest.
+            _ if self.rested < STEADY => Action::Wait,
             Phase::Release(place, true) => match steady {
                 None => undecided,
-                Some(true) => Deed::Fail(Fault::SwitchStuck),
+                Some(true) => Action::Fail(Fault::SwitchStuck),
                 Some(false) => {
                     self.enter(Phase::Approach);
-                    Deed::Go(place.saturating_add(self.towards(back_off)), true)
+                    Action::Go(place.saturating_add(self.towards(back_off)), true)
                 }
             },
             Phase::Leave(place, true) => match steady {
                 None => undecided,
-                Some(true) => Deed::Fail(Fault::SwitchStuck),
-                Some(false) => Deed::Done(place),
+                Some(true) => Action::Fail(Fault::SwitchStuck),
+                Some(false) => Action::Done(place),
             },
         }
     }
 }
 
 impl Machine {
-    /// Begins to look for the home switches of these axes.
+    /// Starts the search for the home switches of these axes.
     pub(super) fn home(&mut self, axes: [bool; 3]) -> Result<(), Denial> {
         self.require_ready()?;
         self.require_rest()?;
@@ -209,26 +209,30 @@ impl Machine {
         Ok(())
     }
 
-    /// Ends the search; the stage goes on as it was told to. The switch that was looked for is no
-    /// fault until the stage stands, so that a stop on the way onto it keeps the position.
+    /// Ends the search; the stage continues its motion. The switch searched for is no fault until
+    /// the stage is at rest, so that a stop on the way onto it keeps the position.
     pub(super) fn give_up_homing(&mut self) {
         if let Some(homing) = self.homing.take() {
-            self.sought = Some(homing.switch());
+            self.abandoned_switch = Some(homing.switch());
         }
     }
 
-    /// The limit switches, without the one that is looked for.
+    /// Returns the limit switches without the one searched for.
     pub(super) fn switches_to_obey(&self) -> [[bool; 2]; 3] {
         let mut limits = self.inputs.limits;
-        let sought = self.homing.as_ref().map(Homing::switch).or(self.sought);
-        let sought = sought.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
-        if let Some(switch) = sought {
+        let searched = self
+            .homing
+            .as_ref()
+            .map(Homing::switch)
+            .or(self.abandoned_switch);
+        let searched = searched.and_then(|(axis, side)| limits.get_mut(axis)?.get_mut(side));
+        if let Some(switch) = searched {
             *switch = false;
         }
         limits
     }
 
-    /// One tick of the search.
+    /// Executes one tick of the search.
     pub(super) fn go_on_homing(&mut self) {
         let (Some(mut homing), Some(active)) = (self.homing, self.active.as_ref()) else {
             return;
@@ -246,7 +250,7 @@ impl Machine {
         let position_um = i64::from(homing.home.position_um);
         let (home, limits) = (fine(position_um), active.home);
         let homes = stage.home;
-        // What the switch said lately belongs to where the pins were; what is planned is a little
+        // The recent samples of the switch belong to where the pins were; the plan is a little
         // ahead.
         let now = self.now();
         let at = on_axis(self.history.at(now).unwrap_or(self.position()));
@@ -255,21 +259,21 @@ impl Machine {
         let deed = homing.tick(on_axis(self.position()), self.stands(), search, back_off);
         self.homing = Some(homing);
         match deed {
-            Deed::Wait => {}
-            Deed::Halt => {
+            Action::Wait => {}
+            Action::Halt => {
                 if let Some(planner) = &mut self.planner {
                     planner.stop();
                 }
             }
-            Deed::Go(place, second) => {
+            Action::Go(place, second) => {
                 let [fast, slow] = limits;
                 self.send_axis(axis, place, if second { slow } else { fast });
                 if self.runs_onto_a_switch() {
                     self.fail(Fault::Limit);
                 }
             }
-            Deed::Fail(fault) => self.fail(fault),
-            Deed::Done(place) => {
+            Action::Fail(fault) => self.fail(fault),
+            Action::Done(place) => {
                 let mut by = [0; 3];
                 if let Some(by) = by.get_mut(axis) {
                     *by = shift_right_rounded(home.saturating_sub(place), 32);
@@ -298,7 +302,7 @@ impl Machine {
         }
     }
 
-    /// Sends one axis to `place`, 2⁻³² steps, with these limits; at rest.
+    /// Sends one axis to `place`, 2⁻³² steps, with these limits; requires rest.
     fn send_axis(&mut self, axis: usize, place: i64, limits: Limits) {
         self.limit_to(limits);
         let Some(planner) = &mut self.planner else {

@@ -1,24 +1,24 @@
-//! Commands that wait for the next control tick.
+//! Queue of commands for the next control tick.
 //!
-//! A stop is the last word: it drops every command that came before it and still waits, so that no
-//! older reset, zero or jog is done after it. The stop itself always finds its way in.
+//! A stop drops every command that came before it and still waits, so that no older reset, zero or
+//! jog takes effect after it. A stop itself always finds room.
 
 use crate::frame::message::{Command, Packet};
 use heapless::Deque;
 
-/// Commands that may wait for one tick.
+/// Largest number of commands that wait for one tick.
 pub(super) const COMMANDS: usize = 8;
 
-/// Stops of one tick that are answered.
+/// Largest number of stops of one tick that are answered.
 pub(super) const STOPS: usize = 8;
 
-/// Dropped commands of one tick that are answered.
+/// Largest number of dropped commands of one tick that are answered.
 pub(super) const DROPPED: usize = 16;
 
-/// Commands that came since the last control tick.
+/// Queue of the commands since the last control tick.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inbox {
-    /// In the order they came, all after the last stop.
+    /// Commands in the order of arrival, all after the last stop.
     commands: Deque<Packet, COMMANDS>,
     /// Sequence numbers of the commands that a stop dropped.
     dropped: Deque<u16, DROPPED>,
@@ -27,7 +27,7 @@ pub(super) struct Inbox {
     stopped: bool,
 }
 
-/// A command that found no room.
+/// Error of a command that found no room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Full;
 
@@ -36,17 +36,17 @@ pub(super) struct Full;
 pub(super) struct Dropped {
     /// Flow frames among the dropped commands.
     pub frames: u32,
-    /// Commands for whose answer there is no room.
+    /// Commands that get no answer, because there is no room.
     pub unanswered: u16,
 }
 
 impl Inbox {
-    /// Takes a command that waits for its turn.
+    /// Queues a command.
     pub fn push(&mut self, packet: Packet) -> Result<(), Full> {
         self.commands.push_back(packet).map_err(|_| Full)
     }
 
-    /// Takes a stop and drops the commands that came before it.
+    /// Queues a stop, and drops the commands that came before it.
     pub fn stop(&mut self, sequence: u16) -> Dropped {
         let mut dropped = Dropped::default();
         while let Some(packet) = self.commands.pop_front() {
@@ -64,17 +64,17 @@ impl Inbox {
         core::mem::take(&mut self.stopped)
     }
 
-    /// The next command that a stop dropped.
+    /// Takes the next command that a stop dropped.
     pub fn next_dropped(&mut self) -> Option<u16> {
         self.dropped.pop_front()
     }
 
-    /// The next stop to be answered.
+    /// Takes the next stop to be answered.
     pub fn next_stop(&mut self) -> Option<u16> {
         self.stops.pop_front()
     }
 
-    /// The next command to be done.
+    /// Takes the next command to be executed.
     pub fn next(&mut self) -> Option<Packet> {
         self.commands.pop_front()
     }

@@ -1,22 +1,23 @@
-//! The station: bytes and switches in, bytes and segments out.
+//! The station's logic: bytes and switches in, bytes and segments out.
 //!
 //! The shell around it (firmware, QEMU, the host's twin) owns the clock and the wires:
 //!
-//! * [`Machine::receive`] takes bytes from the link whenever they come;
-//! * [`Machine::sense`] takes the switches, and how many port words the step engine has emitted;
-//! * [`Machine::poll`] says what to do next: send bytes, feed a segment to the step generator, or
-//!   wait.
+//! * [`Machine::receive`] takes bytes from the link whenever they arrive;
+//! * [`Machine::sense`] takes the switches, and the number of port words that the step engine has
+//!   emitted;
+//! * [`Machine::poll`] returns what the shell must do next: send bytes, feed a segment to the step
+//!   generator, or wait.
 //!
 //! # Ticks
-//! The station lives in control ticks of 1 ms: tick `k` is at `k` ms of the station's clock.
-//! Whatever arrives between two ticks takes effect at the later one, and every answer and status
-//! names its tick; so a log of (tick, input) replays to the same bits on any shell. Each tick plans
-//! four segments of 250 µs, which `poll` gives out one after the other as their time comes.
+//! The station works in control ticks of 1 ms: tick `k` is at `k` ms of the station's clock. Inputs
+//! between two ticks take effect at the later one, and every answer and status names its tick; so a
+//! log of (tick, input) replays to the same bits on any shell. Each tick plans four segments of 250
+//! µs, which `poll` hands out one after the other when they are due.
 //!
 //! # Order within a tick
-//! Switches and heartbeat, then a stop, then the commands that came after it in their order, then
-//! motion. A stop is the last word: commands that came before it and were not done yet are dropped,
-//! and answered as such.
+//! Switches and heartbeat, then a stop, then the commands that came after the stop in their order,
+//! then motion. A stop overrides the commands before it: those that have not taken effect yet are
+//! dropped, and answered as such.
 
 mod active;
 mod command;
@@ -50,41 +51,64 @@ use window::Window;
 
 pub use active::{check, limit_field};
 
-/// A control tick, µs.
+/// Length of a control tick, µs.
 pub const TICK_US: u64 = 1000;
 
 /// Segments per control tick.
 const SEGMENTS: u8 = 4;
 
-/// A segment, µs.
+/// Length of a segment, µs.
 pub const SEGMENT_US: u64 = TICK_US / SEGMENTS as u64;
 
-/// A status goes out at least this often, ticks.
+/// Longest interval between two statuses, ticks.
 const STATUS_TICKS: u64 = 100;
 
-/// How far the shell may fall behind before motion is stopped, µs.
+/// Largest delay of the shell before motion is stopped, µs.
 const MAX_LAG_US: u64 = 2_000;
 
-/// What the shell knows about the board.
+/// Properties of the board, as its shell states them.
+///
+/// ```
+/// use shared::frame::message::{LastRun, ResetCause};
+/// use shared::machine::{Board, Machine, Output};
+/// use shared::safety::State;
+/// use shared::{steps::WordRate, time::Instant};
+///
+/// let mut machine = Machine::new(Board {
+///     name: "example",
+///     version: [1, 0, 0],
+///     word_rate: WordRate::MHZ_1,
+///     delay_us: 512,
+///     session: 1,
+///     reset_cause: ResetCause::PowerOn,
+///     last_run: LastRun::UNKNOWN,
+/// });
+/// // The shell polls with its own time and the room in its ring of port words.
+/// let Output::Segment(pause) = machine.poll(Instant::from_micros(0), 1_000) else { panic!() };
+/// assert_eq!((pause.slots(), pause.displacement()), (125, [0; 3]));
+/// let next = Instant::from_micros(250);
+/// assert_eq!(machine.poll(Instant::from_micros(0), 1_000), Output::Idle(next));
+/// assert_eq!(machine.state(), State::Unconfigured);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Board {
-    /// Its name, at most 16 bytes.
+    /// Name of the board, at most 16 bytes.
     pub name: &'static str,
     /// Version of the firmware.
     pub version: [u8; 3],
     /// Port words per second.
     pub word_rate: WordRate,
-    /// From the moment `poll` gives out a segment to its first word on the pins, µs.
+    /// Delay from the moment `poll` hands out a segment to its first word on the pins, µs.
     pub delay_us: u32,
-    /// A number that differs after every start.
+    /// Number that differs after every start.
     pub session: u32,
-    /// Why the board last started.
+    /// Reason for the last start.
     pub reset_cause: ResetCause,
-    /// What was before that start.
+    /// Record of the run before that start.
     pub last_run: LastRun,
 }
 
-/// What the shell is to do.
+/// Action that the shell must take.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc
 pub enum Output {
@@ -92,66 +116,67 @@ pub enum Output {
     Send(Bytes),
     /// Feed this segment to the step generator.
     Segment(Segment),
-    /// Nothing before this instant, unless bytes or switches come.
+    /// Wait until this instant, unless bytes or switches arrive.
     Idle(Instant),
 }
 
 /// Inputs that count at the next tick however short they are.
 #[derive(Clone, Copy, Debug, Default)]
-struct Glimpsed {
+struct LatchedInputs {
     emergency_stop: bool,
     driver_fault: bool,
 }
 
-/// The station.
+/// State of the station, and its only entry points: [`Machine::receive`], [`Machine::sense`] and
+/// [`Machine::poll`].
 #[derive(Clone, Debug)]
 pub struct Machine {
     board: Board,
     receiver: Receiver<Packet>,
-    /// The last accepted sequence number; `None` before the first hello.
+    /// Last accepted sequence number; `None` before the first hello.
     sequence: Option<u16>,
     inbox: Inbox,
     outbox: Outbox,
     inputs: Inputs,
-    /// Inputs that forbid any motion, sensed since the last tick.
-    glimpsed: Glimpsed,
-    /// An emergency stop or a driver's fault counts in this tick.
+    /// Inputs sensed since the last tick that forbid any motion.
+    latched_inputs: LatchedInputs,
+    /// True if an emergency stop or a driver's fault counts in this tick.
     forbidden: bool,
 
-    /// The next control tick.
+    /// Next control tick.
     tick: u64,
-    /// Segments of the present tick already given out; [`SEGMENTS`] when the next tick is due.
-    given: u8,
+    /// Segments of the present tick already handed out; [`SEGMENTS`] when the next tick is due.
+    emitted_segments: u8,
     started: bool,
-    /// Port words in all segments given out.
+    /// Port words in all segments handed out.
     words_planned: u64,
     /// Tick of the last ping; `None` before the first.
-    heard: Option<u64>,
+    last_ping_tick: Option<u64>,
     /// Tick of the last status.
-    told: u64,
+    last_status_tick: u64,
 
     active: Option<Active>,
     planner: Option<Planner>,
     history: History,
     tracker: Tracker,
     state: State,
-    /// All that were latched since the last reset. While there is one, the state is `Stopping` or
+    /// Faults latched since the last reset. While there is one, the state is `Stopping` or
     /// `Faulted`.
     faults: Faults,
-    /// The faults that the last status named.
-    read: Faults,
+    /// Faults that the last status reported.
+    reported_faults: Faults,
     trust: Trust,
     /// Axes whose zero is known; all of them when the trust is `Homed`.
     referenced: [bool; 3],
-    /// Limits of the stage's way while the position is unknown.
+    /// Limits of motion while the position is unknown.
     window: Window,
-    /// The drivers hold the motors.
+    /// True while the drivers hold the motors.
     motors: bool,
-    /// The tick since which the stage rests.
+    /// Tick since which the stage is at rest.
     rests: u64,
     homing: Option<Homing>,
-    /// The home switch of a search that was given up, axis and end, until the stage stands.
-    sought: Option<(usize, usize)>,
+    /// Home switch of a search that was abandoned, axis and end, until the stage is at rest.
+    abandoned_switch: Option<(usize, usize)>,
     frames_used: u32,
     frames_refused: u32,
     drops: Drops,
@@ -159,8 +184,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// A station that was just switched on. One that started for no good reason has
-    /// [`Fault::Restart`] latched.
+    /// Creates a station that was just switched on. After an unexpected restart, [`Fault::Restart`]
+    /// is latched.
     pub fn new(board: Board) -> Self {
         let unexpected = matches!(
             board.reset_cause,
@@ -173,14 +198,14 @@ impl Machine {
             inbox: Inbox::default(),
             outbox: Outbox::default(),
             inputs: Inputs::default(),
-            glimpsed: Glimpsed::default(),
+            latched_inputs: LatchedInputs::default(),
             forbidden: false,
             tick: 0,
-            given: SEGMENTS,
+            emitted_segments: SEGMENTS,
             started: false,
             words_planned: 0,
-            heard: None,
-            told: 0,
+            last_ping_tick: None,
+            last_status_tick: 0,
             active: None,
             planner: None,
             history: History::default(),
@@ -190,14 +215,14 @@ impl Machine {
                 false => State::default(),
             },
             faults: unexpected.then_some(Fault::Restart).into_iter().collect(),
-            read: Faults::NONE,
+            reported_faults: Faults::NONE,
             trust: Trust::default(),
             referenced: [false; 3],
             window: Window::default(),
             motors: false,
             rests: 0,
             homing: None,
-            sought: None,
+            abandoned_switch: None,
             frames_used: 0,
             frames_refused: 0,
             drops: Drops::default(),
@@ -212,8 +237,8 @@ impl Machine {
         }
     }
 
-    /// Takes a packet, or the reason why bytes were none. For shells with several links, which have
-    /// a [`Receiver`] for each.
+    /// Takes a packet, or the reason for a reject. For shells with several links, which have a
+    /// [`Receiver`] for each.
     pub fn take(&mut self, now: Instant, outcome: Result<Packet, Reject>) {
         match outcome {
             Ok(packet) => self.accept(now, packet),
@@ -221,20 +246,20 @@ impl Machine {
         }
     }
 
-    /// Takes the switches and the step engine's progress. They take effect at the next tick.
+    /// Takes the switches and the progress of the step engine, which take effect at the next tick.
     ///
-    /// An emergency stop or a driver's fault that is over before the next tick is not missed: it
-    /// counts there as if it were present.
+    /// An emergency stop or a driver's fault that ends before the next tick is not lost: it counts
+    /// there as if it were present.
     pub fn sense(&mut self, inputs: Inputs) {
         self.inputs = inputs;
-        self.glimpsed.emergency_stop |= inputs.emergency_stop;
-        self.glimpsed.driver_fault |= inputs.driver_fault;
+        self.latched_inputs.emergency_stop |= inputs.emergency_stop;
+        self.latched_inputs.driver_fault |= inputs.driver_fault;
     }
 
-    /// What to do at `now`. Call again at once after anything but [`Output::Idle`].
+    /// Returns the action at `now`. Call again at once after any output but [`Output::Idle`].
     ///
-    /// `room` is how many port words the shell can still queue; without room for a segment none is
-    /// given out.
+    /// `room` is the number of port words that the shell can still queue; a segment is handed out
+    /// only if it fits.
     pub fn poll(&mut self, now: Instant, room: usize) -> Output {
         let report = self.outbox.next();
         if let Some(Ok(bytes)) = report.map(|report| encode(&stamped(report, now))) {
@@ -251,89 +276,90 @@ impl Machine {
             return Output::Idle(due);
         }
         if room < words {
-            // As much is played while a segment lasts.
+            // The ring plays as much within a segment's time.
             return Output::Idle(now.plus_micros(SEGMENT_US));
         }
         if now.since(due) > MAX_LAG_US {
             self.catch_up(now);
         }
-        if self.given == SEGMENTS {
+        if self.emitted_segments == SEGMENTS {
             self.control();
-            self.given = 0;
+            self.emitted_segments = 0;
         }
-        self.given += 1;
+        self.emitted_segments += 1;
         self.words_planned = self.words_planned.saturating_add(words as u64);
         let segment = self.next_segment();
-        if self.given == SEGMENTS {
+        if self.emitted_segments == SEGMENTS {
             self.remember();
             self.tick = self.tick.saturating_add(1);
         }
         Output::Segment(segment)
     }
 
-    /// The state, for shells that show it.
+    /// Returns the state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Whether it knows its stage: before that the drivers stay off, whatever the state.
+    /// Returns true if the station has a configuration. Before that the drivers stay off, in any
+    /// state.
     pub fn is_configured(&self) -> bool {
         self.active.is_some()
     }
 
-    /// The worst of the latched faults, for shells that keep it across a restart.
+    /// Returns the worst of the latched faults, for shells that keep it across a restart.
     pub fn fault(&self) -> Option<Fault> {
         self.faults.worst()
     }
 
-    /// Returns true if the drivers are to hold the motors.
+    /// Returns true if the drivers must hold the motors.
     pub fn motors_on(&self) -> bool {
         self.motors
     }
 
-    /// Which axes count against their motor: the shell hands this to the step generator before each
-    /// segment.
+    /// Returns true for each axis that counts against its motor; the shell passes this to the step
+    /// generator before each segment.
     pub fn inverted(&self) -> [bool; 3] {
         self.active.as_ref().map_or([false; 3], |active| {
             active.config.axes.map(|axis| axis.invert)
         })
     }
 
-    /// Planned position of the stage, 2⁻³² steps from zero.
+    /// Returns the planned position of the stage, 2⁻³² steps from zero.
     pub fn position(&self) -> Fine {
         self.planner
             .as_ref()
             .map_or([0; 3], |planner| planner.loads().map(from_centre))
     }
 
-    /// Planned position of the motors, 2⁻³² steps from zero: that of the stage but for lost motion.
-    /// Whole steps are where they stand.
+    /// Returns the planned position of the motors, 2⁻³² steps from zero: that of the stage but for
+    /// backlash. Their whole steps are where the motors stand.
     pub fn motors(&self) -> Fine {
         self.planner
             .as_ref()
             .map_or([0; 3], |planner| planner.positions().map(from_centre))
     }
 
-    /// When the next segment is due.
+    /// Returns the instant at which the next segment is due.
     fn due(&self) -> Instant {
-        let given = if self.given == SEGMENTS {
+        let emitted = if self.emitted_segments == SEGMENTS {
             0
         } else {
-            self.given
+            self.emitted_segments
         };
-        self.now().plus_micros(u64::from(given) * SEGMENT_US)
+        self.now().plus_micros(u64::from(emitted) * SEGMENT_US)
     }
 
-    /// The instant of the present tick.
+    /// Returns the instant of the present tick.
     fn now(&self) -> Instant {
         Instant::from_micros(self.tick.saturating_mul(TICK_US))
     }
 
-    /// The shell did not poll for a while: the pins stood still meanwhile, so time goes on without
+    /// Skips the time in which the shell did not poll: the pins stood still, so time passes without
     /// motion.
     fn catch_up(&mut self, now: Instant) {
         self.tick = now.micros() / TICK_US;
-        self.given = SEGMENTS;
+        self.emitted_segments = SEGMENTS;
         self.history.clear();
         if !self.stands() {
             self.fail(Fault::Underrun);
@@ -347,7 +373,7 @@ impl Machine {
         }
     }
 
-    /// Remembers where the pins will be when this tick's words are out.
+    /// Records where the pins will be when this tick's words are emitted.
     fn remember(&mut self) {
         let end = self
             .now()
@@ -359,7 +385,7 @@ impl Machine {
         let sequence = packet.sequence;
         if matches!(packet.command, Command::Hello) {
             self.sequence = Some(sequence);
-            self.greet();
+            self.introduce();
             return;
         }
         match self.sequence.map(|last| sequence.wrapping_sub(last)) {
@@ -375,7 +401,7 @@ impl Machine {
     fn queue(&mut self, now: Instant, packet: Packet) {
         match packet.command {
             Command::Ping { host_us } => {
-                self.heard = Some(self.tick);
+                self.last_ping_tick = Some(self.tick);
                 self.report(Report::Pong {
                     host_us,
                     received: now,
@@ -395,18 +421,18 @@ impl Machine {
         }
     }
 
-    /// Says who it is, and what was before. Rare and large: in a function of its own the image is
-    /// smaller.
+    /// Reports the station's identity and its last run. Never inlined, because it is rare and
+    /// large, which makes the image smaller.
     #[cold]
     #[inline(never)]
-    fn greet(&mut self) {
+    fn introduce(&mut self) {
         self.report(Report::Hello(self.hello()));
         self.report(Report::LastRun(self.board.last_run));
     }
 
     fn hello(&self) -> Hello {
         let mut board = heapless::String::new();
-        // A longer name is cut to nothing rather than to half a letter.
+        // A name that is too long becomes empty rather than cut within a letter.
         let _ = board.push_str(self.board.name);
         Hello {
             protocol: PROTOCOL,
@@ -420,7 +446,7 @@ impl Machine {
         }
     }
 
-    /// Queues a report; counts it if there is no room.
+    /// Queues a report, or counts it if there is no room.
     fn report(&mut self, report: Report) {
         if self.outbox.report(report).is_err() {
             self.drops.answers = self.drops.answers.saturating_add(1);
@@ -438,7 +464,7 @@ impl Machine {
         }
     }
 
-    /// One control tick.
+    /// Executes one control tick.
     fn control(&mut self) {
         let before = (self.state, self.faults, self.motors);
         self.check_switches();
@@ -447,7 +473,7 @@ impl Machine {
             self.stop();
         }
         let mut followed = false;
-        // By reference: a command is large, and each copy costs a flow frame hundreds of
+        // By reference, because a command is large: each copy costs a flow frame hundreds of
         // instructions.
         while let Some(packet) = self.inbox.next() {
             followed |= matches!(packet.command, Command::Frame(_));
@@ -459,11 +485,11 @@ impl Machine {
         self.settle();
         self.rest_motors();
         let changed = before != (self.state, self.faults, self.motors);
-        let unread = !self.faults.is_within(self.read);
-        let due = self.tick.saturating_sub(self.told) >= STATUS_TICKS;
+        let unread = !self.faults.is_within(self.reported_faults);
+        let due = self.tick.saturating_sub(self.last_status_tick) >= STATUS_TICKS;
         if followed || changed || unread || due {
-            self.told = self.tick;
-            self.read = self.faults;
+            self.last_status_tick = self.tick;
+            self.reported_faults = self.faults;
             let status = self.status();
             self.outbox.status(status);
         }
@@ -505,7 +531,7 @@ impl Machine {
     }
 }
 
-/// Fills in the moment of sending.
+/// Fills in the instant of sending.
 fn stamped(report: Report, now: Instant) -> Report {
     match report {
         Report::Pong {
@@ -519,13 +545,13 @@ fn stamped(report: Report, now: Instant) -> Report {
     }
 }
 
-/// Saturates. A Cortex-M4 divides 32 bits by itself.
+/// Converts µs to ms, saturating. A Cortex-M4 divides 32 bits in hardware.
 fn milliseconds(us: u64) -> u16 {
     let ms = u32::try_from(us).unwrap_or(u32::MAX) / 1000;
     u16::try_from(ms).unwrap_or(u16::MAX)
 }
 
-/// A planner position to the distance from zero: resting positions become whole steps.
+/// Converts a planner position to the distance from zero: resting positions become whole steps.
 fn from_centre(position: Position) -> i64 {
     position.fine().saturating_sub(Position::centre(0).fine())
 }

@@ -1,13 +1,13 @@
-//! Moves to a position and by a distance, and the limits that hold for them.
+//! Moves to a position and by a distance, and the limits that apply to them.
 //!
 //! A move names axes: a jog those with a distance, a setpoint those that stand elsewhere. An axis
-//! that is not named keeps its place to the fraction of a step, or goes on to where an earlier move
-//! sends it. No axis moves against the direction of its jog, except for the way that an earlier
-//! motion takes to turn round.
+//! without a name keeps its place to the fraction of a step, or continues an earlier move. No axis
+//! moves against the direction of its jog, except for the distance that an earlier motion takes to
+//! reverse.
 //!
 //! An axis may stand outside its travel: after a search for its home switch that was stopped, with
 //! a narrower configuration, or with a travel that excludes the place that was declared to be zero.
-//! From there it moves inwards only, when it is named, at the pace of an unknown position.
+//! From there it only moves inwards, when it is named, at the speed of an unknown position.
 
 use super::Machine;
 use super::command::to_centre;
@@ -17,22 +17,22 @@ use crate::motion::{Limits, Planner};
 use crate::safety::{State, Trust};
 use crate::steps::Position;
 
-/// Steps to 2⁻³² steps.
+/// One step in units of 2⁻³² step.
 const STEP: i64 = 1 << 32;
 
 /// Goals of a move, 2⁻³² steps from zero; `None` for an axis that it does not name.
 type Goals = [Option<i64>; 3];
 
 impl Machine {
-    /// Plans anew from where the stage stands, with the limits that hold there.
+    /// Plans again from where the stage stands, with the limits that apply there.
     pub(super) fn use_limits(&mut self) {
         if let Some(limits) = self.limits_here() {
             self.limit_to(limits);
         }
     }
 
-    /// Does as [`Machine::use_limits`] if other limits hold now: an axis may have come back from
-    /// outside its travel. Only at rest.
+    /// Calls [`Machine::use_limits`] if other limits apply now, because an axis may have come back
+    /// from outside its travel. Requires rest.
     pub(super) fn renew_limits(&mut self) {
         let Some(limits) = self.limits_here() else {
             return;
@@ -46,7 +46,7 @@ impl Machine {
         }
     }
 
-    /// Plans anew from where the stage stands, with these limits.
+    /// Plans again from where the stage stands, with these limits.
     pub(super) fn limit_to(&mut self, limits: Limits) {
         self.planner = Some(match &self.planner {
             Some(planner) => planner.relimited(limits),
@@ -68,7 +68,7 @@ impl Machine {
         Some(limits)
     }
 
-    /// On which side of its travel an axis stands: -1 below, 1 above, 0 within.
+    /// Returns the side of its travel on which an axis stands: -1 below, 1 above, 0 within.
     fn outside(&self, axis: usize) -> i64 {
         let Some((active, planner)) = self.active.as_ref().zip(self.planner.as_ref()) else {
             return 0;
@@ -82,8 +82,8 @@ impl Machine {
         }
     }
 
-    /// Refuses to follow while an axis stands outside its travel, and while it still moves with the
-    /// limits that hold there: to come back is a motion to be asked for.
+    /// Refuses to follow while an axis stands outside its travel, and while the limits of that
+    /// place still apply. Coming back requires a command of its own.
     pub(super) fn require_inside(&self) -> Result<(), Denial> {
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
@@ -108,20 +108,24 @@ impl Machine {
         self.require_ready()?;
         let active = self.active.as_ref().ok_or(Denial::Unconfigured)?;
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
-        let ways = active.fine_from_um(distance_um);
+        let distances = active.fine_from_um(distance_um);
         let width = active.fine_from_um([narrow(active.config.stage.window_um.into()); 3]);
         let from = self.position();
         let mut goals: Goals = [None; 3];
         let mut to = from;
-        let axes = from.into_iter().zip(ways).zip(planner.stopping_ways());
-        for ((goal, to), ((from, way), stopping)) in goals.iter_mut().zip(&mut to).zip(axes) {
-            // Not nearer than it can stop: it would come back against the direction of the jog.
-            let way = match way.signum() {
-                1 => way.max(stopping),
-                -1 => way.min(stopping),
+        let axes = from
+            .into_iter()
+            .zip(distances)
+            .zip(planner.stopping_distances());
+        for ((goal, to), ((from, distance), stopping)) in goals.iter_mut().zip(&mut to).zip(axes) {
+            // Not nearer than the stopping distance, or the axis would come back against the
+            // direction of the jog.
+            let distance = match distance.signum() {
+                1 => distance.max(stopping),
+                -1 => distance.min(stopping),
                 _ => continue,
             };
-            *to = from.saturating_add(way);
+            *to = from.saturating_add(distance);
             *goal = Some(*to);
         }
         if self.trust != Trust::Homed && !self.window.allows(from, to, width) {
@@ -131,7 +135,7 @@ impl Machine {
     }
 
     /// Sends the named axes to their goals, rounded to whole steps and clamped to the soft limits.
-    /// One that stands in its goal's step already is not moved.
+    /// An axis that stands in its goal's step already does not move.
     fn start_move(&mut self, goals: Goals) -> Result<(), Denial> {
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
         let mut targets = [None; 3];
@@ -156,7 +160,8 @@ impl Machine {
         Ok(())
     }
 
-    /// The goal of a named axis within its travel; while the position is unknown, any.
+    /// Returns the goal of a named axis within its travel, or any goal while the position is
+    /// unknown.
     ///
     /// # Errors
     /// [`Denial::OutsideTravel`] if the axis stands outside and the goal does not lie inwards.
@@ -176,15 +181,15 @@ impl Machine {
         }
     }
 
-    /// Refuses a way that leads onto a tripped limit switch.
+    /// Refuses a move that leads onto a tripped limit switch.
     pub(super) fn require_free_way(&self, axis: usize, target: Position) -> Result<(), Denial> {
         let planner = self.planner.as_ref().ok_or(Denial::Unconfigured)?;
         let (loads, limits) = (planner.loads(), self.inputs.limits);
         let Some((load, [negative, positive])) = loads.get(axis).zip(limits.get(axis)) else {
             return Ok(());
         };
-        let way = target.whole_steps().cmp(&load.whole_steps());
-        match (*negative && way.is_lt()) || (*positive && way.is_gt()) {
+        let distance = target.whole_steps().cmp(&load.whole_steps());
+        match (*negative && distance.is_lt()) || (*positive && distance.is_gt()) {
             true => Err(Denial::LimitSwitch),
             false => Ok(()),
         }

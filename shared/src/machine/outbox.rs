@@ -1,20 +1,20 @@
-//! Reports that wait to be sent.
+//! Queue of reports to send.
 //!
-//! The link being slow must never stop motion, so nothing here waits for room. There is room for
-//! every answer of a control tick, because the shell sends all that waits before the next one. What
-//! finds no room all the same, after a burst of hellos or pings within a tick, is counted.
+//! A slow link must never stop motion, so nothing here waits for room. There is room for every
+//! answer of a control tick, because the shell sends the whole queue before the next one. After a
+//! burst of hellos or pings within a tick, reports without room are counted.
 
 use super::inbox::{COMMANDS, DROPPED, STOPS};
 use crate::frame::message::{Outcome, Report, Status};
 use heapless::Deque;
 
-/// The most answers of one control tick.
+/// Largest number of answers of one control tick.
 const ANSWERS: usize = COMMANDS + DROPPED + STOPS;
 
-/// Other reports that may wait: hello, the last run, pongs.
+/// Largest number of other reports in the queue: hello, the last run, pongs.
 const REPORTS: usize = 8;
 
-/// The answer to one command.
+/// Answer to one command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub sequence: u16,
@@ -22,7 +22,7 @@ pub(super) struct Answer {
     pub outcome: Outcome,
 }
 
-/// Reports that wait to be sent.
+/// Queue of reports to send.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
     reports: Deque<Report, REPORTS>,
@@ -30,29 +30,29 @@ pub(super) struct Outbox {
     status: Option<Status>,
 }
 
-/// A report that found no room.
+/// Error of a report that found no room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use]
 pub(super) struct Full;
 
 impl Outbox {
-    /// Takes a report that is neither an answer nor a status.
+    /// Queues a report that is neither an answer nor a status.
     pub fn report(&mut self, report: Report) -> Result<(), Full> {
         self.reports.push_back(report).map_err(|_| Full)
     }
 
-    /// Takes an answer.
+    /// Queues an answer.
     pub fn answer(&mut self, answer: Answer) -> Result<(), Full> {
         self.answers.push_back(answer).map_err(|_| Full)
     }
 
-    /// Takes a status, which replaces one that was not sent.
+    /// Queues a status, which replaces one that was not sent yet.
     pub fn status(&mut self, status: Status) {
         self.status = Some(status);
     }
 
-    /// The next report to send: what the host asked first, then answers, then the status that
-    /// shows what they did.
+    /// Takes the next report to send: replies to hello and ping first, then answers, then the
+    /// status that shows their effect.
     pub fn next(&mut self) -> Option<Report> {
         if let Some(report) = self.reports.pop_front() {
             return Some(report);

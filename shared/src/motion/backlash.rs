@@ -1,53 +1,53 @@
-//! Lost motion between motor and load, and how it is taken up when an axis turns round.
+//! Backlash: the play between motor and load, and its compensation when an axis reverses.
 //!
 //! # Model
-//! The motor pushes the load with one of two flanks, `width` apart; between them it moves without
-//! the load, which friction holds where it is:
+//! The motor pushes the load with one of two flanks, `width` apart. Between them it moves without
+//! the load, which friction holds in place:
 //!
 //! ```text
 //! load(t) = load(t - 1) clamped to  motor(t) ..= motor(t) + width
 //! ```
 //!
-//! Pushed forwards the load is where the motor is, pushed backwards it is `width` before it.
-//! Everything that is told to the planner or by it (goals, soft limits, positions) is the load's;
-//! the steps are the motor's. So taking up lost motion is no special motion: it is part of the way
-//! to the motor's target, within the same limits of speed, acceleration and jerk, and in whole
-//! steps.
+//! Pushed forwards, the load is at the motor's position; pushed backwards, it is `width` ahead of
+//! it. All positions that go into the planner or come out of it (goals, soft limits, positions) are
+//! the load's; the steps are the motor's. Crossing the backlash is therefore no special motion: it
+//! is part of the motor's path to its target, within the same limits of speed, acceleration and
+//! jerk, and in whole steps.
 //!
-//! # Which flank
-//! Say where the load will stand when the axis has braked, in the frame of its target. As long as
-//! that is not beyond the goal, seen in the direction in which the load is pushed now, the present
-//! flank will do. Otherwise the load must come back, and the other flank is chosen. This is asked
-//! anew at every tick. While a target is followed two things keep noise from driving the motor to
-//! and fro: the load may be half a step beyond the goal, and a goal that comes after the load by
-//! itself may be as far behind as it moves in [`PATIENCE`] ticks.
+//! # Choice of the flank
+//! The choice depends on the position of the load after braking, in the frame of its target. As
+//! long as that is not beyond the goal, in the direction in which the load is pushed now, the
+//! present flank stays. Otherwise the load must come back, and the other flank is chosen. Every
+//! tick decides again. While the stage follows a target, two tolerances keep noise from driving the
+//! motor to and fro: the load may be half a step beyond the goal, and a goal that approaches the
+//! load by itself may be as far behind as it moves in [`PATIENCE`] ticks.
 
 use crate::fixed::{product, times};
 use crate::steps::Position;
 
-/// Ticks in which a moving goal may catch up with a load that is beyond it.
+/// Ticks within which a moving goal may catch up with a load that is beyond it.
 const PATIENCE: i64 = 32;
 
-/// How far beyond a goal that is followed a load may stay, fine units: half a step.
+/// Distance by which a load may stay beyond a goal that is followed, fine units: half a step.
 const SLACK: i64 = 1 << 31;
 
-/// Motor and load of one axis.
+/// Backlash of one axis, with the position of its load.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Play {
-    /// Lost motion, fine units: whole steps, from 0.
+pub(super) struct Backlash {
+    /// Width of the backlash, fine units: whole steps, from 0.
     width: i64,
-    /// Within `motor ..= motor + width`.
+    /// Position of the load, within `motor ..= motor + width`.
     load: Position,
-    /// The flank in use pushes backwards.
+    /// True if the flank in use pushes backwards.
     backward: bool,
-    /// The motor's target stands as it is, whatever that means for the load: a stop.
+    /// True during a stop: the motor's target stays fixed, wherever the load ends.
     held: bool,
-    /// The goal is followed, with all its noise; else it is to be reached exactly.
+    /// True if the goal is followed, with all its noise; false if it is to be reached exactly.
     follows: bool,
 }
 
-impl Play {
-    /// At rest, with a load that was last pushed forwards.
+impl Backlash {
+    /// Creates the state at rest, with a load that was last pushed forwards.
     pub(super) fn new(width_steps: u32, motor: Position) -> Self {
         Self {
             width: i64::from(width_steps) << 32,
@@ -58,22 +58,22 @@ impl Play {
         }
     }
 
-    /// The same axis at rest, with another width.
+    /// Returns the state of the same axis at rest, with another width.
     pub(super) fn with_width(self, width_steps: u32, motor: Position) -> Self {
         let width = i64::from(width_steps) << 32;
-        let play = Self {
+        let backlash = Self {
             width,
             held: true,
             ..self
         };
         Self {
-            load: play.pushed(self.load, motor),
-            ..play
+            load: backlash.pushed(self.load, motor),
+            ..backlash
         }
     }
 
-    /// There is lost motion.
-    pub(super) const fn is_loose(&self) -> bool {
+    /// Returns true if the axis has backlash.
+    pub(super) const fn has_backlash(&self) -> bool {
         self.width != 0
     }
 
@@ -81,7 +81,7 @@ impl Play {
         self.load
     }
 
-    /// Motor minus goal with the flank in use.
+    /// Returns motor minus goal with the flank in use.
     const fn offset(&self) -> i64 {
         if self.backward {
             self.width.wrapping_neg()
@@ -90,25 +90,25 @@ impl Play {
         }
     }
 
-    /// Where the motor must go to bring the load to `goal`.
+    /// Returns the motor's target that brings the load to `goal`.
     pub(super) fn aim(&mut self, goal: Position, follows: bool) -> Position {
         self.held = false;
         self.follows = follows;
         goal.saturating_add(self.offset())
     }
 
-    /// The motor comes to rest wherever it does.
+    /// Lets the motor come to rest, wherever the load ends.
     pub(super) fn hold(&mut self) {
         self.held = true;
         self.follows = false;
     }
 
-    /// The goal is a target that is followed.
+    /// Returns true if the goal is a target that is followed.
     pub(super) const fn is_following(&self) -> bool {
         self.follows
     }
 
-    /// Where the load is to be when the motor has come to `target`.
+    /// Returns the goal of the load when the motor has come to `target`.
     pub(super) fn goal(&self, target: Position) -> Position {
         if self.held {
             self.pushed(self.load, target)
@@ -117,18 +117,18 @@ impl Play {
         }
     }
 
-    /// Where a load comes to be when the motor goes straight to `motor`.
+    /// Returns the position of a load after the motor went straight to `motor`.
     fn pushed(&self, load: Position, motor: Position) -> Position {
-        // Not `clamp`, which would panic if the bounds were the wrong way round.
+        // Not `clamp`, which would panic if the bounds were reversed.
         load.max(motor).min(motor.saturating_add(self.width))
     }
 
-    /// The motor has gone straight to `motor`.
+    /// Updates the load after the motor has gone straight to `motor`.
     pub(super) fn advance(&mut self, motor: Position) {
         self.load = self.pushed(self.load, motor);
     }
 
-    /// The same axis at rest, with all positions greater by so much.
+    /// Returns the state of the same axis at rest, with all positions greater by `by`.
     pub(super) fn shifted(self, by: i64) -> Self {
         Self {
             load: self.load.saturating_add(by),
@@ -137,9 +137,12 @@ impl Play {
         }
     }
 
-    /// Chooses the flank, and gives what the motor's target changes by: 0 if the present one will
-    /// do. `target` is the motor's, which moves by `drift` speed quanta; relative to it the motor
-    /// is braked at `stop`. `near` is how near to a goal an axis comes to rest, fine units.
+    /// Chooses the flank, and returns the change of the motor's target: 0 if the present flank
+    /// stays.
+    ///
+    /// `target` is the motor's target, which moves by `drift` speed quanta; relative to it the
+    /// motor is braked at `stop`. `near` is the distance from a goal at which an axis comes to
+    /// rest, fine units.
     pub(super) fn turn(
         &mut self,
         target: Position,
@@ -158,7 +161,7 @@ impl Play {
             .saturating_sub(goal.fine());
         let slack = if self.follows { SLACK } else { 2 * near };
         let sign = if self.backward { -1 } else { 1 };
-        // A tick takes the goal 2 drift distance quanta on.
+        // A tick moves the goal by 2 drift distance quanta.
         let approach = times(product(sign, drift).max(0), product(2 * PATIENCE, quantum));
         if times(sign, beyond) < slack.saturating_add(approach) {
             return 0;

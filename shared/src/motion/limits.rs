@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::fixed::{ratio, wide};
 use crate::steps::{AXES, Position, WordRate};
 
-/// One axis of the stage as the host describes it: physical units, integers only.
+/// Resolution and limits of one axis as the host states them: physical units, integers only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AxisConfig {
     /// Steps (micro-steps) per metre of travel; 1,000 times the steps per mm.
@@ -18,7 +18,7 @@ pub struct AxisConfig {
     pub max_jerk_um_s3: u32,
     /// Lowest and highest allowed position, µm from zero.
     pub travel_um: [i32; 2],
-    /// The DIR pin is low forwards.
+    /// True if the DIR pin is low forwards.
     pub invert: bool,
 }
 
@@ -40,7 +40,7 @@ pub enum Field {
 }
 
 impl Field {
-    /// The field's name in the configuration.
+    /// Returns the name of the field in the configuration.
     pub const fn name(self) -> &'static str {
         match self {
             Self::StepsPerM => "steps_per_m",
@@ -53,12 +53,12 @@ impl Field {
     }
 }
 
-/// The nearest value that a refused number may have, in the unit of its field. Append-only.
+/// Nearest value that a refused number may have, in the unit of its field. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Bound {
-    /// This or more.
+    /// Smallest accepted value.
     AtLeast(i64),
-    /// This or less.
+    /// Largest accepted value.
     AtMost(i64),
 }
 
@@ -71,12 +71,12 @@ impl fmt::Display for Bound {
     }
 }
 
-/// A value of an [`AxisConfig`] that the planner cannot use, and the nearest one that it can.
+/// Value of an [`AxisConfig`] that the planner cannot use, with the nearest one that it can.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LimitFault {
-    /// The field at fault.
+    /// Field that is refused.
     pub field: Field,
-    /// The nearest value that is accepted.
+    /// Nearest value that is accepted.
     pub bound: Bound,
 }
 
@@ -104,12 +104,12 @@ impl fmt::Display for LimitFault {
 
 impl core::error::Error for LimitFault {}
 
-/// A [`LimitFault`] and the axis it is on.
+/// A [`LimitFault`] with its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConfigFault {
-    /// The axis, from 0.
+    /// Axis, from 0.
     pub axis: usize,
-    /// What is wrong.
+    /// Refused value.
     pub fault: LimitFault,
 }
 
@@ -121,7 +121,7 @@ impl fmt::Display for ConfigFault {
 
 impl core::error::Error for ConfigFault {}
 
-/// What one axis may do, in the planner's grid (see the [module](super)).
+/// Limits of one axis, in the planner's grid (see the [module](super)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisLimits {
     /// Highest speed, multiples of `2N` fine units per slot; from 1, and `2N` times it fits a
@@ -133,23 +133,26 @@ pub struct AxisLimits {
     pub(super) jerk: u32,
     /// Allowed step numbers, both ends included, within ±2²⁹.
     range: [i32; 2],
-    /// Lost motion between motor and load, whole steps, up to 2²⁹.
+    /// Backlash between motor and load, whole steps, up to 2²⁹.
     backlash: u32,
 }
 
-/// Positions of soft limits stay within this, steps: leaves room to stop within the range of
-/// [`Position`] from anywhere.
+/// Farthest position of soft limits, steps: leaves room to stop within the range of [`Position`]
+/// from anywhere.
 const FARTHEST: i64 = 1 << 29;
 
 impl AxisLimits {
-    /// The largest multiples of the grid's quanta that exceed nothing in `config`.
+    /// Converts `config` to the largest multiples of the grid's quanta that exceed nothing in it.
+    ///
+    /// # Errors
+    /// [`LimitFault`] with the first value that the planner cannot use.
     pub fn new(config: &AxisConfig, rate: WordRate) -> Result<Self, LimitFault> {
         if config.steps_per_m == 0 {
             return Err(LimitFault::at_least(Field::StepsPerM, 1));
         }
-        // µm per second to fine units per slot, then to the grid: speed quanta, and these per tick,
-        // and per tick again. Dividing by one factor after the other rounds down just as dividing
-        // by the product does.
+        // Convert µm per second to fine units per slot, then to the grid: speed quanta, these per
+        // tick, and per tick again. Dividing by one factor after the other rounds down just as
+        // dividing by the product does.
         let um = |per_s: u32| u64::from(config.steps_per_m) * u64::from(per_s);
         let um_slots = 1_000_000 * u64::from(rate.slots_per_s());
         let quantum = 2 * u64::from(rate.slots_per_tick());
@@ -160,8 +163,8 @@ impl AxisLimits {
         }
         // Exactly one step per slot is one fine unit more than an increment can hold.
         let speed = (fine_per_slot.min(u64::from(u32::MAX)) / quantum) as u32;
-        // The smallest number that comes to one quantum. `ticks` is how many ticks of a second come
-        // in.
+        // Smallest number that makes one quantum; `ticks` is the power of ticks per second in the
+        // unit.
         let too_small = |field, ticks: u64| {
             let product = wide((um_slots * quantum).cast_signed(), ticks.cast_signed());
             // One quantum is 2^32 of these; below 2^46.
@@ -171,7 +174,7 @@ impl AxisLimits {
                 value if value <= u64::from(u32::MAX) => {
                     LimitFault::at_least(field, value.cast_signed())
                 }
-                // So coarse an axis has no value of this field that would do.
+                // An axis this coarse has no valid value of this field.
                 _ => LimitFault::at_least(
                     Field::StepsPerM,
                     least.div_ceil(u64::from(u32::MAX)).cast_signed(),
@@ -181,7 +184,7 @@ impl AxisLimits {
         if speed == 0 {
             return Err(too_small(Field::MaxSpeed, 1));
         }
-        // More than the whole speed in one tick is no use.
+        // More than the whole speed in one tick has no effect.
         let quantise = |per_s: u32, ticks: u64, field| {
             let value = ratio(um(per_s), um_slots * quantum) / ticks;
             match value.min(u64::from(speed)) as u32 {
@@ -201,36 +204,36 @@ impl AxisLimits {
         })
     }
 
-    /// How many steps the motor makes when it turns round before the load moves.
+    /// Returns the steps of the motor on a reversal before the load moves.
     pub const fn backlash(&self) -> u32 {
         self.backlash
     }
 
-    /// The lowest and highest step number the axis may stand at.
+    /// Returns the lowest and highest step number at which the axis may stand.
     pub const fn range(&self) -> [i32; 2] {
         self.range
     }
 
-    /// The centres of the first and the last allowed step.
+    /// Returns the centres of the first and the last allowed step.
     pub fn ends(&self) -> [Position; 2] {
         self.range.map(Position::centre)
     }
 
-    /// Between what the motor stands at when the load is at either end: pushed backwards, the motor
-    /// is `backlash` steps ahead.
+    /// Returns the motor's positions at the two ends of the load's travel: pushed backwards, the
+    /// motor is `backlash` steps ahead.
     pub(super) fn motor_ends(&self) -> [Position; 2] {
         let [low, high] = self.ends();
         [low.saturating_add(-(i64::from(self.backlash) << 32)), high]
     }
 
-    /// The allowed position nearest to `target`.
+    /// Returns the allowed position nearest to `target`.
     pub fn clamp(&self, target: Position) -> Position {
         let [low, high] = self.ends();
         target.clamp(low, high)
     }
 }
 
-/// The travel in steps, rounded inwards.
+/// Converts the travel to steps, rounded inwards.
 fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     let [low_um, high_um] = config.travel_um.map(i64::from);
     let scale = i64::from(config.steps_per_m);
@@ -238,7 +241,7 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     let floor = |um: i64| (um * scale).div_euclid(1_000_000);
     let (low, high) = (-floor(-low_um), floor(high_um));
     let farthest_um = FARTHEST * 1_000_000 / scale;
-    // The last step that a high end can lie at or beyond.
+    // Last step at or below which a high end can lie.
     let last = FARTHEST.min(floor(i32::MAX.into()));
     if low > last {
         let most = (last * 1_000_000).div_euclid(scale);
@@ -259,7 +262,27 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
     Ok([low as i32, high as i32])
 }
 
-/// What all axes may do, and the word rate it was worked out for.
+/// Limits of all axes, and the word rate that belongs to them.
+///
+/// ```
+/// use shared::motion::{AxisConfig, Limits};
+/// use shared::steps::WordRate;
+///
+/// let axis = AxisConfig {
+///     steps_per_m: 80_000,
+///     max_speed_um_s: 100_000,
+///     max_acceleration_um_s2: 1_000_000,
+///     max_jerk_um_s3: 50_000_000,
+///     travel_um: [-150_000, 150_000],
+///     invert: false,
+/// };
+/// let limits = Limits::new(&[axis; 3], WordRate::MHZ_1)?;
+/// assert_eq!(limits.axes()[0].range(), [-12_000, 12_000]);
+///
+/// let refused = Limits::new(&[AxisConfig { max_speed_um_s: 0, ..axis }; 3], WordRate::MHZ_1);
+/// assert_eq!(refused.unwrap_err().to_string(), "axis 0: max_speed_um_s must be at least 2");
+/// # Ok::<(), shared::motion::ConfigFault>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     pub(super) rate: WordRate,
@@ -267,7 +290,10 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Converts the configuration of each axis; the first fault is reported with its axis.
+    /// Converts the configuration of each axis.
+    ///
+    /// # Errors
+    /// [`ConfigFault`] with the first value that the planner cannot use, and its axis.
     pub fn new(configs: &[AxisConfig; AXES], rate: WordRate) -> Result<Self, ConfigFault> {
         let of = |axis: usize, config| {
             AxisLimits::new(config, rate).map_err(|fault| ConfigFault { axis, fault })
@@ -279,7 +305,7 @@ impl Limits {
         })
     }
 
-    /// With lost motion on each axis, steps. No axis loses more than 2²⁹.
+    /// Returns the limits with this backlash on each axis, steps, at most 2²⁹.
     pub fn with_backlash(mut self, steps: [u32; AXES]) -> Self {
         for (axis, steps) in self.axes.iter_mut().zip(steps) {
             axis.backlash = steps.min(FARTHEST as u32);
@@ -287,7 +313,8 @@ impl Limits {
         self
     }
 
-    /// The same, with `axis` limited as in `other`, which was worked out for the same word rate.
+    /// Returns the limits with `axis` limited as in `other`, which was computed for the same word
+    /// rate.
     pub fn with_axis_of(mut self, axis: usize, other: &Self) -> Self {
         if let (Some(own), Some(limits)) = (self.axes.get_mut(axis), other.axes.get(axis)) {
             *own = *limits;
@@ -295,32 +322,33 @@ impl Limits {
         self
     }
 
-    /// The word rate.
+    /// Returns the word rate.
     pub const fn word_rate(&self) -> WordRate {
         self.rate
     }
 
-    /// Each axis's limits.
+    /// Returns the limits of each axis.
     pub const fn axes(&self) -> &[AxisLimits; AXES] {
         &self.axes
     }
 
-    /// Highest speeds after quantisation, fine units (2⁻³² step) per slot.
+    /// Returns the highest speeds after quantisation, fine units (2⁻³² step) per slot.
     pub fn speeds(&self) -> [u32; AXES] {
         self.axes.map(|axis| self.fine(axis.speed))
     }
 
-    /// Highest accelerations after quantisation, fine units per slot, per tick.
+    /// Returns the highest accelerations after quantisation, fine units per slot, per tick.
     pub fn accelerations(&self) -> [u32; AXES] {
         self.axes.map(|axis| self.fine(axis.acceleration))
     }
 
-    /// Highest jerks after quantisation, fine units per slot, per tick, per tick.
+    /// Returns the highest jerks after quantisation, fine units per slot, per tick, per tick.
     pub fn jerks(&self) -> [u32; AXES] {
         self.axes.map(|axis| self.fine(axis.jerk))
     }
 
-    /// No more than `speed` quanta times 2N, which fits by the invariant of [`AxisLimits`].
+    /// Converts quanta to fine units per slot: no more than `speed` quanta times 2N, which fits by
+    /// the invariant of [`AxisLimits`].
     fn fine(&self, quanta: u32) -> u32 {
         quanta.saturating_mul(2 * self.rate.slots_per_tick())
     }
@@ -344,7 +372,7 @@ mod tests {
         AxisLimits::new(&config, WordRate::MHZ_1).unwrap_err()
     }
 
-    /// A configuration with `value` in one field.
+    /// Returns the configuration with `value` in one field.
     fn with(field: Field, value: i64) -> AxisConfig {
         let mut config = CONFIG;
         match field {
@@ -358,7 +386,7 @@ mod tests {
         config
     }
 
-    /// The bound that is named is the edge: the value itself does, its neighbour does not.
+    /// The bound that is named is exact: the value itself is accepted, its neighbour is not.
     #[test]
     fn named_bound_is_the_edge() {
         let wrong = [
@@ -401,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_names_field_and_bound() {
+    fn fault_names_field_and_bound() {
         let text = |config| std::format!("{}", fault(config));
         let cases = [
             (Field::StepsPerM, 0, "steps_per_m must be at least 1"),
@@ -473,21 +501,32 @@ mod tests {
     #[test]
     fn travel_is_rounded_inwards() {
         let limits = AxisLimits::new(&CONFIG, WordRate::MHZ_1).unwrap();
-        // 12,000.08 steps either way.
+        // 12,000.08 steps in either direction.
         assert_eq!(limits.range(), [-12_000, 12_000]);
     }
 
     proptest! {
         // Slow words refuse one configuration in fifty.
-        #![proptest_config(ProptestConfig { max_global_rejects: u32::MAX, ..ProptestConfig::default() })]
+        #![proptest_config(ProptestConfig {
+            max_global_rejects: u32::MAX,
+            ..ProptestConfig::default()
+        })]
 
         #[test]
-        fn quantised_limits_exceed_nothing_and_lose_less_than_a_quantum(
-            steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32, max_acceleration_um_s2 in 100_000..u32::MAX,
+        fn limits_round_down_by_under_a_quantum(
+            steps_per_m in 10_000..1_000_000u32, max_speed_um_s in 100..300_000u32,
+            max_acceleration_um_s2 in 100_000..u32::MAX,
             max_jerk_um_s3 in 100_000_000..u32::MAX, slots in 4..=500u32,
         ) {
             let rate = WordRate::from_hz(8_000 * slots).unwrap();
-            let config = AxisConfig { steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um: [-1_000, 1_000], invert: false };
+            let config = AxisConfig {
+                steps_per_m,
+                max_speed_um_s,
+                max_acceleration_um_s2,
+                max_jerk_um_s3,
+                travel_um: [-1_000, 1_000],
+                invert: false,
+            };
             let limits = AxisLimits::new(&config, rate);
             prop_assume!(limits.is_ok());
             let limits = limits.unwrap();

@@ -2,7 +2,7 @@ use super::AxisLimits;
 use crate::fixed::{product, quotient, root, square_root_32};
 use core::ops::{Add, Neg, Sub};
 
-/// Speed, acceleration and jerk an axis keeps to, in the grid of the [module](super): speed quanta,
+/// Speed, acceleration and jerk of an axis, in the grid of the [module](super): speed quanta,
 /// change of speed per tick, change of that per tick.
 ///
 /// *Invariant:* all at least 1, speed and jerk at most 2²⁸, and easing off from the full
@@ -16,34 +16,33 @@ use core::ops::{Add, Neg, Sub};
 /// distance quanta on. From one tick to the next `d` changes by at most the jerk `J`, never exceeds
 /// `A`, and ends at 0 together with `u`.
 ///
-/// *Easing:* once `d` falls by `J` per tick, the ticks after this one take
-/// `T(d) = (d-J) + (d-2J) + ...` off the speed (positive terms). With `d = qJ + s`, `0 <= s < J`:
-/// `T(d) = q d - J q(q+1)/2`.
+/// *Easing:* once `d` falls by `J` per tick, the ticks after this one take `T(d) = (d-J) + (d-2J) +
+/// ...` off the speed (positive terms). With `d = qJ + s`, `0 <= s < J`: `T(d) = q d - J q(q+1)/2`.
 ///
-/// *Braking rule:* each tick takes the largest `d'` with `d' <= d + J`, `d' <= A` and
-/// `T(d') <= u - d'`. The last one keeps the axis able to ease off before its speed is gone; the
-/// rule never breaks it. If it is broken from the start, the speed is going to change its sign
-/// whatever is done, and the rule applies to the mirrored axis.
+/// *Braking rule:* each tick takes the largest `d'` with `d' <= d + J`, `d' <= A` and `T(d') <= u -
+/// d'`. The last condition keeps the axis able to ease off before its speed is gone, and the rule
+/// never violates it. If it is violated from the start, the speed is going to change its sign in
+/// any case, and the rule applies to the mirrored axis.
 ///
 /// The rule runs in three phases, each with a closed sum:
 ///
 /// 1. `d` *climbs* by `J` per tick. From `d = kJ + s` (rounded down, `k` may be negative) it may
-///    reach the level `qJ + s` if the speed left then allows it, and the sums over both flanks make
+///    reach the level `qJ + s` if the speed left then allows it, and the sums over both sides make
 ///    that `J q² + 2 s q <= u + J k(k+1)/2 + s k`.
 /// 2. It *holds* `A` while `u >= A + T(A)`.
-/// 3. It *falls*. Let `V(q) = J q(q+1)/2` be what whole levels from `q` down take off, and
-///    `u = V(q) + (q+1) s + w` with the largest `q` and `0 <= w <= q`. Then the rule gives level
-///    `l`, from `q` down to 0, the deceleration `l J + s`, and one more on the last `w` levels.
+/// 3. It *falls*. Let `V(q) = J q(q+1)/2` be what whole levels from `q` down take off, and `u =
+///    V(q) + (q+1) s + w` with the largest `q` and `0 <= w <= q`. Then the rule gives level `l`,
+///    from `q` down to 0, the deceleration `l J + s`, and one more on the last `w` levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Pace {
     pub(super) speed: i64,
     pub(super) acceleration: i64,
     pub(super) jerk: i64,
-    /// The rule's numbers fit 32 bits, in which a Cortex-M4 is several times faster.
+    /// True if the numbers of the rule fit 32 bits, in which a Cortex-M4 is several times faster.
     is_narrow: bool,
 }
 
-/// What the rule is computed in. Divisors are positive, quotients rounded down.
+/// Integer type in which the rule is computed. Divisors are positive, quotients rounded down.
 trait Integer:
     Copy + Ord + From<i8> + Add<Output = Self> + Sub<Output = Self> + Neg<Output = Self>
 {
@@ -52,7 +51,7 @@ trait Integer:
     fn root(self) -> Self;
 }
 
-/// An integer whose values were shown to fit, so that nothing is checked again but in debug builds.
+/// Defines an integer type whose values are known to fit, so that only debug builds check them.
 macro_rules! exact {
     ($(#[$doc:meta])* $name:ident, $word:ty, $over:expr, $root:expr) => {
         $(#[$doc])*
@@ -109,28 +108,28 @@ macro_rules! exact {
 }
 
 exact!(
-    /// Fits by [`Pace`]'s invariant.
+    /// 64-bit integer; values fit by [`Pace`]'s invariant.
     Wide,
     i64,
     quotient,
     root
 );
 exact!(
-    /// Fits by [`Pace::fits_32_bits`].
+    /// 32-bit integer; values fit by [`Pace::fits_32_bits`].
     Narrow,
     i32,
     quotient_32,
     |a: i32| square_root_32(a.max(0).unsigned_abs()).cast_signed()
 );
 
-/// `a / divisor`, rounded down; a divisor below 1 counts as 1.
+/// Computes `a / divisor`, rounded down; a divisor below 1 counts as 1.
 fn quotient_32(a: i32, divisor: i32) -> i32 {
     let divisor = divisor.max(1);
     let quotient = a.wrapping_div(divisor);
     quotient.wrapping_sub((quotient.wrapping_mul(divisor) > a).into())
 }
 
-/// The rule for one acceleration `a` and jerk `j`.
+/// Braking rule for one acceleration `a` and jerk `j`.
 #[derive(Clone, Copy)]
 struct Rule<I> {
     a: I,
@@ -138,12 +137,12 @@ struct Rule<I> {
 }
 
 impl<I: Integer> Rule<I> {
-    /// What whole levels from `q` down take off.
+    /// Returns what whole levels from `q` down take off the speed.
     fn level_sum(self, q: I) -> I {
         self.j.times(triangle(q))
     }
 
-    /// `T(d)`, with the sign of `d`.
+    /// Computes `T(d)`, with the sign of `d`.
     fn easing(self, d: I) -> I {
         let size = d.max(-d);
         let q = size.over(self.j);
@@ -151,7 +150,8 @@ impl<I: Integer> Rule<I> {
         if d < 0.into() { -easing } else { easing }
     }
 
-    /// Whole levels in the fall from speed `u >= 0`: the largest `q` with `J q(q+1)/2 <= u`.
+    /// Returns the number of whole levels in the fall from speed `u >= 0`: the largest `q` with `J
+    /// q(q+1)/2 <= u`.
     fn levels(self, u: I) -> I {
         // q(q+1) <= m is (2q+1)² <= 4m+1.
         let m = (u + u).over(self.j);
@@ -159,13 +159,13 @@ impl<I: Integer> Rule<I> {
         (odd - 1.into()).over(2.into())
     }
 
-    /// The largest `d` with `d + T(d) <= u`, for `u >= 0`.
+    /// Returns the largest `d` with `d + T(d) <= u`, for `u >= 0`.
     fn steepest(self, u: I) -> I {
         let q = self.levels(u);
         q.times(self.j) + (u - self.level_sum(q)).over(q + 1.into())
     }
 
-    /// [`Pace::brake`].
+    /// Implements [`Pace::brake`].
     fn brake(self, u: I, e: I) -> I {
         let d = -e;
         if u >= self.easing(d) {
@@ -184,8 +184,8 @@ impl<I: Integer> Rule<I> {
         }
     }
 
-    /// [`Pace::stopping_way`].
-    fn stopping_way(self, u: I, e: I) -> I {
+    /// Implements [`Pace::stopping_distance`].
+    fn stopping_distance(self, u: I, e: I) -> I {
         let d = -e;
         if u >= self.easing(d) {
             self.stopping_ahead(u, d)
@@ -194,13 +194,13 @@ impl<I: Integer> Rule<I> {
         }
     }
 
-    /// The way to rest for `u >= T(d)`.
+    /// Returns the distance to rest for `u >= T(d)`.
     fn stopping_ahead(self, u: I, d: I) -> I {
         let j = self.j;
         let k = d.over(j);
         let s = d - k.times(j);
         let spare = u + self.level_sum(k) + s.times(k);
-        // J q² + 2 s q <= spare is (Jq + s)² <= s² + J spare. Below level 0 nothing is in the way.
+        // J q² + 2 s q <= spare is (Jq + s)² <= s² + J spare. Below level 0 there is no limit.
         let level = if spare < 0.into() {
             I::from(-1)
         } else {
@@ -209,11 +209,11 @@ impl<I: Integer> Rule<I> {
         let level = level.min((self.a - s).over(j)).max(k);
         let c = level - k;
         let climb = c.times(u + u - c.times(d)) - j.times(pyramid(c));
-        climb + self.falling_way(u - c.times(d) - self.level_sum(c))
+        climb + self.falling_distance(u - c.times(d) - self.level_sum(c))
     }
 
-    /// The way of holding and falling from speed `u >= 0`.
-    fn falling_way(self, u: I) -> I {
+    /// Returns the distance of holding and falling from speed `u >= 0`.
+    fn falling_distance(self, u: I) -> I {
         let a = self.a;
         let full = a + self.easing(a);
         let held = if u >= full {
@@ -233,12 +233,12 @@ impl<I: Integer> Rule<I> {
     }
 }
 
-/// `1 + 2 + ... + q`.
+/// Computes `1 + 2 + ... + q`.
 fn triangle<I: Integer>(q: I) -> I {
     q.times(q + 1.into()).over(2.into())
 }
 
-/// `1 + 4 + ... + q²`.
+/// Computes `1 + 4 + ... + q²`.
 fn pyramid<I: Integer>(q: I) -> I {
     let both = q.times(q + 1.into());
     both.times(q + q + 1.into()).over(6.into())
@@ -249,7 +249,7 @@ impl Pace {
         Self::new(limits.speed, limits.acceleration, limits.jerk)
     }
 
-    /// Establishes the invariant by lowering what is of no use.
+    /// Creates the pace, and lowers limits that have no effect to establish the invariant.
     pub(super) fn new(speed: u32, acceleration: u32, jerk: u32) -> Self {
         let clamp = |value: u32| i64::from(value).clamp(1, 1 << 28);
         let (speed, acceleration, jerk) = (clamp(speed), clamp(acceleration), clamp(jerk));
@@ -268,13 +268,13 @@ impl Pace {
         pace
     }
 
-    /// Whether all terms of the rule stay below 2²⁹, and so their sums below 2³¹, for speeds up to
-    /// twice the highest (relative to a target that moves at the highest).
+    /// Returns true if all terms of the rule stay below 2²⁹, and so their sums below 2³¹, for
+    /// speeds up to twice the highest (relative to a target that moves at the highest).
     ///
-    /// `R = A/J + 2` is above the ticks of a ramp, and a climb takes at most twice as many. As the
-    /// full acceleration can be eased off below the highest speed, `A²/J` is at most twice that,
-    /// and `R` below the root of `u`. So a climb ends below three times the largest speed, from
-    /// where a fall has fewer than `Q = sqrt(6 u/J) + 2` levels.
+    /// `R = A/J + 2` is above the ticks of a ramp, and a climb takes at most twice as many. Because
+    /// the full acceleration can be eased off below the highest speed, `A²/J` is at most twice
+    /// that, and `R` below the root of `u`. So a climb ends below three times the largest speed,
+    /// from where a fall has fewer than `Q = sqrt(6 u/J) + 2` levels.
     fn fits_32_bits(&self) -> bool {
         let (a, j, u) = (self.acceleration, self.jerk, 2 * self.speed);
         if u > 1 << 20 || j > 1 << 16 {
@@ -290,7 +290,7 @@ impl Pace {
         largest < 1 << 29 // none has a higher bit
     }
 
-    /// The rule in 32 bits, if it fits.
+    /// Returns the rule in 32 bits, if it fits.
     fn narrow(&self, u: i64, e: i64) -> Option<(Rule<Narrow>, Narrow, Narrow)> {
         if !self.is_narrow || u.abs() > 2 * self.speed || e.abs() > self.acceleration {
             return None;
@@ -310,7 +310,8 @@ impl Pace {
         }
     }
 
-    /// `T(d)`, with the sign of `d`: what easing off takes from the speed after the tick with `d`.
+    /// Computes `T(d)`, with the sign of `d`: the speed that easing off takes after the tick with
+    /// `d`.
     fn easing(&self, d: i64) -> i64 {
         match self.narrow(0, d) {
             Some((rule, _, d)) => rule.easing(d).0.into(),
@@ -318,7 +319,7 @@ impl Pace {
         }
     }
 
-    /// The largest `d` with `d + T(d) <= u`; 0 for `u < 0`.
+    /// Returns the largest `d` with `d + T(d) <= u`, or 0 for `u < 0`.
     fn steepest(&self, u: i64) -> i64 {
         match self.narrow(u, 0) {
             _ if u < 0 => 0,
@@ -327,7 +328,8 @@ impl Pace {
         }
     }
 
-    /// The acceleration of the next tick by the braking rule, after one with acceleration `e`.
+    /// Returns the acceleration of the next tick by the braking rule, after one with acceleration
+    /// `e`.
     pub(super) fn brake(&self, u: i64, e: i64) -> i64 {
         match self.narrow(u, e) {
             Some((rule, u, e)) => rule.brake(u, e).0.into(),
@@ -335,19 +337,20 @@ impl Pace {
         }
     }
 
-    /// The way to rest by the braking rule from speed `u`, after a tick with acceleration `e`:
-    /// distance quanta, both and the result signed in the same direction.
-    pub(super) fn stopping_way(&self, u: i64, e: i64) -> i64 {
+    /// Returns the distance to rest by the braking rule from speed `u`, after a tick with
+    /// acceleration `e`: distance quanta. All three are signed in the same direction.
+    pub(super) fn stopping_distance(&self, u: i64, e: i64) -> i64 {
         match self.narrow(u, e) {
-            Some((rule, u, e)) => rule.stopping_way(u, e).0.into(),
-            None => self.wide().stopping_way(Wide(u), Wide(e)).0,
+            Some((rule, u, e)) => rule.stopping_distance(u, e).0.into(),
+            None => self.wide().stopping_distance(Wide(u), Wide(e)).0,
         }
     }
 
-    /// The highest acceleration of the next tick after which the axis can still stop within `ahead`
-    /// distance quanta of where it is now, and ease off before it is faster than `fastest`. The
-    /// braking rule's, if there is none. `stop` is [`Pace::stopping_way`] from here: where the
-    /// search starts.
+    /// Returns the highest acceleration of the next tick after which the axis can still stop within
+    /// `ahead` distance quanta of where it is now, and ease off before it is faster than `fastest`;
+    /// that of the braking rule if there is none.
+    ///
+    /// `stop` is [`Pace::stopping_distance`] from here, where the search starts.
     pub(super) fn next_acceleration(
         &self,
         u: i64,
@@ -356,9 +359,9 @@ impl Pace {
         fastest: i64,
         stop: i64,
     ) -> i64 {
-        let way = |e: i64| {
+        let distance = |e: i64| {
             let end = u + e;
-            u + end + self.stopping_way(end, e)
+            u + end + self.stopping_distance(end, e)
         };
         let mut highest = (e + self.jerk).min(self.acceleration);
         if highest > 0 && u + highest + self.easing(highest) > fastest {
@@ -368,27 +371,27 @@ impl Pace {
         if highest <= good {
             return good;
         }
-        let (mut bad, mut good_way, mut bad_way) = (highest, stop, way(highest));
-        if bad_way <= ahead {
+        let (mut bad, mut good_distance, mut bad_distance) = (highest, stop, distance(highest));
+        if bad_distance <= ahead {
             return highest;
         }
-        // The way grows with the acceleration, nearly in proportion: two or three tries find the
-        // place. After a try that leaves more than half of the interval, the next one halves it.
+        // The distance grows with the acceleration, nearly in proportion, so two or three tries
+        // suffice. After a try that leaves more than half of the interval, the next one halves it.
         let mut halve = false;
         while bad - good > 1 {
             let size = bad - good;
             let step = if halve {
                 size >> 1
             } else {
-                let slope = quotient(bad_way.saturating_sub(good_way), size);
-                quotient(ahead.saturating_sub(good_way), slope)
+                let slope = quotient(bad_distance.saturating_sub(good_distance), size);
+                quotient(ahead.saturating_sub(good_distance), slope)
             };
             let middle = good + step.clamp(1, size - 1);
-            let middle_way = way(middle);
-            if middle_way <= ahead {
-                (good, good_way) = (middle, middle_way);
+            let middle_distance = distance(middle);
+            if middle_distance <= ahead {
+                (good, good_distance) = (middle, middle_distance);
             } else {
-                (bad, bad_way) = (middle, middle_way);
+                (bad, bad_distance) = (middle, middle_distance);
             }
             halve = !halve && bad - good > size >> 1;
         }

@@ -1,35 +1,35 @@
 use crate::safety::Inputs;
 use crate::time::Instant;
 
-/// What went into a station.
+/// Input of a station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entry<'a> {
     /// Bytes from the host.
     Bytes(&'a [u8]),
-    /// The switches changed.
+    /// Change of the switches.
     Switches(Inputs),
-    /// Nothing: time passes up to here.
+    /// No input: time passes up to this instant.
     Wait,
 }
 
-/// Entries in the order of their time, as bytes.
+/// Log of inputs in the order of their time, as bytes.
 ///
 /// One entry is its instant (8 bytes, µs, little-endian), its kind (1 byte: 0 bytes, 1 switches, 2
 /// wait), the payload's length (2 bytes) and the payload. Switches are one byte: bits 0 to 5 the
 /// limits (axis by axis, negative end first), bit 6 the emergency stop, bit 7 the driver's fault.
 ///
-/// An entry takes effect at the control tick after its instant, as anything a station receives.
+/// An entry takes effect at the control tick after its instant, as any input of a station does.
 #[derive(Clone, Copy, Debug)]
 pub struct Log<'a>(&'a [u8]);
 
-/// Why a log cannot be read.
+/// Reason for which a log cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogFault {
-    /// It ends within an entry.
+    /// The log ends within an entry.
     Short,
-    /// There is no such kind of entry.
+    /// No kind of entry has this number.
     Kind(u8),
-    /// The payload is not as long as the kind needs.
+    /// The length of the payload does not fit the kind.
     Length,
 }
 
@@ -46,15 +46,15 @@ impl core::fmt::Display for LogFault {
 impl core::error::Error for LogFault {}
 
 impl<'a> Log<'a> {
-    /// The log in `bytes`.
+    /// Creates a reader of the log in `bytes`.
     pub const fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }
 
-    /// The next entry; `None` at the end.
+    /// Reads the next entry, or returns `None` at the end.
     ///
     /// # Errors
-    /// If the bytes are no entry.
+    /// [`LogFault`] if the bytes are no entry.
     pub fn entry(&mut self) -> Result<Option<(Instant, Entry<'a>)>, LogFault> {
         if self.0.is_empty() {
             return Ok(None);
@@ -76,11 +76,11 @@ impl<'a> Log<'a> {
     }
 }
 
-/// Writes a log.
+/// Writer of a log.
 pub struct Writer<W>(pub W);
 
 impl<W: FnMut(&[u8])> Writer<W> {
-    /// Appends an entry. Bytes beyond 65,535 are split over entries of the same instant.
+    /// Appends an entry. More than 65,535 bytes are split over entries of the same instant.
     pub fn entry(&mut self, at: Instant, entry: Entry<'_>) {
         match entry {
             Entry::Bytes(bytes) => bytes
@@ -125,7 +125,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn entries_come_back() {
+    fn entries_survive_a_round_trip() {
         let entries = [
             (3, Entry::Bytes(&[1, 0, 2])),
             (3, Entry::Bytes(&[])),
@@ -138,7 +138,7 @@ mod tests {
             writer.entry(Instant::from_micros(at), entry);
         }
         let mut log = Log::new(&bytes);
-        // An entry without bytes says nothing, and is not written.
+        // An entry without bytes has no effect, and is not written.
         for (at, entry) in entries.into_iter().filter(|e| e.1 != Entry::Bytes(&[])) {
             assert_eq!(log.entry(), Ok(Some((Instant::from_micros(at), entry))));
         }

@@ -1,6 +1,6 @@
 use crate::steps::{AXES, PortMap};
 
-/// The edges of one run of words.
+/// Edges in one run of words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Edges {
     /// Rising edges of each STEP pin.
@@ -9,7 +9,8 @@ pub struct Edges {
     pub turns: [u16; AXES],
 }
 
-/// The port's pins, as a logic analyser sees them: knows set/reset words and nothing of motion.
+/// Probe of the port's pins, like a logic analyser: it interprets set/reset words and knows nothing
+/// of motion.
 #[derive(Clone, Debug)]
 pub struct Probe {
     step: [u32; AXES],
@@ -21,7 +22,7 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// All pins low.
+    /// Creates a probe of a port whose pins are all low.
     pub fn new(map: PortMap) -> Self {
         let bit = |pin: u8| 1u32 << (pin & 15);
         Self {
@@ -32,12 +33,12 @@ impl Probe {
         }
     }
 
-    /// Lets the port write `words`; `edge(index, pins before, pins after)` is called for each that
-    /// changes a pin.
+    /// Lets the port write `words`, and calls `edge(index, pins before, pins after)` for each word
+    /// that changes a pin.
     pub fn feed(&mut self, words: &[u32], mut edge: impl FnMut(usize, u32, u32)) -> Edges {
         let mut edges = Edges::default();
         for (index, &word) in words.iter().enumerate() {
-            // Set wins over reset, as in the hardware.
+            // A set bit wins over a reset bit, as in the hardware.
             let after = (self.pins & !(word >> 16)) | (word & 0xffff);
             let changed = after ^ self.pins;
             if changed == 0 {
@@ -51,15 +52,15 @@ impl Probe {
                 *turns = turns.saturating_add(u16::from(changed & dir != 0));
                 if changed & after & step != 0 {
                     *rises = rises.saturating_add(1);
-                    let way = if after & dir != 0 { 1 } else { -1 };
-                    *steps = steps.wrapping_add(way);
+                    let direction = if after & dir != 0 { 1 } else { -1 };
+                    *steps = steps.wrapping_add(direction);
                 }
             }
         }
         edges
     }
 
-    /// Steps so far, with DIR high as forwards.
+    /// Returns the steps so far, with DIR high as forwards.
     pub fn steps(&self) -> [i32; AXES] {
         self.steps
     }
@@ -80,8 +81,8 @@ mod tests {
     fn steps_follow_the_direction_pin() {
         let mut probe = Probe::new(MAP);
         let mut seen = Vec::new();
-        // x forwards; x again with y, y backwards; x's DIR falls together with a rise: it counts
-        // backwards.
+        // X forwards; X again with Y, Y backwards; DIR of X falls together with a rise, which
+        // counts backwards.
         let words = [
             1 << 3,
             1,

@@ -4,39 +4,39 @@ use crate::frame::encode::Bytes;
 use crate::steps::{AXES, PortMap, Segment};
 use crate::time::Instant;
 
-/// One thing a station did.
+/// One action of a station.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant)] // no alloc
 pub enum Record {
     /// A packet for the host.
     Sent(Instant, Bytes),
-    /// A segment and its words, summed up.
+    /// Checksums of a segment and its words.
     Digest(Instant, Digest),
 }
 
-/// A segment and its words, summed up.
+/// Checksums and edge counts of a segment and its words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Digest {
     /// CRC-32/ISCSI of the segment's numbers.
     pub plan: u32,
     /// CRC-32/ISCSI of its port words, little-endian.
     pub words: u32,
-    /// The edges these make.
+    /// Edges that the words make.
     pub edges: Edges,
     /// Steps since the start, DIR high as forwards.
     pub steps: [i32; AXES],
 }
 
-/// A pin change.
+/// Change of the pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
     /// Number of the word in its segment.
     pub word: u16,
-    /// Levels of the pins after it.
+    /// Levels of the pins after the word.
     pub pins: u16,
 }
 
-/// Turns what a station does into records.
+/// Converter of a station's actions to records.
 #[derive(Clone, Debug)]
 pub struct Trace {
     probe: Probe,
@@ -46,14 +46,14 @@ pub struct Trace {
 const DIGEST_BYTES: usize = 4 + 4 + 6 + 6 + 12;
 
 impl Trace {
-    /// A trace of a port whose pins are all low.
+    /// Creates a trace of a port whose pins are all low.
     pub fn new(map: PortMap) -> Self {
         Self {
             probe: Probe::new(map),
         }
     }
 
-    /// Sums up a segment and its words; `edge` gets each pin change.
+    /// Computes the digest of a segment and its words, and calls `edge` for each pin change.
     pub fn digest(
         &mut self,
         segment: &Segment,
@@ -117,7 +117,8 @@ impl Record {
         }
     }
 
-    /// The record at the front of `bytes`, which moves on; `None` if there is no whole record.
+    /// Reads the record at the front of `bytes` and advances them; returns `None` if there is no
+    /// whole record.
     pub fn read(bytes: &mut &[u8]) -> Option<Self> {
         let (kind, rest) = bytes.split_first()?;
         let (at, rest) = rest.split_first_chunk::<8>()?;
@@ -170,7 +171,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn records_come_back() {
+    fn records_survive_a_round_trip() {
         let digest = Digest {
             plan: 0xdead_beef,
             words: 7,

@@ -1,8 +1,8 @@
-//! How far the cameras of the paper's estimators may be from one line.
+//! Tolerance of the paper's estimators for cameras that are not on one line.
 //!
-//! The paper's pairs share their image rows: it takes `y_l = y_m` for granted where it gathers `Vz`
-//! in the y rows (`a3`, `b3`). Let the left camera be `δ_l` mm lower than the middle one. Then
-//! `y_l = y_m - δ_l/Z`, and with the exact flow `vy = (Vy - y Vz)/Z` of each camera
+//! The paper's pairs share their image rows: the paper assumes `y_l = y_m` where it gathers `Vz` in
+//! the y rows (`a3`, `b3`). Let the left camera be `δ_l` mm lower than the middle one. Then `y_l =
+//! y_m - δ_l/Z`, and with the exact flow `vy = (Vy - y Vz)/Z` of each camera
 //!
 //! ```text
 //! d2 = a1 Vy + (a3 + Δa) Vz      Δa = -½ Σ (x_l + x_m) δ_l/Z      |Δa| / a1 <= τ |δ_l| / h1
@@ -16,23 +16,24 @@
 //! |error of Vy| <= κ |Vz|        κ = τ max(|δ_l|/h1, |δ_r|/h2)
 //! ```
 //!
-//! Least squares has this error of `Vy` too. Its y rows also contradict each other: the share
-//! `ρ² / (1 + ρ²)` of `Vz` is lost, `ρ <= 4 κ Z / (h1 + h2)`. Under the limit that is at most 0.8 %
-//! at a metre with the paper's rig, when the mean of all points lies at the image's edge; it falls
-//! with the square of their distance from the middle.
+//! Least squares has this error of `Vy`, too. Its y rows also contradict each other: the share `ρ²
+//! / (1 + ρ²)` of `Vz` is lost, `ρ <= 4 κ Z / (h1 + h2)`. Under the limit that is at most 0.8 % at
+//! a metre with the paper's rig, when the mean of all points lies at the edge of the image; it
+//! falls with the square of the distance from the middle.
 
 use super::{Camera, Rig};
 
-/// Greatest error of `Vy` that unequal heights may cause, as a share of `Vz`: a seventh of what the
-/// same estimators lose of `Vz` itself in a move of 20 mm at 900 mm. In the paper's rig a camera
-/// may be 0.64 mm higher than the middle one.
+/// Greatest error of `Vy` that unequal heights may cause, as a share of `Vz`.
+///
+/// It is a seventh of what the same estimators lose of `Vz` itself in a move of 20 mm at 900 mm. In
+/// the paper's rig a camera may be 0.64 mm higher than the middle one.
 pub const HEIGHT_ERROR_LIMIT: f64 = 0.003;
 
 impl Rig {
-    /// Error of `Vy` that unequal heights of the cameras cause in the paper's estimators, as a
-    /// share of `Vz`, at most: `κ` above.
+    /// Returns the largest error of `Vy`, as a share of `Vz`, that unequal heights of the cameras
+    /// cause in the paper's estimators: `κ` of the module documentation.
     ///
-    /// `None` unless there are exactly three cameras, from left to right.
+    /// Returns `None` unless there are exactly three cameras, from left to right.
     pub fn height_error(&self) -> Option<f64> {
         let [left, middle, right] = self.cameras.as_slice() else {
             return None;
@@ -46,20 +47,20 @@ impl Rig {
         let slopes = [slope(left, h1), slope(right, h2)];
         let widest = self.cameras.iter().map(|camera| self.widest(camera));
         let widest = widest.fold(0.0, f64::max);
-        // The greater of two takes no notice of what is no number.
+        // `max` ignores NaN, so check the numbers first.
         let are_numbers = slopes.iter().all(|slope| slope.is_finite());
         are_numbers.then(|| widest * slopes[0].max(slopes[1]))
     }
 
-    /// Whether the paper's two estimators may be used: left, middle, right, and near enough to one
-    /// line.
+    /// Returns true if the paper's two estimators may be used: left, middle and right camera, near
+    /// enough to one line.
     pub fn is_in_line(&self) -> bool {
         self.height_error()
             .is_some_and(|error| error <= HEIGHT_ERROR_LIMIT)
     }
 
-    /// The greatest `|x|` that the camera sees: at a corner or in the middle of a side, however the
-    /// lens bends.
+    /// Returns the greatest `|x|` that the camera sees. It lies at a corner or in the middle of a
+    /// side, for any lens distortion.
     fn widest(&self, camera: &Camera) -> f64 {
         let [width, height] = self.image_size_px.map(|side| f64::from(side) - 1.0);
         let columns = [0.0, 0.5, 1.0].map(|share| share * width);
@@ -81,7 +82,7 @@ mod tests {
     use crate::sums::pair::PairSums;
     use std::vec::Vec;
 
-    /// The paper's rig with other heights, mm.
+    /// Returns the paper's rig with other heights, mm.
     fn raised(heights_mm: [f64; 3]) -> Rig {
         let mut rig = Rig::paper();
         for (camera, height) in rig.cameras.iter_mut().zip(heights_mm) {
@@ -90,8 +91,8 @@ mod tests {
         rig
     }
 
-    /// Estimates by closed form and least squares of a small move, whose own bias is nothing beside
-    /// the effect: points around `at`, normalised.
+    /// Returns the estimates of a small move by closed form and least squares, from points around
+    /// `at`, normalised. The bias of the estimators themselves is negligible for a move this small.
     fn estimates(rig: &Rig, at: [f64; 2], depth_mm: f64) -> [[f64; 3]; 2] {
         let mut sums = PairSums::new(rig).unwrap();
         for i in 0..25 {
@@ -118,8 +119,8 @@ mod tests {
 
     const MOVE_MM: f64 = 0.01;
 
-    /// What heights change, as shares of the move: the greatest change of Y, then what each
-    /// estimator loses of Z.
+    /// Returns the effect of the heights as shares of the move: the greatest change of Y, then what
+    /// each estimator loses of Z.
     fn effect(heights_mm: [f64; 3], at: [f64; 2], depth_mm: f64) -> (f64, [f64; 2]) {
         let level = estimates(&Rig::paper(), at, depth_mm);
         let raised = estimates(&raised(heights_mm), at, depth_mm);
@@ -130,8 +131,8 @@ mod tests {
     }
 
     #[test]
-    fn no_height_within_the_limit_costs_more_than_is_said() {
-        // The paper's images end at 0.31 on the farther side; the middle camera's at 0.317.
+    fn height_error_stays_below_its_bound() {
+        // The paper's images end at 0.31 on the farther side, the middle camera's at 0.317.
         let mut worst: f64 = 0.0;
         for heights_mm in [
             [0.6, 0.0, 0.0],
@@ -153,12 +154,12 @@ mod tests {
                 }
             }
         }
-        // The bound is no loose one.
+        // The bound is tight.
         assert!(worst > 0.7 * HEIGHT_ERROR_LIMIT, "{worst}");
     }
 
     #[test]
-    fn the_limit_is_where_it_is_said() {
+    fn height_limit_is_exact() {
         let most = |k: usize| {
             let (mut low, mut high) = (0.0, 10.0);
             for _ in 0..60 {
@@ -182,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn all_may_be_raised_together_but_not_change_places() {
+    fn cameras_rise_together_in_order() {
         assert_eq!(raised([5.0; 3]).height_error(), Some(0.0));
         let mut rig = Rig::paper();
         rig.cameras.swap(0, 1);

@@ -1,19 +1,19 @@
-//! How a camera is turned against the rig's axes.
+//! Rotation of a camera against the rig's axes.
 
 use libm::{cos, sin, sqrt};
 
-/// A rotation as a vector: its axis times its angle, right-handed about x (right), y (down), z
+/// Rotation as a vector: its axis times its angle, right-handed about x (right), y (down), z
 /// (forward).
 ///
-/// OpenCV's convention, Rodrigues's formula: with the axis `a` and the angle `θ`, a direction `d`
-/// along the rig's axes is `R d` along the camera's axes,
+/// This is OpenCV's convention, Rodrigues's formula: with the axis `a` and the angle `θ`, a
+/// direction `d` along the rig's axes is `R d` along the camera's axes,
 ///
 /// ```text
 /// R = cos θ I + (1 - cos θ) a aᵀ + sin θ [a]×
 /// ```
 ///
-/// For the degree or two of a rig that was meant to be parallel the three components are simply the
-/// angles about x, y and z.
+/// For the degree or two of a rig that was meant to be parallel, the three components are simply
+/// the angles about x, y and z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rotation {
     /// *Invariant:* `rows` is the matrix of this vector.
@@ -22,13 +22,13 @@ pub struct Rotation {
 }
 
 impl Rotation {
-    /// Of a camera that is parallel to the rig.
+    /// No rotation: a camera parallel to the rig.
     pub const NONE: Self = Self {
         degrees: [0.0; 3],
         rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     };
 
-    /// From axis times angle, degrees.
+    /// Creates a rotation from axis times angle, degrees.
     pub fn from_degrees(degrees: [f64; 3]) -> Self {
         let [x, y, z] = degrees.map(f64::to_radians);
         let angle = sqrt(x * x + y * y + z * z);
@@ -51,24 +51,24 @@ impl Rotation {
         Self { degrees, rows }
     }
 
-    /// Axis times angle, degrees.
+    /// Returns axis times angle, degrees.
     pub const fn degrees(&self) -> [f64; 3] {
         self.degrees
     }
 
-    /// The matrix `R`, row by row.
+    /// Returns the matrix `R`, row by row.
     pub const fn rows(&self) -> [[f64; 3]; 3] {
         self.rows
     }
 
-    /// From normalised coordinates along the rig's axes to those along the camera's: a point in the
-    /// virtual camera that is parallel to the rig, where the real one sees it. The point must lie
-    /// before both.
+    /// Converts normalised coordinates along the rig's axes to normalised coordinates along the
+    /// camera's axes. The point must lie in front of both the real camera and the virtual one
+    /// parallel to the rig.
     pub fn turn(&self, at: [f64; 2]) -> [f64; 2] {
         self.project(at, |i, j| self.rows[i][j])
     }
 
-    /// The inverse of [`Rotation::turn`]: rectification.
+    /// Inverts [`Rotation::turn`]: rectification.
     pub fn rectify(&self, at: [f64; 2]) -> [f64; 2] {
         self.project(at, |i, j| self.rows[j][i])
     }
@@ -88,8 +88,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn straight_ahead_moves_as_the_axes_say() {
-        // What lies straight ahead of the rig appears on the right of a camera that looks to the
+    fn rotation_signs_follow_the_axes() {
+        // A point straight ahead of the rig appears on the right of a camera that is rotated to the
         // left.
         let tan = 0.035_f64.tan();
         let seen = Rotation::from_degrees([0.0, 0.035_f64.to_degrees(), 0.0]).turn([0.0; 2]);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn rectifying_undoes_the_turn_and_the_matrix_is_a_rotation() {
+    fn rectify_inverts_turn() {
         let rotation = Rotation::from_degrees([1.7, -2.3, 12.0]);
         for at in [[0.0, 0.0], [0.4, -0.3], [-0.5, 0.2]] {
             let back = rotation.rectify(rotation.turn(at));

@@ -3,10 +3,10 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use super::{AXES, AxisMotion, Position, Segment};
 
-/// Which pins of the port (0-15) carry which signal.
+/// Pins of the port (0-15) that carry the signals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortMap {
-    /// STEP pin of each axis; a rising edge is a step.
+    /// STEP pin of each axis; a rising edge makes a step.
     pub step: [u8; AXES],
     /// DIR pin of each axis; high is forwards.
     pub dir: [u8; AXES],
@@ -14,12 +14,12 @@ pub struct PortMap {
     pub invert: [bool; AXES],
 }
 
-/// Why a [`PortMap`] was refused.
+/// Reason to refuse a [`PortMap`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PortFault {
-    /// A port has pins 0 to 15.
+    /// The port has no such pin: its pins are 0 to 15.
     NoSuchPin(u8),
-    /// Two signals on one pin.
+    /// Two signals share this pin.
     PinTwice(u8),
 }
 
@@ -34,13 +34,13 @@ impl fmt::Display for PortFault {
 
 impl core::error::Error for PortFault {}
 
-/// Why [`Generator::load`] refused a segment; it then changed nothing.
+/// Reason for which [`Generator::load`] refused a segment. The generator is then unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoadFault {
-    /// The last segment has slots left.
+    /// Slots of the last segment are left.
     Busy,
-    /// The axis must turn, and the segment has one slot only or its first two increments together
-    /// reach a whole step: DIR could not be given its set-up time.
+    /// The axis must reverse, but DIR cannot get its set-up time: the segment has only one slot, or
+    /// its first two increments together reach a whole step.
     Turn {
         /// The axis, from 0.
         axis: usize,
@@ -58,21 +58,21 @@ impl fmt::Display for LoadFault {
 
 impl core::error::Error for LoadFault {}
 
-/// One axis between two slots.
+/// State of one axis between two slots.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
-    /// Steps emitted, backwards ones subtracted.
+    /// Steps emitted, backward ones subtracted.
     count: i64,
-    /// Fraction of a step, 2⁻³²: of the position forwards, of its complement backwards.
+    /// Fraction of a step, 2⁻³²: of the position when moving forwards, of its complement backwards.
     phase: u32,
-    /// For the next slot.
+    /// Increment of the next slot.
     increment: u32,
-    /// Added to the increment after each slot, two's complement.
+    /// Change of the increment after each slot, two's complement.
     change: u32,
-    /// Increment kept back by the slot that wrote DIR.
+    /// Increment held back by the slot that wrote DIR.
     held: u32,
     backward: bool,
-    /// Whether the DIR pin is known to show `backward`.
+    /// True if the DIR pin is known to show `backward`.
     dir_written: bool,
     step_bit: u32,
     dir_forward: u32,
@@ -88,10 +88,10 @@ impl Axis {
         self.increment == 0 && self.change == 0
     }
 
-    /// Moves on by `way` fine units in the present direction.
-    fn advance(&mut self, way: u64) {
-        let sum = u64::from(self.phase).saturating_add(way);
-        // Truncation splits the sum into phase and carries; there are fewer than 2³² of these.
+    /// Advances by `way` fine units in the present direction.
+    fn advance(&mut self, distance: u64) {
+        let sum = u64::from(self.phase).saturating_add(distance);
+        // Truncation splits the sum into phase and carries; the carries number fewer than 2³².
         self.phase = sum as u32;
         let steps = i64::from((sum >> 32) as u32);
         self.count = self
@@ -99,19 +99,19 @@ impl Axis {
             .saturating_add(if self.backward { -steps } else { steps });
     }
 
-    /// Steps in the next slots.
+    /// Returns the number of steps in the next slots.
     fn steps_in(&self, slots: u16) -> u32 {
         if self.is_rest() {
             return 0;
         }
-        // A valid segment's distance is not negative.
-        let way = self.motion_left().distance(slots).max(0).cast_unsigned();
-        (u64::from(self.phase).saturating_add(way) >> 32) as u32
+        // The distance of a valid segment is not negative.
+        let distance = self.motion_left().distance(slots).max(0).cast_unsigned();
+        (u64::from(self.phase).saturating_add(distance) >> 32) as u32
     }
 
-    /// Writes STEP into the slots of the next `steps` steps, found one by one: phase `p` and
-    /// increments of at most `i` make no carry in `(2^32 - 1 - p) / i` slots, and these are passed
-    /// in one go.
+    /// Writes STEP into the slots of the next `steps` steps, searching one step at a time: phase
+    /// `p` and increments of at most `i` make no carry in `(2^32 - 1 - p) / i` slots, which the
+    /// search skips at once.
     fn raise(&self, places: &[[AtomicU32; 2]], steps: u32) {
         let change = self.change;
         let nth = |increment: u32, n: u32| increment.wrapping_add(change.wrapping_mul(n));
@@ -135,7 +135,7 @@ impl Axis {
                     continue;
                 }
                 let (passed, others) = rest.split_at((safe as usize).min(rest.len()));
-                // At most 2^16 slots, whose distance is below 2^32.
+                // The distance of at most 2^16 slots is below 2^32.
                 let n = passed.len() as u32;
                 let pairs = n.wrapping_mul(n.wrapping_sub(1)) / 2;
                 phase = phase
@@ -156,27 +156,47 @@ impl Axis {
     }
 }
 
-/// Turns segments into port words, by the floor law of the [module](super).
+/// Converts segments to port words, by the floor law of the [module](super).
 ///
-/// Owns the only count of steps that were really emitted. Knows nothing of time: a word is as long
-/// as the hardware makes it.
+/// The generator owns the only count of steps that were emitted. It knows nothing of time: the
+/// hardware sets the duration of a word.
 ///
-/// Cost on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3
+/// *Cost* on a Cortex-M4 with all three axes accelerating and stepping in every slot: 10.3
 /// instructions per word at opt-level s, loading the segments included (`tests/qemu/bench`).
+///
+/// ```
+/// use shared::steps::{AxisMotion, Generator, PortMap, Segment};
+///
+/// let map = PortMap { step: [0, 1, 2], dir: [3, 4, 5], invert: [false; 3] };
+/// let mut generator = Generator::new(map)?;
+/// // X moves a quarter of a step per slot, forwards, for 8 slots.
+/// let quarter = AxisMotion { first: 1 << 30, change: 0, backward: false };
+/// let segment = Segment::new(8, [quarter, AxisMotion::REST, AxisMotion::REST])?;
+/// generator.load(&segment)?;
+///
+/// let mut words = [0; 16];
+/// assert_eq!(generator.fill(&mut words), 16);
+/// let rises = words.iter().filter(|word| *word & 1 != 0).count();
+/// assert_eq!((rises, generator.emitted()), (2, [2, 0, 0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Generator {
     axes: [Axis; AXES],
     /// Slots left of the loaded segment.
     left: u16,
-    /// Slots left that need the careful path: two when an axis turns.
+    /// Slots left that need the careful path: two when an axis reverses.
     careful: u8,
     /// The raise word for each combination of stepping axes; axis `i` has bit `i` of the index.
     raise: [u32; 1 << AXES],
 }
 
 impl Generator {
-    /// At rest in the centre of step 0, DIR levels unknown: the first motion of each axis writes
-    /// them.
+    /// Creates a generator at rest in the centre of step 0. The DIR levels are unknown, so the
+    /// first motion of each axis writes them.
+    ///
+    /// # Errors
+    /// [`PortFault`] if the port lacks a pin or two signals share one.
     pub fn new(map: PortMap) -> Result<Self, PortFault> {
         let mut seen = 0u32;
         for pin in map.step.into_iter().chain(map.dir) {
@@ -216,7 +236,7 @@ impl Generator {
         })
     }
 
-    /// Changes which axes have DIR low forwards. An axis that changes writes DIR anew before it
+    /// Sets the axes whose DIR is low forwards. An axis that changes writes DIR again before it
     /// next moves.
     pub fn set_invert(&mut self, invert: [bool; AXES]) {
         for (axis, invert) in self.axes.iter_mut().zip(invert) {
@@ -228,7 +248,11 @@ impl Generator {
         }
     }
 
-    /// Takes the next segment. Refused while slots of the last one are left.
+    /// Loads the next segment.
+    ///
+    /// # Errors
+    /// [`LoadFault::Busy`] while slots of the last segment are left, [`LoadFault::Turn`] if an axis
+    /// cannot reverse in time.
     pub fn load(&mut self, segment: &Segment) -> Result<(), LoadFault> {
         if self.left != 0 {
             return Err(LoadFault::Busy);
@@ -259,9 +283,9 @@ impl Generator {
         Ok(())
     }
 
-    /// Writes the next words of the loaded segment, two per slot, and returns how many it wrote: as
-    /// many as there is room and motion for, zero without a segment. Words beyond are left as they
-    /// were.
+    /// Writes the next words of the loaded segment, two per slot, and returns their number: as many
+    /// as fit into `words` and are left in the segment, zero without a segment. Does not touch the
+    /// words behind them.
     pub fn fill(&mut self, words: &mut [u32]) -> usize {
         let (pairs, _) = words.as_chunks_mut::<2>();
         let room = pairs.len().min(usize::from(self.left));
@@ -271,12 +295,12 @@ impl Generator {
         2 * room
     }
 
-    /// [`Generator::fill`] for a ring that hardware plays from: `words` must hold idle words, which
-    /// lower STEP pins and do nothing else.
+    /// Does the work of [`Generator::fill`] for a ring that hardware plays from. `words` must hold
+    /// idle words, which lower STEP pins and do nothing else.
     ///
-    /// Only words that raise a pin or turn an axis are written, where few slots have a step. The
-    /// idle word after a raise lowers the pin as [`Generator::fill`]'s word does, so the edges are
-    /// the same.
+    /// Where few slots have a step, it writes only the words that raise a pin or change DIR. The
+    /// idle word after a raise lowers the pin as the word of [`Generator::fill`] does, so the edges
+    /// are the same.
     pub fn play(&mut self, words: &[AtomicU32]) {
         let (pairs, _) = words.as_chunks::<2>();
         let room = pairs.len().min(usize::from(self.left));
@@ -287,7 +311,7 @@ impl Generator {
         }
         let slots = u16::try_from(rest.len()).unwrap_or(u16::MAX);
         let steps = self.axes.each_ref().map(|axis| axis.steps_in(slots));
-        // A step looked for costs as much as some eight slots of the loop over all.
+        // Searching one step costs as much as about eight slots of the loop over all slots.
         if steps.iter().sum::<u32>() > u32::from(slots) / 8 {
             self.emit(core::iter::empty(), rest.iter());
         } else {
@@ -298,16 +322,16 @@ impl Generator {
         }
     }
 
-    /// Forgets which level the DIR pins have, since words that changed them may not have reached
-    /// them. The next motion of each axis writes it.
+    /// Forgets the levels of the DIR pins, because words that changed them may not have reached
+    /// them. The next motion of each axis writes DIR.
     pub fn forget_directions(&mut self) {
         for axis in &mut self.axes {
             axis.dir_written = false;
         }
     }
 
-    /// Makes the steps of the loaded segment without their words: for motion that must not reach
-    /// the pins.
+    /// Counts the steps of the loaded segment without writing their words, for motion that must not
+    /// reach the pins.
     pub fn skip(&mut self) {
         while self.careful > 0 && self.left > 0 {
             self.careful_slot();
@@ -315,7 +339,7 @@ impl Generator {
         self.advance(self.left);
     }
 
-    /// Forgets what is left of the segment, at once. The position stays true.
+    /// Drops the rest of the segment at once. The position stays valid.
     pub fn halt(&mut self) {
         self.left = 0;
         self.careful = 0;
@@ -326,24 +350,26 @@ impl Generator {
         }
     }
 
-    /// Whether the loaded segment is finished, so that [`Generator::load`] takes the next.
+    /// Returns true if the loaded segment is finished, so that [`Generator::load`] takes the next
+    /// one.
     pub const fn is_idle(&self) -> bool {
         self.left == 0
     }
 
-    /// Slots left of the loaded segment.
+    /// Returns the number of slots left of the loaded segment.
     pub const fn slots_left(&self) -> u16 {
         self.left
     }
 
-    /// Steps emitted on each axis since the start, backwards ones subtracted. Rising edges in the
-    /// words handed out, neither more nor less.
+    /// Returns the steps emitted on each axis since the start, backward ones subtracted: exactly
+    /// the rising edges in the words written.
     pub fn emitted(&self) -> [i64; AXES] {
         self.axes.map(|axis| axis.count)
     }
 
-    /// Where each axis is, with its fraction of a step: what a planner must go on from after
-    /// [`Generator::halt`]. Its floor is [`Generator::emitted`] (as long as that is within ±2³¹).
+    /// Returns the position of each axis with its fraction of a step, from which a planner must
+    /// continue after [`Generator::halt`]. Its floor is [`Generator::emitted`] as long as that is
+    /// within ±2³¹.
     pub fn positions(&self) -> [Position; AXES] {
         self.axes.map(|axis| {
             let phase = if axis.backward {
@@ -356,8 +382,8 @@ impl Generator {
         })
     }
 
-    /// One slot with everything considered: DIR where it must change, and increments held back by
-    /// that.
+    /// Makes one slot with all cases considered: DIR where it must change, and the increments that
+    /// this holds back.
     fn careful_slot(&mut self) -> [u32; 2] {
         let mut steps = 0;
         let mut dirs = 0;
@@ -375,9 +401,9 @@ impl Generator {
                 axis.held = increment;
             } else {
                 // `load` made sure that both together stay below one step.
-                let way = u64::from(increment) + u64::from(core::mem::take(&mut axis.held));
+                let distance = u64::from(increment) + u64::from(core::mem::take(&mut axis.held));
                 let before = axis.count;
-                axis.advance(way);
+                axis.advance(distance);
                 if axis.count != before {
                     steps |= axis.step_bit;
                 }
@@ -388,7 +414,8 @@ impl Generator {
         [steps | dirs, steps << 16]
     }
 
-    /// Makes the words of careful slots, and of those after them, as many as there are places.
+    /// Writes the words of careful slots, then those of the slots after them, until the places are
+    /// full.
     fn emit<S: Slot>(
         &mut self,
         careful: impl Iterator<Item = S>,
@@ -397,7 +424,7 @@ impl Generator {
         for place in careful {
             place.put(self.careful_slot());
         }
-        // Never more than `left` slots.
+        // At most `left` slots.
         let slots = u16::try_from(others.len()).unwrap_or(u16::MAX);
         let [x, y, z] = &self.axes;
         if x.is_rest() && y.is_rest() && z.is_rest() {
@@ -409,15 +436,15 @@ impl Generator {
         self.advance(slots);
     }
 
-    /// The counts after so many slots that are not careful ones: they follow from the closed sum.
+    /// Updates the counts after `slots` ordinary slots, by the closed sum.
     fn advance(&mut self, slots: u16) {
         for axis in &mut self.axes {
             if axis.is_rest() {
                 continue;
             }
-            let way = axis.motion_left().distance(slots);
-            // A valid segment's distance is not negative.
-            axis.advance(way.max(0).cast_unsigned());
+            let distance = axis.motion_left().distance(slots);
+            // The distance of a valid segment is not negative.
+            axis.advance(distance.max(0).cast_unsigned());
             axis.increment = axis
                 .increment
                 .wrapping_add(axis.change.wrapping_mul(u32::from(slots)));
@@ -426,7 +453,7 @@ impl Generator {
     }
 }
 
-/// Where the two words of a slot go.
+/// Destination of the two words of a slot.
 trait Slot {
     fn put(self, words: [u32; 2]);
 }
@@ -438,7 +465,7 @@ impl Slot for &mut [u32; 2] {
     }
 }
 
-/// The second word is an idle word already, which lowers what the first one raised.
+/// The second word is already an idle word, which lowers what the first one raised.
 impl Slot for &[AtomicU32; 2] {
     #[inline(always)]
     fn put(self, [first, _]: [u32; 2]) {
@@ -447,9 +474,9 @@ impl Slot for &[AtomicU32; 2] {
     }
 }
 
-/// The inner loop: for each axis `[phase, increment, change]` add and collect the carry.
+/// Runs the inner loop: for each axis `[phase, increment, change]`, add and collect the carry.
 ///
-/// Never inlined, so that its registers are its own and its instructions can be counted.
+/// Never inlined, so that it has the registers to itself and its instructions can be counted.
 #[inline(never)]
 fn step_loop<S: Slot>(
     places: impl Iterator<Item = S>,
@@ -475,10 +502,10 @@ fn step_loop<S: Slot>(
     }
 }
 
-/// `phase + increment`, and its carry shifted into `carries` from below.
+/// Adds `phase + increment`, and shifts the carry into `carries` from below.
 ///
 /// Written as one 64-bit addition with the collected carries as both upper halves, because
-/// compilers make of it what a person would: an add and an add-with-carry.
+/// compilers turn it into an add and an add-with-carry.
 #[inline(always)]
 fn add_and_collect(carries: u32, phase: u32, increment: u32) -> (u32, u32) {
     let join = |low: u32| u64::from(carries) << 32 | u64::from(low);

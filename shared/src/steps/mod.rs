@@ -1,6 +1,6 @@
-//! From segments of motion to the words that make the step pulses.
+//! Conversion of segments of motion to the port words that make the step pulses.
 //!
-//! # Words of this module
+//! # Terms
 //!
 //! * A *word* is one 32-bit value written to a port's set/reset register (an STM32's `BSRR`): bits
 //!   0-15 set pins, bits 16-31 reset them, zero changes nothing. Hardware writes one word per
@@ -8,36 +8,37 @@
 //!   no jitter.
 //! * A *slot* is two words. The first may raise STEP pins (and change DIR pins), the second lowers
 //!   the STEP pins again. An axis makes at most one step per slot: 500 kHz with words at 1 MHz.
-//! * A *segment* is a run of slots in which every axis keeps its direction and its speed changes
+//! * A *segment* is a run of slots in which every axis keeps its direction and its velocity changes
 //!   linearly: a quarter of a control tick, 250 µs.
-//! * *Fine* units are 2⁻³² of a step. A [`Position`] counts them in an `i64`, an *increment* is the
-//!   fine units an axis moves in one slot, a *change* is what is added to the increment from slot
-//!   to slot.
+//! * *Fine units* are 2⁻³² of a step. A [`Position`] counts them in an `i64`. An *increment* is the
+//!   fine units by which an axis moves in one slot; a *change* is the difference of the increments
+//!   of adjacent slots.
 //!
 //! # The floor law
 //!
 //! Let `p` be an axis's position in steps, the exact integer sum of all increments so far. The
-//! motor has been given `floor(p)` steps, always: `p` gains one increment per slot, and whenever
+//! motor has always been given `floor(p)` steps: `p` gains one increment per slot, and whenever
 //! `floor(p)` changes, the slot raises STEP. With `p = count + phase / 2³²` that is one addition:
 //! the carry out of the 32-bit `phase` is the step.
 //!
-//! Backwards the same adder serves, through the complement. With `q = -1 - p` (fine units, so
-//! `q = !p` bit for bit) moving backwards in `p` is moving forwards in `q`, and
-//! `floor(q) = -1 - floor(p)` in steps. So an axis that turns replaces `phase` by `!phase`; each
-//! carry is then a step backwards. Turning twice gives back the very same phase, hence back and
-//! forth over the same way makes the same steps.
+//! The same adder serves for backward motion, through the complement. With `q = -1 - p` (fine
+//! units, so `q = !p` bit for bit) moving backwards in `p` is moving forwards in `q`, and `floor(q)
+//! = -1 - floor(p)` in steps. So an axis that reverses replaces `phase` by `!phase`; each carry is
+//! then a step backwards. Reversing twice restores the same phase, hence back and forth over the
+//! same path makes the same steps.
 //!
 //! Planner and generator add the same integers, so at every segment border the number of steps
 //! emitted is exactly the floor of the planned position. No rounding is left that could add up.
 //!
-//! # Turning round
+//! # Reversal
 //!
 //! When an axis moves against the present level of its DIR pin, the first slot of the segment
 //! writes DIR and raises no STEP on that axis; this slot's increment is added in the second slot
 //! along with its own. Hence DIR is stable for two words before the next STEP rises, and for at
-//! least two words after the last one rose (one after it fell). Segments that turn must start
-//! slowly enough for the two increments together to stay below one step, and must have at least two
-//! slots; so at the segment's end the floor law holds again. An axis at rest leaves DIR alone.
+//! least two words after the last one rose (one after it fell). Segments that reverse an axis must
+//! start slowly enough for the two increments together to stay below one step, and must have at
+//! least two slots; so at the segment's end the floor law holds again. An axis at rest leaves DIR
+//! alone.
 
 mod generator;
 mod position;
@@ -49,5 +50,5 @@ pub use position::Position;
 pub use segment::{AxisMotion, Segment, SegmentFault};
 pub use timing::{DriverTiming, Requirement, TimingFault, WordRate, WordRateFault};
 
-/// Axes on one port and one time base.
+/// Number of axes on one port and one time base.
 pub const AXES: usize = 3;

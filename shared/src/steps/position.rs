@@ -1,4 +1,4 @@
-/// Where an axis is: an `i64` count of 2⁻³² step (Q31.32), so ±2³¹ steps.
+/// Position of an axis: an `i64` count of 2⁻³² step (Q31.32), so ±2³¹ steps.
 ///
 /// The motor stands at [`Position::whole_steps`], the floor. A resting axis lies at the
 /// [`Position::centre`] of its step, half a step from either neighbour.
@@ -6,33 +6,33 @@
 pub struct Position(i64);
 
 impl Position {
-    /// The position `fine` · 2⁻³² steps.
+    /// Creates the position `fine` · 2⁻³² steps.
     pub const fn from_fine(fine: i64) -> Self {
         Self(fine)
     }
 
-    /// The middle of step number `steps`: `steps` + ½.
+    /// Creates the position in the middle of step number `steps`: `steps` + ½.
     pub const fn centre(steps: i32) -> Self {
         // An i32 fits the upper half of an i64: the shift loses nothing.
         Self(((steps as i64) << 32) | (1 << 31))
     }
 
-    /// In 2⁻³² step.
+    /// Returns the position in 2⁻³² step.
     pub const fn fine(self) -> i64 {
         self.0
     }
 
-    /// The floor in steps: what the motor has been given.
+    /// Returns the floor in steps: the number of steps that the motor has been given.
     pub const fn whole_steps(self) -> i32 {
         (self.0 >> 32) as i32
     }
 
-    /// How far beyond the whole step, in 2⁻³² step.
+    /// Returns the fraction beyond the whole step, in 2⁻³² step.
     pub const fn phase(self) -> u32 {
         self.0 as u32
     }
 
-    /// Moved on by `fine` · 2⁻³² steps; stays at the end of the range rather than wrap.
+    /// Returns the position moved by `fine` · 2⁻³² steps, saturating at the end of the range.
     pub const fn saturating_add(self, fine: i64) -> Self {
         Self(self.0.saturating_add(fine))
     }
@@ -43,14 +43,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn floor_and_phase_make_up_the_position() {
+    fn floor_and_phase_add_up() {
         for fine in [0, 1, -1, i64::MIN, i64::MAX, (5 << 32) + 7, -(5 << 32) - 7] {
             let p = Position::from_fine(fine);
             assert_eq!(
                 (i64::from(p.whole_steps()) << 32) + i64::from(p.phase()),
                 fine
             );
-            // The complement law of the module doc.
+            // Complement law of the module documentation.
             let q = Position::from_fine(!fine);
             assert_eq!(q.whole_steps(), -1 - p.whole_steps());
             assert_eq!(q.phase(), !p.phase());

@@ -3,15 +3,15 @@ use core::fmt;
 use super::AXES;
 use crate::fixed::product;
 
-/// What one axis does in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine
-/// units (2⁻³² step) forwards, or backwards.
+/// Motion of one axis in a [`Segment`]: in slot `k` (from 0) it moves `first + k * change` fine
+/// units (2⁻³² step), forwards or backwards.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisMotion {
     /// Increment of the first slot, 2⁻³² step.
     pub first: u32,
-    /// What the increment gains from slot to slot, 2⁻³² step per slot.
+    /// Change of the increment from slot to slot, 2⁻³² step per slot.
     pub change: i32,
-    /// Against the counting direction.
+    /// True for motion against the counting direction.
     pub backward: bool,
 }
 
@@ -23,19 +23,18 @@ impl AxisMotion {
         backward: false,
     };
 
-    /// True when no slot moves this axis.
+    /// Returns true if no slot moves this axis.
     pub const fn is_rest(&self) -> bool {
         self.first == 0 && self.change == 0
     }
 
-    /// The increment of slot `k`, were there no limit to its range. Below 2⁴⁸ in size.
+    /// Returns the increment of slot `k`, without a limit to its range. Below 2⁴⁸ in size.
     const fn increment(&self, k: u16) -> i64 {
         self.first as i64 + product(self.change as i64, k as i64)
     }
 
-    /// Distance of the first `slots` slots without sign:
-    /// `slots * first + change * slots (slots - 1) / 2`, fine units. Below 2⁶³ in size for all
-    /// arguments.
+    /// Returns the distance of the first `slots` slots without sign, fine units: `slots * first +
+    /// change * slots (slots - 1) / 2`. Below 2⁶³ in size for all arguments.
     pub(super) const fn distance(&self, slots: u16) -> i64 {
         let n = slots as i64;
         let pairs = product(n, n - 1) >> 1;
@@ -43,7 +42,7 @@ impl AxisMotion {
     }
 }
 
-/// A run of slots with constant directions and linearly changing speeds.
+/// Run of slots with constant directions and linearly changing velocities.
 ///
 /// *Invariant:* between 1 and 65,535 slots, and every increment of every slot lies in 0..2³², so
 /// that an axis makes at most one step per slot.
@@ -54,7 +53,10 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// `slots` slots of the given motion.
+    /// Creates a segment of `slots` slots.
+    ///
+    /// # Errors
+    /// [`SegmentFault`] if there is no slot, or an increment leaves 0..2³².
     pub fn new(slots: u16, axes: [AxisMotion; AXES]) -> Result<Self, SegmentFault> {
         let Some(last) = slots.checked_sub(1) else {
             return Err(SegmentFault::NoSlots);
@@ -67,7 +69,7 @@ impl Segment {
         }
     }
 
-    /// A pause: no axis moves. Zero `slots` become one.
+    /// Creates a pause: no axis moves. Zero `slots` become one.
     pub const fn pause(slots: u16) -> Self {
         Self {
             slots: if slots == 0 { 1 } else { slots },
@@ -75,40 +77,40 @@ impl Segment {
         }
     }
 
-    /// How many slots (of two words each) it lasts; never zero.
+    /// Returns the number of slots (of two words each), never zero.
     pub const fn slots(&self) -> u16 {
         self.slots
     }
 
-    /// What each axis does.
+    /// Returns the motion of each axis.
     pub const fn axes(&self) -> &[AxisMotion; AXES] {
         &self.axes
     }
 
-    /// The way each axis goes in the whole segment, 2⁻³² step, negative backwards. Exact, below 2⁴⁸
-    /// in size.
+    /// Returns the distance of each axis in the whole segment, 2⁻³² step, negative backwards.
+    /// Exact, below 2⁴⁸ in size.
     pub fn displacement(&self) -> [i64; AXES] {
-        // By components: `map` copies the axes.
+        // By components, because `map` copies the axes.
         let [x, y, z] = &self.axes;
-        let way = |motion: &AxisMotion| {
-            let way = motion.distance(self.slots);
+        let signed = |motion: &AxisMotion| {
+            let distance = motion.distance(self.slots);
             if motion.backward {
-                way.wrapping_neg()
+                distance.wrapping_neg()
             } else {
-                way
+                distance
             }
         };
-        [way(x), way(y), way(z)]
+        [signed(x), signed(y), signed(z)]
     }
 }
 
-/// Why a [`Segment`] was refused.
+/// Reason to refuse a [`Segment`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SegmentFault {
-    /// It has no slot.
+    /// The segment has no slot.
     NoSlots,
-    /// An increment would leave 0..2³²: the axis would turn within the segment, or need two steps
-    /// in a slot.
+    /// An increment would leave 0..2³²: the axis would reverse within the segment, or need two
+    /// steps in a slot.
     Speed {
         /// The axis, from 0.
         axis: usize,
@@ -159,13 +161,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn displacement_is_the_sum_of_the_increments(
+        fn displacement_sums_increments(
             slots: u16, first: u32, change: i32, backward: bool,
         ) {
             let motion = AxisMotion { first, change, backward };
-            // Total for all inputs, even those that no valid segment has.
+            // Total for all inputs, even those of no valid segment.
             let all = motion.distance(slots);
-            let sum: i128 = (0..i128::from(slots)).map(|k| i128::from(first) + k * i128::from(change)).sum();
+            let increment = |k: i128| i128::from(first) + k * i128::from(change);
+            let sum: i128 = (0..i128::from(slots)).map(increment).sum();
             prop_assert_eq!(i128::from(all), sum);
             if let Ok(segment) = Segment::new(slots, [motion; 3]) {
                 let sign = if backward { -1 } else { 1 };

@@ -1,6 +1,6 @@
 use core::fmt;
 
-/// How many words per second the port gets, Hz.
+/// Rate at which words go to the port, Hz.
 ///
 /// *Invariant:* a multiple of 8 kHz between 32 kHz and 16 MHz, so that a quarter of a 1 ms tick is
 /// a whole number of slots, from 4 to 2,000.
@@ -8,19 +8,22 @@ use core::fmt;
 pub struct WordRate(u32);
 
 impl WordRate {
-    /// 1 MHz: 125 slots per segment, up to 500,000 steps/s.
+    /// Rate of 1 MHz: 125 slots per segment, up to 500,000 steps/s.
     pub const MHZ_1: Self = Self(1_000_000);
 
-    /// Segments per second: four to a control tick of 1 ms.
+    /// Segments per second: four per control tick of 1 ms.
     pub const SEGMENTS_PER_S: u32 = Self::TICKS_PER_S * Self::SEGMENTS_PER_TICK as u32;
 
     /// Control ticks per second.
     pub const TICKS_PER_S: u32 = 1_000;
 
-    /// Segments in a control tick.
+    /// Segments per control tick.
     pub const SEGMENTS_PER_TICK: usize = 4;
 
-    /// `hz` words per second.
+    /// Creates a rate of `hz` words per second.
+    ///
+    /// # Errors
+    /// [`WordRateFault`] if `hz` is out of range or not a multiple of 8 kHz.
     pub const fn from_hz(hz: u32) -> Result<Self, WordRateFault> {
         if hz < 32_000 || hz > 16_000_000 {
             Err(WordRateFault::Range { hz })
@@ -31,39 +34,39 @@ impl WordRate {
         }
     }
 
-    /// Words per second.
+    /// Returns the words per second.
     pub const fn hz(self) -> u32 {
         self.0
     }
 
-    /// Slots per second: the highest step rate of an axis, steps/s.
+    /// Returns the slots per second: the highest step rate of an axis, steps/s.
     pub const fn slots_per_s(self) -> u32 {
         self.0 / 2
     }
 
-    /// Slots in a segment of 250 µs: 4 to 2,000.
+    /// Returns the slots in a segment of 250 µs: 4 to 2,000.
     pub const fn slots_per_segment(self) -> u16 {
         // At most 16 MHz / 8 kHz.
         (self.0 / (2 * Self::SEGMENTS_PER_S)) as u16
     }
 
-    /// Slots in a control tick of 1 ms: 16 to 8,000.
+    /// Returns the slots in a control tick of 1 ms: 16 to 8,000.
     pub const fn slots_per_tick(self) -> u32 {
         self.0 / (2 * Self::TICKS_PER_S)
     }
 }
 
-/// Why a [`WordRate`] was refused.
+/// Reason to refuse a [`WordRate`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WordRateFault {
-    /// Outside 32 kHz..16 MHz.
+    /// The rate is outside 32 kHz..16 MHz.
     Range {
-        /// What was asked for, Hz.
+        /// Refused rate, Hz.
         hz: u32,
     },
-    /// Not a multiple of 8 kHz: a segment would not be a whole number of slots.
+    /// The rate is not a multiple of 8 kHz: a segment would not be a whole number of slots.
     Uneven {
-        /// What was asked for, Hz.
+        /// Refused rate, Hz.
         hz: u32,
     },
 }
@@ -79,16 +82,16 @@ impl fmt::Display for WordRateFault {
 
 impl core::error::Error for WordRateFault {}
 
-/// What a stepper driver asks of its STEP and DIR inputs, ns, all least times.
+/// Minimum times that a stepper driver needs at its STEP and DIR inputs, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct DriverTiming {
-    /// STEP stays high this long.
+    /// Minimum time for which STEP stays high.
     pub step_high_ns: u32,
-    /// STEP stays low this long.
+    /// Minimum time for which STEP stays low.
     pub step_low_ns: u32,
-    /// DIR is stable this long before STEP rises.
+    /// Minimum time for which DIR is stable before STEP rises.
     pub dir_setup_ns: u32,
-    /// DIR is stable this long after STEP rose.
+    /// Minimum time for which DIR is stable after STEP rose.
     pub dir_hold_ns: u32,
 }
 
@@ -117,12 +120,14 @@ impl DriverTiming {
         }
     }
 
-    /// Whether words at this rate give the driver what it asks for. The first requirement broken is
-    /// named.
+    /// Checks that words at this rate meet the driver's minimum times.
     ///
-    /// The generator guarantees: STEP high one word, STEP low one word, DIR set-up two words, DIR
-    /// hold two words after STEP rose. Hold is checked against one word, which covers drivers that
-    /// count it from the falling edge.
+    /// The generator guarantees one word of STEP high, one word of STEP low, and DIR stable for two
+    /// words before and two words after STEP rises. The hold time is checked against one word,
+    /// which covers drivers that count it from the falling edge.
+    ///
+    /// # Errors
+    /// [`TimingFault`] with the first requirement that is violated.
     pub const fn check(&self, rate: WordRate) -> Result<(), TimingFault> {
         let checks = [
             (Requirement::StepHigh, self.step_high_ns, 1),
@@ -147,21 +152,21 @@ impl DriverTiming {
     }
 }
 
-/// One of the four times of a [`DriverTiming`].
+/// One of the four minimum times of a [`DriverTiming`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Requirement {
     /// Width of the STEP pulse.
     StepHigh,
     /// Pause between STEP pulses.
     StepLow,
-    /// DIR before STEP.
+    /// Set-up time of DIR before STEP.
     DirSetup,
-    /// DIR after STEP.
+    /// Hold time of DIR after STEP.
     DirHold,
 }
 
 impl Requirement {
-    /// As the configuration calls it.
+    /// Returns the name of the requirement in the configuration.
     pub const fn name(self) -> &'static str {
         match self {
             Self::StepHigh => "step_high_ns",
@@ -172,14 +177,14 @@ impl Requirement {
     }
 }
 
-/// The word rate is too high for the driver.
+/// Error of a word rate that is too high for the driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimingFault {
-    /// Which time is too short.
+    /// Requirement that is violated.
     pub requirement: Requirement,
-    /// What the driver needs, ns.
+    /// Minimum time of the driver, ns.
     pub needs_ns: u32,
-    /// What the word rate gives, ns.
+    /// Time at this word rate, ns.
     pub gets_ns: u32,
 }
 
@@ -205,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn word_rate_is_a_whole_number_of_slots_per_segment() {
+    fn word_rate_makes_whole_slots() {
         assert_eq!(WordRate::from_hz(1_000_000), Ok(WordRate::MHZ_1));
         assert_eq!(WordRate::MHZ_1.slots_per_segment(), 125);
         assert_eq!(
@@ -218,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn drv8825_is_refused_by_name_at_1_mhz() {
+    fn drv8825_is_refused_at_1_mhz() {
         let fault = DriverTiming::DRV8825.check(WordRate::MHZ_1);
         let expected = TimingFault {
             requirement: Requirement::StepHigh,

@@ -1,4 +1,4 @@
-//! The midpoint model's sums, centred: what the default estimator needs.
+//! Centred sums of the midpoint model, which the default estimator needs.
 //!
 //! For any finite displacement `T` of a point, with bars the mean of the two instants, camera `k`
 //! sees exactly
@@ -10,13 +10,13 @@
 //! so with `g = 1/Z̄` each observation is a small linear equation `v/g = T_xy - ξ T_z` of weight
 //! `g²` (constant pixel noise). Depth comes from the views themselves: at each instant the views of
 //! one point satisfy `ξ_k = α - ρ c_k`, with `c_k` the camera's position and `ρ` the inverse depth;
-//! `ρ` is fitted by least squares over the cameras. `Z̄` is the mean of the two depths, thus
-//! `g = 2 ρ0 ρ1 / (ρ0 + ρ1)`. The ξ that are used are refitted to the rig, which removes most of
-//! their noise.
+//! `ρ` is fitted by least squares over the cameras. `Z̄` is the mean of the two depths, thus `g = 2
+//! ρ0 ρ1 / (ρ0 + ρ1)`. The sums use ξ as refitted to the rig, which removes most of its noise.
 //!
 //! Everything is accumulated as weighted deviations from running means (West 1979), never as raw
-//! sums: the raw form loses the residual in cancellation when the motion is large. All results are
-//! divided by `Σ g²`, which makes them independent of focal length, depth and number of points:
+//! sums, because the raw form loses the residual in cancellation when the motion is large. All
+//! results are divided by `Σ g²`, which makes them independent of focal length, depth and number of
+//! points:
 //!
 //! | name | meaning | unit |
 //! |---|---|---|
@@ -26,7 +26,7 @@
 //! | `coupling_mm` | minus the weighted mean of `(ξ - centroid)·(v/g - mean)` | mm |
 //! | `scatter_mm2` | weighted mean of `\|v/g - mean\|²` | mm² |
 //!
-//! and then `T_z = coupling / spread`, `T_xy = mean + centroid T_z` (see
+//! Then `T_z = coupling / spread` and `T_xy = mean + centroid T_z` (see
 //! [`crate::estimate::midpoint`]).
 
 use super::View;
@@ -35,26 +35,26 @@ use crate::fixed::quantise;
 use crate::rig::{MAX_CAMERAS, Rig};
 use serde::{Deserialize, Serialize};
 
-/// Where the cameras of a rig stand relative to their mean.
+/// Positions of a rig's cameras relative to their mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {
     arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS>,
-    /// `Σ |arm|²`, mm²: what inverse depth is divided by.
+    /// `Σ |arm|²`, mm²: the denominator of the fit of inverse depth.
     arms_squared_mm2: f64,
 }
 
-/// What the views of one point say together.
+/// Depth and positions of one point, fitted to all its views.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointFit {
-    /// `g = 1/Z̄`, 1/mm.
+    /// Inverse depth `g = 1/Z̄`, 1/mm.
     pub inverse_depth: f64,
-    /// The normalised mid position in each camera, refitted to the rig.
+    /// Normalised mid position in each camera, refitted to the rig.
     pub middles: heapless::Vec<[f64; 2], MAX_CAMERAS>,
 }
 
 impl PointFit {
-    /// The flow that camera `k` sees of a target displaced by `displacement_mm`, normalised:
-    /// `g (T_xy - ξ T_z)`.
+    /// Computes the flow in camera `k` of a target displaced by `[tx, ty, tz]` mm, normalised: `g
+    /// (T_xy - ξ T_z)`.
     pub fn flow(&self, k: usize, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
         let [xi, eta] = self.middles[k];
         [
@@ -65,7 +65,7 @@ impl PointFit {
 }
 
 impl Geometry {
-    /// Of 2 to 8 cameras in a plane.
+    /// Creates the geometry of 2 to 8 cameras in a plane.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
@@ -89,17 +89,17 @@ impl Geometry {
         })
     }
 
-    /// Positions of the cameras relative to their mean, mm.
+    /// Returns the positions of the cameras relative to their mean, mm.
     pub fn arms_mm(&self) -> &[[f64; 2]] {
         &self.arms_mm
     }
 
-    /// How many cameras.
+    /// Returns the number of cameras.
     pub fn cameras(&self) -> usize {
         self.arms_mm.len()
     }
 
-    /// Inverse depth (1/mm) and mean position of one point from its normalised positions in all
+    /// Fits inverse depth (1/mm) and mean position of one point to its normalised positions in all
     /// cameras: least squares of `ξ_k = α - ρ c_k` over cameras and axes.
     pub fn fit(&self, positions: impl Iterator<Item = [f64; 2]>) -> (f64, [f64; 2]) {
         let count = self.arms_mm.len() as f64;
@@ -112,15 +112,17 @@ impl Geometry {
         (lever / self.arms_squared_mm2, mean)
     }
 
-    /// Where each camera should see a point fitted by [`Geometry::fit`].
+    /// Computes the position in each camera of a point fitted by [`Geometry::fit`].
     fn refit(&self, inverse_depth: f64, mean: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
         self.arms_mm
             .iter()
             .map(move |arm| core::array::from_fn(|i| mean[i] - arm[i] * inverse_depth))
     }
 
-    /// Depth and mid positions of one point, views in the rig's order. `None` if the point is not
-    /// in front of the cameras at both instants, is not finite, or has not one view per camera.
+    /// Fits depth and mid positions of one point to its views, which are in the rig's order.
+    ///
+    /// Returns `None` if the point is not in front of the cameras at both instants, is not finite,
+    /// or does not have exactly one view per camera.
     pub fn point(&self, views: &[View]) -> Option<PointFit> {
         if views.len() != self.cameras() {
             return None;
@@ -139,33 +141,52 @@ impl Geometry {
     }
 }
 
-/// The centred sums in floating point.
+/// Centred sums in floating point.
+///
+/// ```
+/// use shared::estimate::midpoint;
+/// use shared::{rig::Rig, sums::{View, centred::CentredSums}};
+///
+/// let rig = Rig::paper();
+/// let mut sums = CentredSums::new(&rig)?;
+/// for [x, y, z] in [[-60.0, -40.0, 900.0], [55.0, -35.0, 940.0], [5.0, 60.0, 880.0]] {
+///     let start = rig.cameras.iter().map(|c| c.project([x, y, z]));
+///     let end = rig.cameras.iter().map(|c| c.project([x + 4.0, y - 2.0, z + 20.0]));
+///     let views: Vec<View> = (rig.cameras.iter().zip(start).zip(end))
+///         .map(|((camera, start), end)| View::from_pixels(camera, start, end))
+///         .collect();
+///     assert!(sums.add(&views));
+/// }
+/// let [x, y, z] = midpoint::solve(&sums)?.displacement_mm;
+/// assert!((x - 4.0).abs() < 1e-9 && (y + 2.0).abs() < 1e-9 && (z - 20.0).abs() < 1e-9);
+/// # Ok::<(), shared::estimate::Refusal>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct CentredSums {
     geometry: Geometry,
     mean_focal_px: f64,
-    /// How many points were added.
+    /// Number of points added.
     pub points: u32,
-    /// By how much the estimate's variance is larger than with independent observations, at least
-    /// 1: what is followed in overlapping windows sees the same noise. 1 unless the caller knows
-    /// better.
+    /// Variance inflation factor, at least 1: the ratio of the estimate's variance to that of
+    /// independent observations. Points matched in overlapping windows see the same noise. Stays 1
+    /// unless the caller sets it.
     pub overlap: f64,
     /// `Σ g²` over points and cameras, 1/mm².
     pub weight: f64,
     /// Weighted mean of `v/g`, mm.
     pub mean_mm: [f64; 2],
-    /// Weighted mean of the normalised mid positions.
+    /// Weighted mean of the normalised mid positions, dimensionless.
     pub centroid: [f64; 2],
     /// `Σ g² |ξ - centroid|²`, 1/mm².
     pub spread_sum: f64,
     /// `-Σ g² (ξ - centroid)·(v/g - mean)`, 1/mm.
     pub coupling_sum: f64,
-    /// `Σ g² |v/g - mean|²`.
+    /// `Σ g² |v/g - mean|²`, dimensionless.
     pub scatter_sum: f64,
 }
 
 impl CentredSums {
-    /// Empty sums for a rig of 2 to 8 cameras in a plane.
+    /// Creates empty sums for a rig of 2 to 8 cameras in a plane.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] if there are fewer than two cameras or all stand in one place.
@@ -186,8 +207,8 @@ impl CentredSums {
 
     /// Adds one point seen by every camera, views in the rig's order.
     ///
-    /// Returns `false`, and adds nothing, if the point is not in front of the cameras at both
-    /// instants, is not finite, or has not one view per camera.
+    /// Returns false, and adds nothing, if the point is not in front of the cameras at both
+    /// instants, is not finite, or does not have exactly one view per camera.
     pub fn add(&mut self, views: &[View]) -> bool {
         let Some(fit) = self.geometry.point(views) else {
             return false;
@@ -200,7 +221,7 @@ impl CentredSums {
         true
     }
 
-    /// One observation: West's update of weighted means and centred second moments.
+    /// Adds one observation: West's update of weighted means and centred second moments.
     fn observe(&mut self, weight: f64, position: [f64; 2], shift_mm: [f64; 2]) {
         self.weight += weight;
         let share = weight / self.weight;
@@ -217,33 +238,34 @@ impl CentredSums {
         }
     }
 
-    /// Point-camera observations behind the sums.
+    /// Returns the number of observations: points times cameras.
     pub fn observations(&self) -> u32 {
         self.points * self.geometry.cameras() as u32
     }
 
-    /// Degrees of freedom of the residual: `2 K N - 3`, negative when the fit is not determined.
+    /// Returns the degrees of freedom of the residual, `2 K N - 3`; negative if the fit is
+    /// underdetermined.
     pub fn freedom(&self) -> i64 {
         2 * i64::from(self.observations()) - 3
     }
 
-    /// Weighted mean of the squared distance from the centroid, dimensionless.
+    /// Returns the weighted mean of the squared distance from the centroid, dimensionless.
     pub fn spread(&self) -> f64 {
         self.spread_sum / self.weight
     }
 
-    /// `Σ g²` in px²/mm²: what turns mm² into px².
+    /// Returns `Σ g²` in px²/mm², which converts mm² to px².
     pub fn weight_px2(&self) -> f64 {
         self.weight * self.mean_focal_px * self.mean_focal_px
     }
 
-    /// What the best fit leaves unexplained: weighted mean of the squared residual, mm².
+    /// Returns the weighted mean of the squared residual of the best fit, mm².
     pub fn residual_mm2(&self) -> f64 {
         let explained = self.coupling_sum * self.coupling_sum / self.spread_sum;
         ((self.scatter_sum - explained) / self.weight).max(0.0)
     }
 
-    /// The sums as they cross the wire.
+    /// Converts the sums to the integers that cross the wire.
     ///
     /// # Errors
     /// [`Refusal::TooFewPoints`] without a degree of freedom, [`Refusal::Degenerate`] if all points
@@ -257,11 +279,12 @@ impl CentredSums {
         if !(spread > 0.0) {
             return Err(Refusal::Degenerate);
         }
-        let (mantissa, exponent) = libm::frexp(spread); // spread = mantissa 2^exponent, mantissa in [0.5, 1)
+        // spread = mantissa 2^exponent, mantissa in [0.5, 1)
+        let (mantissa, exponent) = libm::frexp(spread);
         let coupling_mm = libm::ldexp(self.coupling_sum / self.weight, -exponent);
         let fit = |value: Option<i32>| value.ok_or(Refusal::OutOfRange);
         let nanometre = |mm: f64| fit(quantise(mm * 1e6, 0));
-        // Rounding may carry the mantissa to 2^32: the largest word is then nearest.
+        // Rounding may carry the mantissa to 2^32; the largest word is then the nearest.
         let spread_word = libm::round(libm::ldexp(mantissa, 32)).min(f64::from(u32::MAX)) as u32;
         let residual_nm = libm::round(libm::sqrt(self.residual_mm2()) * 1e6);
         if !(residual_nm <= f64::from(u32::MAX)) {
@@ -283,35 +306,36 @@ impl CentredSums {
     }
 }
 
-/// Degrees of freedom that give the widened variance, at least 1 and at most 65535 (which only
-/// makes sigma larger).
+/// Returns the degrees of freedom that yield the inflated variance, 1 to 65535. The cap only makes
+/// sigma larger.
 fn effective_freedom(freedom: i64, overlap: f64) -> u16 {
     let effective = freedom as f64 / overlap.max(1.0);
     effective.clamp(1.0, f64::from(u16::MAX)) as u16
 }
 
-/// The centred sums as integers. No scale depends on the rig.
+/// Centred sums as integers. No scale depends on the rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FixedCentredSums {
-    /// How many points.
+    /// Number of points.
     #[serde(with = "postcard::fixint::le")]
     pub points: u16,
-    /// Degrees of freedom of the residual, `2 K N - 3`, at most 65535 (which only makes sigma
-    /// larger). The sender may state fewer where observations are not independent.
+    /// Degrees of freedom of the residual, `2 K N - 3`, at most 65535; the cap only makes sigma
+    /// larger. The sender may state fewer where observations are not independent.
     #[serde(with = "postcard::fixint::le")]
     pub freedom: u16,
-    /// `tx, ty`, nm.
-    #[serde(with = "crate::frame::fixint2")]
+    /// Weighted mean of `v/g`: `tx, ty`, nm.
+    #[serde(with = "super::fixint2")]
     pub mean_nm: [i32; 2],
-    /// `ξ, η` of the centroid, Q2.29 (±4).
-    #[serde(with = "crate::frame::fixint2")]
+    /// Centroid `ξ, η`, Q2.29 (±4).
+    #[serde(with = "super::fixint2")]
     pub centroid: [i32; 2],
-    /// The spread's mantissa, Q0.32, always in `[2^31, 2^32)`: spread = `mantissa 2^exponent`.
+    /// Mantissa of the spread, Q0.32, always in `[2^31, 2^32)`: spread = `mantissa 2^exponent`.
     #[serde(with = "postcard::fixint::le")]
     pub spread: u32,
-    /// The spread's exponent.
+    /// Exponent of the spread, base 2.
     pub exponent: i8,
-    /// The coupling divided by `2^exponent`, nm in Q28.3 (±268 mm): so `T_z = coupling / mantissa`.
+    /// Coupling divided by `2^exponent`, nm in Q28.3 (±268 mm), so that `T_z = coupling /
+    /// mantissa`.
     #[serde(with = "postcard::fixint::le")]
     pub coupling: i32,
     /// Root of the weighted mean squared residual, nm.

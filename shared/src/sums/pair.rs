@@ -1,7 +1,7 @@
 //! The paper's ten sums over the camera pairs left-middle and middle-right (its eqs. 5-7).
 //!
-//! With `x, y` the normalised coordinates at the reference instant, `v` the flow since then, `h1`
-//! and `h2` the baselines in mm:
+//! With `x, y` the normalised coordinates at the keyframe, `v` the flow since then, `h1` and `h2`
+//! the baselines in mm:
 //!
 //! ```text
 //! a1 = Σ x_l - Σ x_m     a2 = ½ Σ(x_m² - x_l²)     a3 = Σ x_m y_m - Σ x_l y_l
@@ -20,13 +20,13 @@ use crate::fixed::quantise;
 use crate::rig::Rig;
 use serde::{Deserialize, Serialize};
 
-/// The ten sums in floating point, over `points` points.
+/// The paper's ten sums in floating point, over `points` points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names are the paper's, defined above
 pub struct PairSums {
     /// Baselines left-middle and middle-right, mm.
     pub baselines_mm: [f64; 2],
-    /// How many points were added.
+    /// Number of points added.
     pub points: u32,
     pub a1: f64,
     pub a2: f64,
@@ -41,11 +41,11 @@ pub struct PairSums {
 }
 
 impl PairSums {
-    /// Empty sums for a rig of exactly three cameras, left to right on one line, as near as
-    /// [`Rig::is_in_line`] wants it.
+    /// Creates empty sums for a rig of exactly three cameras from left to right, near enough to one
+    /// line for [`Rig::is_in_line`].
     ///
     /// # Errors
-    /// [`Refusal::WrongRig`] for any other rig: the paper's two estimators are made for this one.
+    /// [`Refusal::WrongRig`] for any other rig, because the paper's two estimators assume this one.
     pub fn new(rig: &Rig) -> Result<Self, Refusal> {
         let [left, middle, right] = rig.cameras.as_slice() else {
             return Err(Refusal::WrongRig);
@@ -81,11 +81,12 @@ impl PairSums {
         self.d4 += 0.5 * h2 * (vym + vyr);
     }
 
-    /// The sums as they cross the wire: means over the points, in fixed point.
+    /// Converts the sums to the integers that cross the wire: means over the points, in fixed
+    /// point.
     ///
     /// # Errors
-    /// [`Refusal::TooFewPoints`] for none, [`Refusal::OutOfRange`] if a mean is not finite or does
-    /// not fit its format.
+    /// [`Refusal::TooFewPoints`] without points, [`Refusal::OutOfRange`] if a mean is not finite or
+    /// does not fit its format.
     pub fn quantise(&self) -> Result<FixedPairSums, Refusal> {
         if self.points == 0 {
             return Err(Refusal::TooFewPoints);
@@ -108,13 +109,13 @@ impl PairSums {
     }
 }
 
-/// The ten sums divided by the number of points (the solution does not change), as integers.
+/// The paper's ten sums divided by the number of points, which keeps the solution, as integers.
 ///
 /// `a1 b1` are Q1.30 (±2), `a2 a3 b2 b3` are Q2.29 (±4), `d1..d4` are mm in Q7.24 (±128 mm).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the names are the paper's, defined above
 pub struct FixedPairSums {
-    /// How many points the means are over.
+    /// Number of points in the means.
     #[serde(with = "postcard::fixint::le")]
     pub points: u16,
     #[serde(with = "postcard::fixint::le")]

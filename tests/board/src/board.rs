@@ -1,4 +1,4 @@
-//! Processor, chip and flash together, and time.
+//! Processor, chip and flash together, on one time base.
 
 use crate::chip::dma::Bus as _;
 use crate::chip::fabric::{Fabric, PinChange, RAM_BASE, RAM_LEN};
@@ -18,29 +18,29 @@ use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Core-coupled memory, which DMA cannot reach.
+/// Address of core-coupled memory, which DMA cannot reach.
 const CCM_BASE: u32 = 0x1000_0000;
 
-/// Its length, bytes.
+/// Length of core-coupled memory, bytes.
 const CCM_LEN: u32 = 64 * 1024;
 
-/// The boot loader's memory.
+/// Address of the boot loader's memory.
 const BOOT_LOADER: u32 = 0x1fff_0000;
 
-/// Bytes of a task's header, in which its state lies.
+/// Bytes of a task's header, which holds its state.
 const HEADER: u32 = 0x40;
 
-/// A reset takes so long (data sheet, typical).
+/// Duration of a reset (data sheet, typical).
 const RESET_TIME: Beats = 1_500 * crate::time::US;
 
-/// Cycles that the interpreter charges at least when an exception is entered.
+/// Cycles that the interpreter charges at least for the entry of an exception.
 const ENTRY: u64 = 6;
 
-/// What processor and chip share.
+/// State shared by processor and chip.
 struct Junction {
     chip: Mutex<Chip>,
     now: AtomicU64,
-    /// The processor accessed a register.
+    /// True after the processor accessed a register.
     touched: AtomicBool,
 }
 
@@ -63,7 +63,7 @@ impl fmt::Debug for Window {
 }
 
 impl Window {
-    /// The chip at the moment of the access.
+    /// Returns the chip at the moment of the access.
     fn chip(&self) -> MutexGuard<'_, Chip> {
         self.junction.touched.store(true, Relaxed);
         let mut chip = self.junction.chip();
@@ -87,8 +87,8 @@ impl MemOps for Window {
 
     fn write(&self, offset: u64, from: &[u8], attrs: MemAttrs) -> MemResult {
         let address = self.base + offset as u32;
-        // Narrower writes only to the low part of a register, which is how this firmware writes a
-        // UART's byte.
+        // Narrower writes only to the low part of a register, as this firmware writes a UART's
+        // byte.
         if attrs.debug || !address.is_multiple_of(4) || from.len() > 4 {
             return Err(BusError::BadAccess);
         }
@@ -99,7 +99,7 @@ impl MemOps for Window {
     }
 }
 
-/// Flash whose reads take their time.
+/// Flash whose reads take time.
 struct TimedFlash {
     bytes: Vec<u8>,
     accelerator: Arc<Mutex<Accelerator>>,
@@ -136,23 +136,23 @@ impl MemOps for TimedFlash {
     }
 }
 
-/// What the board is made of, as far as tests choose it.
+/// Properties of the board that tests choose.
 #[derive(Clone, Copy, Debug)]
 pub struct Make {
     /// Crystal, watchdog's oscillator, UART's other end.
     pub around: Surroundings,
-    /// Processor cycles that a cycle of the interpreter stands for, in quarters: 4 is the core's
-    /// own timing without wait states.
+    /// Processor cycles per cycle of the interpreter, in quarters: 4 is the core's own timing
+    /// without wait states.
     pub slowness: u64,
-    /// Flash has its wait states, with the accelerator that hides most of them.
+    /// True if flash has its wait states, with the accelerator that hides most of them.
     pub flash_waits: bool,
-    /// The program was started by the boot loader's jump: address zero still is the boot loader's
+    /// True if the boot loader's jump started the program: address zero is still the boot loader's
     /// memory, with its vectors.
     pub boot_loader_at_zero: bool,
 }
 
 impl Default for Make {
-    /// The Olimex STM32-H405.
+    /// Returns the Olimex STM32-H405.
     fn default() -> Self {
         Self {
             around: Surroundings {
@@ -170,7 +170,7 @@ impl Default for Make {
     }
 }
 
-/// A board with power.
+/// Board with power.
 pub struct Board {
     cpu: ArmV7m,
     space: Arc<AddressSpace>,
@@ -178,24 +178,24 @@ pub struct Board {
     now: Beats,
     next: Beats,
     lines: Lines,
-    /// The processor stands still, as under a debugger or with a dead clock.
+    /// True while the processor stands still, as under a debugger or with a dead clock.
     held: bool,
-    /// When the chip was last reset.
+    /// Moment of the chip's last reset.
     began: Beats,
-    /// Resets since power-on.
+    /// Number of resets since power-on.
     resets: u32,
     cycle: Beats,
     make: Make,
-    /// Time spent not asleep.
+    /// Time during which the processor was awake.
     busy: Beats,
-    /// Instructions executed since power-on.
+    /// Number of instructions executed since power-on.
     instructions: u64,
     accelerator: Arc<Mutex<Accelerator>>,
 }
 
 impl Board {
-    /// Power comes to a chip with this program in its flash; memory holds anything. `wire` connects
-    /// its pins before that.
+    /// Powers on a chip with this program in its flash; memory has arbitrary content. `wire`
+    /// connects its pins before that.
     pub fn power_on(image: &Image, make: Make, wire: impl FnOnce(&mut Fabric)) -> Self {
         let mut random = Random::seeded(make.around.seed);
         let mut memory = |length: u32| {
@@ -218,7 +218,7 @@ impl Board {
         let space = Arc::new(AddressSpace::new("chip", 32));
         let rom = Arc::new(RomStore::from_slice(&image.flash));
         let flash = |name| Region::rom(name, rom.clone(), RomWrite::Fault);
-        // The unique number of the chip, and the size of its flash in KiB.
+        // Unique number of the chip, and the size of its flash in KiB.
         let mut identity = [0; 0x20];
         identity[..12].copy_from_slice(b"\x2a\x00\x31\x00\x0d\x51\x34\x35\x39\x39\x36\x31");
         identity[0x12..0x14].copy_from_slice(&1024_u16.to_le_bytes());
@@ -286,27 +286,27 @@ impl Board {
         board
     }
 
-    /// The present moment.
+    /// Returns the present moment.
     pub fn now(&self) -> Beats {
         self.now
     }
 
-    /// When the chip was last reset, and how often since power-on.
+    /// Returns the moment of the chip's last reset, and the number of resets since power-on.
     pub fn last_reset(&self) -> (Beats, u32) {
         (self.began, self.resets)
     }
 
-    /// How long the processor was not asleep since power-on.
+    /// Returns the time since power-on during which the processor was awake.
     pub fn busy(&self) -> Beats {
         self.busy
     }
 
-    /// Instructions executed since power-on.
+    /// Returns the number of instructions executed since power-on.
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
 
-    /// The chip, to look at and to touch from outside.
+    /// Gives access to the chip from outside.
     pub fn chip<T>(&mut self, act: impl FnOnce(&mut Chip) -> T) -> T {
         let result = {
             let mut chip = self.junction.chip();
@@ -319,7 +319,7 @@ impl Board {
         result
     }
 
-    /// What the pins of a port did since power-on.
+    /// Returns the changes of a port's pins since power-on.
     pub fn changes(&mut self, port: usize) -> Vec<PinChange> {
         self.chip(|chip| {
             let of_port = chip
@@ -331,30 +331,30 @@ impl Board {
         })
     }
 
-    /// Something outside drives a pin, or (`None`) no longer does.
+    /// Drives a pin from outside, or (`None`) releases it.
     pub fn drive(&mut self, port: usize, pin: u8, level: Option<bool>) {
         self.chip(|chip| chip.fabric.drive(port, pin, level));
     }
 
-    /// Takes the processor's clock away, or gives it back: timers, DMA and watchdog go on.
+    /// Stops the processor's clock, or restarts it: timers, DMA and watchdog continue.
     pub fn hold(&mut self, held: bool) {
         self.held = held;
     }
 
-    /// Masks all interrupts, as a critical section that never ends.
+    /// Masks all interrupts, like a critical section that never ends.
     pub fn mask_interrupts(&mut self) {
         let mut registers = self.cpu.regs();
         registers.primask = true;
         self.cpu.set_regs(registers);
     }
 
-    /// Takes an interrupt's enable away.
+    /// Disables an interrupt.
     pub fn disable_interrupt(&mut self, number: u16) {
         let exception = Exception(16 + number);
         self.cpu.with_sys(|sys| sys.set_enable(exception, false));
     }
 
-    /// Makes the processor go on at an address of the program, as soon as it is awake.
+    /// Makes the processor continue at an address of the program, as soon as it is awake.
     pub fn derail(&mut self, address: u32) {
         while self.cpu.is_asleep() {
             self.run_until(self.now + crate::time::US);
@@ -362,7 +362,7 @@ impl Board {
         self.cpu.set_pc(address & !1);
     }
 
-    /// Makes the stack pointer of a sleeping processor what it would be deep in a recursion.
+    /// Sets the stack pointer of a sleeping processor to its value deep in a recursion.
     pub fn deepen_stack(&mut self, pointer: u32) {
         while !self.cpu.is_asleep() || self.cpu.regs().in_handler() {
             self.run_until(self.now + crate::time::US);
@@ -374,9 +374,9 @@ impl Board {
         });
     }
 
-    /// Makes the executor believe that a waiting task waits in its queue already: it is never
-    /// polled again. `pool` is the address of the task's memory, whose header begins with a word
-    /// that is 1 for a task that exists, and has a further bit while the task is queued.
+    /// Makes the executor believe that a waiting task is queued already, so that it is never polled
+    /// again. `pool` is the address of the task's memory, whose header begins with a word that is 1
+    /// for a task that exists, and has a further bit while the task is queued.
     ///
     /// # Panics
     /// If the task is not found waiting within a millisecond.
@@ -405,24 +405,23 @@ impl Board {
         stored.expect("it lies in memory");
     }
 
-    /// The supply falls below what the chip can live with and comes back so soon that memory is
-    /// intact.
+    /// Drops the supply below the chip's minimum and restores it so soon that memory is intact.
     pub fn lose_power(&mut self) {
         self.chip(|chip| chip.set_supply(3_300));
         self.reset(rcc::flag::POWER_ON | rcc::flag::BROWN_OUT);
     }
 
-    /// Where the processor is.
+    /// Returns the program counter.
     pub fn program_counter(&self) -> u32 {
         self.cpu.pc()
     }
 
-    /// The processor itself, for tests of its state.
+    /// Returns the processor itself, for tests of its state.
     pub fn cpu(&self) -> &ArmV7m {
         &self.cpu
     }
 
-    /// The reset pin is pulled low for a moment.
+    /// Pulls the reset pin low for a moment.
     pub fn press_reset(&mut self) {
         self.reset(rcc::flag::PIN);
     }
@@ -440,7 +439,7 @@ impl Board {
         self.look();
     }
 
-    /// Takes in what the chip's registers now say.
+    /// Takes over changes in the chip's registers.
     fn look(&mut self) {
         let (lines, next, cycle, acr) = {
             let chip = self.junction.chip();
@@ -463,11 +462,11 @@ impl Board {
         self.lines = lines;
     }
 
-    /// Lets the chip live until `end` or until it has something for the processor.
+    /// Advances the chip until `end`, or until it has an event for the processor.
     fn pass(&mut self, end: Beats) {
         let reset = {
             let mut chip = self.junction.chip();
-            // An event may lie within the instruction that was just done.
+            // An event may lie within the instruction just executed.
             self.now = chip.advance(end).max(self.now);
             chip.reset
         };
@@ -477,15 +476,16 @@ impl Board {
         }
     }
 
-    /// One instruction, or the entry into an exception, around two faults of rsemu 0.0.7.
+    /// Executes one instruction, or enters an exception, and works around two faults of rsemu
+    /// 0.0.7.
     ///
-    /// It forgets on exception entry how far an IT block has come (it stacks xPSR without ITSTATE,
+    /// On exception entry it forgets the progress of an IT block (it stacks xPSR without ITSTATE,
     /// which ARMv7-M keeps), so that the rest of the block runs unconditionally after the return.
-    /// Therefore no exception is let in before a block's end: three instructions at most.
+    /// Therefore no exception is entered before a block's end: three instructions at most.
     ///
-    /// And it clears FPSCR on entry, where ARMv7-M lets the first floating-point instruction of the
-    /// handler set five mode bits. Flags of a comparison that was interrupted would be lost: so
-    /// they are put back.
+    /// It also clears FPSCR on entry, where ARMv7-M lets the first floating-point instruction of
+    /// the handler set five mode bits. Flags of an interrupted comparison would be lost, so they
+    /// are restored.
     fn step(&mut self) -> u64 {
         let before = self.cpu.regs();
         let fpscr = self.cpu.fpscr();
@@ -548,8 +548,8 @@ impl Board {
     }
 }
 
-/// What the boot loader of ST leaves at address zero when it jumps into flash, and its code: all
-/// vectors but the first two lead to a loop.
+/// Returns the memory that ST's boot loader leaves at address zero when it jumps into flash, and
+/// its code: all vectors but the first two lead to a loop.
 fn boot_loader(image: &Image) -> [Vec<u8>; 2] {
     let handler = (BOOT_LOADER | 1).to_le_bytes();
     let vectors = [&image.flash[..8], &handler.repeat(96)].concat();

@@ -1,9 +1,9 @@
-//! The chip around the processor: registers, events in the order of their time, interrupt lines.
+//! Chip around the processor: registers, events in the order of their time, interrupt lines.
 //!
-//! The models follow the reference manual RM0090 (STM32F405/407), as far as this firmware goes.
-//! Nothing is silently absent: an access to a register that has no model, to a peripheral without
-//! its clock, or of a kind that the manual forbids is kept in [`Chip::complaints`], and tests want
-//! that list empty.
+//! The models follow the reference manual RM0090 (STM32F405/407), as far as this firmware uses the
+//! chip. Nothing is silently absent: [`Chip::complaints`] collects accesses to a register without a
+//! model, to a peripheral without its clock, or of a kind that the manual forbids, and tests
+//! require that list to be empty.
 
 pub mod dma;
 pub mod exti;
@@ -29,7 +29,7 @@ use std::collections::BTreeSet;
 use timer::Timer;
 use usart::Usart;
 
-/// Interrupt lines, a bit each.
+/// Interrupt lines, one bit each.
 pub type Lines = [u32; 3];
 
 /// Interrupt numbers (RM0090, vector table).
@@ -61,18 +61,18 @@ mod gate {
     pub const SYSCFG: Gate = (4, 14);
 }
 
-/// What is outside the chip and outlives a reset.
+/// Surroundings of the chip, which outlive a reset.
 #[derive(Clone, Copy, Debug)]
 pub struct Surroundings {
-    /// The crystal, Hz.
+    /// Frequency of the crystal, Hz.
     pub crystal_hz: u64,
-    /// The watchdog's oscillator, Hz: 17,000 to 47,000 (data sheet).
+    /// Frequency of the watchdog's oscillator, Hz: 17,000 to 47,000 (data sheet).
     pub lsi_hz: u64,
-    /// The UART's other end, baud.
+    /// Rate of the UART's other end, baud.
     pub uart_baud: u64,
-    /// For random numbers and for what memory holds at power-on.
+    /// Seed of random numbers and of the memory's content at power-on.
     pub seed: u64,
-    /// DBGMCU_IDCODE.
+    /// Value of DBGMCU_IDCODE.
     pub idcode: u32,
 }
 
@@ -86,37 +86,37 @@ pub struct Chip {
     pub fabric: Fabric,
     /// DMA1 and DMA2.
     pub dma: [Dma; 2],
-    /// The time driver's timer.
+    /// Timer of the time driver.
     pub tim5: Timer,
-    /// The step engine's timer.
+    /// Timer of the step engine.
     pub tim8: Timer,
-    /// The UART link.
+    /// UART of the second link.
     pub usart3: Usart,
     /// The watchdog.
     pub iwdg: Iwdg,
     rng: Rng,
     /// The USB controller.
     pub otg: Otg,
-    /// What is at the other end of its cable.
+    /// Host at the other end of the USB cable.
     pub usb_host: UsbHost,
-    /// FLASH_ACR.
+    /// Register FLASH_ACR.
     pub flash_acr: u32,
     pwr: [u32; 2],
-    /// The supply, mV.
+    /// Supply voltage, mV.
     supply_mv: u32,
     dbgmcu: [u32; 3],
     clocks: Clocks,
-    /// The next event of anything but TIM8.
+    /// Next event of any peripheral but TIM8.
     slow: Option<Beats>,
     lines: Lines,
-    /// A watchdog that was not fed: the chip must be reset, with these flags.
+    /// Pending reset by a watchdog timeout, with its flags.
     pub reset: Option<u32>,
-    /// Accesses that a test should know of.
+    /// Invalid accesses.
     pub complaints: BTreeSet<String>,
 }
 
 impl Chip {
-    /// Power comes.
+    /// Creates the chip at power-on.
     pub fn new(around: Surroundings, fabric: Fabric) -> Self {
         let flags = rcc::flag::POWER_ON | rcc::flag::BROWN_OUT | rcc::flag::PIN;
         let rcc = Rcc::new(around.crystal_hz, flags);
@@ -145,7 +145,7 @@ impl Chip {
         }
     }
 
-    /// A reset of everything but the debug block, the reset flags, the wires outside and memory.
+    /// Resets everything but the debug block, the reset flags, the wires outside and memory.
     pub fn reset(&mut self, flags: u32) {
         self.rcc = Rcc::new(
             self.around.crystal_hz,
@@ -166,27 +166,27 @@ impl Chip {
         self.refresh();
     }
 
-    /// The clock tree.
+    /// Returns the clock tree.
     pub fn clocks(&self) -> Clocks {
         self.clocks
     }
 
-    /// A processor cycle.
+    /// Returns the duration of a processor cycle.
     pub fn cycle(&self) -> Beats {
         period(self.clocks.hclk)
     }
 
-    /// Interrupt lines that are up.
+    /// Returns the active interrupt lines.
     pub fn lines(&self) -> Lines {
         self.lines
     }
 
-    /// The next event after the present moment.
+    /// Returns the next event after the present moment.
     pub fn next(&self) -> Option<Beats> {
         [self.tim8.next(), self.slow].into_iter().flatten().min()
     }
 
-    /// Lets events happen until `end`, or until one that changes the interrupt lines or resets the
+    /// Handles events until `end`, or until one that changes the interrupt lines or resets the
     /// chip. Returns the moment reached.
     pub fn advance(&mut self, end: Beats) -> Beats {
         loop {
@@ -217,7 +217,7 @@ impl Chip {
         }
     }
 
-    /// TIM8's requests on DMA2 (RM0090, table "DMA2 request mapping"), all on channel 7.
+    /// Passes TIM8's requests to DMA2 (RM0090, table "DMA2 request mapping"), all on channel 7.
     fn request(&mut self, requests: timer::Requests) {
         const STREAMS: [usize; 5] = [1, 2, 3, 4, 7];
         for (bit, stream) in STREAMS.into_iter().enumerate() {
@@ -242,7 +242,7 @@ impl Chip {
         self.refresh();
     }
 
-    /// Works out lines and the next slow event anew.
+    /// Updates lines and the next slow event.
     pub fn refresh(&mut self) {
         let now = self.fabric.now;
         self.tim8.set_trigger(self.external_trigger(), now);
@@ -277,21 +277,21 @@ impl Chip {
         self.lines = lines;
     }
 
-    /// The level of TIM8_ETR, PA0 as alternate function 3 (data sheet).
+    /// Returns the level of TIM8_ETR, PA0 as alternate function 3 (data sheet).
     fn external_trigger(&self) -> bool {
         let port = &self.fabric.ports[0];
         port.mode(0) == 2 && port.afr[0] & 0xf == 3 && port.levels() & 1 != 0
     }
 
-    /// The voltage detector's output: it is on, and the supply lies below its threshold (RM0090
-    /// 5.4.1, data sheet).
+    /// Returns the voltage detector's output: true if it is on and the supply lies below its
+    /// threshold (RM0090 5.4.1, data sheet).
     fn supply_is_low(&self) -> bool {
         const THRESHOLDS_MV: [u32; 8] = [2_000, 2_100, 2_300, 2_500, 2_600, 2_700, 2_800, 2_900];
         let threshold = THRESHOLDS_MV[(self.pwr[0] >> 5 & 7) as usize];
         self.pwr[0] & 1 << 4 != 0 && self.supply_mv < threshold
     }
 
-    /// Does something to the detector, and passes the edge of its output on.
+    /// Changes the detector's state, and passes the edge of its output on.
     fn detect<T>(&mut self, act: impl FnOnce(&mut Self) -> T) -> T {
         let before = self.supply_is_low();
         let result = act(self);
@@ -302,14 +302,14 @@ impl Chip {
         result
     }
 
-    /// The supply changes, mV. The chip's reset at some 1.7 V is
+    /// Sets the supply voltage, mV. The chip's reset at about 1.7 V is
     /// [`Board::lose_power`](crate::board::Board::lose_power).
     pub fn set_supply(&mut self, mv: u32) {
         self.detect(|chip| chip.supply_mv = mv);
         self.refresh();
     }
 
-    /// Bytes from the UART's other end, from now on.
+    /// Starts bytes from the UART's other end.
     pub fn uart_arrives(&mut self, bytes: &[u8]) {
         self.usart3.arrive(self.fabric.now, bytes);
         self.refresh();
@@ -327,7 +327,7 @@ impl Chip {
         self.complaints.insert(text);
     }
 
-    /// The processor reads a word.
+    /// Executes a word read of the processor.
     pub fn read(&mut self, address: u32) -> u32 {
         let now = self.fabric.now;
         let (block, offset) = (address & !0x3ff, address & 0x3ff);
@@ -387,7 +387,7 @@ impl Chip {
         })
     }
 
-    /// The processor writes a word.
+    /// Executes a word write of the processor.
     pub fn write(&mut self, address: u32, value: u32) {
         let now = self.fabric.now;
         let (block, offset) = (address & !0x3ff, address & 0x3ff);
@@ -467,7 +467,7 @@ impl Chip {
         self.refresh();
     }
 
-    /// After a write to the clock tree.
+    /// Handles a write to the clock tree.
     fn take_clocks(&mut self, now: Beats) {
         let clocks = self.rcc.clocks(now);
         if clocks == self.clocks {
@@ -482,7 +482,7 @@ impl Chip {
         self.usart3.clock = period(clocks.pclk1);
     }
 
-    /// After a write to the reset registers.
+    /// Handles a write to the reset registers.
     fn hold_in_reset(&mut self) {
         let clocks = self.clocks;
         for port in 0..fabric::PORTS {

@@ -1,11 +1,11 @@
-//! FAULTS.md, whose lines are looked up by the tests that observed them: so the table says what was
-//! observed.
+//! The table FAULTS.md. Each test looks up the line that it observed, so the table holds
+//! observations.
 
-/// Asserts that the table has a line for this fault, how it was injected, what the pins do and what
-/// the station does then.
+/// Asserts that the table has a line for this fault, its injection, the effect on the pins and the
+/// reaction of the station.
 ///
 /// # Panics
-/// If it lacks the line, which is printed.
+/// If the table lacks the line, which is then printed.
 pub fn observed(fault: &str, how: &str, pins: &str, then: &str) {
     let line = format!("| {fault} | {how} | {pins} | {then} |");
     let table = include_str!("../FAULTS.md");

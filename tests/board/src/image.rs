@@ -1,25 +1,25 @@
-//! The firmware's ELF, as it would be flashed.
+//! ELF file of the firmware, as it would be flashed.
 
 use object::{Object as _, ObjectSegment as _, ObjectSymbol as _};
 use std::path::{Path, PathBuf};
 
-/// Where flash begins.
+/// Address of flash.
 pub const FLASH_BASE: u32 = 0x0800_0000;
 
-/// Flash of an STM32F405RG, bytes.
+/// Length of the flash of an STM32F405RG, bytes.
 pub const FLASH_LEN: usize = 1024 * 1024;
 
-/// A program in flash.
+/// Program in flash.
 #[derive(Clone)]
 pub struct Image {
-    /// All of flash; erased bytes are 0xff.
+    /// Content of all of flash; erased bytes are 0xff.
     pub flash: Vec<u8>,
     /// Name, address, size.
     symbols: Vec<(String, u32, u32)>,
 }
 
 impl Image {
-    /// The image that `firmware/build` made.
+    /// Returns the image that `firmware/build` made.
     ///
     /// # Panics
     /// If there is none, or it is no ELF for this chip's flash.
@@ -36,8 +36,8 @@ impl Image {
         here.join("../../firmware/target/thumbv7em-none-eabihf/release/station-b")
     }
 
-    /// The flash that a programmer would write from this ELF: each segment at its load address,
-    /// which the linker put into the file's program headers.
+    /// Converts an ELF to the flash that a programmer would write: each segment at its load
+    /// address, from the file's program headers.
     ///
     /// # Panics
     /// If it is no ELF, or has bytes outside flash.
@@ -68,18 +68,18 @@ impl Image {
         Self { flash, symbols }
     }
 
-    /// The address of the one symbol whose name contains `part`.
+    /// Returns the address of the one symbol whose name contains `part`.
     ///
     /// # Panics
-    /// If none or several do.
+    /// If no name or several names contain `part`.
     pub fn symbol(&self, part: &str) -> u32 {
         self.find(part).0
     }
 
-    /// The size of that symbol, bytes.
+    /// Returns the size of the one symbol whose name contains `part`, bytes.
     ///
     /// # Panics
-    /// If none or several names contain `part`.
+    /// If no name or several names contain `part`.
     pub fn size(&self, part: &str) -> u32 {
         self.find(part).1
     }

@@ -1,9 +1,9 @@
-//! What the station must do: the twin's code, on the host, with the inputs that the board reported
-//! to have had.
+//! Reference for the station: the twin's code, on the host, with the inputs that the board
+//! reported.
 //!
-//! The board names the control tick at which each command took effect, and when it heard each ping.
-//! So the same inputs can be given to a [`Replay`], tick for tick, and the two must agree in every
-//! report, every edge and every microsecond.
+//! The board names the control tick at which each command took effect, and the instant of each
+//! ping. A [`Replay`] gets the same inputs, tick for tick, and the two must agree in every report,
+//! every edge and every microsecond.
 
 use crate::station::{Sent, Station};
 use crate::time::{Beats, MS, US};
@@ -15,17 +15,17 @@ use shared::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Write
 use shared::steps::WordRate;
 use shared::time::Instant;
 
-/// What the twin did.
+/// Run of the twin.
 #[derive(Debug, Default)]
 struct Expected {
-    /// Its reports.
+    /// Reports of the twin.
     reports: Vec<Report>,
-    /// Edges of its pins: when, in µs of the station's clock, and the levels afterwards.
+    /// Edges of its pins: µs of the station's clock, and the levels afterwards.
     edges: Vec<(u64, u16)>,
 }
 
-/// When each packet took effect, as a moment of the station's clock after the tick before: what the
-/// answers and pongs say.
+/// Returns the log of the inputs: each packet at the moment of the station's clock, after the tick
+/// before its effect, that answers and pongs state.
 fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
     let zero = station.clock_zero();
     let mut bytes = Vec::new();
@@ -42,10 +42,10 @@ fn log(station: &mut Station, end_us: u64) -> Vec<u8> {
     bytes
 }
 
-/// Between which moments the station says that it had a packet, µs.
+/// Returns the moments between which the station had a packet, µs, by its own reports.
 fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
     // A ping is stamped on arrival, and may reach the machine after a tick that comes right then:
-    // its pong follows what that tick said.
+    // its pong follows the reports of that tick.
     let mut said_us = 0;
     for (_, report) in reports {
         match (report, sent.command) {
@@ -70,10 +70,10 @@ fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
     None
 }
 
-/// What the twin does with what the board had, up to `end_us` of the station's clock.
+/// Runs the twin with the board's inputs, up to `end_us` of the station's clock.
 ///
 /// # Panics
-/// If the board never said hello.
+/// If the board never sent a hello.
 fn expected(station: &mut Station, end_us: u64) -> Expected {
     let (hello, last_run) = (station.client.hello(), station.client.last_run());
     let (hello, last_run) = hello.zip(last_run).expect("it said hello");
@@ -116,8 +116,8 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
     expected
 }
 
-/// A report without what depends on when a processor gets to it: a pong's stamps, which
-/// [`pongs_are_prompt`] looks at.
+/// Returns a report without the parts that depend on the processor's speed: a pong's stamps, which
+/// [`pongs_are_prompt`] checks.
 fn comparable(report: &Report) -> Report {
     match report {
         Report::Pong { host_us, .. } => Report::Pong {
@@ -129,7 +129,8 @@ fn comparable(report: &Report) -> Report {
     }
 }
 
-/// A ping is stamped within two milliseconds of its last byte, and its pong within two of that.
+/// Checks that a ping is stamped within two milliseconds of its last byte, and its pong within two
+/// of that.
 fn pongs_are_prompt(station: &mut Station) {
     let zero = station.clock_zero();
     for (_, report) in &station.reports {
@@ -143,7 +144,7 @@ fn pongs_are_prompt(station: &mut Station) {
         };
         let asked =
             |sent: &&Sent| matches!(sent.command, Command::Ping { host_us: us } if us == *host_us);
-        let ping = station.sent.iter().find(asked).expect("somebody asked");
+        let ping = station.sent.iter().find(asked).expect("a ping was sent");
         let arrived = (ping.at - zero) / US;
         let (received, sent) = (received.micros(), sent.micros());
         assert!(
@@ -154,11 +155,11 @@ fn pongs_are_prompt(station: &mut Station) {
     }
 }
 
-/// Everything the board said and did is what the twin says and does with the same inputs. Returns
-/// how many reports and edges that were.
+/// Checks that the twin reports and does the same as the board with the same inputs. Returns the
+/// numbers of reports and edges.
 ///
 /// # Panics
-/// If anything differs: it says what.
+/// If anything differs, with the difference.
 pub fn agreement(station: &mut Station) -> (usize, usize) {
     // Reports on their way and words in the ring still come.
     station.set_pings(false);
@@ -173,7 +174,7 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
         .iter()
         .map(|(_, report)| comparable(report))
         .collect();
-    // What is said before anybody spoke goes nowhere.
+    // Reports before the first hello go nowhere.
     let unheard = |report: &&Report| !matches!(report, Report::Hello(_));
     let heard = expected.reports.iter().skip_while(unheard);
     let should: Vec<Report> = heard.map(comparable).collect();
@@ -188,7 +189,7 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
 
     let edges = station.edges();
     let levels = |edges: &[(u64, u16)]| edges.iter().map(|(_, levels)| *levels).collect::<Vec<_>>();
-    // What the twin plays after the end is not on the pins yet.
+    // Edges of the twin after the end are not on the pins yet.
     let due = expected.edges.partition_point(|(at, _)| *at < end_us);
     let should = &expected.edges[..due];
     let differ = levels(&edges)
@@ -202,8 +203,7 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
         differ.map(|at| (edges[at], should[at]))
     );
     assert_eq!(edges.len(), should.len(), "edges");
-    // From the word's moment to the pin it is always the same time: less than a word, without
-    // jitter.
+    // The delay from the word's moment to the pin is constant: less than a word, without jitter.
     let delays: Vec<Beats> = (edges.iter().zip(should))
         .map(|((at, _), (us, _))| (at - zero).wrapping_sub(us * US))
         .collect();

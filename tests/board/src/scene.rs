@@ -1,5 +1,5 @@
-//! What the cameras see: a dozen points that move, in the paper's rig, and the frames that the host
-//! makes of them.
+//! Scene before the cameras: a dozen moving points in the paper's rig, and the flow frames that the
+//! host makes of them.
 
 use crate::station::Station;
 use crate::time::MS;
@@ -22,17 +22,17 @@ pub struct Scene {
     random: Random,
 }
 
-/// A moment at which pictures were taken.
+/// Capture of one frame set.
 #[derive(Clone, Copy, Debug)]
 pub struct Picture {
-    /// When, by the station's clock.
+    /// Capture time, by the station's clock.
     pub at: Instant,
-    /// Target minus cameras, mm.
+    /// Position of the target minus that of the cameras, mm.
     view_mm: [f64; 3],
 }
 
 impl Scene {
-    /// The points of a seed.
+    /// Creates the points of a seed.
     pub fn new(seed: u64) -> Self {
         let mut random = Random::seeded(seed);
         let mut point = || {
@@ -46,7 +46,7 @@ impl Scene {
         }
     }
 
-    /// Pictures of a swinging target, from a stage that has made these steps.
+    /// Captures a swinging target, from a stage that has made these steps.
     pub fn picture(&self, at: Instant, steps: [i64; 3]) -> Picture {
         let s = at.micros() as f64 * 1e-6;
         let target = [
@@ -60,7 +60,7 @@ impl Scene {
         }
     }
 
-    /// The frame of two pictures, with a fifth of a pixel of noise.
+    /// Returns the flow frame between two captures, with a fifth of a pixel of noise.
     pub fn frame(&mut self, from: Picture, to: Picture, estimator: Estimator) -> Command {
         let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
         let (rig, random) = (&self.rig, &mut self.random);
@@ -86,8 +86,8 @@ impl Scene {
     }
 }
 
-/// Frames at 200 Hz of a swinging target, seen from where the edges at the pins have brought the
-/// stage; every fourth for the closed form.
+/// Sends flow frames at 200 Hz of a swinging target, seen from where the edges at the pins have
+/// moved the stage; every fourth one for the closed form.
 pub fn follow(station: &mut Station, frames: usize) {
     let mut scene = Scene::new(7);
     let now = Instant::from_micros(station.clock_us());

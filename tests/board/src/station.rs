@@ -1,4 +1,4 @@
-//! The emulated board with a host at its other end: the host's own link code, on the board's time.
+//! Emulated board with a host at its other end: the host's own link code, on the board's time.
 
 use crate::board::{Board, Make};
 use crate::image::Image;
@@ -10,29 +10,29 @@ use host::client::conversation::Client;
 use shared::frame::message::{Command, Denial, Report, Status};
 use shared::frame::receive::Receiver;
 
-/// The host's heartbeat.
+/// Period of the host's heartbeat.
 const PING: Beats = 20 * MS;
 
-/// How often the host looks at what has come.
+/// Interval at which the host polls its link.
 const LOOK: Beats = 250 * US;
 
-/// How long an answer may take.
+/// Timeout of an answer.
 const PATIENCE: Beats = 200 * MS;
 
-/// A packet that the host wrote.
+/// Packet that the host wrote.
 #[derive(Clone, Debug)]
 pub struct Sent {
-    /// When its last byte was on the wire.
+    /// Moment of the packet's last byte on the wire.
     pub at: Beats,
-    /// Its number.
+    /// Sequence number of the packet.
     pub sequence: u16,
-    /// What it says.
+    /// Command in the packet.
     pub command: Command,
-    /// Its bytes.
+    /// Bytes of the packet.
     pub bytes: Vec<u8>,
 }
 
-/// Which of the station's links the host uses.
+/// Link between host and station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Link {
     /// USART3.
@@ -46,11 +46,11 @@ pub enum Link {
 pub struct Station {
     /// The board.
     pub board: Board,
-    /// The host's half of the protocol.
+    /// Client of the protocol, on the host's side.
     pub client: Client,
-    /// What the host wrote since the board's power-on.
+    /// Packets of the host since the board's power-on.
     pub sent: Vec<Sent>,
-    /// What the board said, with the moment when the last byte was there.
+    /// Reports of the board, with the moments of their last bytes.
     pub reports: Vec<(Beats, Report)>,
     receiver: Receiver<Report>,
     pings: bool,
@@ -60,12 +60,12 @@ pub struct Station {
 }
 
 impl Station {
-    /// A well-wired board, and a host that is silent so far.
+    /// Powers on a correctly wired board, with a host that is silent so far.
     pub fn power_on(image: &Image, make: Make) -> Self {
         Self::of(Board::power_on(image, make, wiring::well))
     }
 
-    /// A host for this board.
+    /// Connects a host to this board.
     pub fn of(board: Board) -> Self {
         Self {
             board,
@@ -80,18 +80,18 @@ impl Station {
         }
     }
 
-    /// The host's clock, µs.
+    /// Returns the host's clock, µs.
     pub fn host_us(&self) -> u64 {
         self.board.now() / US
     }
 
-    /// The moment at which the station's clock was zero; the firmware must have started it.
+    /// Returns the moment at which the station's clock was zero; the firmware must have started it.
     pub fn clock_zero(&mut self) -> Beats {
         let started = self.board.chip(|chip| chip.tim5.started);
         started.expect("the firmware's clock runs")
     }
 
-    /// The station's clock, µs.
+    /// Returns the station's clock, µs.
     pub fn clock_us(&mut self) -> u64 {
         (self.board.now() - self.clock_zero()) / US
     }
@@ -111,12 +111,12 @@ impl Station {
         }
     }
 
-    /// Uses the other link from now on.
+    /// Switches the host to this link.
     pub fn use_link(&mut self, link: Link) {
         self.link = link;
     }
 
-    /// Plugs USB in, and waits until the program at the host's end has its port.
+    /// Plugs USB in, and waits until the host's program has its port.
     ///
     /// # Panics
     /// If the device is not enumerated within a second.
@@ -151,7 +151,7 @@ impl Station {
         }
     }
 
-    /// Puts bytes on the line.
+    /// Writes bytes to the line.
     pub fn write(&mut self, bytes: &[u8]) {
         let link = self.link;
         self.board.chip(|chip| match link {
@@ -166,7 +166,7 @@ impl Station {
         self.next_ping = self.board.now();
     }
 
-    /// Numbers and writes a command.
+    /// Numbers and writes a command, and returns its sequence number.
     pub fn send(&mut self, command: Command) -> u16 {
         let (sequence, bytes) = self.client.packet(command);
         self.write(&bytes);
@@ -183,7 +183,7 @@ impl Station {
         sequence
     }
 
-    /// Waits for something the host is told.
+    /// Waits for a report of the station.
     ///
     /// # Panics
     /// If it does not come.
@@ -212,8 +212,8 @@ impl Station {
         self.wait("answer", |client| client.answer(sequence))
     }
 
-    /// Says hello to a station that has just started, with the closing zero of a host that comes to
-    /// a line in any state, and begins the heartbeat.
+    /// Sends hello to a station that has just started, with the closing zero of a host that joins a
+    /// line in any state, and starts the heartbeat.
     pub fn greet(&mut self) {
         self.client.begin_again();
         self.write(&[0]);
@@ -225,17 +225,17 @@ impl Station {
         self.set_pings(true);
     }
 
-    /// Configures it, and takes where it stands as zero.
+    /// Configures the station, and zeroes its position.
     ///
     /// # Panics
-    /// If it refuses.
+    /// If the station refuses.
     pub fn set_up(&mut self, driver: Driver) {
         let config = Command::Config(config(driver));
         assert_eq!(self.command(config), Ok(()));
         assert_eq!(self.command(Command::Zero), Ok(()));
     }
 
-    /// A fresh status.
+    /// Returns a new status.
     pub fn status(&mut self) -> Status {
         let before = self.reports.len();
         let end = self.board.now() + PATIENCE;
@@ -254,7 +254,7 @@ impl Station {
         }
     }
 
-    /// STEP and DIR edges since power-on.
+    /// Returns the STEP and DIR edges since power-on.
     pub fn edges(&mut self) -> Vec<(Beats, u16)> {
         let changes = self.board.changes(wiring::C);
         wiring::stepper_edges(&changes)

@@ -1,5 +1,5 @@
-//! What trials of faults have in common: a station in a fast move of all axes, what its pins did,
-//! and what it says afterwards.
+//! Trials of faults: a station in a fast move of all axes, the edges at its pins, and its state
+//! afterwards.
 
 use crate::board::Make;
 use crate::image::Image;
@@ -11,22 +11,22 @@ use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
 
-/// The ring of words, µs: nothing older can be played.
+/// Length of the ring of words, µs: nothing older can be played.
 pub const RING_US: u64 = 1_250;
 
-/// A control tick, at which the machine looks at its inputs, and the ring.
+/// Length of a control tick, at which the machine samples its inputs, and of the ring, µs.
 pub const TICK_AND_RING_US: u64 = 1_000 + RING_US;
 
-/// Gives the station the default stage.
+/// Configures the default stage.
 ///
 /// # Panics
-/// If it refuses.
+/// If the station refuses.
 pub fn configure(station: &mut Station) {
     let config = Command::Config(config(Driver::Tmc2209));
     assert_eq!(station.command(config), Ok(()));
 }
 
-/// All axes at full speed, 24,000 steps a second together.
+/// Returns a station with all axes at full speed, 24,000 steps a second together.
 ///
 /// # Panics
 /// If it does not move.
@@ -42,7 +42,7 @@ pub fn moving() -> Station {
     station
 }
 
-/// When STEP pins rose at or after a moment.
+/// Returns the moments at which STEP pins rose at or after `from`.
 pub fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
     let step = (wiring::STEPPERS.step.iter()).fold(0, |mask, pin| mask | 1 << pin);
     let changes = station.board.changes(C);
@@ -52,11 +52,11 @@ pub fn rises_after(station: &mut Station, from: Beats) -> Vec<Beats> {
         .collect()
 }
 
-/// Asserts that no STEP pin rises later than so long after a moment, µs; prints when the last one
-/// did.
+/// Asserts that no STEP pin rises later than `bound_us` after `from`, and prints the moment of the
+/// last rise.
 ///
 /// # Panics
-/// If one does.
+/// If a STEP pin does.
 pub fn last_step(station: &mut Station, from: Beats, bound_us: u64) {
     let rises = rises_after(station, from);
     let last = rises.last().map(|at| (at - from) as f64 / US as f64);
@@ -70,12 +70,12 @@ pub fn last_step(station: &mut Station, from: Beats, bound_us: u64) {
     );
 }
 
-/// Whether the drivers' enable line says on.
+/// Returns true if the drivers' enable line is on.
 pub fn drivers_are_on(station: &mut Station) -> bool {
     station.board.chip(|chip| chip.fabric.ports[B].levels()) & 1 << wiring::NOT_ENABLE.1 == 0
 }
 
-/// Waits for the watchdog, and asks the station that starts.
+/// Waits for the watchdog's reset, and reads the cause from the station that starts.
 ///
 /// # Panics
 /// If there is no reset within that time, or the station has not latched its restart.
@@ -103,7 +103,7 @@ pub fn restarted(station: &mut Station, within: Beats) -> (ResetCause, LastRun) 
     (cause, *station.client.last_run().expect("last run"))
 }
 
-/// A stopped station with a fault; drivers stay on.
+/// Asserts that the station is stopped with this fault, drivers on, and returns its status.
 ///
 /// # Panics
 /// If it is in another state.
@@ -119,7 +119,8 @@ pub fn faulted(station: &mut Station, fault: Fault, trust: Trust) -> Status {
     status
 }
 
-/// After a reset command the station moves again, and its pins count what it says.
+/// Asserts that the station moves again after a reset command, and that its pins agree with its
+/// position.
 ///
 /// # Panics
 /// If it does not, or they do not.

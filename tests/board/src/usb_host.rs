@@ -1,31 +1,31 @@
-//! A USB host and the program behind it: enumerates a CDC-ACM device as Linux does, then carries
-//! bytes both ways.
+//! USB host with a program: enumerates a CDC-ACM device as Linux does, then carries bytes in both
+//! directions.
 //!
-//! One transaction at a time, each as long as its bits take at 12 Mb/s; refused ones are tried
-//! again. Toggles are kept as USB 2.0 section 8.6 wants them, so a device that gets one wrong loses
-//! data here as it would on a wire.
+//! It makes one transaction at a time, each as long as its bits take at 12 Mb/s, and retries
+//! refused ones. Toggles follow USB 2.0 section 8.6, so a device with a wrong one loses data here
+//! as it would on a wire.
 
 use crate::chip::otg::{Answer, Otg};
 use crate::time::{Beats, MS, US};
 use std::collections::VecDeque;
 
-/// A device that was plugged in is left alone for so long (USB 2.0, 7.1.7.3).
+/// Debounce time after a device was plugged in (USB 2.0, 7.1.7.3).
 const DEBOUNCE: Beats = 100 * MS;
-/// A reset of the bus (7.1.7.5).
+/// Duration of a reset of the bus (7.1.7.5).
 const RESET: Beats = 10 * MS;
-/// From a reset, or from a new address, to the first transfer (9.2.6.2, 9.2.6.3).
+/// Recovery time from a reset, or from a new address, to the first transfer (9.2.6.2, 9.2.6.3).
 const RECOVERY: Beats = 10 * MS;
-/// A request is given up after so long.
+/// Timeout of a request.
 const PATIENCE: Beats = 500 * MS;
-/// The bus counts as suspended after so long without a frame (7.1.7.6).
+/// Time without a frame after which the bus counts as suspended (7.1.7.6).
 const SUSPEND: Beats = 3 * MS;
-/// The address that the device gets.
+/// Address that the device gets.
 const ADDRESS: u8 = 7;
-/// Between two questions to a bulk endpoint that has nothing to say.
+/// Interval between two polls of a bulk endpoint without data.
 const POLL: Beats = 50 * US;
 
-/// A transaction with so many bytes of data: three packets, their sync fields and gaps, and bit
-/// stuffing.
+/// Returns the duration of a transaction with `bytes` bytes of data: three packets, their sync
+/// fields and gaps, and bit stuffing.
 fn duration(bytes: usize) -> Beats {
     12 * US + bytes as Beats * 9 * US / 12
 }
@@ -38,12 +38,12 @@ enum Stage {
     Status,
 }
 
-/// A control transfer.
+/// Control transfer.
 #[derive(Clone, Debug)]
 struct Request {
     setup: [u8; 8],
     out: Vec<u8>,
-    /// What came, or how much of `out` went.
+    /// Data received, or the number of bytes of `out` sent.
     got: Vec<u8>,
     gone: usize,
     stage: Stage,
@@ -51,23 +51,23 @@ struct Request {
     deadline: Beats,
 }
 
-/// Where the bus is.
+/// State of the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Bus {
     Empty,
-    /// A device pulls D+ up; reset at this moment.
+    /// A device pulls D+ up; the reset begins at this moment.
     Attached(Beats),
-    /// Held in reset until then.
+    /// The reset ends at this moment.
     Reset(Beats),
     Running,
 }
 
-/// What the device says of itself.
+/// Descriptors of the device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Descriptors {
-    /// Of the device.
+    /// Device descriptor.
     pub device: Vec<u8>,
-    /// Of its configuration, with interfaces and endpoints.
+    /// Configuration descriptor, with interfaces and endpoints.
     pub configuration: Vec<u8>,
     /// Manufacturer, product, serial number.
     pub strings: Vec<String>,
@@ -80,26 +80,26 @@ pub struct UsbHost {
     bus: Bus,
     address: u8,
     requests: VecDeque<Request>,
-    /// Nothing before this moment.
+    /// Moment before which the host does nothing.
     wait: Beats,
     next_frame: Beats,
-    /// When the device saw the last frame, until it was told of the silence.
+    /// Moment of the last frame at the device, until the device is suspended.
     last_frame: Option<Beats>,
     /// Toggles of bulk IN and OUT.
     toggles: [bool; 2],
     /// Endpoints of the data interface: IN and OUT.
     bulk: [usize; 2],
-    /// Enumerated and opened.
+    /// True once the device is enumerated and the port opened.
     open: bool,
     outgoing: VecDeque<u8>,
-    /// The packet that is being sent until it is taken.
+    /// Packet that is sent again until the device takes it.
     packet: Option<Vec<u8>>,
     ask_first: bool,
-    /// What the device says of itself.
+    /// Descriptors of the device.
     pub descriptors: Descriptors,
-    /// What came, byte by byte.
+    /// Bytes received, each with its moment.
     pub received: Vec<(Beats, u8)>,
-    /// Requests that failed, and how.
+    /// Failed requests, with their reasons.
     pub failures: Vec<String>,
 }
 
@@ -126,7 +126,7 @@ impl Default for UsbHost {
     }
 }
 
-/// A request from the host to the device: type, request, value, index.
+/// Returns a request from the host to the device: type, request, value, index.
 fn request(kind: u8, number: u8, value: u16, index: u16, length: u16, out: &[u8]) -> Request {
     let ([v0, v1], [i0, i1], [l0, l1]) = (
         value.to_le_bytes(),
@@ -151,12 +151,12 @@ const SET_LINE_CODING: u8 = 0x20;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 
 impl UsbHost {
-    /// Puts the plug in.
+    /// Plugs the device in.
     pub fn plug(&mut self) {
         self.plugged = true;
     }
 
-    /// Pulls it out: whatever was under way is lost.
+    /// Unplugs the device: data in flight are lost.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.forget();
@@ -172,22 +172,22 @@ impl UsbHost {
         self.toggles = [false; 2];
     }
 
-    /// Whether the program has its port open, with DTR on.
+    /// Returns true if the program has its port open, with DTR on.
     pub fn is_open(&self) -> bool {
         self.open
     }
 
-    /// The program writes.
+    /// Writes bytes of the program.
     pub fn write(&mut self, bytes: &[u8]) {
         self.outgoing.extend(bytes);
     }
 
-    /// Bytes that the program wrote and the device has not taken.
+    /// Returns the number of bytes that the program wrote and the device has not taken.
     pub fn unsent(&self) -> usize {
         self.outgoing.len() + self.packet.as_ref().map_or(0, Vec::len)
     }
 
-    /// When there is something to do.
+    /// Returns the moment of the next action.
     pub fn next(&self, otg: &Otg) -> Option<Beats> {
         let silence = self
             .last_frame
@@ -202,7 +202,7 @@ impl UsbHost {
         bus.into_iter().chain(silence).min()
     }
 
-    /// Does what is due.
+    /// Executes the action that is due.
     pub fn act(&mut self, now: Beats, otg: &mut Otg) {
         if self.bus != Bus::Running && self.last_frame.is_some_and(|at| at + SUSPEND <= now) {
             self.last_frame = None;
@@ -245,7 +245,7 @@ impl UsbHost {
         }
     }
 
-    /// One transaction. Returns until when the bus is busy.
+    /// Makes one transaction. Returns the moment until which the bus is busy.
     fn transact(&mut self, now: Beats, otg: &mut Otg) -> Beats {
         if let Some(mut request) = self.requests.pop_front() {
             let (busy, done) = self.control(now, otg, &mut request);
@@ -267,7 +267,7 @@ impl UsbHost {
         }
     }
 
-    /// A step of a control transfer.
+    /// Makes one step of a control transfer.
     fn control(
         &self,
         now: Beats,
@@ -339,7 +339,7 @@ impl UsbHost {
         (busy, done)
     }
 
-    /// What follows from a request that succeeded. Returns how long to wait.
+    /// Applies a request that succeeded. Returns the time to wait after it.
     fn finish(&mut self, done: &Request) -> Beats {
         let value = u16::from_le_bytes([done.setup[2], done.setup[3]]);
         match (done.setup[1], value) {
@@ -404,7 +404,7 @@ impl UsbHost {
         0
     }
 
-    /// The bulk endpoints IN and OUT, from the configuration's endpoint descriptors.
+    /// Returns the bulk endpoints IN and OUT, from the configuration's endpoint descriptors.
     fn data_endpoints(&self) -> [usize; 2] {
         let mut found = [0; 2];
         let mut rest = &self.descriptors.configuration[..];
@@ -423,7 +423,7 @@ impl UsbHost {
         found
     }
 
-    /// Asks the bulk IN endpoint.
+    /// Polls the bulk IN endpoint.
     fn ask(&mut self, now: Beats, otg: &mut Otg) -> Beats {
         match otg.enter(self.address, self.bulk[0]) {
             Answer::Data(toggle, bytes) => {
@@ -445,7 +445,7 @@ impl UsbHost {
         }
     }
 
-    /// Sends the next packet of what the program wrote to the bulk OUT endpoint.
+    /// Sends the program's next packet to the bulk OUT endpoint.
     fn tell(&mut self, otg: &mut Otg) -> Beats {
         let packet = self.packet.take().unwrap_or_else(|| {
             let length = self.outgoing.len().min(64);

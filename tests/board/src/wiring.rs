@@ -1,16 +1,16 @@
-//! What is soldered to the pins of the Olimex STM32-H405, as firmware/README.md wants it.
+//! Wiring of the Olimex STM32-H405, as firmware/README.md describes it.
 
 use crate::chip::fabric::{Fabric, PinChange};
 use shared::steps::PortMap;
 
-/// Ports by number.
+/// Port A.
 pub const A: usize = 0;
 /// Port B.
 pub const B: usize = 1;
 /// Port C.
 pub const C: usize = 2;
 
-/// A pin: port and number.
+/// Pin: port and number.
 pub type Pin = (usize, u8);
 
 /// STEP and DIR, all on port C.
@@ -23,25 +23,26 @@ pub const STEPPERS: PortMap = PortMap {
 /// The pins of [`STEPPERS`].
 pub const STEPPER_MASK: u16 = 0b1100_1111;
 
-/// Limit switches, negative and positive end of each axis: closed to ground when well.
+/// Limit switches, negative and positive end of each axis: closed to ground in the normal state.
 pub const LIMITS: [[Pin; 2]; 3] = [[(A, 4), (A, 5)], [(A, 6), (A, 7)], [(B, 8), (B, 9)]];
 
-/// The emergency stop: closed to ground when well.
+/// Emergency stop: closed to ground in the normal state.
 pub const EMERGENCY_STOP: Pin = (B, 13);
 
-/// The emergency stop's second contact: closed to the supply when well. It gates the step timer.
+/// Second contact of the emergency stop: closed to the supply in the normal state. It gates the
+/// step timer.
 pub const GATE: Pin = (A, 0);
 
-/// The drivers' fault line: nobody drives it when all is well.
+/// Fault line of the drivers: undriven in the normal state.
 pub const DRIVER_FAULT: Pin = (B, 14);
 
-/// The drivers' enable line: low is on.
+/// Enable line of the drivers: low is on.
 pub const NOT_ENABLE: Pin = (B, 15);
 
-/// The status LED: low is on.
+/// Status LED: low is on.
 pub const LED: Pin = (C, 12);
 
-/// A board as it should be wired, all contacts closed.
+/// Wires a board correctly, all contacts closed.
 pub fn well(fabric: &mut Fabric) {
     for (port, pin) in LIMITS.into_iter().flatten().chain([EMERGENCY_STOP]) {
         fabric.drive(port, pin, Some(false));
@@ -52,17 +53,17 @@ pub fn well(fabric: &mut Fabric) {
     fabric.ports[port].pull_up(pin);
 }
 
-/// An open contact: the input's own resistor pulls it up.
+/// Opens a contact: the input's own resistor pulls it up.
 pub fn open(fabric: &mut Fabric, (port, pin): Pin) {
     fabric.drive(port, pin, None);
 }
 
-/// A closed one.
+/// Closes a contact.
 pub fn close(fabric: &mut Fabric, (port, pin): Pin) {
     fabric.drive(port, pin, Some(false));
 }
 
-/// Changes of the STEP and DIR pins: when, and their levels afterwards.
+/// Returns the changes of the STEP and DIR pins: moments, and levels afterwards.
 pub fn stepper_edges(changes: &[PinChange]) -> Vec<(u64, u16)> {
     changes
         .iter()
@@ -71,8 +72,8 @@ pub fn stepper_edges(changes: &[PinChange]) -> Vec<(u64, u16)> {
         .collect()
 }
 
-/// Rising edges of the STEP pins, axis by axis, with DIR low counted backwards, and how many there
-/// were.
+/// Returns the steps of each axis, with DIR low counted backwards, and the total number of rising
+/// edges.
 pub fn steps(edges: &[(u64, u16)]) -> ([i64; 3], u64) {
     let (mut steps, mut count, mut before) = ([0; 3], 0, 0);
     for (_, after) in edges {

@@ -1,6 +1,6 @@
-//! Power comes: clocks, watchdog and pins are as they should be before anybody says a word.
+//! Power-on: clocks, watchdog and pins are in their intended state before the first packet.
 //!
-//! What the registers must hold is worked out here from RM0090, not from the firmware's source.
+//! The required register values are derived here from RM0090, not from the firmware's source.
 
 use host::rig_file::Driver;
 use shared::frame::message::{End, ResetCause};
@@ -11,18 +11,18 @@ use station_board::station::Station;
 use station_board::time::MS;
 use station_board::wiring::{self, A, B, C};
 
-/// Accesses of the HAL that the manual does not know. Each is harmless, and whoever removes one
-/// from the program removes it here.
+/// Accesses of the HAL that the manual does not list. Each is harmless; remove the line here
+/// together with the access.
 const KNOWN: [&str; 4] = [
     // RCC_DCKCFGR exists on the F42x. embassy-stm32 writes its reset value here, where the chip has
     // a gap.
     "read of 0x4002388c: no model",
     "write of 0x0 to 0x4002388c: no such thing",
-    // The controller's hardware configuration 4: there, but not in the manual.
-    // embassy-usb-synopsys-otg needs of it what the embedded transceiver ignores.
+    // Hardware configuration 4 of the controller: present, but not in the manual.
+    // embassy-usb-synopsys-otg reads settings from it that the embedded transceiver ignores.
     "read of 0x50000050: no model",
-    // OTG_FS_DOEPCTL1: the CDC class looks whether it is enabled before the controller has its
-    // clock, sees 0, and waits.
+    // OTG_FS_DOEPCTL1: the CDC class polls its enable bit before the controller has its clock,
+    // reads 0, and waits.
     "0x50000b20 has no clock",
 ];
 
@@ -33,7 +33,7 @@ fn booted() -> Board {
 }
 
 #[test]
-fn the_clock_tree_is_the_intended_one() {
+fn clock_tree_is_as_intended() {
     let mut board = booted();
     let clocks = board.chip(|chip| chip.clocks());
     let intended = Clocks {
@@ -64,13 +64,13 @@ fn the_clock_tree_is_the_intended_one() {
 /// RM0090, table "Number of wait states": five from 150 to 168 MHz at 2.7 to 3.6 V. Without its
 /// caches the processor would wait for most jumps.
 #[test]
-fn flash_keeps_up_with_the_processor() {
+fn flash_keeps_up_with_the_core() {
     let acr = booted().chip(|chip| chip.flash_acr);
     assert_eq!(acr & 7, 5, "wait states");
     assert_eq!(acr >> 8 & 7, 7, "prefetch, instruction cache, data cache");
 }
 
-/// Revision A, which names itself as the STM32F2 does (ES0182), must do without prefetch.
+/// Revision A, which reports the device number of the STM32F2 (ES0182), must run without prefetch.
 #[test]
 fn revision_a_runs_without_prefetch() {
     let mut make = Make::default();
@@ -81,10 +81,10 @@ fn revision_a_runs_without_prefetch() {
     assert_eq!(acr >> 8 & 7, 6, "instruction cache, data cache");
 }
 
-/// As `dfu-util` does with `:leave`: interrupts must not go to the boot loader's vectors, which
+/// Start by `dfu-util` with `:leave`: interrupts must not use the boot loader's vectors, which
 /// still lie at address zero.
 #[test]
-fn boot_loaders_jump_is_a_start() {
+fn jump_of_a_boot_loader_starts_it() {
     let make = Make {
         boot_loader_at_zero: true,
         ..Make::default()
@@ -100,7 +100,7 @@ fn boot_loaders_jump_is_a_start() {
 
 /// The data sheet's oscillator runs at 17 to 47 kHz.
 #[test]
-fn the_watchdog_runs_and_is_patient_enough() {
+fn watchdog_timeout_is_as_stated() {
     for (lsi_hz, least, most) in [(17_000, 90, 100), (32_000, 48, 52), (47_000, 32, 36)] {
         let mut make = Make::default();
         make.around.lsi_hz = lsi_hz;
@@ -116,7 +116,7 @@ fn the_watchdog_runs_and_is_patient_enough() {
 }
 
 #[test]
-fn the_pins_do_what_the_wiring_table_says() {
+fn pins_match_the_wiring_table() {
     let mut board = booted();
     board.chip(|chip| {
         let ports = &chip.fabric.ports;
@@ -156,7 +156,7 @@ fn the_pins_do_what_the_wiring_table_says() {
         assert_eq!(ports[B].pupdr >> 22 & 3, 1);
         assert_eq!((ports[A].mode(0), ports[A].afr[0] & 0xf), (2, 3));
         assert_eq!(ports[A].pupdr & 3, 2);
-        // RM0090: the slowest edges for what hangs on a switch or a lamp.
+        // RM0090: the slowest edges for pins with a switch or a lamp.
         for (port, pin) in [wiring::NOT_ENABLE, wiring::LED] {
             assert_eq!(ports[port].ospeedr >> (2 * pin) & 3, 0);
         }
@@ -164,7 +164,7 @@ fn the_pins_do_what_the_wiring_table_says() {
 }
 
 #[test]
-fn nothing_moves_and_nothing_is_energised_before_the_first_command() {
+fn stage_is_dead_before_first_command() {
     let mut board = booted();
     board.run_until(400 * MS);
     assert_eq!(wiring::stepper_edges(&board.changes(C)), []);
@@ -182,7 +182,7 @@ fn nothing_moves_and_nothing_is_energised_before_the_first_command() {
 }
 
 #[test]
-fn no_register_is_used_against_the_manual() {
+fn registers_are_used_as_documented() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();
@@ -197,7 +197,7 @@ fn no_register_is_used_against_the_manual() {
 }
 
 #[test]
-fn every_start_is_another_session_and_says_its_cause() {
+fn start_has_new_session_and_cause() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();

@@ -28,7 +28,7 @@ fn configured(driver: Driver, make: Make) -> Station {
 }
 
 #[test]
-fn five_hundred_frames_then_a_jog_and_a_stop() {
+fn frames_jog_and_stop_over_the_uart() {
     let mut station = configured(Driver::Tmc2209, Make::default());
     scene::follow(&mut station, 500);
     let status = station.status();
@@ -52,10 +52,10 @@ fn five_hundred_frames_then_a_jog_and_a_stop() {
     assert_eq!(station.status().position_steps.map(i64::from), steps);
 }
 
-/// Cache misses and bus conflicts slow a real processor down. With half and with three quarters as
-/// many cycles again for everything the edges are the same.
+/// Cache misses and bus conflicts slow a real processor down. With 50 and 75 % more cycles for
+/// everything the edges are the same.
 #[test]
-fn a_slower_processor_makes_the_same_edges() {
+fn slower_processor_makes_same_edges() {
     for slowness in [6, 7] {
         let make = Make {
             slowness,
@@ -72,7 +72,8 @@ fn a_slower_processor_makes_the_same_edges() {
     }
 }
 
-/// Shortest times at the pins, ns: STEP high, STEP low, DIR before a rise, DIR after a rise.
+/// Returns the shortest times at the pins, ns: STEP high, STEP low, DIR before a rise, DIR after a
+/// rise.
 fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
     let mut least = [u64::MAX; 4];
     for (step, dir) in STEPPERS.step.into_iter().zip(STEPPERS.dir) {
@@ -102,9 +103,9 @@ fn shortest(edges: &[(Beats, u16)]) -> [u64; 4] {
     least
 }
 
-/// To and fro on all axes, at the speed at which the default stage's step frequency is highest.
+/// Back and forth on all axes, at the speed with the default stage's highest step frequency.
 #[test]
-fn pulses_are_as_long_as_each_driver_asks() {
+fn pulses_fit_every_driver() {
     for driver in [Driver::A4988, Driver::Tmc2209] {
         let mut station = configured(driver, Make::default());
         for way in [1, -1, 1] {
@@ -126,7 +127,7 @@ fn pulses_are_as_long_as_each_driver_asks() {
 }
 
 #[test]
-fn a_driver_that_is_too_slow_is_refused_by_name() {
+fn too_slow_driver_is_refused_by_name() {
     let mut station = greeted(Make::default());
     let refused = station.command(Command::Config(config(Driver::Drv8825)));
     assert!(matches!(refused, Err(Denial::Config(_))), "{refused:?}");

@@ -1,8 +1,8 @@
-//! Faults from outside the program, in the middle of a fast move of all axes: what the pins do, and
-//! what the station says afterwards.
+//! Faults from outside the program, in the middle of a fast move of all axes: the edges at the
+//! pins, and the station's state afterwards.
 //!
-//! Each test ends by looking for its line in FAULTS.md, so that the table says what was observed. A
-//! line that is missing is printed.
+//! Each test ends with a look-up of its line in FAULTS.md, so that the table holds observations. A
+//! missing line is printed.
 
 use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, End, ResetCause};
@@ -35,7 +35,9 @@ fn refill_starved() {
         "refill task starved",
         "its executor's interrupt (UART5) disabled in the NVIC",
         "last step within one ring",
-        "watchdog: hello says watchdog, no fault latched (without room the machine has no ticks); fault 9, position unknown; nothing moves before a reset",
+        "watchdog: hello says watchdog, no fault latched (without room the machine has no ticks); \
+         fault 9, position unknown; \
+         nothing moves before a reset",
     );
 }
 
@@ -75,7 +77,7 @@ fn processor_held() {
 }
 
 #[test]
-fn processor_held_for_five_milliseconds() {
+fn processor_held_for_5_ms() {
     let mut station = moving();
     let at = station.board.now();
     station.board.hold(true);
@@ -142,7 +144,8 @@ fn panic() {
         "panic",
         "the processor sent to core's panic function",
         "no step after 20 µs; drivers off",
-        "watchdog: hello says watchdog, panic and where; fault 9, position unknown; nothing moves before a reset",
+        "watchdog: hello says watchdog, panic and where; fault 9, position unknown; \
+         nothing moves before a reset",
     );
 }
 
@@ -162,13 +165,14 @@ fn hard_fault() {
         "hard fault",
         "the processor sent to an address without memory",
         "no step after 20 µs; drivers off",
-        "watchdog: hello says watchdog, hard fault and where; fault 9, position unknown; nothing moves before a reset",
+        "watchdog: hello says watchdog, hard fault and where; fault 9, position unknown; \
+         nothing moves before a reset",
     );
 }
 
 #[test]
 fn stack_too_long() {
-    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, and not for
+    // Core-coupled memory begins at 0x1000_0000: room for one more exception's frame, but not for
     // its handler.
     let mut station = moving();
     station.board.deepen_stack(0x1000_0080);
@@ -187,7 +191,8 @@ fn stack_too_long() {
         "stack too long",
         "the stack pointer set to the end of its memory",
         "no step after 300 µs; drivers off",
-        "watchdog: hello says watchdog, hard fault and the callers; fault 9, position unknown; nothing moves before a reset",
+        "watchdog: hello says watchdog, hard fault and the callers; fault 9, position unknown; \
+         nothing moves before a reset",
     );
 }
 
@@ -217,7 +222,8 @@ fn watchdog_expires() {
     );
     observed(
         "thread hangs",
-        "the processor sent to a branch to itself in thread mode: links and watch task dead, motion alive",
+        "the processor sent to a branch to itself in thread mode: links and watch task dead, \
+         motion alive",
         "planned steps until the reset, none after it",
         "watchdog: hello says watchdog; fault 9, position unknown; nothing moves before a reset",
     );
@@ -297,10 +303,9 @@ fn emergency_stop() {
     );
 }
 
-/// What the emergency stop erases may be the very word that turns an axis: its next move must set
-/// DIR all the same.
+/// The emergency stop may erase the word that writes DIR: the next move must write it again.
 #[test]
-fn emergency_stop_in_a_turn_keeps_directions() {
+fn emergency_stop_in_a_reversal() {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
     station.greet();
@@ -311,7 +316,7 @@ fn emergency_stop_in_a_turn_keeps_directions() {
         station.send(Command::Jog {
             distance_um: [-500, 0, 0],
         });
-        // From before its packet is there to after its first steps.
+        // From before the arrival of its packet to after its first steps.
         station.run(quarter * 250 * US);
         switch(&mut station, wiring::EMERGENCY_STOP, true);
         station.run(100 * US);
@@ -384,7 +389,7 @@ fn host_falls_silent() {
     station.set_pings(false);
     station.run(250 * MS);
     let status = faulted(&mut station, Fault::Heartbeat, Trust::Homed);
-    // Silence is noticed after 100 ms; the ramp takes 50 ms from 100 mm/s at 2,000 mm/s², and 40 ms
+    // The heartbeat timeout is 100 ms; the ramp takes 50 ms from 100 mm/s at 2,000 mm/s², and 40 ms
     // for the jerk.
     last_step(&mut station, at, 220_000);
     assert_eq!(
@@ -400,7 +405,7 @@ fn host_falls_silent() {
 }
 
 #[test]
-fn power_on_with_the_emergency_stop_pressed() {
+fn power_on_with_emergency_stop() {
     let board = Board::power_on(&Image::firmware(), Make::default(), |fabric| {
         wiring::well(fabric);
         wiring::open(fabric, wiring::EMERGENCY_STOP);

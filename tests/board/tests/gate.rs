@@ -1,4 +1,4 @@
-//! The emergency stop's second contact, which gates the step timer in hardware.
+//! Second contact of the emergency stop, which gates the step timer in hardware.
 
 use shared::frame::message::{Command, Denial};
 use shared::safety::{Fault, State, Trust};
@@ -19,17 +19,17 @@ fn gate(station: &mut Station, open: bool) {
     station.board.drive(port, pin, (!open).then_some(true));
 }
 
-/// The filter: eight samples at 168 MHz / 4 / 32.
+/// Duration of the filter, µs: eight samples at 168 MHz / 4 / 32.
 const FILTER_US: u64 = 7;
 
 #[test]
-fn open_gate_stops_pulses_of_a_halted_processor() {
+fn open_gate_stops_pulses_without_core() {
     let mut station = moving();
     station.board.hold(true);
     let at = station.board.now();
     gate(&mut station, true);
     station.run(20 * MS);
-    // Without the gate the ring's words would go on for a millisecond.
+    // Without the gate the ring's words would continue for a millisecond.
     last_step(&mut station, at, FILTER_US);
     station.run(80 * MS);
     gate(&mut station, false);
@@ -47,14 +47,14 @@ fn open_gate_stops_pulses_of_a_halted_processor() {
 }
 
 #[test]
-fn open_gate_alone_is_an_emergency_stop() {
+fn open_gate_is_an_emergency_stop() {
     let mut station = moving();
     let at = station.board.now();
     gate(&mut station, true);
     faulted(&mut station, Fault::EmergencyStop, Trust::Degraded);
     last_step(&mut station, at, FILTER_US);
     assert_eq!(station.command(Command::Reset), Err(Denial::CauseRemains));
-    // Closed again it plays nothing of what was planned before.
+    // After closing again, nothing that was planned before is played.
     let at = station.board.now();
     gate(&mut station, false);
     station.run(30 * MS);
@@ -64,13 +64,15 @@ fn open_gate_alone_is_an_emergency_stop() {
         "emergency stop's second contact",
         "opens alone, the first being welded",
         "no step after 7 µs: the timer's gate",
-        "fault 1, position degraded, drivers on; reset refused while it is open; after reset and zero it moves exactly again",
+        "fault 1, position degraded, drivers on; reset refused while it is open; \
+         after reset and zero it moves exactly again",
     );
 }
 
-/// Too short for the program to see the contact itself: it sees that the timer lost time.
+/// The opening is too short for the program to see the contact itself: it detects that the timer
+/// lost time.
 #[test]
-fn short_opening_of_the_gate_is_an_underrun() {
+fn short_gate_opening_is_an_underrun() {
     let mut station = moving();
     let at = station.board.now();
     gate(&mut station, true);
@@ -94,7 +96,7 @@ fn spark_on_the_gate_is_filtered() {
 }
 
 #[test]
-fn both_contacts_open_as_one_button() {
+fn both_contacts_act_as_one() {
     let mut station = moving();
     let at = station.board.now();
     switch(&mut station, wiring::EMERGENCY_STOP, true);
@@ -108,7 +110,7 @@ fn both_contacts_open_as_one_button() {
 }
 
 #[test]
-fn power_on_with_an_open_gate_waits_for_it() {
+fn power_on_waits_for_open_gate() {
     let board = Board::power_on(&Image::firmware(), Make::default(), |fabric| {
         wiring::well(fabric);
         let (port, pin) = wiring::GATE;

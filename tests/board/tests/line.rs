@@ -1,7 +1,7 @@
-//! The line: who speaks, and what noise on either link can do.
+//! Selection of the active link, and noise on either link.
 //!
-//! Noise is bytes that are no packet: single ones as a floating receiver picks them up, bursts,
-//! zeros, halves of packets, and packets whose checksum is wrong.
+//! Noise is bytes that are no packet: single bytes as from a floating receiver, bursts, zeros,
+//! halves of packets, and packets with a wrong checksum.
 
 use host::random::Random;
 use host::rig_file::Driver;
@@ -15,7 +15,7 @@ use station_board::station::{Link, Station};
 use station_board::time::{Beats, MS};
 use station_board::wiring::steps;
 
-/// A station whose host uses one of its links. USB is plugged in either way.
+/// Returns a station whose host uses this link. USB is plugged in in either case.
 fn station(link: Link) -> Station {
     let mut station = Station::power_on(&Image::firmware(), Make::default());
     station.run(20 * MS);
@@ -31,7 +31,7 @@ fn other(link: Link) -> Link {
     }
 }
 
-/// Kinds of noise.
+/// Returns noise of one kind.
 fn noise(kind: usize, random: &mut Random, whole: &[u8]) -> Vec<u8> {
     match kind {
         0 => vec![0x55],
@@ -66,7 +66,7 @@ fn run_with_noise(station: &mut Station, link: Link, every: Beats, times: usize)
     }
 }
 
-/// Hellos that are answered, of ten, with noise on the other link.
+/// Returns the number of hellos that are answered, of ten, with noise on the other link.
 fn answered(link: Link) -> usize {
     let mut station = station(link);
     run_with_noise(&mut station, other(link), 5 * MS, 6);
@@ -82,17 +82,17 @@ fn answered(link: Link) -> usize {
 }
 
 #[test]
-fn noise_on_the_uart_leaves_usb_its_answers() {
+fn uart_noise_spares_usb_answers() {
     assert_eq!(answered(Link::Usb), 10);
 }
 
 #[test]
-fn noise_on_usb_leaves_the_uart_its_answers() {
+fn usb_noise_spares_uart_answers() {
     assert_eq!(answered(Link::Uart), 10);
 }
 
-/// Not a byte of the other link reaches the machine: reports, its counts of garbled packets among
-/// them, and edges are the twin's.
+/// Not a byte of the other link reaches the machine: reports, including the counts of rejects, and
+/// edges are the twin's.
 fn moves_as_without(link: Link) {
     let mut station = station(link);
     run_with_noise(&mut station, other(link), MS, 6);
@@ -112,19 +112,19 @@ fn moves_as_without(link: Link) {
 }
 
 #[test]
-fn noise_on_the_uart_leaves_a_usb_move_alone() {
+fn uart_noise_spares_a_usb_move() {
     moves_as_without(Link::Usb);
 }
 
 #[test]
-fn noise_on_usb_leaves_a_uart_move_alone() {
+fn usb_noise_spares_a_uart_move() {
     moves_as_without(Link::Uart);
 }
 
-/// The speaker's own noise costs the packets that it hits; it is counted, and the next packet is
-/// understood.
+/// Noise on the active link costs the packets that it hits; it is counted, and the next packet is
+/// accepted.
 #[test]
-fn noise_on_the_speakers_link_is_counted() {
+fn noise_on_the_active_link_counts() {
     for link in [Link::Uart, Link::Usb] {
         let mut station = station(link);
         station.greet();
@@ -136,10 +136,10 @@ fn noise_on_the_speakers_link_is_counted() {
     }
 }
 
-/// The speaker's host dies and its link goes on with noise, as one whose cable was pulled does: the
-/// other host is heard after half a second.
+/// The host of the active link dies and its link carries noise, as after its cable was pulled: the
+/// other link becomes active after half a second.
 #[test]
-fn noise_does_not_keep_a_dead_speaker() {
+fn noise_does_not_hold_the_link() {
     for link in [Link::Uart, Link::Usb] {
         let mut station = station(link);
         station.greet();
@@ -148,7 +148,7 @@ fn noise_does_not_keep_a_dead_speaker() {
         station.run(100 * MS);
         station.set_pings(false);
         run_with_noise(&mut station, link, 10 * MS, 40);
-        // Not yet: the speaker may come back.
+        // Not yet: the first host may come back.
         station.use_link(other(link));
         let before = station.reports.len();
         station.client.begin_again();
@@ -165,7 +165,7 @@ fn noise_does_not_keep_a_dead_speaker() {
 
 /// A packet that was cut off on one link is not continued by bytes of the other.
 #[test]
-fn halves_of_two_links_make_no_packet() {
+fn halves_of_two_links_do_not_join() {
     let mut station = station(Link::Usb);
     let hello = station.client.packet(Command::Hello).1;
     let (first, second) = hello.split_at(hello.len() / 2);

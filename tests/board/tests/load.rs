@@ -1,4 +1,4 @@
-//! How much of the processor the station takes. The table is in LOADS.md:
+//! Load of the processor. The table is in LOADS.md:
 //!
 //! ```sh
 //! REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load
@@ -16,15 +16,16 @@ use station_board::time::{MS, US};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// The most that the processor may be busy following 200 frames per second with the flash's waits.
+/// Largest share of time that the processor may be busy while following 200 frames per second with
+/// the flash's waits.
 const LARGEST_LOAD: f64 = 0.42;
 
-/// What the processor does while something goes on.
+/// Load of the processor during one activity.
 #[derive(Clone, Copy)]
 struct Load {
     /// Millions of instructions per second, which is instructions per port word.
     instructions: f64,
-    /// The share of the time that it is not asleep.
+    /// Share of the time during which the processor is awake.
     busy: f64,
 }
 
@@ -68,22 +69,30 @@ fn loads(flash_waits: bool) -> [Load; 4] {
     let following = load(&mut station, |station| scene::follow(station, 200));
     assert_eq!(station.command(Command::Stop), Ok(()));
     station.run(300 * MS);
-    // However long each instruction takes: the same reports and edges.
+    // However long each instruction takes, the reports and edges are the same.
     agreement(&mut station);
     [unconfigured, rest, moving, following]
 }
 
+/// Text before the rows of the table.
+const HEAD: &str = "\
+# Processor load of the image
+
+The flashed image on the emulated STM32F405 at 168 MHz, by the interpreter's count of instructions
+and cycles, with a port word every microsecond: millions of instructions per second are instructions
+per word. *With waits* adds a model of the flash's five wait states, its prefetch and its caches
+(`src/chip/flash.rs`). This file is renewed by
+
+```sh
+REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load
+```
+
+| what the station does | instructions per word | busy | busy with waits |
+|---|---:|---:|---:|
+";
+
 fn table(without: &[Load; 4], with: &[Load; 4]) -> String {
-    let mut text = String::from(
-        "# What the image takes of the processor\n\
-         \n\
-         The flashed image on the emulated STM32F405 at 168 MHz, by the interpreter's count of instructions and cycles, with a port word every \
-         microsecond: so millions\nof instructions per second are instructions per word. *With waits* adds a model of the flash's five wait states, its \
-         prefetch and its caches\n(`src/chip/flash.rs`). `REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load` renews this file.\n\
-         \n\
-         | what the station does | instructions per word | busy | busy with waits |\n\
-         |---|---:|---:|---:|\n",
-    );
+    let mut text = String::from(HEAD);
     for ((name, without), with) in NAMES.iter().zip(without).zip(with) {
         let percent = |load: &Load| 100.0 * load.busy;
         let _ = writeln!(
@@ -98,7 +107,7 @@ fn table(without: &[Load; 4], with: &[Load; 4]) -> String {
 }
 
 #[test]
-fn following_leaves_the_processor_room() {
+fn following_leaves_spare_load() {
     let (without, with) = (loads(false), loads(true));
     let text = table(&without, &with);
     println!("{text}");

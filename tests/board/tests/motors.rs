@@ -1,4 +1,4 @@
-//! Motors off and on, and what the LED shows.
+//! Motors off and on, and the status LED.
 
 use host::rig_file::Driver;
 use shared::frame::message::{Command, StageConfig};
@@ -28,7 +28,7 @@ fn configured(motors_off_after_s: u16) -> Station {
 }
 
 #[test]
-fn motors_command_switches_the_enable_line() {
+fn motors_command_switches_enable() {
     let mut station = configured(0);
     assert!(drivers_are_on(&mut station));
     assert_eq!(station.command(Command::Motors { on: false }), Ok(()));
@@ -47,7 +47,7 @@ fn motors_command_switches_the_enable_line() {
 }
 
 #[test]
-fn motors_go_off_after_their_time_at_rest() {
+fn motors_switch_off_after_rest() {
     let mut station = configured(1);
     station.run(500 * MS);
     assert_eq!(station.command(jog([1_000, 0, 0])), Ok(()));
@@ -57,7 +57,7 @@ fn motors_go_off_after_their_time_at_rest() {
     assert!(!drivers_are_on(&mut station));
 }
 
-/// How often the LED goes on, and for how much of the time it is on.
+/// Returns the number of flashes of the LED, and the share of the time during which it is on.
 fn led(station: &mut Station, time: Beats) -> (usize, f64) {
     let from = station.board.now();
     station.run(time);

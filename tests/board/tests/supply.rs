@@ -1,4 +1,4 @@
-//! The supply: what a dip does, and what the next start says of it.
+//! Dips of the supply, and the report of the next start.
 
 use shared::frame::message::{End, ResetCause};
 use shared::safety::{Fault, State};
@@ -11,7 +11,7 @@ use station_board::trial::{drivers_are_on, last_step, moving, restarted, rises_a
 use station_board::wiring;
 
 #[test]
-fn dip_ends_pulses_and_is_told_as_brown_out() {
+fn dip_ends_pulses_as_brown_out() {
     let mut station = moving();
     let at = station.board.now();
     station.board.chip(|chip| chip.set_supply(2_850));
@@ -31,7 +31,7 @@ fn dip_ends_pulses_and_is_told_as_brown_out() {
 }
 
 #[test]
-fn sag_above_the_threshold_changes_nothing() {
+fn sag_above_threshold_is_harmless() {
     let mut station = moving();
     let at = station.board.now();
     station.board.chip(|chip| chip.set_supply(2_950));
@@ -40,9 +40,9 @@ fn sag_above_the_threshold_changes_nothing() {
     assert!(rises_after(&mut station, at).len() > 300);
 }
 
-/// The supply stays low: each start ends again, with drivers off, until it is back.
+/// The supply stays low: each start ends again, with drivers off, until it recovers.
 #[test]
-fn low_supply_keeps_the_drivers_off() {
+fn low_supply_keeps_drivers_off() {
     let mut station = moving();
     station.board.chip(|chip| chip.set_supply(2_800));
     station.set_pings(false);
@@ -62,10 +62,10 @@ fn low_supply_keeps_the_drivers_off() {
     assert_eq!(station.status().fault, Some(Fault::Restart));
 }
 
-/// So short that memory is intact, so deep that the chip was reset by its power-on detector,
-/// without a word of the program.
+/// The loss is so short that memory is intact, and so deep that the power-on detector resets the
+/// chip before the program writes a word.
 #[test]
-fn short_loss_of_power_is_a_brown_out() {
+fn short_power_loss_is_a_brown_out() {
     let mut station = moving();
     let at = station.board.now();
     station.board.lose_power();
@@ -89,7 +89,7 @@ fn short_loss_of_power_is_a_brown_out() {
 }
 
 #[test]
-fn power_on_with_a_low_supply_waits_for_it() {
+fn power_on_waits_for_the_supply() {
     let board = Board::power_on(&Image::firmware(), Make::default(), wiring::well);
     let mut station = Station::of(board);
     station.board.chip(|chip| chip.set_supply(2_700));

@@ -27,7 +27,8 @@ fn configured() -> Station {
     station
 }
 
-/// No request failed, no toggle was wrong, and the driver used the FIFOs as the manual wants it.
+/// Asserts that no request failed, no toggle was wrong, and the driver used the FIFOs as the manual
+/// demands.
 fn bus_is_well(station: &mut Station) {
     let (failures, complaints) =
         (station.board).chip(|chip| (chip.usb_host.failures.clone(), chip.complaints.clone()));
@@ -37,12 +38,12 @@ fn bus_is_well(station: &mut Station) {
 }
 
 #[test]
-fn it_enumerates_as_what_the_host_looks_for() {
+fn enumeration_matches_the_host() {
     let mut station = plugged();
     let ms = station.board.now() / MS;
     assert!(ms < 250, "{ms} ms from power to the open port");
     let found = station.board.chip(|chip| chip.usb_host.descriptors.clone());
-    // USB 2.0, table 9-8: vendor 1209, product 0001; the rig's program finds its station by these.
+    // USB 2.0, table 9-8: vendor 1209, product 0001, by which the host finds its station.
     assert_eq!(found.device[8..12], [0x09, 0x12, 0x01, 0x00]);
     assert_eq!(found.strings[..2], ["Trinocular", "olimex-h405"]);
     assert_eq!(found.strings[2].len(), 24, "96 bits of chip number");
@@ -60,7 +61,7 @@ fn it_enumerates_as_what_the_host_looks_for() {
 }
 
 #[test]
-fn frames_a_jog_and_a_stop_over_usb() {
+fn frames_jog_and_stop_over_usb() {
     let mut station = configured();
     scene::follow(&mut station, 500);
     assert_eq!(station.command(Command::Stop), Ok(()));
@@ -82,16 +83,16 @@ fn frames_a_jog_and_a_stop_over_usb() {
     bus_is_well(&mut station);
 }
 
-/// The plug goes while both sides have a packet under way, in a fast move. Then it comes back;
-/// nothing was restarted.
+/// The cable is pulled while both sides have a packet in flight, in a fast move, and plugged in
+/// again without a restart.
 #[test]
-fn unplugged_in_mid_write_and_back() {
+fn unplugging_in_mid_write_recovers() {
     let mut station = configured();
     let session = station.client.hello().expect("hello").session;
     assert_eq!(station.command(jog([45_000, -45_000, 45_000])), Ok(()));
     station.run(150 * MS);
-    // A long packet of which the device takes the first 64 bytes at most, and reports that nobody
-    // will fetch.
+    // A long packet of which the device takes the first 64 bytes at most, and reports that the host
+    // never fetches.
     let config = config(Driver::Tmc2209);
     for _ in 0..3 {
         station.send(Command::Config(config));
@@ -132,13 +133,14 @@ fn unplugged_in_mid_write_and_back() {
         "USB unplugged in mid-write",
         "the cable, while both sides have packets under way",
         "ramp after 100 ms; every step counted",
-        "fault 0, position kept, no restart; plugged in again it answers, and after a reset it moves exactly again",
+        "fault 0, position kept, no restart; plugged in again it answers, \
+         and after a reset it moves exactly again",
     );
 }
 
-/// A host on the UART is heard once the one on USB has been silent for half a second.
+/// A host on the UART is accepted once the one on USB has been silent for half a second.
 #[test]
-fn the_uart_takes_over_from_a_dead_usb_host() {
+fn uart_takes_over_from_dead_usb() {
     let mut station = configured();
     station.set_pings(false);
     station.use_link(Link::Uart);

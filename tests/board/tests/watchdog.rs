@@ -1,4 +1,4 @@
-//! The watchdog hears every task: whichever is dead, the chip starts anew.
+//! The watchdog checks every task: when one is dead, the chip restarts.
 
 use shared::frame::message::ResetCause;
 use shared::safety::{Fault, Trust};
@@ -10,8 +10,8 @@ use station_board::time::MS;
 use station_board::trial::{faulted, last_step, moving, restarted, switch};
 use station_board::wiring;
 
-/// A task that is never polled again, in the middle of a move: memory of the task, by part of its
-/// name, and its number in there.
+/// Kills a task, by part of the name of its memory and its number there, in the middle of a move:
+/// it is never polled again.
 fn dead_task(pool: &str, number: u32) {
     let image = Image::firmware();
     let mut station = moving();
@@ -21,7 +21,7 @@ fn dead_task(pool: &str, number: u32) {
     let parts = if pool.contains("limit") { 6 } else { 1 };
     station.board.kill_task(pools + number * size / parts);
     let at = station.board.now();
-    // The planned steps go on until then, as with any task of the links.
+    // The planned steps continue until then, as with any task of the links.
     let (cause, _) = restarted(&mut station, 130 * MS);
     let reset = station.board.last_reset().0;
     println!("{pool} {number}: reset after {} ms", (reset - at) / MS);
@@ -51,7 +51,7 @@ fn dead_usb_tasks_reset_the_chip() {
 }
 
 #[test]
-fn dead_emergency_stop_task_resets_the_chip() {
+fn dead_stop_task_resets_the_chip() {
     dead_task("switches14emergency_stop4POOL", 0);
 }
 
@@ -63,16 +63,17 @@ fn dead_switch_tasks_reset_the_chip() {
     }
     observed(
         "a task is dead",
-        "its executor made to believe that it waits in the queue: step, control, links, USB device, each switch, emergency stop",
+        "its executor made to believe that it waits in the queue: step, control, \
+         links, USB device, each switch, emergency stop",
         "planned steps until the reset at most, none after it",
         "watchdog: hello says watchdog; fault 9, position unknown; nothing moves before a reset",
     );
 }
 
-/// The external interrupt that carries the emergency stop is gone: the task's own look at the pin
-/// finds it open.
+/// The external interrupt of the emergency stop is lost: the task's own sample of the pin finds it
+/// open.
 #[test]
-fn lost_edge_of_the_emergency_stop_is_found() {
+fn lost_emergency_edge_is_found() {
     const EXTI15_10: u16 = 40;
     let mut station = moving();
     station.board.disable_interrupt(EXTI15_10);
@@ -88,10 +89,10 @@ fn lost_edge_of_the_emergency_stop_is_found() {
     );
 }
 
-/// A task that has no place is a panic at the start, so a station without one of its switches never
+/// A task without a slot is a panic at the start, so a station without one of its switches never
 /// runs.
 #[test]
-fn task_without_a_place_ends_in_a_panic() {
+fn task_without_a_slot_panics() {
     let image = Image::firmware();
     let pool = image.symbol("switches14emergency_stop4POOL");
     let mut station = Station::power_on(&image, Make::default());

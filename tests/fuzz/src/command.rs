@@ -1,5 +1,5 @@
 //! Commands from the fuzzer's bytes: well-formed ones with any values, which bytes alone would
-//! hardly ever hit behind their checksum.
+//! hardly ever form behind their checksum.
 
 use arbitrary::Arbitrary;
 use shared::estimate::Gate;
@@ -18,13 +18,13 @@ use shared::track::pursuit;
 pub enum Order {
     /// Starts a session.
     Hello,
-    /// A usual stage, with the fields replaced that are given.
+    /// A usual stage, with some fields replaced.
     Config(Settings),
-    /// A frame.
+    /// A flow frame.
     Frame(Sight),
     /// A setpoint, µm.
     Setpoint([i32; 3]),
-    /// A setpoint within reach, 1/100 mm.
+    /// A setpoint near zero, 1/100 mm.
     Near([i16; 3]),
     /// A jog, µm.
     Jog([i32; 3]),
@@ -42,7 +42,7 @@ pub enum Order {
     Motors(bool),
 }
 
-/// A configuration. `None` stands for a usual value.
+/// Configuration. `None` stands for a usual value.
 #[derive(Arbitrary, Clone, Copy, Debug, Default)]
 pub struct Settings {
     axis: Option<(u8, Axis)>,
@@ -71,7 +71,7 @@ struct Axis {
     invert: bool,
 }
 
-/// A frame, with its instants relative to now.
+/// Flow frame, with its instants relative to now.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 pub struct Sight {
     age_us: u16,
@@ -103,7 +103,8 @@ enum Seen {
 }
 
 impl Order {
-    /// As the station gets it at `now`; `last` is the capture of the last frame.
+    /// Converts to the command that the station gets at `now`; `last` is the capture time of the
+    /// last frame.
     pub fn command(self, now: Instant, last: &mut Instant) -> Command {
         match self {
             Self::Hello => Command::Hello,
@@ -125,7 +126,7 @@ impl Order {
 }
 
 impl Settings {
-    /// The configuration.
+    /// Returns the configuration.
     pub fn config(self) -> Config {
         let usual = AxisConfig {
             steps_per_m: 80_000,
@@ -187,7 +188,7 @@ impl Settings {
         };
         let (largest_error_um, longest_error_ms, unseen_um) = self.watched.unwrap_or_default();
         StageConfig {
-            // Mostly some: that is the harder half.
+            // Mostly some, because that is the harder half.
             backlash_um: self.backlash_um.unwrap_or([25, 50, 0]),
             home: match self.home {
                 Some(homes) => homes.map(|each| each.map(home)),

@@ -1,58 +1,58 @@
-//! Changes to a good text, so that most of it stays what a reader understands.
+//! Edits of a valid text, so that most of it stays valid for a reader.
 
 use arbitrary::Arbitrary;
 
-/// One change. Places count modulo what there is.
+/// One edit. Places are modulo the length.
 #[derive(Arbitrary, Clone, Debug)]
 pub enum Edit {
-    /// Other bytes in the place of some.
+    /// Replaces some bytes by others.
     Bytes {
-        /// Where.
+        /// Place of the first byte.
         at: u16,
-        /// How many bytes go.
+        /// Number of bytes removed.
         remove: u8,
-        /// What comes.
+        /// Bytes inserted.
         insert: Vec<u8>,
     },
-    /// A piece of syntax in the place of some bytes.
+    /// Replaces some bytes by a piece of syntax.
     Token {
-        /// Where.
+        /// Place of the first byte.
         at: u16,
-        /// How many bytes go.
+        /// Number of bytes removed.
         remove: u8,
-        /// Which of [`TOKENS`].
+        /// Index into [`TOKENS`].
         token: u8,
     },
-    /// Another number.
+    /// Replaces a number.
     Number {
-        /// Which number of the text.
+        /// Index of the number in the text.
         which: u16,
-        /// What comes in its place.
+        /// New value.
         value: Number,
     },
-    /// A line is removed, or another one put before it.
+    /// Removes a line, or copies another one before it.
     Line {
-        /// Which line.
+        /// Index of the line.
         line: u16,
-        /// The line that comes before it; without one it goes.
+        /// Index of the line to copy before it; `None` removes the line.
         copied: Option<u16>,
     },
-    /// The text ends here.
+    /// Truncates the text.
     End(u16),
 }
 
-/// What may stand for a number.
+/// Replacement of a number.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 pub enum Number {
     /// One of [`NUMBERS`].
     Special(u8),
-    /// Any.
+    /// Any floating-point number.
     Any(f64),
-    /// A whole one.
+    /// Any integer.
     Whole(i64),
 }
 
-/// Numbers at the ends of formats and of rules, and what is none.
+/// Numbers at the limits of formats and rules, and text that is not a number.
 pub const NUMBERS: [&str; 20] = [
     "0",
     "-0.0",
@@ -104,7 +104,7 @@ pub const TOKENS: [&str; 24] = [
     "\u{202e}",
 ];
 
-/// The text with all changes, in order.
+/// Applies all edits to the text, in order.
 pub fn edited(text: &str, edits: &[Edit]) -> Vec<u8> {
     let mut text = text.as_bytes().to_vec();
     for edit in edits {

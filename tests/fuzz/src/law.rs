@@ -1,10 +1,9 @@
-//! What holds of every reader's errors.
+//! Laws of every reader's errors.
 
 use host::error::InputError;
 use std::path::Path;
 
-/// The error names one of `files`, in one line of bounded length that changes nothing on a
-/// terminal.
+/// Checks that the error names one of `files`, in one printable line of bounded length.
 ///
 /// # Panics
 /// If it does not.
@@ -13,7 +12,7 @@ pub fn check_error(error: &InputError, files: &[&Path]) {
     check_message(&error.to_string());
 }
 
-/// The message is one line of bounded length that changes nothing on a terminal.
+/// Checks that the message is one printable line of bounded length.
 ///
 /// # Panics
 /// If it is not.

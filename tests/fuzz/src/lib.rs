@@ -1,4 +1,4 @@
-//! What the fuzz targets are made of. `tests/fuzz/run` builds and runs them.
+//! Parts of the fuzz targets. `tests/fuzz/run` builds and runs them.
 
 pub mod command;
 pub mod edit;

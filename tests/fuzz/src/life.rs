@@ -1,4 +1,4 @@
-//! A station's life, and the laws it is held to.
+//! Life of a station, and its laws.
 
 use crate::command::{Order, Settings};
 use arbitrary::Arbitrary;
@@ -11,23 +11,23 @@ use shared::safety::{Fault, Inputs, State};
 use shared::steps::{PortMap, WordRate};
 use shared::time::Instant;
 
-/// What the station is when it all begins.
+/// State of the station at the start.
 #[derive(Arbitrary, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
     /// Just switched on.
     Off,
-    /// With a usual configuration and a known position, as it is most of its life.
+    /// With a usual configuration and a known position, the most frequent state.
     Ready,
 }
 
-/// What happens to the station.
+/// Event in the life of the station.
 #[derive(Arbitrary, Clone, Debug)]
 pub enum Event {
-    /// A sound packet, with the next sequence number.
+    /// A valid packet, with the next sequence number.
     Order(Order),
     /// Any bytes.
     Bytes(Vec<u8>),
-    /// Time passes, with a ping every 20 ms, 100 µs.
+    /// Time passes, with a ping every 20 ms; unit 100 µs.
     Wait(u8),
     /// Time passes in silence, ms.
     Silence(u8),
@@ -49,15 +49,15 @@ struct Life {
     reports: Receiver<Report>,
     sequence: u16,
     last_capture: Instant,
-    /// Configurations that were sent and not answered.
+    /// Configurations that were sent and not answered yet.
     sent: Vec<(u16, Config)>,
     config: Option<Config>,
-    /// Motor position minus what the pins made, steps: changes only when the origin is set anew.
+    /// Motor position minus the steps of the pins: changes only with the origin.
     origin: [i64; 3],
     pressed: bool,
 }
 
-/// Lives through `events`.
+/// Runs a station through `events`.
 ///
 /// # Panics
 /// If a law does not hold.

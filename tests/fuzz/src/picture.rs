@@ -1,9 +1,9 @@
-//! Picture files whose structure is sound and whose content is anything.
+//! Image files with a valid structure and any content.
 
 use crate::edit::{Edit, edited};
 use arbitrary::Arbitrary;
 
-/// A file.
+/// Image file.
 #[derive(Arbitrary, Clone, Debug)]
 pub enum File {
     /// Any bytes.
@@ -12,14 +12,14 @@ pub enum File {
     Png {
         /// Width and height.
         size: [Side; 2],
-        /// Bits per sample, kind of colour, compression, filter, interlacing.
+        /// Bits per sample, colour type, compression, filter, interlacing.
         kind: [u8; 5],
-        /// What stands between header and end.
+        /// Chunks between header and end.
         chunks: Vec<(Name, Vec<u8>)>,
-        /// The last changes, which break it.
+        /// Final edits, which break the file.
         edits: Vec<Edit>,
     },
-    /// PNM: a header, and samples.
+    /// PNM: a header and samples.
     Pnm {
         /// P1 to P7.
         kind: u8,
@@ -27,21 +27,21 @@ pub enum File {
         size: [Side; 3],
         /// The largest sample.
         most: u16,
-        /// Anything.
+        /// Sample bytes, any.
         samples: Vec<u8>,
     },
-    /// JPEG: one of ours whose segments are changed.
+    /// JPEG: one of our files with changed segments.
     Jpeg {
-        /// Which one.
+        /// Index of the file.
         which: u8,
-        /// Segments that are left out, put elsewhere, or changed.
+        /// Segments that are left out, moved or changed.
         changes: Vec<(u8, Change)>,
-        /// The last changes, which break it.
+        /// Final edits, which break the file.
         edits: Vec<Edit>,
     },
 }
 
-/// A side of a picture: mostly one that could be.
+/// Side of an image, mostly a plausible one.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 pub enum Side {
     /// Small.
@@ -59,27 +59,27 @@ impl Side {
     }
 }
 
-/// A chunk's name.
+/// Name of a chunk.
 #[derive(Arbitrary, Clone, Copy, Debug)]
 pub enum Name {
-    /// One of the standard's.
+    /// Standard name, by its index.
     Known(u8),
     /// Any.
     Any([u8; 4]),
 }
 
-/// What happens to a JPEG segment.
+/// Change of a JPEG segment.
 #[derive(Arbitrary, Clone, Debug)]
 pub enum Change {
-    /// It is left out.
+    /// Leaves the segment out.
     Drop,
-    /// It comes twice.
+    /// Repeats the segment.
     Double,
-    /// A byte of its content is another.
+    /// Changes a byte of the content.
     Byte(u16, u8),
-    /// Its content is another; the length fits.
+    /// Replaces the content; the length fits.
     Content(Vec<u8>),
-    /// Another marker.
+    /// Replaces the marker.
     Marker(u8),
 }
 
@@ -95,7 +95,7 @@ const JPEGS: [&[u8]; 3] = [
 ];
 
 impl File {
-    /// Its bytes.
+    /// Returns the bytes of the file.
     pub fn bytes(&self) -> Vec<u8> {
         match self {
             Self::Any(bytes) => bytes.clone(),
@@ -115,7 +115,7 @@ impl File {
                         Name::Known(index) => *CHUNKS[usize::from(*index) % CHUNKS.len()],
                         Name::Any(name) => *name,
                     };
-                    // Pixels are to reach what undoes the filters.
+                    // Pixels must reach the code that undoes the filters.
                     match &name {
                         b"IDAT" => file.extend(chunk(&name, &stored(content))),
                         _ => file.extend(chunk(&name, content)),
@@ -154,7 +154,7 @@ impl File {
 }
 
 fn broken(file: Vec<u8>, edits: &[Edit]) -> Vec<u8> {
-    // Edits are for texts; bytes of Latin-1 are as good.
+    // Edits are for text; bytes as Latin-1 serve as well.
     match edits {
         [] => file,
         edits => {
@@ -177,7 +177,7 @@ fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     [&length, &name[..], content, &(!sum).to_be_bytes()].concat()
 }
 
-/// A zlib stream of these bytes, not compressed.
+/// Returns a zlib stream of these bytes, not compressed.
 fn stored(bytes: &[u8]) -> Vec<u8> {
     let bytes = &bytes[..bytes.len().min(65_535)];
     let length = bytes.len() as u16;
@@ -196,7 +196,7 @@ fn stored(bytes: &[u8]) -> Vec<u8> {
     .concat()
 }
 
-/// A JPEG with other segments, whose lengths are right.
+/// Returns a JPEG with changed segments, whose lengths are right.
 fn changed(file: &[u8], changes: &[(u8, Change)]) -> Vec<u8> {
     let mut segments: Vec<(u8, Vec<u8>)> = Vec::new();
     let mut rest = &file[2..];

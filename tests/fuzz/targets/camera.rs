@@ -1,4 +1,4 @@
-//! Camera files of OpenCV and ROS with any changes, and the rigs that they make.
+//! Camera files of OpenCV and ROS with any edits, and the rigs made from them.
 //!
 //! Laws: no panic; an error names one of the files; a camera that is written in either format has
 //! the same lens when it is read.

@@ -1,8 +1,8 @@
-//! The front door for pictures: PNG, JPEG and PNM files of any content.
+//! Image files: PNG, JPEG and PNM with any content.
 //!
-//! Laws: no panic and no abort; a picture has as many pixels as its size says, which is bounded,
-//! and decodes the same if its size is known before; memory is bounded (`tests/fuzz/run`); messages
-//! are printable.
+//! Laws: no panic and no abort; an image has as many pixels as its size says, which is bounded, and
+//! decodes the same if its size is known before; memory is bounded (`tests/fuzz/run`); messages are
+//! printable.
 #![no_main]
 
 use host::images::decode::{MOST_PIXELS, decode};

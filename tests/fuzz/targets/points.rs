@@ -1,7 +1,6 @@
-//! Files of points with any changes.
+//! Files of points with any edits.
 //!
-//! Laws: no panic; an error names the file; the points that are read are finite, and have sums or a
-//! reason why not.
+//! Laws: no panic; an error names the file; the points read are finite, and have sums or a refusal.
 #![no_main]
 
 use host::points;

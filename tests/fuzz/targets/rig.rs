@@ -1,7 +1,6 @@
-//! Rig files with any changes.
+//! Rig files with any edits.
 //!
-//! Laws: no panic; an error names the file; a rig that is read and written is read again, bit for
-//! bit.
+//! Laws: no panic; an error names the file; a rig that is written is read again, bit for bit.
 #![no_main]
 
 use host::rig_file::RigFile;

@@ -1,6 +1,6 @@
-//! Scenario files with any changes.
+//! Scenario files with any edits.
 //!
-//! Laws: no panic; an error names the file; what is read ends within an hour.
+//! Laws: no panic; an error names the file; a scenario ends within an hour.
 #![no_main]
 
 use host::scenario::file::Scenario;

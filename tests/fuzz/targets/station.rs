@@ -1,8 +1,9 @@
 //! A station under any commands, bytes, switches and waits.
 //!
-//! Laws: no panic; every segment is one that the generator takes; the pins make exactly the steps
-//! of the planned position; no axis is faster than its configuration allows; a station that is not
-//! configured, or stands with an emergency stop, makes no step; everything it sends is a report.
+//! Laws: no panic; the generator takes every segment; the pins make exactly the steps of the
+//! planned position; no axis is faster than its configuration allows; a station without
+//! configuration, or at rest with an emergency stop, makes no step; every packet it sends is a
+//! report.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

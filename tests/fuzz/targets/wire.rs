@@ -1,7 +1,7 @@
 //! The receiver under any bytes in any chunking.
 //!
-//! Laws: no panic; the chunking does not matter; every packet is understood as what it is, and not
-//! at all with one byte changed; and bytes that were no packet do not hide the packet after them.
+//! Laws: no panic; the chunking does not matter; every packet is decoded as it was encoded, and
+//! never with one byte changed; bytes that are no packet do not hide the packet after them.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -11,7 +11,7 @@ use shared::frame::receive::{Receiver, Reject};
 use shared::time::Instant;
 use station_fuzz::command::Order;
 
-/// A packet, and a change to one of its bytes.
+/// Packet with a change of one of its bytes.
 type Damaged = (Order, u8, u8);
 
 fuzz_target!(|data: (Vec<u8>, Vec<u8>, Option<Damaged>)| {

@@ -1,6 +1,6 @@
-//! What the run path costs: instructions and stack, as a table.
+//! Cost of the run path: instructions and stack, as a table.
 //!
-//! Rows with a limit fail the run when they exceed it. Counts move a little with inlining: the
+//! Rows with a limit fail the run when they exceed it. Counts vary a little with inlining: the
 //! limits are those of the project, not of the last run.
 
 mod sample;
@@ -24,10 +24,10 @@ use shared::track::filter::Reach;
 use shared::track::pursuit::{Measurement, Pursuit, Settings};
 use shared::track::watch::{Bounds, Sample, Watch};
 
-/// Control ticks that each kind of tick is measured over.
+/// Number of control ticks over which each kind of tick is measured.
 const TICKS: u64 = 100;
 
-/// Prints rows and remembers whether all were within their limits.
+/// Table that prints rows and records whether all were within their limits.
 struct Table {
     good: bool,
 }
@@ -51,7 +51,7 @@ impl Table {
     }
 }
 
-/// Measures everything.
+/// Runs all measurements.
 pub fn run() -> Result<(), Failure> {
     let core = cortex_m::Peripherals::take().ok_or(Failure("the core's peripherals are taken"))?;
     let mut counter = Counter::new(core.SYST);
@@ -149,7 +149,7 @@ fn wire(counter: &mut Counter, table: &mut Table) {
     table.row("encode a status", encoding.per(1), None);
 }
 
-/// A target at 50 mm/s, seen 60 times a second.
+/// Measures a target at 50 mm/s, seen 60 times a second.
 fn tracking(counter: &mut Counter, table: &mut Table) {
     let reach = Reach {
         speed: 8.0,
@@ -164,12 +164,12 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     let (mut measured, mut aimed) = (Sum::default(), Sum::default());
     for frame in 0..2 * TICKS {
         seen.capture = seen.capture.plus_micros(16_667);
-        // 4 steps/ms, give or take a step.
+        // 4 steps/ms, plus or minus a step.
         let steps = 67 * frame + frame * 7 % 3;
         seen.position = [(steps as i64) << 32; 3];
         let at = seen.capture.plus_micros(20_000);
         if frame < TICKS {
-            // Until it is in its stride.
+            // Until the filter is steady.
             let _ = pursuit.measure(at, &seen, &[reach; 3], &settings);
             pursuit.aim(at, &[reach; 3], &settings);
             continue;
@@ -183,7 +183,7 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     table.row("filter: where to go by now, three axes", aimed.per(1), None);
 }
 
-/// The same target followed well: the watch has no reason for a trial.
+/// Measures the same target followed well: the supervision has no reason for a trial.
 fn watching(counter: &mut Counter, table: &mut Table) {
     let bounds = Bounds {
         unseen: [800 << 32; 3],
@@ -203,8 +203,8 @@ fn watching(counter: &mut Counter, table: &mut Table) {
     table.row("watch: a frame of three axes", sum.per(1), None);
 }
 
-/// Words as the board's image makes them, into its ring. Also returns the tenths of instructions
-/// per word with three axes stepping in every slot.
+/// Measures words as the board's image makes them, into its ring. Also returns the tenths of
+/// instructions per word with three axes stepping in every slot.
 fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
     let slots = BOARD.word_rate.slots_per_segment();
     let moving = AxisMotion {
@@ -236,7 +236,7 @@ fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
         Ok(sum)
     };
     let rest = measure(&Segment::pause(slots))?;
-    // Slow enough to turn: writes the DIR pins.
+    // Slow enough to reverse: writes the DIR pins.
     let slow = AxisMotion {
         first: 1 << 30,
         change: 0,
@@ -269,8 +269,8 @@ fn generator(counter: &mut Counter, table: &mut Table) -> Result<u64, Failure> {
     Ok(busy)
 }
 
-/// An axis of the samples' stage, sent after another target in every tick: now anywhere, now near
-/// the last one, at rest or moving. What the same tick takes with all axes at rest is taken off.
+/// Measures an axis of the samples' stage that gets another target in every tick: anywhere or near
+/// the last one, at rest or moving. The cost of the same tick with all axes at rest is subtracted.
 fn planner(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
     let limits = Limits::new(&sample::config().axes, BOARD.word_rate)
         .map_err(|_| Failure("impossible limits"))?;
@@ -308,8 +308,8 @@ fn planner(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Instructions of a tick's first segment and of each further one while following, of a frame from
-/// bytes to segment, and of its reports.
+/// Returns the instructions of a tick's first segment and of each further one while following, of a
+/// frame from bytes to segment, and of its reports.
 fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u64), Failure> {
     let mut host = Host::new(Machine::new(BOARD));
     let idle = ticks(counter, &mut host, |_| {})?;
@@ -362,8 +362,8 @@ fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u
     ))
 }
 
-/// Hundred ticks: the first segment of each, and the others. Packets that go out between them are
-/// not counted.
+/// Measures a hundred ticks: the first segment of each, and the others. Packets that go out between
+/// them are not counted.
 fn ticks(
     counter: &mut Counter,
     host: &mut Host,
@@ -389,7 +389,7 @@ fn ticks(
     Ok((first, others))
 }
 
-/// Hundred frames: taking in the bytes, the tick, the reports.
+/// Measures a hundred frames: decoding, the tick, the reports.
 fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum), Failure> {
     let (mut received, mut polled, mut reported) = (Sum::default(), Sum::default(), Sum::default());
     for _ in 0..TICKS {

@@ -1,4 +1,4 @@
-//! What this board is: the twin's figures, so that the same log has the same meaning on both.
+//! Properties of this board: the twin's figures, so that the same log has the same meaning on both.
 
 use shared::frame::message::{LastRun, ResetCause};
 use shared::machine::Board;
@@ -17,7 +17,7 @@ pub const RING_WORDS: u32 = 512;
 /// Words in a segment.
 pub const SEGMENT_WORDS: usize = 2 * WordRate::MHZ_1.slots_per_segment() as usize;
 
-/// For the machine.
+/// Board for the machine.
 pub const BOARD: Board = Board {
     name: "qemu-mps2-an386",
     version: [0, 1, 0],

@@ -1,11 +1,11 @@
-//! Counts instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts at
-//! 25 MHz, once in 5 instructions.
+//! Counter of instructions: under `-icount shift=3` one instruction takes 8 ns, and SysTick counts
+//! at 25 MHz, once in 5 instructions.
 
 use core::ops::AddAssign;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 
-/// Instructions to a tick of SysTick.
+/// Instructions per tick of SysTick.
 const INSTRUCTIONS_PER_TICK: u64 = 5;
 
 /// The largest count of SysTick.
@@ -13,13 +13,13 @@ const LARGEST: u32 = 0xff_ffff;
 
 /// SysTick as a counter of instructions.
 pub struct Counter {
-    /// Runs as long as this lives.
+    /// Timer, which runs as long as this value lives.
     _timer: SYST,
-    /// What counting itself costs, ticks.
+    /// Cost of counting itself, ticks.
     own: u32,
 }
 
-/// Many runs of one thing.
+/// Sum over many runs of one operation.
 #[derive(Clone, Copy, Default)]
 pub struct Sum {
     ticks: u64,
@@ -27,12 +27,12 @@ pub struct Sum {
 }
 
 impl Sum {
-    /// Instructions of one run, rounded up, of `units` each.
+    /// Returns the instructions of one run of `units`, per unit, rounded up.
     pub fn per(self, units: u64) -> u64 {
         (self.ticks * INSTRUCTIONS_PER_TICK).div_ceil((self.runs * units).max(1))
     }
 
-    /// The same in tenths.
+    /// Returns tenths of instructions per unit, rounded up.
     pub fn tenths_per(self, units: u64) -> u64 {
         (self.ticks * INSTRUCTIONS_PER_TICK * 10).div_ceil((self.runs * units).max(1))
     }
@@ -67,7 +67,7 @@ impl Counter {
     /// Runs `work` and adds its instructions to `sum`. At most 16 M ticks.
     #[inline(never)]
     pub fn add<R>(&mut self, sum: &mut Sum, work: impl FnOnce() -> R) -> R {
-        // Counting down. Interrupts are not enabled in this mode of the image.
+        // The timer counts down. Interrupts are not enabled in this mode of the image.
         let before = SYST::get_current();
         let result = core::hint::black_box(work());
         let after = SYST::get_current();
@@ -77,7 +77,7 @@ impl Counter {
         result
     }
 
-    /// A hundred calls in one go, their loop included.
+    /// Runs a hundred calls in one go, their loop included.
     pub fn calls<R>(&mut self, mut call: impl FnMut() -> R) -> Sum {
         let mut sum = Sum::default();
         self.add(&mut sum, || {

@@ -1,7 +1,8 @@
 //! embassy's executor with an idle loop that really sleeps.
 //!
-//! The stock executor waits with WFE, which QEMU takes as a yield: the processor stays busy and its
-//! clock, which counts instructions, crawls. WFI halts it, and time jumps to the next interrupt.
+//! The stock executor waits with WFE, which QEMU treats as a yield: the processor stays busy, and
+//! its clock, which counts instructions, is slow. WFI halts it, and time jumps to the next
+//! interrupt.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_executor::Spawner;
@@ -10,7 +11,7 @@ use static_cell::StaticCell;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
-/// Some task can go on.
+/// True if a task can continue.
 static WORK: AtomicBool = AtomicBool::new(true);
 
 // SAFETY: embassy-executor asks for a function of this name and type.
@@ -19,7 +20,7 @@ fn pend(_context: *mut ()) {
     WORK.store(true, Ordering::SeqCst);
 }
 
-/// Runs the tasks that `spawn` starts, for ever.
+/// Runs the tasks that `spawn` starts, forever.
 pub fn run(spawn: impl FnOnce(Spawner)) -> ! {
     let executor: &'static Executor = EXECUTOR.init(Executor::new(core::ptr::null_mut()));
     spawn(executor.spawner());

@@ -1,10 +1,10 @@
-//! The vector table behind the core's own exceptions.
+//! Vector table behind the core's own exceptions.
 
 use crate::{time, uart};
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
 
-/// An interrupt line of the AN386 image.
+/// Interrupt line of the AN386 image.
 #[derive(Clone, Copy)]
 #[repr(u16)]
 pub enum Line {
@@ -25,7 +25,7 @@ unsafe impl InterruptNumber for Line {
     }
 }
 
-/// Lets the line interrupt.
+/// Enables the line.
 pub fn enable(line: Line) {
     // SAFETY: no critical section of this image relies on a masked line; they all disable
     // interrupts as a whole.
@@ -33,7 +33,7 @@ pub fn enable(line: Line) {
 }
 
 unsafe extern "C" fn unexpected() {
-    panic!("an interrupt that nobody enabled");
+    panic!("an interrupt that is not enabled");
 }
 
 /// One function for each of the board's 32 lines.

@@ -1,8 +1,8 @@
 //! A station on UART0, on the emulated clock.
 //!
-//! The emulator's host may take the processor away for many milliseconds, which happens to no real
-//! board. So the station lives through every tick at the instant it was due, however late that is
-//! done: being late delays reports, and changes nothing else.
+//! The emulator's host may suspend the processor for many milliseconds, which happens on no real
+//! board. The station therefore executes every tick at the instant when it was due, however late: a
+//! delay only delays reports.
 
 use crate::board::{BOARD, PORT, RING_WORDS, SEGMENT_WORDS};
 use crate::port_log::PortLog;
@@ -13,10 +13,10 @@ use shared::machine::TICK_US;
 use shared::replay::{Event, Station};
 use shared::time::Instant;
 
-/// How often the trace goes to its file, µs.
+/// Interval at which the trace goes to its file, µs.
 const FLUSH_US: u64 = 100_000;
 
-/// Starts the station. With `trace`, what it does goes to that file.
+/// Starts the station. With `trace`, its actions go to that file.
 pub fn run(trace: Option<Path>) -> Result<(), Failure> {
     let station = Station::new(BOARD, PORT, RING_WORDS).map_err(|_| Failure("impossible pins"))?;
     let port_log = trace.as_ref().map(PortLog::create).transpose()?;

@@ -1,18 +1,18 @@
 //! The station on an emulated Cortex-M4.
 //!
 //! QEMU has no timers, ports or DMA of any STM32, so the board's firmware cannot run there. This
-//! image runs what matters on Arm's `mps2-an386` instead: the same machine and the same step
+//! image runs the essential parts on Arm's `mps2-an386` instead: the same machine and the same step
 //! generator, compiled for the same processor, behind a UART.
 //!
-//! The first semihosting argument says what to do:
+//! The first semihosting argument selects the mode:
 //!
-//! | arguments | does |
+//! | arguments | action |
 //! |---|---|
 //! | `live [TRACE]` | a station on UART0, on the emulated clock; its trace goes to the file |
-//! | `replay LOG TRACE [MICROSECONDS]` | lives through a recorded log on virtual time; prints all edges of the segment given out at that instant |
+//! | `replay LOG TRACE [MICROSECONDS]` | runs through a recorded log on virtual time; prints all edges of the segment handed out at that instant |
 //! | `bench` | counts instructions (needs `-icount shift=3`) and stack |
 //!
-//! `live` never ends; the others exit with 0 when all went well.
+//! `live` never ends; the others exit with 0 on success.
 #![no_std]
 #![no_main]
 
@@ -33,7 +33,7 @@ use core::ffi::CStr;
 use semihosting::process::ExitCode;
 use semihosting::{eprintln, experimental::env};
 
-/// The longest command line: two paths and change.
+/// Longest command line: two paths and some options.
 const COMMAND_LINE: usize = 1024;
 
 #[cortex_m_rt::entry]
@@ -47,7 +47,7 @@ fn main() -> ! {
     }
 }
 
-/// Why the image gave up, in words.
+/// Reason for an abort, in words.
 struct Failure(&'static str);
 
 fn start() -> Result<(), Failure> {
@@ -69,7 +69,7 @@ fn start() -> Result<(), Failure> {
     }
 }
 
-/// A path as the semihosting calls want it: ended by a zero.
+/// Path for semihosting calls, which end it with a zero.
 struct Path([u8; COMMAND_LINE]);
 
 impl Path {

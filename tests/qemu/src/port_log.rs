@@ -1,4 +1,4 @@
-//! What the station did, in a file on the emulator's side.
+//! Record of the station's actions, in a file on the emulator's side.
 
 use crate::{Failure, Path, board};
 use semihosting::fs::File;
@@ -16,7 +16,7 @@ pub struct PortLog {
 }
 
 impl PortLog {
-    /// Starts the file anew.
+    /// Creates the file.
     pub fn create(path: &Path) -> Result<Self, Failure> {
         let file = File::create(path.as_c_str()?).map_err(|_| Failure("cannot write the trace"))?;
         Ok(Self {
@@ -28,7 +28,7 @@ impl PortLog {
         })
     }
 
-    /// Notes what the station did; `edge` gets each pin change.
+    /// Records an action of the station, and calls `edge` for each pin change.
     pub fn note(&mut self, at: Instant, event: &Event, words: &[u32], edge: impl FnMut(Edge)) {
         let record = match event {
             Event::Sent(bytes) => Record::Sent(at, bytes.clone()),
@@ -51,14 +51,14 @@ impl PortLog {
         }
     }
 
-    /// Writes what is left.
+    /// Writes the rest of the trace.
     pub fn flush(&mut self) {
         let full = self.buffer.get(..self.used).unwrap_or_default();
         self.failed |= self.file.write_all(full).is_err();
         self.used = 0;
     }
 
-    /// Writes what is left and says whether all of it reached the file.
+    /// Writes the rest of the trace, and fails unless all of it reached the file.
     pub fn finish(mut self) -> Result<(), Failure> {
         self.flush();
         match self.failed {

@@ -1,4 +1,4 @@
-//! The board's registers. The only file that touches memory by address.
+//! Registers of the board. The only file that accesses memory by address.
 
 /// The registers of one peripheral, by byte offset from its base.
 #[derive(Clone, Copy)]

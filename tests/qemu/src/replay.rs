@@ -1,4 +1,4 @@
-//! Lives through a recorded log on virtual time.
+//! Runs a station through a recorded log on virtual time.
 
 use crate::board::{BOARD, PORT, RING_WORDS, SEGMENT_WORDS};
 use crate::port_log::PortLog;
@@ -9,13 +9,13 @@ use semihosting::println;
 use shared::replay::{Event, Log, Replay, Station};
 use static_cell::ConstStaticCell;
 
-/// The longest log, bytes: about 20,000 frames.
+/// Length of the longest log, bytes: about 20,000 frames.
 const LOG_BYTES: usize = 2 << 20;
 
 static LOG: ConstStaticCell<[u8; LOG_BYTES]> = ConstStaticCell::new([0; LOG_BYTES]);
 
-/// Replays the log in `log_path`; the trace goes to `trace_path`. With `closer`, the segments given
-/// out at that instant are printed in full.
+/// Replays the log in `log_path`; the trace goes to `trace_path`. With `closer`, prints the
+/// segments of that instant in full.
 pub fn run(log_path: &Path, trace_path: &Path, closer: Option<u64>) -> Result<(), Failure> {
     let buffer = LOG.take();
     let mut file = File::open(log_path.as_c_str()?).map_err(|_| Failure("cannot open the log"))?;

@@ -1,17 +1,16 @@
-//! How much stack something takes: the free part is painted first, and what lost its paint was
-//! used.
+//! Stack use: the free part is painted first; what lost its paint was used.
 
 use cortex_m::register::msp;
 
-/// Painted below the present stack, words.
+/// Size of the painted part below the present stack, words.
 const PAINTED: usize = 8 * 1024;
 
 const PAINT: u32 = 0x5ca1_ab1e;
 
-/// Bytes between painter and painted that its own frames may use.
+/// Margin between painter and paint for its own frames, bytes.
 const MARGIN: usize = 256;
 
-/// Bytes of stack that `work` uses.
+/// Returns the bytes of stack that `work` uses.
 #[inline(never)]
 pub fn used(work: impl FnOnce()) -> usize {
     let top = (msp::read() as usize - MARGIN) & !3;

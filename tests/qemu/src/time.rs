@@ -1,6 +1,6 @@
 //! embassy-time on two of the board's CMSDK timers, which count down at 25 MHz.
 //!
-//! TIMER0 runs for ever and wraps every 172 s: its interrupt counts the wraps. TIMER1 is set to the
+//! TIMER0 runs forever and wraps every 172 s: its interrupt counts the wraps. TIMER1 is set to the
 //! next alarm and stopped when it fires. Nothing ticks while nothing is due, so an idle emulator
 //! can jump from alarm to alarm.
 
@@ -39,14 +39,15 @@ impl Clock {
         let mut wraps = self.wraps.borrow(section).get();
         let mut left = TIMER0.read(VALUE);
         if TIMER0.read(INTERRUPT) & 1 != 0 {
-            // It wrapped and the interrupt still waits: the value must be one from after the wrap.
+            // The timer wrapped and the interrupt still waits: the value must be one from after the
+            // wrap.
             wraps += 1;
             left = TIMER0.read(VALUE);
         }
         ((u64::from(wraps) << 32) | u64::from(u32::MAX - left)) / COUNTS_PER_US
     }
 
-    /// Wakes whom it may concern and sets the alarm for the next one.
+    /// Wakes the tasks that are due and sets the alarm for the next one.
     fn set_alarm(&self, section: CriticalSection) {
         let mut waiting = self.waiting.borrow(section).borrow_mut();
         TIMER1.write(CONTROL, 0);
@@ -96,7 +97,7 @@ pub fn start() {
     interrupts::enable(Line::Timer1);
 }
 
-/// TIMER0 reached zero.
+/// Handles TIMER0 at zero.
 pub unsafe extern "C" fn on_wrap() {
     critical_section::with(|section| {
         TIMER0.write(INTERRUPT, 1);
@@ -105,7 +106,7 @@ pub unsafe extern "C" fn on_wrap() {
     });
 }
 
-/// TIMER1 reached zero.
+/// Handles TIMER1 at zero.
 pub unsafe extern "C" fn on_alarm() {
     critical_section::with(|section| {
         TIMER1.write(INTERRUPT, 1);

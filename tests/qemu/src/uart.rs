@@ -19,7 +19,7 @@ const DIVISOR: usize = 0x10;
 const TRANSMIT_FULL: u32 = 1 << 0;
 const RECEIVE_FULL: u32 = 1 << 1;
 
-/// Bytes from the host. When it is full, bytes are lost, which the packets' checksums show.
+/// Bytes from the host. When the pipe is full, bytes are lost, which the packets' checksums show.
 static RECEIVED: Pipe<CriticalSectionRawMutex, 1024> = Pipe::new();
 
 /// Bytes to the host: several packets.
@@ -27,7 +27,7 @@ static TO_SEND: Pipe<CriticalSectionRawMutex, { 8 * MAX_PACKET }> = Pipe::new();
 
 static SENDER: AtomicWaker = AtomicWaker::new();
 
-/// Starts the line.
+/// Starts the UART.
 pub fn start() {
     UART0.write(DIVISOR, 16); // the smallest; QEMU does not model the time a byte takes
     UART0.write(CONTROL, 0b1111); // both ways, with interrupts
@@ -47,7 +47,7 @@ pub fn send(packet: &[u8]) {
     }
 }
 
-/// Puts queued bytes on the line.
+/// Sends queued bytes.
 #[embassy_executor::task]
 pub async fn sender() {
     let mut chunk = [0; 64];
@@ -67,7 +67,7 @@ pub async fn sender() {
     }
 }
 
-/// UART0 has a byte.
+/// Handles a received byte.
 pub unsafe extern "C" fn on_receive() {
     UART0.write(INTERRUPT, 0b10);
     while UART0.read(STATE) & RECEIVE_FULL != 0 {
@@ -75,7 +75,7 @@ pub unsafe extern "C" fn on_receive() {
     }
 }
 
-/// UART0 took a byte.
+/// Handles a transmitted byte.
 pub unsafe extern "C" fn on_transmit() {
     UART0.write(INTERRUPT, 0b01);
     SENDER.wake();

@@ -22,7 +22,7 @@ const MAP: PortMap = PortMap {
     invert: [false; 3],
 };
 
-/// What is queued ahead of the pins, words: half a millisecond.
+/// Words queued ahead of the pins: half a millisecond.
 const RING: usize = 512;
 
 /// Steps per mm.
@@ -64,14 +64,14 @@ fn switches(sides: [Side; 3]) -> StageConfig {
     }
 }
 
-/// A contact at `place` steps that opens beyond it, and bounces whenever it changes.
+/// Contact at `place` steps that opens beyond it, and bounces on every change.
 #[derive(Clone, Copy, Debug)]
 struct Contact {
     side: Side,
     place: i32,
-    /// How long it bounces, ms.
+    /// Duration of a bounce, ms.
     bounce: u8,
-    /// It never opens, or never closes.
+    /// Level of a contact that never opens or never closes.
     stuck: Option<bool>,
     was: bool,
     left: u8,
@@ -110,15 +110,15 @@ impl Contact {
 struct Bench {
     station: Station,
     probe: Probe,
-    /// Words that are made and not on the pins yet.
+    /// Words that are queued and not on the pins yet.
     ring: VecDeque<u32>,
     reports: Receiver<Report>,
     sequence: u16,
     contacts: [Contact; 3],
-    /// The load that the motors push, and how loose it sits on them, steps.
+    /// Load that the motors push, with its backlash, steps.
     load: [i32; 3],
     loose: [i32; 3],
-    /// Where the carriage stood when it all began, steps from the middle of the rails.
+    /// Position of the carriage at the start, steps from the middle of the rails.
     start: [i32; 3],
     dice: u64,
     pings: bool,
@@ -175,7 +175,7 @@ impl Bench {
         self.station.receive(&encode(&packet).unwrap());
     }
 
-    /// Sends, and gives what the station says to it.
+    /// Sends a command and returns the station's denial, if any.
     fn ask(&mut self, command: Command) -> Option<Denial> {
         self.denial = None;
         self.send(command);
@@ -199,7 +199,7 @@ impl Bench {
                 self.send(Command::Ping { host_us: 0 });
             }
             let end = Instant::from_micros((self.station.now().micros() / 1000 + 1) * 1000);
-            // The pins move on by a millisecond, in which nothing turns round twice.
+            // The pins advance by a millisecond, in which no axis reverses twice.
             let words = self.ring.make_contiguous();
             let count = words.len().min(1000);
             self.probe.feed(&words[..count], |_, _, _| ());
@@ -258,7 +258,7 @@ impl Bench {
         panic!("it never ends: {:?}", self.status);
     }
 
-    /// Where the station would be wrong, steps: what it says minus where the load is.
+    /// Returns the station's error, steps: its position minus that of the load.
     fn error(&mut self) -> [i32; 3] {
         let says = self.status().position_steps;
         std::array::from_fn(|axis| says[axis] - self.load[axis])
@@ -271,13 +271,17 @@ fn sides() -> impl Strategy<Value = [Side; 3]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.min(48), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: ProptestConfig::default().cases.min(48),
+        ..ProptestConfig::default()
+    })]
 
     /// From anywhere on the rails, on the switch too: the coordinate is right, with bouncing
-    /// contacts and lost motion as well.
+    /// contacts and backlash as well.
     #[test]
-    fn every_start_ends_at_the_same_coordinate(
-        sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8, backlash in prop::array::uniform3(0..3u16),
+    fn coordinate_is_the_same_from_any_start(
+        sides in sides(), start in prop::array::uniform3(-1_750..1_750i32), bounce in 0..12u8,
+        backlash in prop::array::uniform3(0..3u16),
     ) {
         let backlash_um = backlash.map(|b| b * 50);
         let stage = StageConfig { backlash_um, ..switches(sides) };
@@ -287,11 +291,11 @@ proptest! {
         prop_assert_eq!(bench.status().state, State::Homing);
         let end = bench.finish();
         prop_assert_eq!((end.state, end.fault, end.trust), (State::Idle, None, Trust::Homed));
-        // 1 mm/s is 0.08 steps a tick; a contact that bounces first says so some ticks later.
+        // 1 mm/s is 0.08 steps a tick; a bouncing contact is steady some ticks later.
         for error in bench.error() {
             prop_assert!(error.abs() <= 1 + i32::from(bounce) / 8, "{} steps off", error);
         }
-        // And the coordinate means what it says: the load goes to the middle of the rails.
+        // The coordinate is right: the load moves to the middle of the rails.
         prop_assert_eq!(bench.ask(Command::Setpoint { position_um: [0, 5_000, -5_000] }), None);
         let end = bench.finish();
         prop_assert_eq!(end.position_steps, [0, 400, -400]);
@@ -300,10 +304,10 @@ proptest! {
         }
     }
 
-    /// A stop, a silent host or the emergency stop at any moment ends it, and nothing goes on by
-    /// itself.
+    /// A stop, a heartbeat timeout or the emergency stop at any moment ends the search, and no
+    /// motion restarts by itself.
     #[test]
-    fn it_can_be_ended_at_any_moment(after in 0..9_000u32, how in 0..3u8) {
+    fn homing_ends_at_any_moment(after in 0..9_000u32, how in 0..3u8) {
         let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 3);
         prop_assert_eq!(bench.home([true; 3]), None);
         bench.wait(after);
@@ -341,7 +345,7 @@ proptest! {
 }
 
 #[test]
-fn a_switch_that_is_not_there_is_a_fault_after_the_search_way() {
+fn missing_switch_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     bench.contacts[0].stuck = Some(false);
     assert_eq!(bench.home([true, false, false]), None);
@@ -356,7 +360,7 @@ fn a_switch_that_is_not_there_is_a_fault_after_the_search_way() {
 }
 
 #[test]
-fn a_switch_that_does_not_release_is_a_fault_after_the_back_off() {
+fn stuck_switch_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Positive; 3]), [0; 3], 0);
     bench.contacts[2].stuck = Some(true);
     assert_eq!(bench.home([true, true, true]), None);
@@ -365,12 +369,12 @@ fn a_switch_that_does_not_release_is_a_fault_after_the_back_off() {
         (end.state, end.fault, end.trust),
         (State::Faulted, Some(Fault::SwitchStuck), Trust::Unknown)
     );
-    // Z comes first, and goes the right way.
+    // Z comes first and moves in the right direction.
     assert_eq!(bench.motor(), [0, 0, -2 * SCALE]);
 }
 
 #[test]
-fn a_contact_that_bounces_without_end_is_a_fault() {
+fn endless_bounce_is_a_fault() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [-1_700, 0, 0], u8::MAX);
     assert_eq!(bench.home([true, false, false]), None);
     assert_eq!(bench.finish().fault, Some(Fault::SwitchStuck));
@@ -378,17 +382,17 @@ fn a_contact_that_bounces_without_end_is_a_fault() {
 }
 
 #[test]
-fn the_other_switches_are_no_home_switches() {
+fn other_switches_stop_the_search() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     assert_eq!(bench.home([true; 3]), None);
     bench.wait(500);
-    // Z moves backwards: its other end is behind it, and X stands.
+    // Z moves backwards: its other end is behind it, and X is at rest.
     bench.others.limits = [[true, true], [false; 2], [false, true]];
     bench.wait(200);
     assert_eq!(bench.status().state, State::Homing);
     bench.others.limits = [[false; 2]; 3];
     assert_eq!(bench.finish().trust, Trust::Homed);
-    // Backing off from its switch it meets the other end.
+    // Backing off from its switch, it meets the other end.
     assert_eq!(bench.home([false, false, true]), None);
     while bench.status().position_steps[2] > -1_650 {}
     bench.others.limits[2] = [false, true];
@@ -400,7 +404,7 @@ fn the_other_switches_are_no_home_switches() {
 }
 
 #[test]
-fn only_what_has_a_switch_is_homed_and_only_at_rest() {
+fn homing_needs_switch_and_rest() {
     let stage = StageConfig {
         home: [switches([Side::Negative; 3]).home[0], None, None],
         ..StageConfig::DEFAULT
@@ -426,7 +430,7 @@ fn only_what_has_a_switch_is_homed_and_only_at_rest() {
     ] {
         assert!(bench.ask(command).is_some(), "{command:?}");
     }
-    // One axis of three: the others are unknown still, until they are zeroed.
+    // One axis of three: the others stay unknown until they are zeroed.
     assert_eq!(bench.finish().trust, Trust::Unknown);
     assert_eq!(bench.ask(Command::Zero), None);
     assert_eq!(bench.home([true, false, false]), None);
@@ -436,14 +440,14 @@ fn only_what_has_a_switch_is_homed_and_only_at_rest() {
     assert_eq!(bench.load[0], -19 * SCALE);
 }
 
-/// Lost steps show as a shift of the origin when the axis is homed again.
+/// Lost steps appear as a shift of the origin when the axis is homed again.
 #[test]
-fn homing_again_puts_a_wrong_position_right() {
+fn homing_again_corrects_lost_steps() {
     let mut bench = Bench::new(switches([Side::Positive; 3]), [100, 200, -300], 2);
     assert_eq!(bench.home([true; 3]), None);
     bench.finish();
     assert_eq!(bench.error(), [0; 3]);
-    // Somebody pushes the carriage.
+    // An external force pushes the carriage.
     bench.start[1] += 37;
     bench.load[1] += 37;
     assert_eq!(bench.error(), [0, -37, 0]);
@@ -453,7 +457,7 @@ fn homing_again_puts_a_wrong_position_right() {
 }
 
 #[test]
-fn while_the_position_is_unknown_motion_stays_within_the_window() {
+fn unknown_position_keeps_the_window() {
     let mut bench = Bench::new(switches([Side::Negative; 3]), [0; 3], 0);
     let jog = |x| Command::Jog {
         distance_um: [x, 0, 0],
@@ -470,7 +474,7 @@ fn while_the_position_is_unknown_motion_stays_within_the_window() {
     assert_eq!(bench.ask(Command::Zero), None);
     assert_eq!(bench.ask(jog(20_000)), None);
     assert_eq!(bench.finish().position_steps, [20 * SCALE, 0, 0]);
-    // An abrupt stop, and a window around where that was.
+    // An abrupt stop, and a window around its place.
     assert_eq!(bench.ask(jog(-30_000)), None);
     bench.wait(100);
     bench.others.emergency_stop = true;

@@ -1,4 +1,4 @@
-//! Axes in step.
+//! Straight moves of several axes in step.
 
 use super::axis::Axis;
 use crate::fixed::product;
@@ -6,56 +6,58 @@ use crate::motion::AxisLimits;
 use crate::motion::stopping::Pace;
 use crate::steps::AXES;
 
-/// Axes on a straight line: the one with the longest way leads, each other one gets its share of
-/// the leader's speed.
+/// Axes on a straight line: the axis with the longest distance leads, each other axis gets its
+/// share of the leader's speed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     pub(super) leader: usize,
-    /// Ways of all axes in one unit, below 2³¹ in size; the leader's is positive, the others'
+    /// Distances of all axes in one unit, below 2³¹ in size; the leader's is positive, the others'
     /// negative when opposed to it.
-    ways: [i64; AXES],
-    /// The leader's way.
+    distances: [i64; AXES],
+    /// Distance of the leader.
     longest: i64,
-    /// How far rounding has put each axis in front of its place: distance quanta times `longest`.
-    /// Within ±2 quanta.
+    /// Distance by which rounding has put each axis ahead of its place: distance quanta times
+    /// `longest`. Within ±2 quanta.
     excess: [i64; AXES],
 }
 
 impl Line {
-    /// Through the targets of `axes`. `None` when no axis has a way to go.
+    /// Creates the line through the targets of `axes`, or returns `None` if no axis has to move.
     pub(super) fn through(axes: &[Axis; AXES]) -> Option<Self> {
-        let ways = axes.map(|axis| axis.way());
-        let (leader, way) = ways
+        let distances = axes.map(|axis| axis.distance());
+        let (leader, distance) = distances
             .into_iter()
             .enumerate()
-            .max_by_key(|(_, way)| way.unsigned_abs())?;
-        // 31 bits of the longest way.
-        let shift = 33u32.saturating_sub(way.unsigned_abs().leading_zeros());
-        let ways = ways.map(|each| product(each >> shift, way.signum()));
-        let longest = way.saturating_abs() >> shift;
+            .max_by_key(|(_, distance)| distance.unsigned_abs())?;
+        // 31 bits of the longest distance.
+        let shift = 33u32.saturating_sub(distance.unsigned_abs().leading_zeros());
+        let distances = distances.map(|each| product(each >> shift, distance.signum()));
+        let longest = distance.saturating_abs() >> shift;
         (longest > 0).then_some(Self {
             leader,
-            ways,
+            distances,
             longest,
             excess: [0; AXES],
         })
     }
 
-    /// The leader's pace of which no axis's share exceeds its limits. Rounding adds less than two
-    /// quanta to the acceleration of the others and less than four to their jerk: these are left
-    /// free where there is room.
+    /// Returns the fastest pace of the leader at which no axis's share exceeds its limits.
+    ///
+    /// Rounding adds less than two quanta to the acceleration of the others and less than four to
+    /// their jerk, which this leaves free where there is room.
     pub(super) fn pace(&self, axes: &[Axis; AXES]) -> Pace {
         let least = |limit: fn(&AxisLimits) -> u32, margin: u32| {
             let mut least = u32::MAX;
-            for (i, (axis, way)) in axes.iter().zip(self.ways).enumerate() {
+            for (i, (axis, distance)) in axes.iter().zip(self.distances).enumerate() {
                 let limit = limit(&axis.limits);
                 let limit = if i == self.leader {
                     limit
                 } else {
                     limit.saturating_sub(margin).max(1)
                 };
-                if way != 0 {
-                    let most = u64::from(limit) * self.longest.unsigned_abs() / way.unsigned_abs();
+                if distance != 0 {
+                    let most =
+                        u64::from(limit) * self.longest.unsigned_abs() / distance.unsigned_abs();
                     least = least.min(u32::try_from(most).unwrap_or(u32::MAX));
                 }
             }
@@ -68,12 +70,14 @@ impl Line {
         )
     }
 
-    /// The speeds that go with the leader's `speed` at the end of the tick. They are rounded down
-    /// for an axis in front of its place and up for one behind, so that no error adds up.
+    /// Returns the speeds of all axes for the leader's `speed` at the end of the tick. They are
+    /// rounded down for an axis ahead of its place and up for one behind, so that no error adds up.
     pub(super) fn share(&mut self, speed: i64) -> [i64; AXES] {
         let mut shares = [0; AXES];
-        for ((share, excess), way) in shares.iter_mut().zip(&mut self.excess).zip(self.ways) {
-            let exact = product(speed, way);
+        for ((share, excess), distance) in
+            shares.iter_mut().zip(&mut self.excess).zip(self.distances)
+        {
+            let exact = product(speed, distance);
             let up = *excess <= 0 && exact.rem_euclid(self.longest) != 0;
             *share = exact.div_euclid(self.longest) + i64::from(up);
             // The speed counts in the tick it ends and in the one it starts.

@@ -1,9 +1,9 @@
-//! A tick of constant acceleration, as the step generator takes it.
+//! Tick of constant acceleration, as the step generator takes it.
 
 use crate::fixed::product;
 use crate::steps::AxisMotion;
 
-/// One tick's ramp of an axis: speed at its start and acceleration, quanta.
+/// Ramp of one axis in one tick: velocity at its start and acceleration, quanta.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ramp {
     pub(super) speed: i64,
@@ -11,7 +11,7 @@ pub(super) struct Ramp {
 }
 
 impl Ramp {
-    /// The motion in one quarter of the tick, from 0: see the [module](crate::motion).
+    /// Returns the motion in one quarter of the tick, from 0: see the [module](crate::motion).
     pub(super) fn quarter(self, slots: u16, quarter: i64) -> AxisMotion {
         let n = i64::from(slots);
         let e = self.acceleration;
@@ -19,7 +19,7 @@ impl Ramp {
         let start = product(2 * n, 4 * self.speed + product(e, quarter));
         let end = start + product(2 * n, e);
         if (start < 0 && end > 0) || (start > 0 && end < 0) {
-            // Turning: the mean speed, which is a whole number too.
+            // Reversal: the mean speed, which is a whole number too.
             let mean = start + product(n, e);
             return motion(mean, 0, mean < 0);
         }
@@ -28,7 +28,8 @@ impl Ramp {
     }
 }
 
-/// From signed increments. Whatever did not fit would be rest; speeds on the grid do fit.
+/// Converts signed increments to a motion. Increments that did not fit would become rest; speeds on
+/// the grid do fit.
 fn motion(first: i64, change: i64, backward: bool) -> AxisMotion {
     let forwards = |value: i64| {
         if backward {

@@ -45,14 +45,14 @@ fn run(planner: &mut Planner, judge: &mut Judge) -> u32 {
     panic!("never arrives");
 }
 
-/// Up to 16 MHz, though mostly low ones: the grid gets coarse with the square of the rate, and
-/// refuses gentle limits.
+/// Generates rates up to 16 MHz, mostly low ones: the grid gets coarser with the square of the
+/// rate, and refuses gentle limits.
 fn rates() -> impl Strategy<Value = WordRate> {
     prop_oneof![3 => 4..=200u32, 1 => 4..=2_000u32]
         .prop_map(|slots| WordRate::from_hz(8_000 * slots).unwrap())
 }
 
-/// Configurations the word rate allows, from crawling to one step per slot.
+/// Generates configurations that the word rate allows, from very slow ones to one step per slot.
 fn configs() -> impl Strategy<Value = (WordRate, [AxisConfig; AXES], Limits)> {
     let axis = (1_000..1_000_000u32, 1..=1_000u32, 1..1_000u32, 1..100u32);
     (rates(), prop::array::uniform3(axis)).prop_filter_map(
@@ -89,7 +89,7 @@ fn configs() -> impl Strategy<Value = (WordRate, [AxisConfig; AXES], Limits)> {
 struct Random(u64);
 
 impl Random {
-    /// Between -1 and 1.
+    /// Returns a number between -1 and 1.
     fn uniform(&mut self) -> f64 {
         let next = self.0.wrapping_mul(6_364_136_223_846_793_005);
         self.0 = next.wrapping_add(1_442_695_040_888_963_407);
@@ -99,7 +99,7 @@ impl Random {
 
 proptest! {
     #[test]
-    fn every_move_ends_in_its_step_within_limits_and_without_overshoot(
+    fn moves_end_exactly_without_overshoot(
         (rate, configs, limits) in configs(), targets: [i16; AXES], in_step: bool,
     ) {
         let mut planner = Planner::new(limits, centres([0; AXES]));
@@ -128,7 +128,8 @@ proptest! {
                         prop_assert!(start.min(goal).saturating_add(-slack) <= position);
                         prop_assert!(position <= start.max(goal).saturating_add(slack));
                     } else {
-                        prop_assert!(motion.is_rest() || motion.backward == (goal < start), "overshoot");
+                        let approaches = motion.is_rest() || motion.backward == (goal < start);
+                        prop_assert!(approaches, "overshoot");
                         prop_assert!(start.min(goal) <= position && position <= start.max(goal));
                     }
                 }
@@ -149,13 +150,25 @@ proptest! {
 
     #[test]
     fn nothing_panics_for_any_numbers(
-        raw in prop::array::uniform3((any::<u32>(), any::<u32>(), any::<u32>(), any::<u32>(), any::<[i32; 2]>())),
+        raw in prop::array::uniform3((any::<[u32; 4]>(), any::<[i32; 2]>())),
         hz: u32,
         starts in prop::array::uniform3(any::<i64>()),
-        inputs in prop::collection::vec((0..5u8, prop::array::uniform3(any::<i64>()), prop::array::uniform3(any::<i64>())), 1..40),
+        inputs in prop::collection::vec(
+            (
+                0..5u8,
+                prop::array::uniform3(any::<i64>()),
+                prop::array::uniform3(any::<i64>()),
+            ),
+            1..40,
+        ),
     ) {
-        let configs = raw.map(|(steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um)| AxisConfig {
-            steps_per_m, max_speed_um_s, max_acceleration_um_s2, max_jerk_um_s3, travel_um, invert: false,
+        let configs = raw.map(|([steps_per_m, speed, acceleration, jerk], travel_um)| AxisConfig {
+            steps_per_m,
+            max_speed_um_s: speed,
+            max_acceleration_um_s2: acceleration,
+            max_jerk_um_s3: jerk,
+            travel_um,
+            invert: false,
         });
         let rate = WordRate::from_hz(hz).unwrap_or(WordRate::MHZ_1);
         let mut limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
@@ -176,14 +189,22 @@ proptest! {
                 planner.plan_tick();
             }
             planner.has_arrived();
-            planner.stopping_ways();
+            planner.stopping_distances();
         }
     }
 
     #[test]
-    fn following_anything_keeps_all_limits(
+    fn following_keeps_all_limits(
         (rate, configs, _) in configs(),
-        inputs in prop::collection::vec((prop::array::uniform3(-1_000..1_000i32), prop::array::uniform3(any::<i32>()), 1..100u32, any::<bool>()), 1..30),
+        inputs in prop::collection::vec(
+            (
+                prop::array::uniform3(-1_000..1_000i32),
+                prop::array::uniform3(any::<i32>()),
+                1..100u32,
+                any::<bool>(),
+            ),
+            1..30,
+        ),
     ) {
         let travel = |config: AxisConfig| {
             let steps = |n: i32| (i64::from(n) * 1_000_000 / i64::from(config.steps_per_m)) as i32;
@@ -206,7 +227,7 @@ proptest! {
     }
 
     #[test]
-    fn stop_takes_the_way_it_says_and_no_longer_than_the_bound(
+    fn stop_keeps_distance_and_time_bound(
         (rate, configs, limits) in configs(), target: i16, ticks in 0..500usize,
     ) {
         let mut planner = Planner::new(limits, centres([0; AXES]));
@@ -218,7 +239,7 @@ proptest! {
         let sign = if target < 0 { -1.0 } else { 1.0 };
         let speeds = planner.speeds();
         let accelerations = planner.axes.map(|axis| axis.acceleration);
-        let ways = planner.stopping_ways();
+        let ways = planner.stopping_distances();
         let before = planner.positions();
         planner.stop();
         run(&mut planner, &mut judge);
@@ -232,14 +253,15 @@ proptest! {
             let a = f64::from(limits.accelerations()[axis]) * slots;
             let j = f64::from(limits.jerks()[axis]) * slots;
             let v1 = v + a0 * a0 / (2.0 * j);
-            let bound = v * a0 / j + a0 * a0 * a0 / (3.0 * j * j) + v1 / 2.0 * (v1 / a + a / j) + v1 + a;
+            let rise = v * a0 / j + a0 * a0 * a0 / (3.0 * j * j);
+            let bound = rise + v1 / 2.0 * (v1 / a + a / j) + v1 + a;
             prop_assert!(sign * gone as f64 <= bound, "{} {}", gone, bound);
         }
     }
 }
 
 #[test]
-fn ten_thousand_retargets_at_1_khz_end_exactly() {
+fn retargets_at_1_khz_end_exactly() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -253,7 +275,7 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
             judge.see(&segment);
         }
     }
-    // It really went to and fro.
+    // The motor really reversed often.
     assert!((5_000..35_000).contains(&turns), "{turns}");
     planner.set_target(centres([1_234, -4_321, 0]));
     run(&mut planner, &mut judge);
@@ -265,20 +287,20 @@ fn ten_thousand_retargets_at_1_khz_end_exactly() {
 }
 
 #[test]
-fn positions_and_speeds_are_those_of_the_segments_handed_out() {
+fn state_follows_the_segments() {
     let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
     planner.set_target(centres([100, -100, 7]));
     let mut positions = planner.positions();
     for n in 0..400 {
         if n % 7 == 3 {
-            // In the middle of a tick: waits for the next one.
+            // In the middle of a tick: takes effect with the next one.
             planner.set_target(centres([n, -n, 3]));
         }
         let segment = planner.plan_segment();
         for (axis, way) in segment.displacement().into_iter().enumerate() {
             positions[axis] = positions[axis].saturating_add(way);
             let motion = segment.axes()[axis];
-            // Half a slot after the last increment, unless the axis turned.
+            // Half a slot after the last increment, unless the axis reversed.
             let last = 2 * i64::from(motion.first) + 249 * i64::from(motion.change);
             let speed = planner.speeds()[axis];
             if motion.change != 0 {
@@ -294,7 +316,7 @@ fn positions_and_speeds_are_those_of_the_segments_handed_out() {
 }
 
 #[test]
-fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
+fn target_too_close_is_overshot() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -303,7 +325,7 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
         judge.tick(&mut planner);
     }
     let here = planner.positions()[0].whole_steps();
-    let way = (planner.stopping_ways()[0] >> 32) as i32;
+    let way = (planner.stopping_distances()[0] >> 32) as i32;
     assert!(way > 390, "{way}");
     planner.set_target(centres([here + 10; AXES]));
     let mut farthest = here;
@@ -311,7 +333,7 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
         judge.tick(&mut planner);
         farthest = farthest.max(planner.positions()[0].whole_steps());
     }
-    // Not farther than braking takes; less, for it goes on accelerating through the standstill.
+    // Shorter than the braking distance, because the axis keeps accelerating through standstill.
     assert!(
         (here + 300..=here + way).contains(&farthest),
         "{here} {way} {farthest}"
@@ -320,7 +342,7 @@ fn a_target_inside_the_braking_way_is_overrun_and_come_back_to() {
 }
 
 #[test]
-fn soft_limits_clamp_targets_and_following() {
+fn soft_limits_clamp_every_motion() {
     let configs = [AxisConfig {
         travel_um: [-1_000, 2_500],
         ..CONFIG
@@ -351,7 +373,7 @@ fn soft_limits_clamp_targets_and_following() {
 }
 
 #[test]
-fn following_a_moving_target_has_no_lag() {
+fn moving_target_has_no_lag() {
     let configs = [CONFIG; AXES];
     let mut planner = planner(configs, WordRate::MHZ_1);
     let mut judge = Judge::new(configs, WordRate::MHZ_1);
@@ -377,7 +399,7 @@ fn following_a_moving_target_has_no_lag() {
 }
 
 #[test]
-fn axes_in_step_stay_on_the_line_and_arrive_together() {
+fn axes_in_step_stay_on_the_line() {
     let fast = AxisConfig {
         max_speed_um_s: 200_000,
         max_acceleration_um_s2: 3_000_000,
@@ -394,7 +416,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     while !planner.has_arrived() {
         for segment in planner.plan_tick() {
             judge.see(&segment);
-            // Off the line through both ends, steps.
+            // Distance from the line through both ends, steps.
             let gone =
                 |axis: usize| (judge.position[axis].fine() - (1 << 31)) as f64 / 4_294_967_296.0;
             for (axis, arrival) in arrival.iter_mut().enumerate() {
@@ -412,7 +434,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
     assert!(last - first <= 80, "{arrival:?}");
     assert!(worst < 0.01, "{worst}");
     assert_eq!(planner.positions().map(Position::whole_steps), targets);
-    // Once moving, each goes on its own.
+    // Once moving, each axis goes on its own.
     planner.move_in_step(centres([0, 0, 0]).map(Some));
     judge.tick(&mut planner);
     planner.move_in_step(centres([0, -2_000, 0]).map(Some));
@@ -422,7 +444,7 @@ fn axes_in_step_stay_on_the_line_and_arrive_together() {
 
 /// In the last quarter of a tick and, braking, in the first one of the next.
 #[test]
-fn an_axis_may_turn_twice_in_adjacent_segments() {
+fn axis_reverses_in_adjacent_segments() {
     // The highest jerk is 136 quanta.
     let config = AxisConfig {
         steps_per_m: 1_745,

@@ -16,13 +16,13 @@ fn generator() -> Generator {
     Generator::new(MAP).unwrap()
 }
 
-/// What hardware has where nothing was written: it lowers STEP.
+/// Content of the ring where nothing was written: it lowers STEP.
 const IDLE: u32 = (1 << 0 | 1 << 7 | 1 << 15) << 16;
 
-/// The pins of DIR.
+/// DIR pins.
 const DIRS: u32 = 1 << 1 | 1 << 8 | 1 << 3;
 
-/// Pins after a word: what it sets wins over what it resets.
+/// Returns the pins after a word: a set bit wins over a reset bit.
 fn after(pins: u32, word: u32) -> u32 {
     pins & !(word >> 16) | word & 0xffff
 }
@@ -33,7 +33,7 @@ fn all_words(generator: &mut Generator) -> Vec<u32> {
     words
 }
 
-/// The module doc taken literally: exact positions in an i128, one floor per slot.
+/// Literal model of the module documentation: exact positions in an i128, one floor per slot.
 struct Model {
     position: [i128; AXES],
     backward: [Option<bool>; AXES],
@@ -69,7 +69,7 @@ impl Model {
                     increment
                 };
                 if self.position[axis] >> 32 != before {
-                    // The slot that writes DIR hands its step on.
+                    // The slot that writes DIR passes its step on.
                     let slot = if turns { k.max(1) } else { k };
                     words[2 * slot] |= 1 << MAP.step[axis];
                     words[2 * slot + 1] |= 1 << (MAP.step[axis] + 16);
@@ -80,7 +80,7 @@ impl Model {
     }
 }
 
-/// Valid segments with increments up to `fastest`, some starting slowly enough to turn.
+/// Generates valid segments with increments up to `fastest`; some start slowly enough to reverse.
 fn segments(fastest: u32) -> impl Strategy<Value = Vec<Segment>> {
     let ends = prop_oneof![
         (0..1u32 << 24, 0..=fastest),
@@ -106,14 +106,14 @@ fn segments(fastest: u32) -> impl Strategy<Value = Vec<Segment>> {
 
 proptest! {
     #[test]
-    fn words_are_those_of_the_floor_law(segments in segments(u32::MAX), room in 0..50usize) {
+    fn words_follow_the_floor_law(segments in segments(u32::MAX), room in 0..50usize) {
         let mut generator = generator();
         let mut model = Model::new();
         for segment in &segments {
             match generator.load(segment) {
                 Ok(()) => {
                     let mut words = Vec::new();
-                    // In pieces of any size; an odd word of room stays unused.
+                    // Pieces of any size; an odd word at the end stays unused.
                     let mut piece = vec![0xdead_beef; room + 2];
                     while !generator.is_idle() {
                         let made = generator.fill(&mut piece);
@@ -136,7 +136,7 @@ proptest! {
     }
 
     #[test]
-    fn ring_shows_the_edges_of_filled_words(
+    fn ring_has_the_edges_of_fill(
         segments in prop_oneof![segments(u32::MAX), segments(1 << 29), segments(1 << 26)],
         silent in prop::collection::vec(prop::bool::weighted(0.1), 60),
     ) {
@@ -144,12 +144,12 @@ proptest! {
         let (mut filled, mut played, mut unseen) = (0, 0, 0);
         for (segment, silent) in segments.iter().zip(silent) {
             prop_assert_eq!(playing.load(segment), filling.load(segment));
-            let ring: Vec<AtomicU32> = (0..2 * segment.slots()).map(|_| AtomicU32::new(IDLE)).collect();
+            let idle = (0..2 * segment.slots()).map(|_| AtomicU32::new(IDLE));
+            let ring: Vec<AtomicU32> = idle.collect();
             let words = all_words(&mut filling);
             if silent {
                 playing.skip();
-                // The filling one shows what the playing one does not: DIR must be written anew by
-                // both.
+                // `fill` shows what `play` does not: both must write DIR again.
                 filled = words.iter().fold(filled, |pins, word| after(pins, *word));
                 filling.forget_directions();
                 playing.forget_directions();
@@ -170,9 +170,9 @@ proptest! {
         }
     }
 
-    // Below half a step per slot every segment may turn.
+    // Below half a step per slot every segment may reverse.
     #[test]
-    fn there_and_back_is_the_same_way(segments in segments(i32::MAX as u32)) {
+    fn there_and_back_retraces_steps(segments in segments(i32::MAX as u32)) {
         let mut generator = generator();
         let start = generator.positions();
         for segment in &segments {
@@ -183,7 +183,8 @@ proptest! {
             let slots = segment.slots();
             // The same increments, last to first.
             let back = segment.axes().map(|motion| AxisMotion {
-                first: (i64::from(motion.first) + i64::from(motion.change) * i64::from(slots - 1)) as u32,
+                first: (i64::from(motion.first)
+                    + i64::from(motion.change) * i64::from(slots - 1)) as u32,
                 change: -motion.change,
                 backward: !motion.backward,
             });
@@ -196,13 +197,29 @@ proptest! {
 
     #[test]
     fn nothing_panics(
-        raw in prop::collection::vec((any::<u16>(), prop::array::uniform3((any::<u32>(), any::<i32>(), any::<bool>())), 0..300usize, any::<bool>()), 1..20),
+        raw in prop::collection::vec(
+            (
+                any::<u16>(),
+                prop::array::uniform3((any::<u32>(), any::<i32>(), any::<bool>())),
+                0..300usize,
+                any::<bool>(),
+            ),
+            1..20,
+        ),
         pins: [u8; 6],
     ) {
-        let map = PortMap { step: [pins[0], pins[1], pins[2]], dir: [pins[3], pins[4], pins[5]], invert: [true; 3] };
+        let map = PortMap {
+            step: [pins[0], pins[1], pins[2]],
+            dir: [pins[3], pins[4], pins[5]],
+            invert: [true; 3],
+        };
         let mut generator = Generator::new(map).unwrap_or(generator());
         for (slots, axes, room, halt) in raw {
-            let motions = axes.map(|(first, change, backward)| AxisMotion { first, change, backward });
+            let motions = axes.map(|(first, change, backward)| AxisMotion {
+                first,
+                change,
+                backward,
+            });
             if let Ok(segment) = Segment::new(slots, motions) {
                 let before = generator.positions();
                 if generator.load(&segment).is_err() {
@@ -222,7 +239,7 @@ proptest! {
 
 /// Full speed needs every slot: one step lost in 2³² slots is the price of a 32-bit increment.
 #[test]
-fn full_speed_steps_in_every_slot_but_the_turning_one() {
+fn full_speed_steps_in_every_slot() {
     let mut generator = generator();
     let start = AxisMotion {
         first: 1 << 20,
@@ -249,7 +266,7 @@ fn full_speed_steps_in_every_slot_but_the_turning_one() {
 }
 
 #[test]
-fn segments_that_turn_too_fast_are_refused() {
+fn too_fast_reversals_are_refused() {
     let slow = |first, change, backward| AxisMotion {
         first,
         change,
@@ -257,7 +274,7 @@ fn segments_that_turn_too_fast_are_refused() {
     };
     let only_y = |motion| [AxisMotion::REST, motion, AxisMotion::REST];
     let mut generator = generator();
-    // Both first increments together make 2³² - 1: just allowed; one more is not.
+    // Both first increments together make 2³² - 1, which is just allowed; one more is not.
     let allowed = Segment::new(2, only_y(slow(1 << 31, -1, true))).unwrap();
     let refused = Segment::new(2, only_y(slow(1 << 31, 0, true))).unwrap();
     assert_eq!(generator.load(&refused), Err(LoadFault::Turn { axis: 1 }));
@@ -265,7 +282,7 @@ fn segments_that_turn_too_fast_are_refused() {
     assert_eq!(generator.load(&allowed), Err(LoadFault::Busy));
     // Y is inverted: DIR high is backwards. The step waits for the second slot.
     assert_eq!(all_words(&mut generator), [1 << 8, 0, 1 << 7, 1 << 23]);
-    // The direction is on the pin now: the same segment is no turn any more.
+    // The direction is on the pin now, so the same segment no longer reverses the axis.
     assert_eq!(generator.load(&refused), Ok(()));
     all_words(&mut generator);
     let short = Segment::new(1, only_y(slow(1, 0, false))).unwrap();
@@ -273,7 +290,7 @@ fn segments_that_turn_too_fast_are_refused() {
 }
 
 #[test]
-fn halt_keeps_the_position_true() {
+fn halt_keeps_the_position() {
     let mut generator = generator();
     let fast = AxisMotion {
         first: 1 << 30,
@@ -288,7 +305,7 @@ fn halt_keeps_the_position_true() {
     generator.halt();
     let rises = words.iter().filter(|&&word| word & 1 != 0).count();
     assert_eq!(generator.emitted(), [rises as i64; 3]);
-    // Eleven increments of a quarter step; the second slot made up for the first.
+    // Eleven increments of a quarter step; the second slot compensates for the first.
     assert_eq!(
         generator.positions(),
         [Position::from_fine((1 << 31) + 11 * (1 << 30)); 3]

@@ -1,11 +1,11 @@
-//! A DMA controller in direct mode (RM0090 chapter 10): streams that peripherals ask for one
-//! transfer at a time.
+//! DMA controller in direct mode (RM0090 chapter 10): each stream makes one transfer per request of
+//! its peripheral.
 //!
-//! A transfer takes no time here. What the manual says of a stream from memory to a peripheral is
-//! kept, since it can be seen from outside: the next item is fetched as soon as the stream is
-//! enabled, and again after each transfer, one request ahead of its use.
+//! A transfer takes no time here. The model keeps what is visible from outside: a stream from
+//! memory to a peripheral fetches the next item as soon as it is enabled, and again after each
+//! transfer, one request ahead of its use.
 
-/// Moves a 32-bit word; `None` is a bus error.
+/// Bus for 32-bit words; `None` is a bus error.
 pub trait Bus {
     /// Reads a word.
     fn load(&mut self, address: u32) -> Option<u32>;
@@ -28,7 +28,7 @@ const TC: u32 = 1 << 5;
 /// One stream.
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
-    /// Configuration; bit 0 is whether it runs.
+    /// Configuration; bit 0 enables the stream.
     pub cr: u32,
     /// Items left.
     pub ndtr: u32,
@@ -36,12 +36,12 @@ pub struct Stream {
     m0ar: u32,
     m1ar: u32,
     fcr: u32,
-    /// What NDTR is reloaded with.
+    /// Reload value of NDTR.
     whole: u32,
     fetched: Option<u32>,
     /// TE, HT, TC.
     flags: u32,
-    /// The next transfer fails, from outside.
+    /// True if the next transfer fails, by a fault from outside.
     pub fails: bool,
 }
 
@@ -82,7 +82,7 @@ impl Stream {
         self.cr &= !EN;
     }
 
-    /// A request of the stream's peripheral.
+    /// Handles a request of the stream's peripheral.
     fn transfer(&mut self, bus: &mut impl Bus) {
         if self.cr & EN == 0 || self.ndtr == 0 {
             return;
@@ -121,18 +121,18 @@ impl Stream {
     }
 }
 
-/// A controller of eight streams.
+/// Controller of eight streams.
 #[derive(Clone, Debug, Default)]
 pub struct Dma {
     /// The streams.
     pub streams: [Stream; 8],
 }
 
-/// Where a stream's flags begin in its interrupt register.
+/// Position of a stream's flags in its interrupt register.
 const PLACES: [u32; 4] = [0, 6, 16, 22];
 
 impl Dma {
-    /// A peripheral asks `stream` for a transfer over `channel`.
+    /// Requests a transfer of `stream` over `channel`.
     pub fn request(&mut self, stream: usize, channel: u32, bus: &mut impl Bus) {
         let stream = &mut self.streams[stream];
         if stream.cr >> 25 & 7 == channel {
@@ -140,12 +140,12 @@ impl Dma {
         }
     }
 
-    /// Which streams' interrupt lines are up.
+    /// Returns the interrupt lines of the streams.
     pub fn interrupts(&self) -> [bool; 8] {
         std::array::from_fn(|i| self.streams[i].interrupts())
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x00 | 0x04 => {
@@ -168,8 +168,8 @@ impl Dma {
         })
     }
 
-    /// Writes a register; `None` where there is none, and for what the manual forbids: addresses
-    /// and counts of a running stream.
+    /// Writes a register. Returns `None` where there is none, and for writes that the manual
+    /// forbids: addresses and counts of a running stream.
     pub fn write(&mut self, offset: u32, value: u32, bus: &mut impl Bus) -> Option<()> {
         match offset {
             0x08 | 0x0c => {
@@ -221,7 +221,7 @@ mod tests {
     /// A circular player and the eraser behind it, on a ring of three words at 0; the port is word
     /// 4, the idle word is word 5.
     #[test]
-    fn what_was_played_is_erased() {
+    fn played_words_are_erased() {
         let mut bus = Words(vec![1, 2, 3, 0, 0, 77]);
         let mut dma = Dma::default();
         for (stream, par, direction) in [(1, 16, 1 << 6), (2, 20, 0)] {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_transfer_stops_the_stream() {
+    fn failed_transfer_stops_the_stream() {
         let mut bus = Words(vec![1, 2]);
         let mut dma = Dma::default();
         dma.write(0x14, 2, &mut bus);

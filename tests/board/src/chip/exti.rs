@@ -1,10 +1,10 @@
 //! External interrupts (RM0090 chapter 12): edges of pins, lines 0 to 15, and of the supply's
 //! detector, line 16, become pending bits.
 
-/// Line 16.
+/// Line of the supply's detector.
 pub const DETECTOR: u32 = 1 << 16;
 
-/// The registers, with SYSCFG's choice of ports.
+/// Registers, with SYSCFG's choice of ports.
 #[derive(Clone, Debug, Default)]
 pub struct Exti {
     imr: u32,
@@ -17,12 +17,12 @@ pub struct Exti {
 }
 
 impl Exti {
-    /// The port that feeds a line.
+    /// Returns the port that feeds a line.
     pub fn port(&self, line: u32) -> usize {
         (self.ports[line as usize / 4] >> (4 * (line % 4)) & 0xf) as usize
     }
 
-    /// A port's levels changed.
+    /// Handles a change of a port's levels.
     pub fn edges(&mut self, port: usize, before: u16, after: u16) {
         for line in 0..16 {
             if self.port(line) != port {
@@ -38,18 +38,18 @@ impl Exti {
         }
     }
 
-    /// The supply's detector changed its output.
+    /// Handles a change of the supply detector's output.
     pub fn detector_edge(&mut self, rises: bool) {
         let selected = if rises { self.rtsr } else { self.ftsr };
         self.pr |= selected & DETECTOR;
     }
 
-    /// Lines that interrupt.
+    /// Returns the lines that interrupt.
     pub fn pending(&self) -> u32 {
         self.pr & self.imr & (DETECTOR | 0xffff)
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x00 => self.imr,
@@ -62,7 +62,7 @@ impl Exti {
         })
     }
 
-    /// Writes a register; `None` where there is none.
+    /// Writes a register, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 => self.imr = value,

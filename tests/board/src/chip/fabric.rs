@@ -1,5 +1,5 @@
-//! Pins and memory: what both the processor's side and the DMA reach. Every change of a pin is
-//! noted with its moment.
+//! Pins and memory, which both the processor and the DMA reach. Every change of a pin is recorded
+//! with its moment.
 
 use super::dma::Bus;
 use super::exti::Exti;
@@ -12,20 +12,20 @@ use std::sync::Arc;
 /// Ports A to I.
 pub const PORTS: usize = 9;
 
-/// Where SRAM begins.
+/// Address of SRAM.
 pub const RAM_BASE: u32 = 0x2000_0000;
 
-/// SRAM1 and SRAM2, bytes.
+/// Length of SRAM1 and SRAM2, bytes.
 pub const RAM_LEN: u32 = 128 * 1024;
 
 const GPIO_BASE: u32 = 0x4002_0000;
 
-/// A change of a port's pins.
+/// Change of a port's pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinChange {
-    /// When.
+    /// Moment of the change.
     pub at: Beats,
-    /// The port: A is 0.
+    /// Number of the port: A is 0.
     pub port: usize,
     /// Levels before.
     pub before: u16,
@@ -33,7 +33,7 @@ pub struct PinChange {
     pub after: u16,
 }
 
-/// Ports, external interrupts, memory.
+/// Ports, external interrupts and memory.
 #[derive(Debug)]
 pub struct Fabric {
     /// The present moment.
@@ -44,12 +44,12 @@ pub struct Fabric {
     pub exti: Exti,
     /// SRAM.
     pub ram: Arc<RamStore>,
-    /// What the pins did.
+    /// Changes of the pins.
     pub changes: Vec<PinChange>,
 }
 
 impl Fabric {
-    /// Nothing wired to any pin.
+    /// Creates ports without any wire.
     pub fn new(ram: Arc<RamStore>) -> Self {
         Self {
             now: 0,
@@ -60,7 +60,7 @@ impl Fabric {
         }
     }
 
-    /// Changes a port, notes what its pins did, and tells the external interrupts.
+    /// Changes a port, records the changes of its pins, and passes them to the external interrupts.
     fn change<T>(&mut self, port: usize, act: impl FnOnce(&mut Port) -> T) -> T {
         let before = self.ports[port].levels();
         let result = act(&mut self.ports[port]);
@@ -77,22 +77,22 @@ impl Fabric {
         result
     }
 
-    /// Writes a port's register.
+    /// Writes a register of a port.
     pub fn write_port(&mut self, port: usize, offset: u32, value: u32) -> Option<()> {
         self.change(port, |port| port.write(offset, value))
     }
 
-    /// Something outside drives a pin, or (`None`) no longer does.
+    /// Drives a pin from outside, or (`None`) releases it.
     pub fn drive(&mut self, port: usize, pin: u8, level: Option<bool>) {
         self.change(port, |port| port.wire(pin, level));
     }
 
-    /// A reset of one port.
+    /// Resets one port.
     pub fn reset_port(&mut self, port: usize) {
         self.change(port, |pins| pins.reset(port));
     }
 
-    /// A reset of the chip. The wires outside stay.
+    /// Resets the chip. The wires outside stay.
     pub fn reset(&mut self) {
         self.exti = Exti::default();
         for port in 0..PORTS {

@@ -1,17 +1,16 @@
-//! The flash memory's timing: wait states, and the accelerator that hides most of them (RM0090
+//! Timing of the flash memory: wait states, and the accelerator that hides most of them (RM0090
 //! 3.5.2).
 //!
-//! What the manual says, in words. A read of the memory gives a line of 128 bits, and takes as many
-//! cycles more than one as FLASH_ACR has wait states. Lines of code that were read stay in an
-//! instruction cache of 64, lines of constants in a data cache of 8; when a cache is full the line
-//! that was used longest ago makes room. While a line is executed, the next one is read ahead into
-//! a buffer of one line, if the prefetch is on: straight code then waits only if it uses up a line
-//! faster than the memory delivers the next. Constants have priority over code.
+//! The manual's model: a read of the memory gives a line of 128 bits, and takes FLASH_ACR's wait
+//! states plus one cycle. Lines of code stay in an instruction cache of 64, lines of constants in a
+//! data cache of 8; a full cache drops the least recently used line. With the prefetch on, the next
+//! line is read ahead into a buffer of one line while a line is executed: straight code then waits
+//! only if it uses up a line faster than the memory delivers the next. Constants have priority over
+//! code.
 //!
-//! Not in the manual, and assumed the slower way: a read ahead that was begun is finished before
-//! another read begins.
+//! Not in the manual, and assumed the slower way: a read ahead finishes before another read begins.
 
-/// log2 of a line's bytes.
+/// Base-2 logarithm of a line's bytes.
 const LINE_BITS: u32 = 4;
 
 /// Bits of FLASH_ACR: prefetch, instruction cache, data cache.
@@ -19,10 +18,10 @@ const PRFTEN: u32 = 1 << 8;
 const ICEN: u32 = 1 << 9;
 const DCEN: u32 = 1 << 10;
 
-/// Lines that were used lately.
+/// Cache of recently used lines.
 #[derive(Debug)]
 struct Cache {
-    /// Numbers of lines, the one used last at the end.
+    /// Numbers of lines, the most recently used one at the end.
     lines: Vec<u32>,
     size: usize,
 }
@@ -39,7 +38,7 @@ impl Cache {
         self.lines.contains(&line)
     }
 
-    /// Whether the line is there; it then counts as used.
+    /// Returns true if the line is in the cache; it then counts as used.
     fn uses(&mut self, line: u32) -> bool {
         let found = self.lines.iter().rposition(|held| *held == line);
         if let Some(at) = found {
@@ -57,20 +56,20 @@ impl Cache {
     }
 }
 
-/// The accelerator.
+/// Flash accelerator.
 #[derive(Debug)]
 pub struct Accelerator {
-    /// FLASH_ACR.
+    /// Register FLASH_ACR.
     pub acr: u32,
     code: Cache,
     constants: Cache,
-    /// The line that is being executed.
+    /// Line that is being executed.
     current: Option<u32>,
-    /// The line that was, or is being, read ahead.
+    /// Line that was, or is being, read ahead.
     ahead: Option<u32>,
-    /// When the memory has finished its read, in processor cycles.
+    /// End of the memory's present read, in processor cycles.
     busy_until: u64,
-    /// The present cycle, waits included.
+    /// Present cycle, waits included.
     now: u64,
     waits: u64,
 }
@@ -100,14 +99,14 @@ impl Accelerator {
         self.now += cycles;
     }
 
-    /// Waits for the memory, and for a line of it.
+    /// Waits for the memory and reads a line.
     fn read(&mut self) {
         self.wait(self.busy_until.saturating_sub(self.now));
         self.wait(self.wait_states());
         self.busy_until = self.now;
     }
 
-    /// The processor fetches an instruction.
+    /// Fetches an instruction.
     pub fn fetch(&mut self, address: u32) {
         let line = address >> LINE_BITS;
         if self.current == Some(line) {
@@ -132,7 +131,7 @@ impl Accelerator {
         }
     }
 
-    /// The processor reads a constant.
+    /// Reads a constant.
     pub fn load(&mut self, address: u32) {
         let line = address >> LINE_BITS;
         let cached = self.acr & DCEN != 0;
@@ -145,8 +144,8 @@ impl Accelerator {
         }
     }
 
-    /// The processor used these cycles of its own for an instruction. Returns for how many it
-    /// waited.
+    /// Accounts for the processor's own cycles of an instruction. Returns the number of wait
+    /// cycles.
     pub fn used(&mut self, cycles: u64) -> u64 {
         self.now += cycles;
         std::mem::take(&mut self.waits)
@@ -164,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Waits while instructions of a cycle and two bytes follow each other, by line.
+    /// Returns the waits per line while instructions of one cycle and two bytes follow each other.
     fn straight(accelerator: &mut Accelerator, lines: u32) -> Vec<u64> {
         let line = |at: u32| (0..8).map(move |k| 0x0800_0000 + 16 * at + 2 * k);
         (0..lines)
@@ -180,22 +179,22 @@ mod tests {
     }
 
     #[test]
-    fn without_prefetch_each_line_waits() {
+    fn lines_wait_without_prefetch() {
         assert_eq!(straight(&mut at_168_mhz(0), 3), [5, 5, 5]);
     }
 
     #[test]
-    fn prefetch_hides_waits_of_straight_code() {
+    fn prefetch_hides_waits() {
         // Eight cycles a line, of which the next line's read takes six.
         assert_eq!(straight(&mut at_168_mhz(PRFTEN), 4), [5, 0, 0, 0]);
     }
 
     #[test]
-    fn cached_loop_waits_in_its_first_round() {
+    fn cached_loop_waits_once() {
         let mut accelerator = at_168_mhz(ICEN);
         assert_eq!(straight(&mut accelerator, 64).iter().sum::<u64>(), 5 * 64);
         assert_eq!(straight(&mut accelerator, 64).iter().sum::<u64>(), 0);
-        // One line more than there is room for: each is gone when it is used again.
+        // One line more than the cache holds: each line is gone when it is used again.
         straight(&mut accelerator, 65);
         assert_eq!(straight(&mut accelerator, 65).iter().sum::<u64>(), 5 * 65);
     }

@@ -1,4 +1,4 @@
-//! GPIO ports (RM0090 chapter 8), and what is wired to their pins outside the chip.
+//! GPIO ports (RM0090 chapter 8), with the wires at their pins outside the chip.
 
 /// Registers of one port.
 #[derive(Clone, Debug)]
@@ -11,21 +11,21 @@ pub struct Port {
     pub ospeedr: u32,
     /// Two bits a pin: 0 none, 1 up, 2 down.
     pub pupdr: u32,
-    /// What outputs drive.
+    /// Output data register.
     pub odr: u32,
     /// Four bits a pin.
     pub afr: [u32; 2],
-    /// Pins that something outside drives, and their levels.
+    /// Pins that are driven from outside, and their levels.
     outside: (u16, u16),
     /// Pins with a resistor to the supply outside.
     pulled_up: u16,
-    /// Pins that the output register drives, and the levels of the others: worked out when
-    /// something changes, as words come by the microsecond.
+    /// Pins that the output register drives, and the levels of the others: computed on a change,
+    /// because words come every microsecond.
     driven: u16,
     others: u16,
 }
 
-/// The registers of a port after reset; A and B carry the debug pins.
+/// Registers of a port after reset; A and B carry the debug pins.
 const RESET: [(u32, u32, u32); 3] = [
     (0xa800_0000, 0x0c00_0000, 0x6400_0000),
     (0x0000_0280, 0x0000_00c0, 0x0000_0100),
@@ -33,7 +33,7 @@ const RESET: [(u32, u32, u32); 3] = [
 ];
 
 impl Port {
-    /// Port `number` (A is 0) after reset, nothing wired to it.
+    /// Creates port `number` (A is 0) after reset, without wires.
     pub fn new(number: usize) -> Self {
         let (moder, ospeedr, pupdr) = RESET[number.min(2)];
         let mut port = Self {
@@ -52,7 +52,7 @@ impl Port {
         port
     }
 
-    /// A reset of the chip: the wires outside stay.
+    /// Resets the port; the wires outside stay.
     pub fn reset(&mut self, number: usize) {
         *self = Self {
             outside: self.outside,
@@ -62,7 +62,7 @@ impl Port {
         self.settle();
     }
 
-    /// Something outside drives a pin, or (`None`) no longer does.
+    /// Drives a pin from outside, or (`None`) releases it.
     pub fn wire(&mut self, pin: u8, level: Option<bool>) {
         let bit = 1 << pin;
         let (wired, levels) = &mut self.outside;
@@ -76,13 +76,13 @@ impl Port {
         self.settle();
     }
 
-    /// A resistor from a pin to the supply.
+    /// Connects a pin to the supply through a resistor.
     pub fn pull_up(&mut self, pin: u8) {
         self.pulled_up |= 1 << pin;
         self.settle();
     }
 
-    /// The function of a pin, as in MODER.
+    /// Returns the function of a pin, as in MODER.
     pub fn mode(&self, pin: u32) -> u32 {
         self.moder >> (2 * pin) & 3
     }
@@ -99,12 +99,13 @@ impl Port {
         self.others = !self.driven & (level & wired | (self.pulled_up | internal) & !wired);
     }
 
-    /// Levels of all pins, as an instrument outside sees them. What nobody drives or pulls is low.
+    /// Returns the levels of all pins, as an instrument outside sees them. A pin without a driver
+    /// or a pull is low.
     pub fn levels(&self) -> u16 {
         self.driven & self.odr as u16 | self.others
     }
 
-    /// A register at an offset; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x00 => self.moder,
@@ -120,7 +121,7 @@ impl Port {
         })
     }
 
-    /// Writes a register; `None` where there is none.
+    /// Writes a register, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 => {

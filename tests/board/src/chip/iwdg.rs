@@ -1,26 +1,26 @@
-//! The independent watchdog (RM0090 chapter 21), on its own oscillator.
+//! Independent watchdog (RM0090 chapter 21), on its own oscillator.
 
 use crate::time::Beats;
 
-/// Copying a register into the oscillator's domain takes up to five of its periods.
+/// Periods of the oscillator for copying a register into its domain, at most.
 const SYNC: Beats = 5;
 
-/// The registers.
+/// Registers of the watchdog.
 #[derive(Clone, Debug)]
 pub struct Iwdg {
-    /// A period of the low-speed oscillator.
+    /// Period of the low-speed oscillator.
     lsi: Beats,
     prescaler: u32,
     reload: u32,
     unlocked: bool,
-    /// When PR and RLR are copied.
+    /// Moments at which the copies of PR and RLR are complete.
     busy: [Beats; 2],
-    /// When it started or was last fed; `None` before the start.
+    /// Moment of the start or of the last feeding; `None` before the start.
     fed: Option<Beats>,
 }
 
 impl Iwdg {
-    /// Not started, on an oscillator of so many hertz.
+    /// Creates a watchdog that is not started, with an oscillator of `lsi_hz`.
     pub fn new(lsi_hz: u64) -> Self {
         Self {
             lsi: 336_000_000 / lsi_hz,
@@ -32,22 +32,22 @@ impl Iwdg {
         }
     }
 
-    /// Whether it runs: nothing but a reset stops it.
+    /// Returns true if the watchdog runs; only a reset stops it.
     pub fn started(&self) -> bool {
         self.fed.is_some()
     }
 
-    /// From feeding to the reset.
+    /// Returns the time from feeding to the reset.
     pub fn patience(&self) -> Beats {
         self.lsi * (4 << self.prescaler.min(6)) * (Beats::from(self.reload) + 1)
     }
 
-    /// When it resets the chip.
+    /// Returns the moment at which the watchdog resets the chip.
     pub fn next(&self) -> Option<Beats> {
         self.fed.map(|fed| fed + self.patience())
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&self, offset: u32, now: Beats) -> Option<u32> {
         Some(match offset {
             0x00 => 0,
@@ -58,7 +58,7 @@ impl Iwdg {
         })
     }
 
-    /// Writes a register; `None` where there is none, for a register that is locked, and for one
+    /// Writes a register. Returns `None` where there is none, for a locked register, and for one
     /// that is still being copied.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<()> {
         match (offset, value) {

@@ -1,22 +1,22 @@
-//! The USB controller OTG_FS as a device (RM0090 chapter 34): registers, FIFOs, and how it answers
-//! a host's tokens.
+//! USB controller OTG_FS as a device (RM0090 chapter 34): registers, FIFOs, and its answers to a
+//! host's tokens.
 //!
-//! Written from the manual's programming model, not from the driver. Where both could be asked, the
+//! Written from the manual's programming model, not from the driver. Where the two differ, the
 //! manual's words decide: an OUT packet is taken once the endpoint's NAK bit is clear and the
 //! receive FIFO has room (34.17.6, "internal data flow" of OUT transfers); a SETUP packet is always
-//! taken, sets both NAK bits of endpoint 0, and is reported done at the token after it. The
-//! endpoint enable bit of an OUT endpoint is kept and cleared as described, but nothing is refused
-//! for its absence: the manual does not say that, and this point only a board can settle.
+//! taken, sets both NAK bits of endpoint 0, and is reported done at the token after it. The enable
+//! bit of an OUT endpoint is kept and cleared as described, but its absence does not refuse a
+//! packet: the manual does not say so, and only a real board can settle this point.
 
 mod endpoint;
 
 use endpoint::{In, Out};
 use std::collections::VecDeque;
 
-/// Endpoints each way.
+/// Number of endpoints per direction.
 pub const ENDPOINTS: usize = 4;
 
-/// Words of FIFO memory: 1.25 KiB.
+/// Length of the FIFO memory, words: 1.25 KiB.
 const FIFO_WORDS: u32 = 320;
 
 mod int {
@@ -26,7 +26,7 @@ mod int {
     pub const ENUMDNE: u32 = 1 << 13;
     pub const IEPINT: u32 = 1 << 18;
     pub const OEPINT: u32 = 1 << 19;
-    /// Cleared by writing ones.
+    /// Bits that writing ones clears.
     pub const CLEARED: u32 = 0xf030_fc0a;
 }
 
@@ -38,29 +38,29 @@ mod status {
     pub const SETUP_DATA: u32 = 6;
 }
 
-/// An entry of the receive FIFO.
+/// Entry of the receive FIFO.
 #[derive(Clone, Debug)]
 struct Entry {
     status: u32,
     data: VecDeque<u32>,
 }
 
-/// How the device answers a token.
+/// Answer of the device to a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// Nothing: it is not there, or it is meant for nobody.
+    /// No answer: the device is absent, or the token has another address.
     Nothing,
-    /// Taken.
+    /// The device took the packet.
     Ack,
-    /// Not now.
+    /// The device is not ready.
     Nak,
-    /// Never.
+    /// The device refuses the request.
     Stall,
-    /// Data, with their toggle.
+    /// Data with their toggle.
     Data(bool, Vec<u8>),
 }
 
-/// The registers and FIFOs.
+/// Registers and FIFOs.
 #[derive(Clone, Debug)]
 pub struct Otg {
     gahbcfg: u32,
@@ -82,15 +82,15 @@ pub struct Otg {
     ins: [In; ENDPOINTS],
     outs: [Out; ENDPOINTS],
     received: VecDeque<Entry>,
-    /// Words of the entry that was popped last and are not read yet.
+    /// Words of the last popped entry that are not read yet.
     data: VecDeque<u32>,
-    /// A SETUP packet came, and no token since.
+    /// True after a SETUP packet until the next token.
     setup: bool,
-    /// The address in use. A new one, written before the status stage of its request as the manual
-    /// wants it, counts from the end of that stage.
+    /// Address in use. A new one, written before the status stage of its request as the manual
+    /// demands, takes effect at the end of that stage.
     address: u32,
     frame: u32,
-    /// What went wrong in the driver's use of the FIFOs.
+    /// Misuse of the FIFOs by the driver.
     pub misuse: Option<&'static str>,
 }
 
@@ -125,8 +125,8 @@ impl Default for Otg {
 }
 
 impl Otg {
-    /// Whether the pull-up on D+ is on: transceiver powered, not softly disconnected, bus voltage
-    /// believed.
+    /// Returns true if the pull-up on D+ is on: transceiver powered, not softly disconnected, bus
+    /// voltage present.
     pub fn pulls_up(&self) -> bool {
         const PWRDWN: u32 = 1 << 16;
         const NOVBUSSENS: u32 = 1 << 21;
@@ -136,7 +136,7 @@ impl Otg {
             && self.dctl & 2 == 0
     }
 
-    /// Whether the interrupt line is up.
+    /// Returns true if the interrupt line is active.
     pub fn interrupts(&self) -> bool {
         self.gahbcfg & 1 != 0 && self.gintsts() & self.gintmsk != 0
     }
@@ -166,7 +166,7 @@ impl Otg {
         value
     }
 
-    /// Free words of the receive FIFO: every entry takes its data and a word of status.
+    /// Returns the free words of the receive FIFO: every entry takes its data and a word of status.
     fn room(&self) -> usize {
         let used: usize = self.received.iter().map(|entry| entry.data.len() + 1).sum();
         (self.grxfsiz as usize & 0xffff).saturating_sub(used + self.data.len())
@@ -189,7 +189,7 @@ impl Otg {
         });
     }
 
-    /// What popping an entry does to its endpoint.
+    /// Applies the effect of popping an entry to its endpoint.
     fn popped(&mut self, entry: u32) {
         let endpoint = &mut self.outs[(entry & 3) as usize];
         match entry >> 17 & 0xf {
@@ -209,14 +209,14 @@ impl Otg {
         self.dcfg >> 4 & 0x7f
     }
 
-    /// The token after a SETUP packet ends the setup stage.
+    /// Handles the token after a SETUP packet, which ends the setup stage.
     fn token(&mut self, endpoint: usize) {
         if endpoint == 0 && std::mem::take(&mut self.setup) {
             self.push(status::SETUP_DONE, 0, false, &[]);
         }
     }
 
-    /// A SETUP packet to endpoint 0.
+    /// Handles a SETUP packet to endpoint 0.
     pub fn setup(&mut self, address: u8, request: [u8; 8]) -> Answer {
         if !self.is_addressed(address) || self.room() < 4 {
             return Answer::Nothing;
@@ -228,7 +228,7 @@ impl Otg {
         Answer::Ack
     }
 
-    /// A data packet to an endpoint.
+    /// Handles a data packet to an endpoint.
     pub fn out(&mut self, address: u8, endpoint: usize, toggle: bool, bytes: &[u8]) -> Answer {
         if !self.is_addressed(address) || !self.outs[endpoint].is_active(endpoint) {
             return Answer::Nothing;
@@ -256,8 +256,8 @@ impl Otg {
         Answer::Ack
     }
 
-    /// The host asks an endpoint for data. Without an error on the wire it acknowledges them at
-    /// once.
+    /// Handles the host's request for data. Without an error on the wire the host acknowledges them
+    /// at once.
     pub fn enter(&mut self, address: u8, endpoint: usize) -> Answer {
         if !self.is_addressed(address) || !self.ins[endpoint].is_active(endpoint) {
             return Answer::Nothing;
@@ -270,7 +270,7 @@ impl Otg {
         answer
     }
 
-    /// The bus is held in reset.
+    /// Holds the bus in reset.
     pub fn bus_reset(&mut self) {
         self.gintsts |= int::USBRST;
         for n in 1..ENDPOINTS {
@@ -281,30 +281,30 @@ impl Otg {
         self.address = 0;
     }
 
-    /// The reset is over: a full-speed host.
+    /// Ends the reset: a full-speed host.
     pub fn enumerated(&mut self) {
         self.gintsts |= int::ENUMDNE;
     }
 
-    /// A frame begins.
+    /// Begins a frame.
     pub fn start_of_frame(&mut self) {
         self.frame = (self.frame + 1) & 0x3fff;
         self.gintsts |= 1 << 3;
     }
 
-    /// Nothing happened on the bus for 3 ms.
+    /// Suspends the bus after 3 ms without activity.
     pub fn suspend(&mut self) {
         self.gintsts |= int::SUSPEND;
     }
 
     // The registers.
 
-    /// Which endpoint's register is so far from the first one's.
+    /// Returns the endpoint and register at an offset from the first endpoint's registers.
     fn endpoint(offset: u32) -> (usize, u32) {
         (offset as usize >> 5, offset & 0x1f)
     }
 
-    /// A register or FIFO; `None` where there is none.
+    /// Reads a register or FIFO, or returns `None` where there is none.
     pub fn read(&mut self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x000 => self.gotgctl,
@@ -362,7 +362,7 @@ impl Otg {
         entry.status
     }
 
-    /// Writes a register or FIFO; `None` where there is none.
+    /// Writes a register or FIFO, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x000 => self.gotgctl = value,
@@ -409,7 +409,7 @@ impl Otg {
         Some(())
     }
 
-    /// GRSTCTL.
+    /// Handles a write to GRSTCTL.
     fn command(&mut self, value: u32) {
         if value & 1 != 0 {
             let kept = (self.gccfg, self.gusbcfg);

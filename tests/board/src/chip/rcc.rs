@@ -3,13 +3,13 @@
 
 use crate::time::{Beats, US};
 
-/// A crystal takes this long to start (data sheet, typical).
+/// Start-up time of a crystal (data sheet, typical).
 const HSE_START: Beats = 2_000 * US;
 
-/// The PLL takes this long to lock (data sheet, at least).
+/// Lock time of the PLL (data sheet, minimum).
 const PLL_LOCK: Beats = 75 * US;
 
-/// The low-speed oscillator takes this long (data sheet, typical).
+/// Start-up time of the low-speed oscillator (data sheet, typical).
 const LSI_START: Beats = 15 * US;
 
 const HSION: u32 = 1;
@@ -18,19 +18,19 @@ const PLLON: u32 = 1 << 24;
 
 /// Reset flags of CSR.
 pub mod flag {
-    /// Supply dipped, or came.
+    /// Brown-out or power-on.
     pub const BROWN_OUT: u32 = 1 << 25;
-    /// Any reset drives the pin.
+    /// Reset pin, which any reset drives.
     pub const PIN: u32 = 1 << 26;
-    /// Power came.
+    /// Power-on.
     pub const POWER_ON: u32 = 1 << 27;
-    /// Software.
+    /// Software reset.
     pub const SOFTWARE: u32 = 1 << 28;
-    /// The independent watchdog.
+    /// Independent watchdog.
     pub const WATCHDOG: u32 = 1 << 29;
 }
 
-/// Clocks in hertz; 0 is off.
+/// Clock frequencies, Hz; 0 is off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clocks {
     /// Processor, memories, DMA, GPIO.
@@ -57,20 +57,20 @@ pub struct Rcc {
     pub cfgr: u32,
     csr: u32,
     bdcr: u32,
-    /// AHB1, AHB2, AHB3, APB1, APB2: reset, enable, enable in sleep.
+    /// Registers of AHB1, AHB2, AHB3, APB1, APB2: reset, enable, enable in sleep.
     reset: [u32; 5],
     enable: [u32; 5],
     sleep: [u32; 5],
     crystal_hz: u64,
-    /// When HSE, PLL and LSI are ready, if they are switched on.
+    /// Moments at which HSE, PLL and LSI are ready, if they are switched on.
     ready: [Beats; 3],
 }
 
-/// A peripheral's bus and bit.
+/// Bus and bit of a peripheral.
 pub type Gate = (usize, u32);
 
 impl Rcc {
-    /// After a reset with these flags.
+    /// Creates the state after a reset with these flags.
     pub fn new(crystal_hz: u64, flags: u32) -> Self {
         Self {
             cr: 0x83,
@@ -86,17 +86,17 @@ impl Rcc {
         }
     }
 
-    /// The flags that say what reset the chip.
+    /// Returns the flags of the reset's cause.
     pub fn flags(&self) -> u32 {
         self.csr & 0xfe00_0000
     }
 
-    /// Whether a peripheral has its clock and is not held in reset.
+    /// Returns true if a peripheral has its clock and is not held in reset.
     pub fn runs(&self, (bus, bit): Gate) -> bool {
         self.enable[bus] & !self.reset[bus] & 1 << bit != 0
     }
 
-    /// Whether a peripheral is held in reset.
+    /// Returns true if a peripheral is held in reset.
     pub fn holds(&self, (bus, bit): Gate) -> bool {
         self.reset[bus] & 1 << bit != 0
     }
@@ -115,7 +115,7 @@ impl Rcc {
         source / u64::from(m.max(1)) * u64::from(n)
     }
 
-    /// The clock tree, as the registers have it.
+    /// Returns the clock tree that the registers describe.
     pub fn clocks(&self, now: Beats) -> Clocks {
         let vco = match self.is_ready(1, now) {
             true => self.vco(),
@@ -146,7 +146,7 @@ impl Rcc {
         }
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&self, offset: u32, now: Beats) -> Option<u32> {
         Some(match offset {
             0x00 => {
@@ -170,7 +170,7 @@ impl Rcc {
         })
     }
 
-    /// Writes a register; `None` where there is none.
+    /// Writes a register, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<()> {
         match offset {
             0x00 => {

@@ -1,4 +1,4 @@
-//! The random number generator (RM0090 chapter 24): a word per 40 periods of the 48 MHz clock, here
+//! Random number generator (RM0090 chapter 24): a word per 40 periods of the 48 MHz clock, here
 //! from a seed.
 
 use crate::time::{Beats, period};
@@ -16,7 +16,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// After a reset.
+    /// Creates the state after a reset.
     pub fn new(seed: u64) -> Self {
         Self {
             cr: 0,
@@ -25,22 +25,22 @@ impl Rng {
         }
     }
 
-    /// A reset; the noise source does not begin again.
+    /// Resets the registers; the noise source continues.
     pub fn reset(&mut self) {
         (self.cr, self.ready) = (0, Beats::MAX);
     }
 
-    /// Whether the interrupt line is up.
+    /// Returns true if the interrupt line is active.
     pub fn interrupts(&self, now: Beats) -> bool {
         self.cr & IE != 0 && self.ready <= now
     }
 
-    /// When the next word is ready, if anybody waits for it.
+    /// Returns the moment of the next word, if the program waits for it.
     pub fn next(&self, now: Beats) -> Option<Beats> {
         (self.cr & IE != 0 && self.ready > now && self.ready != Beats::MAX).then_some(self.ready)
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&mut self, offset: u32, now: Beats) -> Option<u32> {
         Some(match offset {
             0x00 => self.cr,
@@ -54,7 +54,7 @@ impl Rng {
         })
     }
 
-    /// Writes a register; `None` where there is none.
+    /// Writes a register, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<()> {
         match offset {
             0x00 => {

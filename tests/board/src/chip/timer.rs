@@ -1,9 +1,9 @@
-//! Timers as far as up-counting goes (RM0090 chapters 17 and 18): prescaler and repetition counter
-//! with their shadows, four compares, interrupt and DMA requests, one-pulse mode, gated mode by the
-//! external trigger with its filter.
+//! Up-counting timers (RM0090 chapters 17 and 18): prescaler and repetition counter with their
+//! shadows, four compares, interrupt and DMA requests, one-pulse mode, gated mode by the external
+//! trigger with its filter.
 //!
-//! Nothing ticks: the counter is worked out when somebody looks, and [`Timer::next`] says when
-//! something will happen that others notice.
+//! Nothing ticks: the counter is computed on access, and [`Timer::next`] returns the moment of the
+//! next visible event.
 
 use crate::time::Beats;
 
@@ -11,7 +11,7 @@ const CEN: u32 = 1;
 const UDIS: u32 = 1 << 1;
 const URS: u32 = 1 << 2;
 const OPM: u32 = 1 << 3;
-/// Where SMCR lies among the registers.
+/// Index of SMCR among the registers.
 const SMCR: usize = 2;
 /// Flags of update and of compares 1 to 4: the same bits in SR, and as interrupt enables in DIER.
 const FLAGS: u32 = 0x1f;
@@ -19,38 +19,38 @@ const FLAGS: u32 = 0x1f;
 /// One timer.
 #[derive(Clone, Debug)]
 pub struct Timer {
-    /// Control.
+    /// Control register 1.
     pub cr1: u32,
-    /// Which events interrupt, and which ask for DMA.
+    /// Enables of interrupts and DMA requests.
     pub dier: u32,
     sr: u32,
     psc: u32,
     arr: u32,
     rcr: u32,
     ccr: [u32; 4],
-    /// Registers without effect here: kept.
+    /// Registers without effect here.
     other: [u32; 24],
-    /// The prescaler and the repetitions in use: loaded at an update.
+    /// Prescaler and repetitions in use, loaded at an update.
     psc_used: u32,
     repetitions: u32,
     count: u32,
-    /// When `count` was reached.
+    /// Moment at which `count` was reached.
     since: Beats,
-    /// A clock of the timer; 0 is off.
+    /// Period of the timer's clock; 0 is off.
     clock: Beats,
-    /// When it was last started.
+    /// Moment of the last start.
     pub started: Option<Beats>,
-    /// The external trigger's level behind the filter.
+    /// Level of the external trigger behind the filter.
     trigger: bool,
-    /// What the filter will make of it, and when.
+    /// Next level behind the filter, with its moment.
     filtered: Option<(Beats, bool)>,
 }
 
-/// What a timer asks of the DMA: update, compares 1 to 4.
+/// DMA requests of a timer: update, compares 1 to 4.
 pub type Requests = u32;
 
 impl Timer {
-    /// After a reset. `wide` counts to 32 bits.
+    /// Creates the state after a reset. A `wide` timer counts to 32 bits.
     pub fn new(wide: bool, clock: Beats) -> Self {
         Self {
             cr1: 0,
@@ -72,14 +72,14 @@ impl Timer {
         }
     }
 
-    /// Another clock from `now` on.
+    /// Sets the clock from `now` on.
     pub fn set_clock(&mut self, clock: Beats, now: Beats) {
         self.advance(now);
         self.clock = clock;
         self.since = now;
     }
 
-    /// Whether the timer's interrupt lines are up: update, compare.
+    /// Returns the interrupt lines: update, compare.
     pub fn interrupts(&self) -> [bool; 2] {
         let active = self.sr & self.dier;
         [active & 1 != 0, active & (FLAGS & !1) != 0]
@@ -93,15 +93,15 @@ impl Timer {
         self.cr1 & CEN != 0 && self.clock != 0 && self.arr != 0 && !self.is_gated_off()
     }
 
-    /// The gated mode (SMS 5) by the external trigger (TS 7), which is low, or high where ETP
-    /// inverts it.
+    /// Returns true if the gated mode (SMS 5) stops the counter: the external trigger (TS 7) is
+    /// low, or high where ETP inverts it.
     fn is_gated_off(&self) -> bool {
         let smcr = self.other[SMCR];
         smcr & 7 == 5 && smcr >> 4 & 7 == 7 && self.trigger == (smcr >> 15 & 1 != 0)
     }
 
-    /// How long the external trigger must keep a level: ETF's samples at its division of the
-    /// dead-time clock, CKD (RM0090 17.4.3 and 17.4.1).
+    /// Returns the time for which the external trigger must keep a level: ETF's samples at its
+    /// division of the dead-time clock, CKD (RM0090 17.4.3 and 17.4.1).
     fn filter_time(&self) -> Beats {
         const FILTERS: [(Beats, Beats); 16] = [
             (0, 0),
@@ -128,7 +128,7 @@ impl Timer {
         (self.clock << dead_time) * division * samples
     }
 
-    /// The external trigger's pin has this level.
+    /// Sets the level of the external trigger's pin.
     pub fn set_trigger(&mut self, level: bool, now: Beats) {
         if level == self.trigger {
             self.filtered = None;
@@ -137,7 +137,7 @@ impl Timer {
         }
     }
 
-    /// Ticks until the counter is at `value` again, at least one.
+    /// Returns the ticks until the counter is at `value` again, at least one.
     fn ticks_to(&self, value: u32) -> Option<u64> {
         let length = u64::from(self.arr) + 1;
         (value <= self.arr).then(|| {
@@ -146,7 +146,7 @@ impl Timer {
         })
     }
 
-    /// The counter's next value that raises a flag, and how far off.
+    /// Returns the ticks to the counter's next value that raises a flag.
     fn nearest(&self, enables: u32) -> Option<u64> {
         let update = (enables & 1 != 0).then(|| self.ticks_to(0)).flatten();
         let compares = (self.ccr.iter().zip(1..))
@@ -155,8 +155,8 @@ impl Timer {
         update.into_iter().chain(compares).min()
     }
 
-    /// When the next interrupt or DMA request comes, or the filter lets a level of the external
-    /// trigger through.
+    /// Returns the moment of the next interrupt or DMA request, or of the next level behind the
+    /// filter.
     pub fn next(&self) -> Option<Beats> {
         let filtered = self.filtered.map(|(at, _)| at);
         self.next_event().into_iter().chain(filtered).min()
@@ -204,7 +204,7 @@ impl Timer {
         requests
     }
 
-    /// The flags of the counter's present value, and the DMA requests that come with them.
+    /// Raises the flags of the counter's present value, and returns the DMA requests.
     fn raise(&mut self) -> Requests {
         let mut flags = (self.ccr.iter().zip(1..))
             .filter(|(ccr, _)| **ccr == self.count)
@@ -229,7 +229,7 @@ impl Timer {
         self.repetitions = self.rcr & 0xff;
     }
 
-    /// A register, counted up to `now` before; `None` where there is none.
+    /// Reads a register after counting up to `now`, or returns `None` where there is none.
     pub fn read(&self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x00 => self.cr1,
@@ -246,8 +246,8 @@ impl Timer {
         })
     }
 
-    /// Writes a register, counted up to `now` before; `None` where there is none. May make DMA
-    /// requests.
+    /// Writes a register after counting up to `now`, and returns its DMA requests, or `None` where
+    /// there is none.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<Requests> {
         match offset {
             0x00 => {
@@ -287,7 +287,7 @@ impl Timer {
 mod tests {
     use super::*;
 
-    /// 1 MHz words as the step engine has them: update and compare 1 in turn, half a word apart.
+    /// 1 MHz words as in the step engine: update and compare 1 in turn, half a word apart.
     #[test]
     fn update_and_compare_alternate() {
         let mut timer = Timer::new(false, 2);
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn repetitions_and_one_pulse_end_the_count() {
+    fn one_pulse_mode_ends_the_count() {
         let mut timer = Timer::new(false, 1);
         for (offset, value) in [(0x2c, 9), (0x30, 2), (0x14, 1), (0x10, 0), (0x0c, 1)] {
             timer.write(offset, value, 0);
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_stops_the_count_behind_its_filter() {
+    fn filtered_gate_stops_the_count() {
         let mut timer = Timer::new(false, 2);
         // ETF 15 at a quarter of the clock: 1,024 clocks. Gated by ETRF.
         for (offset, value) in [
@@ -342,7 +342,7 @@ mod tests {
         assert_eq!(timer.next(), Some(3_048));
         timer.advance(3_068);
         assert_eq!(timer.read(0x24), Some(10));
-        // Shorter than the filter: not seen.
+        // Shorter than the filter, so without effect.
         timer.set_trigger(false, 3_068);
         timer.set_trigger(true, 4_000);
         timer.advance(4_068);
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn the_prescaler_changes_at_an_update() {
+    fn prescaler_changes_at_an_update() {
         let mut timer = Timer::new(true, 4);
         timer.write(0x28, 83, 0);
         timer.write(0x00, CEN, 0);

@@ -1,4 +1,4 @@
-//! A USART, asynchronous, eight bits (RM0090 chapter 30), and the bytes on its wires.
+//! Asynchronous USART with eight bits (RM0090 chapter 30), and the bytes on its wires.
 
 use crate::time::Beats;
 use std::collections::VecDeque;
@@ -16,7 +16,7 @@ const RE: u32 = 1 << 2;
 /// Bits of a byte on the wire: start, eight, stop.
 const BITS: Beats = 10;
 
-/// The registers and the wires.
+/// Registers and wires.
 #[derive(Clone, Debug)]
 pub struct Usart {
     sr: u32,
@@ -26,24 +26,24 @@ pub struct Usart {
     /// Period of the peripheral's clock.
     pub clock: Beats,
     received: u8,
-    /// SR was read since the flag: reading DR then clears it.
+    /// True if SR was read since the flag, so that reading DR clears it.
     seen: u32,
-    /// The byte waiting behind the one on the wire.
+    /// Byte that waits behind the one on the wire.
     waiting: Option<u8>,
-    /// The byte on the wire, and when it is over.
+    /// Byte on the wire, with the moment of its end.
     sending: Option<(u8, Beats)>,
-    /// Bytes on the wire to the chip, with the moment when each is over.
+    /// Bytes on the wire to the chip, with the moments of their ends.
     arriving: VecDeque<(u8, Beats)>,
-    /// When the line has been idle for one byte.
+    /// Moment at which the line has been idle for one byte.
     idle_at: Option<Beats>,
-    /// Period of the other end's bits.
+    /// Bit period of the other end.
     pub far_bit: Beats,
-    /// Bytes that were sent, with the moment when each was over.
+    /// Bytes sent, with the moments of their ends.
     pub sent: Vec<(Beats, u8)>,
 }
 
 impl Usart {
-    /// After a reset; the other end sends so many bits per second.
+    /// Creates the state after a reset; the other end sends `far_baud` bits per second.
     pub fn new(clock: Beats, far_baud: u64) -> Self {
         Self {
             sr: TXE | TC,
@@ -62,7 +62,7 @@ impl Usart {
         }
     }
 
-    /// A reset of the peripheral: what the other end sends is still on its way.
+    /// Resets the peripheral: bytes from the other end are still on their way.
     pub fn reset(&mut self, clock: Beats) {
         *self = Self {
             far_bit: self.far_bit,
@@ -72,12 +72,12 @@ impl Usart {
         };
     }
 
-    /// A bit of the chip's own.
+    /// Returns the chip's own bit period.
     pub fn bit(&self) -> Beats {
         self.clock * Beats::from(self.brr)
     }
 
-    /// The other end begins to send at `now`, after what it is sending.
+    /// Starts bytes from the other end at `now`, behind those already on their way.
     pub fn arrive(&mut self, now: Beats, bytes: &[u8]) {
         let mut at = self.arriving.back().map_or(now, |(_, at)| (*at).max(now));
         for byte in bytes {
@@ -86,12 +86,12 @@ impl Usart {
         }
     }
 
-    /// When the last byte to the chip is over.
+    /// Returns the end of the last byte to the chip.
     pub fn quiet_at(&self) -> Option<Beats> {
         self.arriving.back().map(|(_, at)| *at)
     }
 
-    /// Whether the interrupt line is up.
+    /// Returns true if the interrupt line is active.
     pub fn interrupts(&self) -> bool {
         let [cr1, _, cr3] = self.cr;
         let enabled = cr1 & (RXNE | TC | TXE | IDLE);
@@ -100,7 +100,7 @@ impl Usart {
         self.sr & enabled != 0 || errors || overrun
     }
 
-    /// When the next byte is over, either way.
+    /// Returns the end of the next byte in either direction.
     pub fn next(&self) -> Option<Beats> {
         let arriving = self.arriving.front().map(|(_, at)| *at);
         let sending = self.sending.map(|(_, at)| at);
@@ -110,7 +110,7 @@ impl Usart {
             .min()
     }
 
-    /// Lets bytes come and go until `now`.
+    /// Moves bytes until `now`.
     pub fn advance(&mut self, now: Beats) {
         while let Some((byte, at)) = self.sending.filter(|(_, at)| *at <= now) {
             self.sent.push((at, byte));
@@ -160,7 +160,7 @@ impl Usart {
         self.sr = self.sr & !TC | TXE;
     }
 
-    /// A register; `None` where there is none.
+    /// Reads a register, or returns `None` where there is none.
     pub fn read(&mut self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x00 => {
@@ -178,7 +178,7 @@ impl Usart {
         })
     }
 
-    /// Writes a register; `None` where there is none.
+    /// Writes a register, or returns `None` where there is none.
     pub fn write(&mut self, offset: u32, value: u32, now: Beats) -> Option<()> {
         match offset {
             // Written zeros clear TC and RXNE.
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_nobody_fetched_is_an_overrun() {
+    fn unread_byte_is_an_overrun() {
         let mut usart = running();
         usart.arrive(0, b"ab");
         usart.advance(BITS * usart.far_bit);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_rate_breaks_the_frame() {
+    fn wrong_rate_breaks_the_frame() {
         let mut usart = running();
         usart.write(0x08, 50, 0);
         usart.arrive(0, b"a");

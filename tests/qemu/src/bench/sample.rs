@@ -1,4 +1,4 @@
-//! Material for the measurements: sums of a real scene, and a host that keeps a machine going.
+//! Material for the measurements: sums of a real scene, and a host that keeps a machine running.
 
 use crate::board::SEGMENT_WORDS;
 use nalgebra::{Matrix3, Matrix4x3, Vector4};
@@ -20,10 +20,10 @@ use shared::sums::pair::PairSums;
 use shared::time::Instant;
 use shared::track::pursuit::{Settings, Sight};
 
-/// Fifty points in front of the paper's cameras, moved by (4, 4, 1) mm.
+/// Returns the sums of fifty points in front of the paper's cameras, moved by (4, 4, 1) mm.
 pub fn sums() -> (PairSums, CentredSums) {
     let rig = Rig::paper();
-    // The paper's rig is one that both kinds of sums are made for.
+    // The paper's rig supports both kinds of sums.
     let (mut pair, mut centred) = (
         PairSums::new(&rig).unwrap(),
         CentredSums::new(&rig).unwrap(),
@@ -48,7 +48,7 @@ pub fn sums() -> (PairSums, CentredSums) {
     (pair, centred)
 }
 
-/// The paper's sums in single precision, `a1 a2 a3 b1 b2 b3 d1 d2 d3 d4`.
+/// Returns the paper's sums in single precision, `a1 a2 a3 b1 b2 b3 d1 d2 d3 d4`.
 pub fn single(sums: &PairSums) -> [f32; 10] {
     [
         sums.a1, sums.a2, sums.a3, sums.b1, sums.b2, sums.b3, sums.d1, sums.d2, sums.d3, sums.d4,
@@ -56,7 +56,7 @@ pub fn single(sums: &PairSums) -> [f32; 10] {
     .map(|sum| (sum / f64::from(sums.points)) as f32)
 }
 
-/// The paper's eq. 9 in single precision.
+/// Computes the paper's eq. 9 in single precision.
 #[inline(never)]
 pub fn closed_form_f32(&[a1, a2, a3, b1, b2, b3, d1, d2, d3, d4]: &[f32; 10]) -> [f32; 3] {
     let per_q = 1.0 / (a1 * b2 - a2 * b1);
@@ -66,7 +66,7 @@ pub fn closed_form_f32(&[a1, a2, a3, b1, b2, b3, d1, d2, d3, d4]: &[f32; 10]) ->
     [vx, vy, vz]
 }
 
-/// The paper's eq. 7 in single precision with nalgebra.
+/// Computes the paper's eq. 7 in single precision with nalgebra.
 #[inline(never)]
 pub fn least_squares_f32(
     &[a1, a2, a3, b1, b2, b3, d1, d2, d3, d4]: &[f32; 10],
@@ -77,7 +77,7 @@ pub fn least_squares_f32(
     normal.cholesky().map(|factor| factor.solve(&right).into())
 }
 
-/// A frame as it comes once a tenth of a second.
+/// Returns a flow frame as it comes ten times a second.
 pub fn frame(capture_us: u64, reference_us: u64) -> Command {
     // The sums above always fit.
     let sums = sums().1.quantise().unwrap();
@@ -88,14 +88,14 @@ pub fn frame(capture_us: u64, reference_us: u64) -> Command {
     })
 }
 
-/// Far enough to move for longer than is measured.
+/// Returns a move that lasts longer than the measurement.
 pub fn setpoint() -> Command {
     Command::Setpoint {
         position_um: [30_000, -20_000, 25_000],
     }
 }
 
-/// A status after a while.
+/// Returns a status after a while.
 pub fn status() -> Report {
     Report::Status(Status {
         time: Instant::from_micros(3_600_000_000),
@@ -121,7 +121,7 @@ pub fn status() -> Report {
     })
 }
 
-/// The stage of the experiments, on the cameras' axes.
+/// Returns the stage of the experiments, on the cameras' axes.
 pub fn config() -> Config {
     let axis = AxisConfig {
         steps_per_m: 80_000,
@@ -141,8 +141,8 @@ pub fn config() -> Config {
         mounting: Mounting::OnStage,
         tracking: Settings::DEFAULT,
         stage: StageConfig {
-            // Watched, as by default, but the frames of the bench are no stage that moves: nothing
-            // must come of it.
+            // Supervised, as by default, but the frames of the bench show no moving stage, so no
+            // fault must result.
             unseen_um: 1_000_000,
             ..StageConfig::DEFAULT
         },
@@ -152,7 +152,7 @@ pub fn config() -> Config {
 /// The other end of the link, and the clock.
 pub struct Host {
     pub machine: Machine,
-    /// Just before the tick that comes next.
+    /// Instant just before the next tick.
     pub now: Instant,
     tick: u64,
     sequence: u16,
@@ -194,14 +194,14 @@ impl Host {
         self.send(Command::Ping { host_us });
     }
 
-    /// The coming tick's instant and `us` more.
+    /// Returns the instant `us` after the coming tick.
     pub fn after(&self, us: u64) -> Instant {
         Instant::from_micros(self.tick * TICK_US + us)
     }
 
-    /// Lets all packets out that wait at this instant.
+    /// Takes all packets that wait at this instant.
     pub fn flush_at(&mut self, now: Instant) {
-        // Without room no segment comes.
+        // Without room no segment is handed out.
         while let Output::Send(_) = self.machine.poll(now, 0) {}
     }
 
@@ -218,7 +218,7 @@ impl Host {
         });
     }
 
-    /// The segments left of this tick.
+    /// Takes the remaining segments of this tick.
     pub fn rest_of_tick(&mut self) {
         for k in 1..4 {
             let now = self.after(k * TICK_US / 4);
@@ -244,7 +244,7 @@ impl Host {
         self.tick();
     }
 
-    /// Configured and zeroed.
+    /// Configures and zeroes the station.
     pub fn begin(&mut self) {
         let bytes = self.config_packet();
         self.machine.receive(self.now, &bytes);
@@ -252,7 +252,7 @@ impl Host {
         self.zero();
     }
 
-    /// Until the stage stands.
+    /// Runs until the stage is at rest.
     pub fn settle(&mut self) {
         for _ in 0..3_000 {
             if self.machine.state() == State::Idle {
@@ -263,7 +263,7 @@ impl Host {
         }
     }
 
-    /// The next frame: the target is 4, 4, 1 mm away from where it was at the reference.
+    /// Returns the next flow frame: the target is displaced by 4, 4, 1 mm since the keyframe.
     pub fn frame(&mut self) -> Bytes {
         let capture = Instant::from_micros(self.now.micros().saturating_sub(1_500));
         let reference = *self

@@ -1,14 +1,14 @@
-//! Lost motion, judged by a carriage that a motor pushes with two flanks, slot by slot.
+//! Backlash, judged by a carriage that a motor pushes with two flanks, slot by slot.
 
 use super::*;
 
-/// What the motors push: knows the steps' fine positions and the width, nothing of flanks chosen or
-/// goals.
+/// Carriage that the motors push: it knows the fine positions of the steps and the width, but no
+/// goals and no choice of flanks.
 struct Carriage {
     motor: [i64; AXES],
     load: [i64; AXES],
     width: [i64; AXES],
-    /// How often each motor turned round.
+    /// Number of reversals of each motor.
     turns: [u32; AXES],
     backward: [Option<bool>; AXES],
 }
@@ -40,7 +40,7 @@ impl Carriage {
                         increment
                     };
                     increment += i64::from(motion.change);
-                    // The hind flank pushes forwards, the front one backwards.
+                    // The rear flank pushes forwards, the front one backwards.
                     self.load[axis] = self.load[axis].max(self.motor[axis]);
                     self.load[axis] = self.load[axis].min(self.motor[axis] + self.width[axis]);
                 }
@@ -61,8 +61,8 @@ impl Carriage {
     }
 }
 
-/// Twice what planners call near, and near once more: fine units. At fast words these are four
-/// distance quanta.
+/// Twice the distance that planners call near, and once more, fine units. With fast words these are
+/// four distance quanta.
 const NEAR: u64 = 3 << 29;
 
 fn stage(
@@ -80,12 +80,15 @@ fn stage(
 }
 
 proptest! {
-    /// Retargets at any moment: the load ends exactly where it was sent, every limit kept by the
-    /// motor, every soft limit by the load.
+    /// Retargets at any moment: the load ends exactly at its target, the motor keeps every limit,
+    /// the load every soft limit.
     #[test]
-    fn the_load_ends_in_its_step_whatever_the_motor_did(
+    fn load_ends_exactly_at_its_step(
         (rate, configs, limits) in configs(), width in prop::array::uniform3(0..40u32),
-        moves in prop::collection::vec((prop::array::uniform3(-300..300i32), 1..60u32, any::<bool>()), 1..12),
+        moves in prop::collection::vec(
+            (prop::array::uniform3(-300..300i32), 1..60u32, any::<bool>()),
+            1..12,
+        ),
         last in prop::array::uniform3(-300..300i32), stops: bool,
     ) {
         let (mut planner, mut judge, mut carriage) = stage(configs, limits, rate, width);
@@ -107,7 +110,9 @@ proptest! {
         if stops {
             planner.stop();
             carriage.run(&mut planner, &mut judge);
-            prop_assert_eq!(planner.targets().map(Position::whole_steps), planner.loads().map(Position::whole_steps));
+            let [targets, loads] =
+                [planner.targets(), planner.loads()].map(|all| all.map(Position::whole_steps));
+            prop_assert_eq!(targets, loads);
         }
         planner.set_target(centres(last));
         carriage.run(&mut planner, &mut judge);
@@ -117,18 +122,21 @@ proptest! {
             prop_assert!(carriage.load[axis].abs_diff(goal.fine()) < NEAR);
             prop_assert_eq!(planner.loads()[axis].whole_steps(), goal.whole_steps());
             let behind = i64::from(goal.whole_steps()) - (carriage.motor[axis] >> 32);
-            prop_assert!(behind == 0 || behind == i64::from(width[axis]), "the motor is {} steps off", behind);
+            let is_exact = behind == 0 || behind == i64::from(width[axis]);
+            prop_assert!(is_exact, "the motor is {behind} steps off");
         }
     }
 
-    /// Other limits, or another origin, at rest: the load stays, and ends where it is sent.
+    /// Changes limits or the origin at rest: the load stays, and ends at its target.
     #[test]
-    fn the_load_stays_when_limits_or_origin_change(
-        width in prop::array::uniform3(0..40u32), there in prop::array::uniform3(-300..300i32), back in prop::array::uniform3(-300..300i32),
+    fn load_stays_when_limits_change(
+        width in prop::array::uniform3(0..40u32), there in prop::array::uniform3(-300..300i32),
+        back in prop::array::uniform3(-300..300i32),
         by in prop::array::uniform3(-1_000..1_000i32), ticks in 0..80u32,
     ) {
         let limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
-        let (mut planner, mut judge, mut carriage) = stage([CONFIG; AXES], limits, WordRate::MHZ_1, width);
+        let (mut planner, mut judge, mut carriage) =
+            stage([CONFIG; AXES], limits, WordRate::MHZ_1, width);
         planner.set_target(centres(there));
         for _ in 0..ticks {
             carriage.tick(&mut planner, &mut judge);
@@ -154,10 +162,10 @@ proptest! {
     }
 }
 
-/// A target that swings, as a filter describes it with some noise: the load follows, and the motor
-/// turns round when the target does and not more often.
+/// A target that oscillates, as a filter describes it with some noise: the load follows, and the
+/// motor reverses when the target does and not more often.
 #[test]
-fn a_swinging_target_is_followed_with_two_turns_a_period() {
+fn swinging_target_costs_two_reversals() {
     let limits = Limits::new(&[CONFIG; AXES], WordRate::MHZ_1).unwrap();
     let width = [0, 4, 24];
     let (mut planner, mut judge, mut carriage) =
@@ -196,8 +204,8 @@ fn a_swinging_target_is_followed_with_two_turns_a_period() {
         assert!((20..=24).contains(&turns), "{turns}");
     }
     assert!(worst[0] < 2.0);
-    // While the motor crosses the lost motion the load stands, and the target leaves it: 24 steps
-    // take 35 ms at 1 m/s², in which the target goes 19 steps from where it turned; 4 steps take 14
-    // ms and some ramps, 3 steps.
+    // While the motor crosses the backlash the load stands still and the target moves on: 24 steps
+    // take 35 ms at 1 m/s², in which the target moves 19 steps from where it reversed; 4 steps take
+    // 14 ms and some ramps, 3 steps.
     assert!(worst[1] < 6.0 && worst[2] < 19.0, "{worst:?}");
 }

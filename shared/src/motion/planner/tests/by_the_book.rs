@@ -1,10 +1,11 @@
-//! Durations of moves from rest to rest against the textbook's.
+//! Durations of moves from rest to rest, compared with the textbook formula.
 
 use super::*;
 
-/// The shortest time of a move from rest to rest by the book (seven phases, or fewer), seconds.
+/// Returns the shortest time of a move from rest to rest by the textbook (seven phases, or fewer),
+/// seconds.
 fn optimal_time(d: f64, v: f64, a: f64, j: f64) -> f64 {
-    // The way to a speed and back to rest, at that speed.
+    // Distance to a speed and back to rest, at that speed.
     let ramps = |v: f64| {
         if v * j >= a * a {
             v * (v / a + a / j)
@@ -29,7 +30,7 @@ fn optimal_time(d: f64, v: f64, a: f64, j: f64) -> f64 {
 
 /// The limits are quantised downwards by up to 1/34 (jerk) and 1/689 (acceleration) here.
 #[test]
-fn moves_take_the_optimal_time() {
+fn moves_take_the_textbook_time() {
     for steps in [1, 2, 10, 100, 639, 641, 5_000, 80_000] {
         let mut planner = planner([CONFIG; AXES], WordRate::MHZ_1);
         let mut judge = Judge::new([CONFIG; AXES], WordRate::MHZ_1);

@@ -1,27 +1,27 @@
-//! What a planner's segments are judged by.
+//! Judge of a planner's segments.
 
 use super::*;
 use crate::steps::AxisMotion;
 
-/// Judges segments by the physical limits of the configuration, knowing nothing of the planner's
-/// grid.
+/// Judge that checks segments against the physical limits of the configuration, without knowledge
+/// of the planner's grid.
 pub(super) struct Judge {
     pub(super) configs: [AxisConfig; AXES],
     pub(super) rate: WordRate,
     pub(super) axes: [Seen; AXES],
     pub(super) position: [Position; AXES],
-    /// Accelerations and jerks are given this many acceleration quanta (2 fine units per slot²) for
-    /// rounding.
+    /// Tolerance for rounding of accelerations and jerks, in acceleration quanta (2 fine units per
+    /// slot²).
     pub(super) quanta: i64,
 }
 
-/// What was seen of an axis so far.
+/// Observed state of an axis.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Seen {
     /// Twice the speed at the end of the last segment, fine units per slot: the middle between two
     /// slots is halved.
     pub(super) ended: i64,
-    /// Fine units per slot².
+    /// Acceleration, fine units per slot².
     pub(super) acceleration: i64,
 }
 
@@ -58,9 +58,9 @@ impl Judge {
         if starts == was {
             self.accelerate(axis, sign * change);
         } else {
-            // The axis turns and is given the mean speed: a constant acceleration ends the segment
-            // as far beyond the mean as the segment began before it. The next one starts there,
-            // unless it turns again.
+            // A reversing axis gets the mean speed: a constant acceleration ends the segment as far
+            // beyond the mean as the segment began before it. The next one starts there, unless it
+            // reverses again.
             assert!(change == 0, "the speed jumps on axis {axis}");
             ends = 2 * starts - was;
             assert!(was * ends < 0, "no turn on axis {axis}");

@@ -1,18 +1,19 @@
-//! Durations against those of `rsruckig`, which are optimal, from random states to random targets.
+//! Durations compared with those of `rsruckig`, which are optimal, from random states to random
+//! targets.
 //!
-//! # What is compared
+//! # Method
 //!
-//! Our acceleration is constant in each tick, rsruckig's a line. The line through the *middles* of
-//! our ticks changes the speed by as much and keeps to the same jerk, so that is what stands for
+//! Our acceleration is constant in each tick, that of rsruckig is linear. The line through the
+//! *middles* of our ticks changes the speed by as much and keeps to the same jerk, so it represents
 //! our motion: it starts half a tick before the present moment, in the middle of the last tick
-//! planned, and ends half a tick after our last one. From `n` ticks to rest come `n + 1` ticks, and
-//! rsruckig gets the speed and position of that middle. Nothing is taken off for our whole ticks;
-//! where durations are so short that a tick counts, they are compared with rsruckig's rounded up to
-//! whole ticks as well.
+//! planned, and ends half a tick after our last one. `n` ticks to rest become `n + 1` ticks, and
+//! rsruckig gets the speed and position of that middle. Nothing is subtracted for our whole ticks;
+//! where durations are so short that a tick counts, they are also compared with those of rsruckig
+//! rounded up to whole ticks.
 //!
 //! rsruckig gets the limits of the grid, which are below the configured ones by less than one
-//! quantum, and keeps to them relative to a moving target, as the planner does. It goes to the very
-//! target, the planner to [`near`] it: that is why ours may be shorter by a tick or two.
+//! quantum, and keeps to them relative to a moving target, as the planner does. It goes to the
+//! exact target, the planner only [`near`] it, so our duration may be shorter by a tick or two.
 
 use super::*;
 use crate::motion::stopping::Pace;
@@ -25,8 +26,7 @@ const STAGE: AxisConfig = AxisConfig {
     ..CONFIG
 };
 
-/// An axis between two ticks: distance quanta, speed and acceleration quanta; target relative to
-/// it.
+/// Axis between two ticks: distance quanta, speed and acceleration quanta; target relative to it.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     speed: i64,
@@ -35,7 +35,7 @@ struct Case {
     drift: i64,
 }
 
-/// Ticks from the middle of the last tick to rest at the target, as it moves.
+/// Returns the ticks from the middle of the last tick to rest at the target, as it moves.
 fn optimum(pace: &Pace, case: &Case) -> f64 {
     // A speed of `u` quanta is 2u distance quanta per tick.
     let [top, acceleration, jerk, speed, last, drift] = [
@@ -65,14 +65,14 @@ fn optimum(pace: &Pace, case: &Case) -> f64 {
     trajectory.get_duration()
 }
 
-/// Any state that can keep to the limits, any target within `reach` steps that moves at up to
-/// `drift` of the highest speed.
+/// Generates any state that can keep to the limits, and any target within `reach` steps that moves
+/// at up to `drift` of the highest speed.
 fn any_case(random: &mut Random, pace: &Pace, quantum: i64, reach: f64, drift: f64) -> Case {
     loop {
         let mut up_to = |size: f64| size * random.uniform();
         let speed = up_to(pace.speed as f64) as i64;
         let acceleration = up_to(pace.acceleration as f64) as i64;
-        // When the acceleration falls to zero as fast as it may.
+        // Speeds while the acceleration falls to zero as fast as it may.
         let falling = (1..).map(|n| acceleration.abs() - n * pace.jerk);
         let eased: i64 = falling.take_while(|a| *a > 0).sum();
         if (speed + eased * acceleration.signum()).abs() <= pace.speed {
@@ -86,7 +86,7 @@ fn any_case(random: &mut Random, pace: &Pace, quantum: i64, reach: f64, drift: f
     }
 }
 
-/// How much longer than the optimum, over all cases.
+/// Excess over the optimum, over all cases.
 #[derive(Debug)]
 struct Outcome {
     least: f64,
@@ -125,8 +125,8 @@ fn compare(cases: usize, config: AxisConfig, reach: f64, drift: f64) -> Outcome 
             ticks += 1;
             assert!(ticks < 100_000, "never arrives: {cases:?}");
             for (axis, end) in planner.axes.iter().zip(&mut ends) {
-                let rests = axis.speed == axis.drift && axis.way().abs() < near(quantum);
-                // The next tick goes on at the target's speed.
+                let rests = axis.speed == axis.drift && axis.distance().abs() < near(quantum);
+                // The next tick continues at the target's speed.
                 if end.is_none() && rests && axis.free(quantum) == 0 {
                     *end = Some(ticks);
                 }
@@ -149,7 +149,7 @@ fn compare(cases: usize, config: AxisConfig, reach: f64, drift: f64) -> Outcome 
 }
 
 #[test]
-fn ten_thousand_states_reach_their_targets_in_the_optimal_time() {
+fn ten_thousand_states_take_optimal_time() {
     for (name, drift) in [("at rest", 0.0), ("moving at up to 50 mm/s", 0.5)] {
         let outcome = compare(10_000, STAGE, 4_800.0, drift);
         std::println!("targets within 60 mm, {name}: {outcome:.4?}");
@@ -161,7 +161,7 @@ fn ten_thousand_states_reach_their_targets_in_the_optimal_time() {
 
 /// The shortest of these take a dozen ticks, of which a whole one is 8 %.
 #[test]
-fn near_targets_take_the_optimal_time_to_the_tick() {
+fn near_targets_take_optimal_ticks() {
     let outcome = compare(10_000, STAGE, 8.0, 0.0);
     std::println!("targets within 0.1 mm, at rest: {outcome:.4?}");
     assert!(outcome.median <= 1.01 && outcome.worst <= 1.10);
@@ -169,10 +169,9 @@ fn near_targets_take_the_optimal_time_to_the_tick() {
 }
 
 #[test]
-fn gentle_and_hard_stages_take_the_optimal_time() {
-    // The gentle one has three quanta of jerk. Steps that coarse leave more than `near` when
-    // braking ends, in one move of ten, and it takes up to 15 ticks to go on for it; slower words
-    // make a finer grid.
+fn extreme_stages_take_optimal_time() {
+    // The gentle case has three quanta of jerk. In one move of ten, quanta that coarse leave more
+    // than `near` when braking ends, and up to 15 ticks more; slower words make a finer grid.
     for (acceleration, jerk, late) in [(1_000, 5_000, 15), (10_000, 1_000_000, 1)] {
         let stage = AxisConfig {
             max_acceleration_um_s2: 1_000 * acceleration,

@@ -1,4 +1,4 @@
-//! One endpoint of the USB controller, each way.
+//! Endpoint of the USB controller, per direction.
 
 use super::Answer;
 use std::collections::VecDeque;
@@ -9,7 +9,7 @@ pub const XFRC: u32 = 1;
 const EPDISD: u32 = 1 << 1;
 /// The setup stage is done.
 pub const STUP: u32 = 1 << 3;
-/// The host asked, and the FIFO did not hold the packet.
+/// The host requested data, and the FIFO did not hold the packet.
 const ITTXFE: u32 = 1 << 4;
 /// The transmit FIFO is empty.
 const TXFE: u32 = 1 << 7;
@@ -23,10 +23,10 @@ const SD0PID: u32 = 1 << 28;
 const SD1PID: u32 = 1 << 29;
 const EPDIS: u32 = 1 << 30;
 const EPENA: u32 = 1 << 31;
-/// Bits that keep what is written.
+/// Bits that keep the written value.
 const PLAIN: u32 = USBAEP | 0x7ff | 3 << 18 | STALL | 0xf << 22;
 
-/// What the registers of both ways have in common.
+/// Registers that both directions have in common.
 #[derive(Clone, Debug, Default)]
 struct Registers {
     ctl: u32,
@@ -49,7 +49,7 @@ impl Registers {
         self.ctl &= !USBAEP;
     }
 
-    /// The largest packet; endpoint 0 has a code for it.
+    /// Returns the largest packet; endpoint 0 has a code for it.
     fn packet_size(&self, number: usize) -> u32 {
         match number {
             0 => 64 >> (self.ctl & 3),
@@ -57,7 +57,7 @@ impl Registers {
         }
     }
 
-    /// A packet of the transfer is over. Returns how many are left.
+    /// Counts down a packet of the transfer. Returns the number of packets left.
     fn count_down(&mut self, bytes: u32) -> u32 {
         let packets = (self.size >> 19 & 0x3ff).saturating_sub(1);
         let rest = (self.size & 0x7ffff).saturating_sub(bytes);
@@ -110,7 +110,7 @@ impl Registers {
     }
 }
 
-/// To the host.
+/// Endpoint to the host.
 #[derive(Clone, Debug, Default)]
 pub struct In {
     registers: Registers,
@@ -118,27 +118,27 @@ pub struct In {
 }
 
 impl In {
-    /// Whether it takes part in the bus.
+    /// Returns true if the endpoint takes part in the bus.
     pub fn is_active(&self, number: usize) -> bool {
         self.registers.is_active(number)
     }
 
-    /// Whether the driver ever enabled it.
+    /// Returns true if the driver ever enabled the endpoint.
     pub fn is_used(&self) -> bool {
         self.registers.ctl & USBAEP != 0
     }
 
-    /// Its interrupt register.
+    /// Returns the interrupt register.
     pub fn interrupts(&self) -> u32 {
         self.registers.interrupt | if self.fifo.is_empty() { TXFE } else { 0 }
     }
 
-    /// A SETUP packet came.
+    /// Handles a SETUP packet.
     pub fn begin_control(&mut self) {
         self.registers.begin_control();
     }
 
-    /// The bus was reset.
+    /// Handles a reset of the bus.
     pub fn deactivate(&mut self) {
         self.registers.deactivate();
     }
@@ -148,7 +148,7 @@ impl In {
         self.fifo.clear();
     }
 
-    /// A word into the FIFO. False when it is full.
+    /// Writes a word to the FIFO. Returns false if it is full.
     pub fn load(&mut self, word: u32, depth: u32) -> bool {
         let fits = (self.fifo.len() as u32) < depth;
         if fits {
@@ -157,7 +157,7 @@ impl In {
         fits
     }
 
-    /// The host asks.
+    /// Answers the host's request for data.
     pub fn give(&mut self, number: usize) -> Answer {
         let registers = &mut self.registers;
         if registers.ctl & STALL != 0 {
@@ -184,7 +184,7 @@ impl In {
         Answer::Data(toggle, bytes)
     }
 
-    /// A register of endpoint `number`, whose FIFO has so many words.
+    /// Reads a register of endpoint `number`, whose FIFO holds `depth` words.
     pub fn read(&self, number: usize, register: u32, depth: u32) -> Option<u32> {
         match register {
             0x08 => Some(self.interrupts()),
@@ -199,39 +199,39 @@ impl In {
     }
 }
 
-/// From the host.
+/// Endpoint from the host.
 #[derive(Clone, Debug, Default)]
 pub struct Out {
     registers: Registers,
 }
 
 impl Out {
-    /// Whether it takes part in the bus.
+    /// Returns true if the endpoint takes part in the bus.
     pub fn is_active(&self, number: usize) -> bool {
         self.registers.is_active(number)
     }
 
-    /// Whether it stalls.
+    /// Returns true if the endpoint stalls.
     pub fn stalls(&self) -> bool {
         self.registers.ctl & STALL != 0
     }
 
-    /// Whether it refuses packets for now.
+    /// Returns true if the endpoint refuses packets for now.
     pub fn naks(&self) -> bool {
         self.registers.ctl & NAKSTS != 0
     }
 
-    /// Its interrupt register.
+    /// Returns the interrupt register.
     pub fn interrupts(&self) -> u32 {
         self.registers.interrupt
     }
 
-    /// The toggle it expects.
+    /// Returns the expected toggle.
     pub fn toggle(&self) -> bool {
         self.registers.toggle
     }
 
-    /// A SETUP packet came.
+    /// Handles a SETUP packet.
     pub fn begin_control(&mut self) {
         self.registers.begin_control();
         let size = self.registers.size;
@@ -239,12 +239,12 @@ impl Out {
         self.registers.size = size & 0x1fff_ffff | setups << 29;
     }
 
-    /// The bus was reset.
+    /// Handles a reset of the bus.
     pub fn deactivate(&mut self) {
         self.registers.deactivate();
     }
 
-    /// A packet is taken. True when that ends the transfer; the endpoint then refuses more.
+    /// Takes a packet. Returns true if it ends the transfer; the endpoint then refuses more.
     pub fn take(&mut self, number: usize, bytes: u32) -> bool {
         let registers = &mut self.registers;
         registers.toggle = !registers.toggle;
@@ -256,13 +256,13 @@ impl Out {
         done
     }
 
-    /// The end of a transfer or of a setup stage was read from the FIFO.
+    /// Ends a transfer or a setup stage when its entry was read from the FIFO.
     pub fn finish(&mut self, interrupt: u32) {
         self.registers.interrupt |= interrupt;
         self.registers.ctl &= !EPENA;
     }
 
-    /// A register of endpoint `number`.
+    /// Reads a register of endpoint `number`.
     pub fn read(&self, number: usize, register: u32) -> Option<u32> {
         self.registers.read(number, register)
     }
