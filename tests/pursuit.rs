@@ -4,7 +4,7 @@
 
 use host::experiment::follower::{Follower, Place};
 use host::experiment::pursuit::{Clock, Pursuit};
-use host::flow::team::Absence;
+use host::flow::active_cameras::Absence;
 use host::images::{Capture, Image, Scene, SceneSettings, Texture};
 use host::station::stage::default_stage;
 use host::sums::Estimator;

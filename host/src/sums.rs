@@ -95,7 +95,7 @@ const COMMON_PX: f64 = 0.000_05;
 
 /// By how much the variance of a mean over `count` flow components is larger than their scatter
 /// `sigma_px` tells, where `overlap` is for what they do not err independently in
-/// ([`crate::flow::scatter`] measures it):
+/// ([`crate::flow::variance_inflation`] measures it):
 ///
 /// ```text
 /// variance = overlap s²/count + common² = (overlap + common² count/s²) s²/count
@@ -103,7 +103,7 @@ const COMMON_PX: f64 = 0.000_05;
 ///
 /// It reaches the station as fewer degrees of freedom, so the wire has no field for it. Depth noise
 /// is in the residual: where `g` is wrong, `v - g T` is not zero. A turn too small to be refused,
-/// or a camera slightly off, is in `overlap` too ([`crate::flow::turn`], [`crate::flow::step`]).
+/// or a camera slightly off, is in `overlap` too ([`crate::flow::rotation`], [`crate::flow::sync`]).
 pub(crate) fn widening(overlap: f64, sigma_px: f64, count: f64) -> f64 {
     let common = COMMON_PX * COMMON_PX * count / (sigma_px * sigma_px);
     // Without scatter there is nothing to widen.

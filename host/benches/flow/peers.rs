@@ -1,7 +1,7 @@
 //! The same frame set by other crates.
 
-use host::flow::pyramid::Pyramid;
 use host::images::{Capture, Image};
+use host::matching::pyramid::Pyramid;
 use image::GrayImage;
 use optical_flow_lk::{DetectorContext, TrackParams, TrackStatus, TrackerContext};
 

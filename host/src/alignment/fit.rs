@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use shared::rig::Rig;
 
 use super::Refusal;
-use crate::flow::geometry::Geometry;
+use crate::matching::geometry::Geometry;
 
 /// One scene point in all cameras, px as seen, in the rig's order.
 #[derive(Clone, Debug, PartialEq)]

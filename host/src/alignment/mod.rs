@@ -36,9 +36,9 @@ pub mod rough;
 use serde::Serialize;
 use shared::rig::Rig;
 
-use crate::flow::geometry::Geometry;
 use crate::flow::{self, Flow};
 use crate::images::Capture;
+use crate::matching::geometry::Geometry;
 use crate::rig_file::RigFile;
 use fit::{Fit, Point};
 use penalty::Penalty;

@@ -12,7 +12,7 @@ use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
-use crate::flow::geometry::Geometry;
+use crate::matching::geometry::Geometry;
 use crate::verification::view::View;
 
 /// Error in Z, per cent.

@@ -5,12 +5,12 @@ use shared::rig::Rig;
 
 use super::Refusal;
 use super::fit::{Point, Sample, corrected};
-use crate::flow::corner;
-use crate::flow::geometry::Geometry;
-use crate::flow::likeness::{Field, OUTSIDE};
-use crate::flow::pyramid::Pyramid;
-use crate::flow::workers::Workers;
 use crate::images::Capture;
+use crate::matching::corner;
+use crate::matching::geometry::Geometry;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::zncc::{Field, OUTSIDE};
+use crate::thread_pool::Workers;
 
 /// The searched level's image is at most this wide, px.
 const WIDTH: usize = 240;
@@ -131,7 +131,7 @@ impl Strip {
     }
 
     /// The likeliest place.
-    fn search(&self, field: &Field, probe: &crate::flow::likeness::Probe) -> (f32, [i64; 2]) {
+    fn search(&self, field: &Field, probe: &crate::matching::zncc::Probe) -> (f32, [i64; 2]) {
         let size = field.size();
         let extent = |i: usize| {
             let ends = [self.start[i], self.start[i] + self.length * self.along[i]];

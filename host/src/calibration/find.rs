@@ -6,8 +6,8 @@ use super::board::Board;
 use super::grid::{Grid, distance, grids};
 use super::saddle::saddles;
 use super::{blur, homography, refine};
-use crate::flow::pyramid::Pyramid;
 use crate::images::Image;
+use crate::matching::pyramid::Pyramid;
 
 /// Half the refinement window over the distance to the nearest edge that is not the corner's own.
 ///

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
 use super::saddle::{Saddle, level};
-use crate::flow::pyramid::Plane;
+use crate::matching::pyramid::Plane;
 
 /// Directions of neighbours may differ from those of edges by this, rad.
 const ASTRAY: f64 = 0.26;

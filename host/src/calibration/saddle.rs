@@ -8,7 +8,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crate::flow::pyramid::Plane;
+use crate::matching::pyramid::Plane;
 
 /// Radius of the ring, px.
 const RING_PX: f64 = 4.5;

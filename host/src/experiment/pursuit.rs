@@ -4,7 +4,7 @@
 use super::Error;
 use super::follower::Follower;
 use super::frame;
-use crate::flow::team::Absence;
+use crate::flow::active_cameras::Absence;
 use crate::flow::{Flow, Settings as FlowSettings};
 use crate::images::Capture;
 use crate::station::StationError;

@@ -4,7 +4,7 @@ use super::Error;
 use super::follower::{Moment, Unused};
 use super::frame;
 use super::world::{Exposure, World};
-use crate::flow::team::Absence;
+use crate::flow::active_cameras::Absence;
 use crate::flow::{Flow, Settings};
 use crate::station::StationError;
 use crate::sums::Estimator;

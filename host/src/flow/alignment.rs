@@ -8,13 +8,14 @@
 
 use shared::rig::{Camera, Rig};
 
-use super::likeness::{Field, OUTSIDE};
-use super::lucas_kanade::Large;
-use super::pyramid::Pyramid;
-use super::stereo::Match;
-use super::workers::Workers;
-use super::{Flow, Refusal, Settings, corner, level_of};
+use super::{Flow, Refusal, Settings, level_of};
 use crate::images::Capture;
+use crate::matching::corner;
+use crate::matching::lucas_kanade::Large;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::stereo::Match;
+use crate::matching::zncc::{Field, OUTSIDE};
+use crate::thread_pool::Workers;
 
 /// How far outer images may lie above or below the middle one, in heights of the image.
 const BAND: f64 = 0.1;

@@ -1,7 +1,7 @@
 //! Points as the flow would find them, without pictures: what tests of the judgement on points
 //! start from.
 
-use super::geometry::Geometry;
+use crate::matching::geometry::Geometry;
 use crate::random::Random;
 use shared::rig::Rig;
 use shared::sums::View;

@@ -16,7 +16,7 @@ use shared::rig::Rig;
 use shared::sums::View;
 use shared::sums::centred::{CentredSums, PointFit};
 
-use super::geometry::Geometry;
+use crate::matching::geometry::Geometry;
 use crate::random::Random;
 
 /// Rounds at most; three are usual.

@@ -12,9 +12,9 @@
 //! and the unit in which this program is compared with others. With a keyframe, the second and
 //! third line fall away; what remains is [`keyframe`].
 
-use super::laps::{Laps, Stage};
 use super::{Filtered, Flow, Measurement, Refusal};
 use crate::images::Capture;
+use crate::stage_timings::{Laps, Stage};
 
 /// One frame set done.
 #[derive(Clone, Debug)]

@@ -1,12 +1,13 @@
 //! The reference instant: points matched in all cameras, and what following them needs.
 
-use super::laps::{Laps, Stage};
-use super::likeness::Field;
-use super::lucas_kanade::Large;
-use super::pyramid::Pyramid;
-use super::stereo::{Match, Stereo};
-use super::team::Team;
-use super::{Filtered, Flow, Reason, Refusal, Rejected, corner};
+use super::active_cameras::Team;
+use super::{Filtered, Flow, Reason, Refusal, Rejected};
+use crate::matching::corner;
+use crate::matching::lucas_kanade::Large;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::stereo::{Match, Stereo};
+use crate::matching::zncc::Field;
+use crate::stage_timings::{Laps, Stage};
 
 /// The texture repeats where more corners than so many times those that match at one depth match at
 /// several. Below, those few decide, as those of walls, text and boards can; bricks and grids have

@@ -1,15 +1,15 @@
 //! The way from a reference and a capture to a measurement, by the cameras that both have.
 
-use super::extent::Extent;
-use super::follow::{self, Follow, Followed};
+use super::accept::Settled;
+use super::active_cameras::{Absence, Team};
+use super::coverage::Extent;
+use super::displacement_search::Search;
 use super::keyframe::{Keyframe, Reference};
-use super::laps::{Laps, Stage};
-use super::likeness::Field;
-use super::search::Search;
-use super::settle::Settled;
-use super::stereo::Match;
-use super::team::{Absence, Team};
+use super::temporal::{Follow, Followed, Refined};
 use super::{Filtered, Flow, Reason, Refusal};
+use crate::matching::stereo::Match;
+use crate::matching::zncc::Field;
+use crate::stage_timings::{Laps, Stage};
 
 impl Flow {
     /// By the cameras that are not absent.
@@ -129,7 +129,7 @@ impl Flow {
         let level = self.temporal_level();
         let guesses = search.guesses(keyframe.matches);
         let best_score = guesses.first().map_or(0.0, |g| g.score);
-        let mut refined: Vec<follow::Refined> = guesses
+        let mut refined: Vec<Refined> = guesses
             .iter()
             .filter_map(|g| follow.refine(keyframe.matches, g.displacement_mm, level))
             .collect();

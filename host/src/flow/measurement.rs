@@ -1,8 +1,8 @@
 //! What comes out: the tracked points of one frame, and what is to be said of them.
 
+use super::active_cameras::{self, Absence};
 use super::refusal::Rejected;
-use super::scatter::Scatter;
-use super::team::{self, Absence};
+use super::variance_inflation::Scatter;
 use shared::rig::Rig;
 use shared::sums::View;
 
@@ -36,11 +36,11 @@ pub struct Measurement {
 impl Measurement {
     /// The cameras that took part, of the rig that has them all.
     pub fn rig(&self, all: &Rig) -> Rig {
-        team::subset(all, &self.cameras)
+        active_cameras::subset(all, &self.cameras)
     }
 
     /// What is to be said of the cameras that did not take part, by name.
     pub fn remarks(&self, names: &[String]) -> Vec<String> {
-        team::remarks(&self.absent, names)
+        active_cameras::remarks(&self.absent, names)
     }
 }

@@ -24,44 +24,35 @@
 use crate::images::{Capture, Image};
 use shared::rig::Rig;
 
+mod accept;
+pub mod active_cameras;
 pub mod alignment;
 #[cfg(test)]
 mod cloud;
 pub mod consensus;
-pub mod corner;
-mod extent;
-pub mod follow;
+mod coverage;
+pub mod displacement_search;
 pub mod frame_set;
-pub mod geometry;
 mod keyframe;
-pub mod laps;
-pub mod likeness;
-pub mod lucas_kanade;
 mod measure;
 pub mod measurement;
-pub mod pyramid;
+mod pyramid_pool;
 pub mod refusal;
-pub mod scatter;
-pub mod search;
-mod settle;
-mod spare;
-pub mod step;
-pub mod stereo;
-mod strip;
-pub mod team;
-pub mod turn;
-pub mod workers;
+pub mod rotation;
+pub mod sync;
+pub mod temporal;
+pub mod variance_inflation;
 
-use geometry::Geometry;
+use crate::matching::geometry::Geometry;
+use crate::matching::pyramid::{Plane, Pyramid};
+use crate::stage_timings::{Laps, Stage};
+use crate::thread_pool::Workers;
+use accept::Settled;
+use active_cameras::{Absence, Last};
 use keyframe::Keyframe;
-use laps::{Laps, Stage};
 pub use measurement::{Measurement, Track};
-use pyramid::{Plane, Pyramid};
+use pyramid_pool::Spare;
 pub use refusal::{Reason, Refusal, Rejected};
-use settle::Settled;
-use spare::Spare;
-use team::{Absence, Last};
-use workers::Workers;
 
 /// What the matching is to be content with.
 #[derive(Clone, Debug, PartialEq)]
@@ -201,14 +192,14 @@ impl Flow {
             }
             pyramid.refill(view, levels);
             let contrast = pyramid.levels.last().map_or(0.0, Plane::contrast);
-            (pyramid, contrast, team::fingerprint(view))
+            (pyramid, contrast, active_cameras::fingerprint(view))
         });
         let contrasts: Vec<f64> = seen.iter().map(|(_, contrast, _)| *contrast).collect();
         let (pyramids, prints): (Vec<Pyramid>, Vec<u64>) = seen
             .into_iter()
             .map(|(pyramid, _, print)| (pyramid, print))
             .unzip();
-        let mut absences = team::absences(&capture.views, &contrasts);
+        let mut absences = active_cameras::absences(&capture.views, &contrasts);
         self.last.judge(&mut absences, &prints);
         laps.lap(Stage::Filter);
         Ok(Filtered {
@@ -250,7 +241,7 @@ impl Flow {
     pub fn measure_in(&self, now: &Filtered, laps: &mut Laps) -> Result<Measurement, Refusal> {
         let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
         let mut absences = now.absences.clone();
-        team::mark_frozen(&mut absences, &now.prints, &keyframe.filtered.prints);
+        active_cameras::mark_frozen(&mut absences, &now.prints, &keyframe.filtered.prints);
         for (absence, before) in absences.iter_mut().zip(&keyframe.filtered.absences) {
             *absence = absence.or(*before);
         }

@@ -457,7 +457,8 @@ fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
                 let then = target.map(|t| (1.0 + share) * t);
                 now.views[camera] = scene.render(then, 0, seed).views.remove(camera);
                 let measurement = flow.measure(&now).unwrap();
-                let [(which, team::Absence::OutOfStep { share: seen })] = measurement.absent[..]
+                let [(which, active_cameras::Absence::OutOfStep { share: seen })] =
+                    measurement.absent[..]
                 else {
                     panic!("{camera} {share}: {:?}", measurement.absent);
                 };
@@ -481,7 +482,7 @@ fn a_camera_that_freezes_on_the_way_is_known() {
     let mut second = scene.render([4.0, 2.0, 0.0], 0, 2);
     second.views[2] = first.views[2].clone();
     let measurement = flow.measure(&second).unwrap();
-    assert_eq!(measurement.absent, [(2, team::Absence::Frozen)]);
+    assert_eq!(measurement.absent, [(2, active_cameras::Absence::Frozen)]);
     assert!(within(
         error(&rig, &measurement, [4.0, 2.0, 0.0]),
         0.02,

@@ -3,8 +3,8 @@
 use super::condition::Condition;
 use super::tally::Tally;
 use super::trial::{Bench, Outcome, Posters};
-use crate::flow::workers::Workers;
 use crate::images::SceneError;
+use crate::thread_pool::Workers;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What came out of one condition.

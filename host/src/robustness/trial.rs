@@ -1,7 +1,7 @@
 //! One reference, one motion, one measurement.
 
 use super::condition::{Change, Condition, Failure};
-use crate::flow::team::Absence;
+use crate::flow::active_cameras::Absence;
 use crate::flow::{Flow, Measurement, Refusal, Settings};
 use crate::images::{
     Capture, Image, Pose, Scene, SceneError, SceneSettings, Shot, Texture, TextureKind,

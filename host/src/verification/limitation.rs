@@ -9,8 +9,8 @@ use super::headroom::RATED_MOVE_MM;
 use super::sigma::WINDOW_PX;
 use super::view::View;
 use super::{AtDepth, Verification};
-use crate::flow::geometry::Geometry;
-use crate::flow::stereo::matched_depths_mm;
+use crate::matching::geometry::Geometry;
+use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::{RigFile, Stage};
 
 /// How bad it is, the worst first.

@@ -19,8 +19,8 @@ pub mod view;
 
 use serde::Serialize;
 
-use crate::flow::geometry::Geometry;
-use crate::flow::stereo::matched_depths_mm;
+use crate::matching::geometry::Geometry;
+use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 use drive::Drive;
 use headroom::Headroom;

@@ -17,13 +17,13 @@
 //! and sub-pixel tracking errs alike for all points ([`crate::sums`]). So beyond some number of
 //! points more of them do not help. All noise is taken to be the sensor's; what of it is
 //! interpolation's own error windows do not share, so with sharp texture and little noise a
-//! measurement states less ([`crate::flow::scatter`]).
+//! measurement states less ([`crate::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
 
 use super::view::{Rectangle, View};
-use crate::flow::lucas_kanade::Large;
+use crate::matching::lucas_kanade::Large;
 use crate::sums::widening;
 
 /// Side of the window in which the flow of a point is measured, px.

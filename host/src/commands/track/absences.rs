@@ -1,6 +1,6 @@
 //! What a row says of cameras that did not take part, and what is said once.
 
-use host::flow::team::{Absence, remarks};
+use host::flow::active_cameras::{Absence, remarks};
 use host::notice;
 use serde_json::{Value, json};
 use std::collections::HashSet;

@@ -7,12 +7,12 @@
 //! full resolution; if two survive that are alike, the texture repeats and the corner is dropped as
 //! ambiguous.
 
+use super::epipolar::{Strip, line, peaks, vertex};
 use super::geometry::{Geometry, Ray};
-use super::likeness::{Field, OUTSIDE};
 use super::lucas_kanade::{Large, Small};
 use super::pyramid::Pyramid;
-use super::strip::{Strip, line, peaks, vertex};
-use super::{Reason, Settings};
+use super::zncc::{Field, OUTSIDE};
+use crate::flow::{Reason, Settings};
 use std::sync::Arc;
 
 /// Disparities below zero that are tried, px: principal points are not known better.

@@ -1,8 +1,8 @@
 //! The cameras that take part. One that gives no picture, or none of use, is left out, and the
 //! others carry on.
 
-use super::geometry::Geometry;
 use crate::images::Image;
+use crate::matching::geometry::Geometry;
 use shared::rig::Rig;
 use std::sync::Mutex;
 

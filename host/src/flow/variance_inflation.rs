@@ -21,8 +21,8 @@
 //!   `1 + ρ Σ' s_ij/N`. That makes the equation for `ρ` linear in itself.
 //! * Few pairs say little, so `ρ` begins at 1 with the weight of ten pairs of equal windows.
 
-use super::geometry::Geometry;
-use super::lucas_kanade::Large;
+use crate::matching::geometry::Geometry;
+use crate::matching::lucas_kanade::Large;
 use shared::sums::View;
 
 /// Side of the windows that are followed, px.

@@ -1,8 +1,8 @@
 use super::*;
-use crate::flow::corner::corners;
-use crate::flow::pyramid::Pyramid;
-use crate::flow::workers::Workers;
 use crate::images::{Image, Scene, SceneSettings, Texture, TextureKind};
+use crate::matching::corner::corners;
+use crate::matching::pyramid::Pyramid;
+use crate::thread_pool::Workers;
 use shared::rig::{Camera, Rig};
 
 const STILL: [[f32; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];

@@ -17,13 +17,13 @@
 use std::collections::BTreeMap;
 
 use super::consensus::Sighting;
-use super::follow::Follow;
+use super::displacement_search::Search;
 use super::keyframe::Reference;
-use super::lucas_kanade::Large;
 use super::measurement::{Measurement, Track};
 use super::refusal::Refusal;
-use super::search::Search;
-use super::stereo::Match;
+use super::temporal::Follow;
+use crate::matching::lucas_kanade::Large;
+use crate::matching::stereo::Match;
 
 /// Cells along the longer side of the image.
 const CELLS: f64 = 16.0;

@@ -9,7 +9,7 @@ use std::ops::Range;
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
-use super::workers::Workers;
+use crate::thread_pool::Workers;
 
 /// Half the window the gradient matrix is summed over, px.
 const REACH: usize = 3;
@@ -219,8 +219,8 @@ fn sums_of_rows(rows: [&[f32]; SIDE], out: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::pyramid::Pyramid;
     use crate::images::Image;
+    use crate::matching::pyramid::Pyramid;
 
     fn plane(level: impl Fn(usize, usize) -> u8) -> Plane {
         wide(120, level)

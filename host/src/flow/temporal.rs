@@ -4,12 +4,12 @@
 use shared::sums::View;
 
 use super::consensus::{self, Sighting};
-use super::geometry::Geometry;
-use super::lucas_kanade::{Found, Large, Small};
-use super::pyramid::Pyramid;
-use super::stereo::{self, Match};
-use super::workers::Workers;
 use super::{Reason, Settings};
+use crate::matching::geometry::Geometry;
+use crate::matching::lucas_kanade::{Found, Large, Small};
+use crate::matching::pyramid::Pyramid;
+use crate::matching::stereo::{self, Match};
+use crate::thread_pool::Workers;
 
 /// Steps of the iteration.
 const STEPS: usize = 12;

@@ -1,6 +1,6 @@
 //! Likenesses along an epipolar line at the coarse level: where to look more closely.
 
-use super::likeness::{Field, OUTSIDE, Probe};
+use super::zncc::{Field, OUTSIDE, Probe};
 
 /// `count` places along a line that is nearly straight, each to the nearest pixel. Only every so
 /// many are asked for: a lens bends the line by far less than a pixel between them.

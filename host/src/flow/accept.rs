@@ -1,14 +1,14 @@
 //! From points that were followed to a measurement, or to the reason why there is none.
 
-use super::follow::{Follow, Followed};
-use super::geometry::Geometry;
+use super::active_cameras::Team;
 use super::keyframe::Reference;
-use super::scatter::Scatter;
-use super::step::Odd;
-use super::stereo::Match;
-use super::team::Team;
-use super::turn::Turn;
-use super::{Flow, Measurement, Reason, Refusal, Rejected, Track, consensus, step};
+use super::rotation::Turn;
+use super::sync::Odd;
+use super::temporal::{Follow, Followed};
+use super::variance_inflation::Scatter;
+use super::{Flow, Measurement, Reason, Refusal, Rejected, Track, consensus, sync};
+use crate::matching::geometry::Geometry;
+use crate::matching::stereo::Match;
 use shared::estimate::midpoint;
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
@@ -83,7 +83,7 @@ impl Flow {
         let reference = geometry.reference;
         let centres_px: Vec<[f64; 2]> = tracks.iter().map(|t| t.pixels[reference][0]).collect();
         let mut scatter = Scatter::of(geometry, &views, &centres_px, displacement_mm);
-        let odd = step::odd(geometry, &views, displacement_mm, scatter.widening);
+        let odd = sync::odd(geometry, &views, displacement_mm, scatter.widening);
         let late = odd.filter(Odd::is_out_of_step);
         // What a late camera spoils is no turn, and is measured again without it.
         if late.is_none() {
@@ -140,7 +140,7 @@ impl Flow {
         }
         let displacement_mm = consensus.displacement_mm;
         let scatter = Scatter::of(geometry, &views, &centres_px, displacement_mm);
-        let odd = step::odd(geometry, &views, displacement_mm, scatter.widening);
+        let odd = sync::odd(geometry, &views, displacement_mm, scatter.widening);
         odd.filter(Odd::is_out_of_step)?.of(reference.team)
     }
 

@@ -60,7 +60,7 @@ impl Laps {
     }
 
     /// The time since the last lap belongs to `stage`.
-    pub(super) fn lap(&mut self, stage: Stage) {
+    pub(crate) fn lap(&mut self, stage: Stage) {
         let now = Instant::now();
         self.spent[stage as usize] += now - self.last;
         self.last = now;

@@ -12,10 +12,10 @@
 //! Displacements that score nearly as well as the best are handed on too: whether the texture
 //! repeats is decided at a finer level.
 
-use super::geometry::Geometry;
-use super::likeness::{Field, OUTSIDE, Probe};
-use super::stereo::Match;
-use super::workers::Workers;
+use crate::matching::geometry::Geometry;
+use crate::matching::stereo::Match;
+use crate::matching::zncc::{Field, OUTSIDE, Probe};
+use crate::thread_pool::Workers;
 
 /// How many points vote, at most.
 const VOTERS: usize = 60;

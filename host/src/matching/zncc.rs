@@ -246,8 +246,8 @@ impl NullaryFnOnce for Compare<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::pyramid::Pyramid;
     use crate::images::Image;
+    use crate::matching::pyramid::Pyramid;
     use crate::random::Random;
 
     fn field() -> Field {

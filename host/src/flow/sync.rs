@@ -16,8 +16,8 @@
 //! views, or scatter too much to agree. Then they are followed by each camera on its own, and the
 //! same share is looked for before they are refused.
 
-use super::geometry::Geometry;
-use super::team::Team;
+use super::active_cameras::Team;
+use crate::matching::geometry::Geometry;
 use shared::sums::View;
 
 /// The least deviation that counts, px.

@@ -10,9 +10,9 @@
 //! ```
 //!
 //! with a correction `δ` of the displacement: six unknowns, least squares. The residual's own
-//! scatter and [`super::scatter`] say how well `ω` is known.
+//! scatter and [`super::variance_inflation`] say how well `ω` is known.
 
-use super::geometry::Geometry;
+use crate::matching::geometry::Geometry;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use shared::sums::View;
 
