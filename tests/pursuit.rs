@@ -4,8 +4,8 @@
 
 use host::experiment::follower::{Follower, Place};
 use host::experiment::pursuit::{Clock, Pursuit};
-use host::flow::active_cameras::Absence;
-use host::images::{Capture, Image, Scene, SceneSettings, Texture};
+use host::flow::CameraRefusal;
+use host::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use host::station::stage::default_stage;
 use host::sums::Estimator;
 use shared::frame::message::Mounting;
@@ -40,7 +40,7 @@ impl Bench {
     }
 
     /// What the cameras see now of a target at `target_mm`.
-    fn capture(&self, target_mm: [f64; 3], time_us: u64) -> Capture {
+    fn capture(&self, target_mm: [f64; 3], time_us: u64) -> FrameSet {
         let camera_mm = self.pursuit.station().position_mm();
         let relative_mm = std::array::from_fn(|i| target_mm[i] - camera_mm[i]);
         self.scene.render(relative_mm, time_us, time_us)
@@ -147,7 +147,7 @@ fn a_lost_camera_is_named_and_the_others_carry_on() {
     for number in 0..10 {
         let mut capture = bench.capture([0.0; 3], number * PERIOD_US);
         if number >= 5 {
-            capture.views[2] = Image::missing();
+            capture.images[2] = Image::missing();
         }
         let followed = bench.pursuit.follow(&capture).expect("a station");
         let Some(followed) = followed else {
@@ -159,7 +159,7 @@ fn a_lost_camera_is_named_and_the_others_carry_on() {
         match followed.absent.as_slice() {
             [] => assert!(number < 5, "{number}: nothing said"),
             absent => assert!(
-                number >= 5 && absent == [(2, Absence::Missing)],
+                number >= 5 && absent == [(2, CameraRefusal::Missing)],
                 "{absent:?}"
             ),
         }

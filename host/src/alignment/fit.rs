@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use shared::rig::Rig;
 
 use super::Refusal;
-use crate::matching::geometry::Geometry;
+use crate::matching::geometry::RigGeometry;
 
 /// One scene point in all cameras, px as seen, in the rig's order.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,12 +33,12 @@ pub struct Sample {
 
 impl Sample {
     /// Of one point in the eyes of a rig.
-    pub fn of(geometry: &Geometry, point: &Point) -> Self {
+    pub fn of(geometry: &RigGeometry, point: &Point) -> Self {
         let seen = point.pixels.iter().enumerate();
         let views: Vec<[f64; 2]> = seen.map(|(k, at)| geometry.normalise(k, *at)).collect();
         let ray = geometry.fit(&views);
         let residual = |k: usize| {
-            let expected = geometry.view(k, &ray);
+            let expected = geometry.project(k, &ray);
             [0, 1].map(|i| views[k][i] - expected[i])
         };
         let reference = residual(geometry.reference);
@@ -107,7 +107,7 @@ pub fn settle(
     let mut rig = rig.clone();
     // Without lens distortion the first step is exact; with it, each leaves a small part.
     for _ in 0..6 {
-        let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+        let geometry = RigGeometry::new(&rig).ok_or(Refusal::WrongRig)?;
         let samples = samples(&geometry, points);
         let mean = Regression::new(&samples).means();
         rig = corrected(&rig, geometry.reference, &mean);
@@ -115,7 +115,7 @@ pub fn settle(
     let mut along = None;
     if let Some(depth_mm) = depth_mm {
         for _ in 0..6 {
-            let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+            let geometry = RigGeometry::new(&rig).ok_or(Refusal::WrongRig)?;
             let (miss, sigma) = depth_miss(&geometry, points, overlap, depth_mm)?;
             along = Some(sigma);
             let cameras = rig.cameras.clone();
@@ -127,13 +127,13 @@ pub fn settle(
             rig = corrected(&rig, geometry.reference, &shift);
         }
     }
-    let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+    let geometry = RigGeometry::new(&rig).ok_or(Refusal::WrongRig)?;
     let samples = samples(&geometry, points);
     let fit = Regression::new(&samples).finish(&geometry, overlap, along);
     Ok((rig, fit))
 }
 
-fn samples(geometry: &Geometry, points: &[Point]) -> Vec<Sample> {
+fn samples(geometry: &RigGeometry, points: &[Point]) -> Vec<Sample> {
     points.iter().map(|p| Sample::of(geometry, p)).collect()
 }
 
@@ -159,7 +159,7 @@ pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
 /// By how much the inverse depth of a flat target on the reference camera's axis falls short, 1/mm,
 /// and its standard deviation.
 fn depth_miss(
-    geometry: &Geometry,
+    geometry: &RigGeometry,
     points: &[Point],
     overlap: f64,
     depth_mm: f64,
@@ -170,7 +170,7 @@ fn depth_miss(
         sample.components = vec![sample.inverse_depth];
     }
     let plane = Regression::new(&samples);
-    let residual_px = plane.scatter(0) * geometry.focal_px * geometry.reach_mm;
+    let residual_px = plane.scatter(0) * geometry.focal_px * geometry.longest_baseline_mm;
     if residual_px > FLAT_PX {
         return Err(Refusal::NotFlat { residual_px });
     }
@@ -307,7 +307,7 @@ impl<'a> Regression<'a> {
     }
 
     /// `along` is the standard deviation of the inverse depth, where that was corrected.
-    fn finish(&self, geometry: &Geometry, overlap: f64, along: Option<f64>) -> Fit {
+    fn finish(&self, geometry: &RigGeometry, overlap: f64, along: Option<f64>) -> Fit {
         let cameras = &geometry.rig.cameras;
         let reference = cameras[geometry.reference].offset_mm;
         let common = COMMON_PX / geometry.focal_px;
@@ -358,7 +358,7 @@ impl<'a> Regression<'a> {
 }
 
 /// The direction in which all cameras stand, if they stand in a line.
-fn line(geometry: &Geometry) -> Option<[f64; 2]> {
+fn line(geometry: &RigGeometry) -> Option<[f64; 2]> {
     let cameras = &geometry.rig.cameras;
     let reference = cameras[geometry.reference].offset_mm;
     let ways = cameras
@@ -377,7 +377,7 @@ fn line(geometry: &Geometry) -> Option<[f64; 2]> {
     let unit = longest.map(|c| sign * c / length(&longest));
     let across = |way: [f64; 2]| (way[1] * unit[0] - way[0] * unit[1]).abs();
     ways.clone()
-        .all(|way| across(way) < 1e-3 * geometry.reach_mm)
+        .all(|way| across(way) < 1e-3 * geometry.longest_baseline_mm)
         .then_some(unit)
 }
 

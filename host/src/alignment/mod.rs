@@ -37,8 +37,9 @@ use serde::Serialize;
 use shared::rig::Rig;
 
 use crate::flow::{self, Flow};
-use crate::images::Capture;
-use crate::matching::geometry::Geometry;
+use crate::images::FrameSet;
+use crate::matching::MatchSettings;
+use crate::matching::geometry::RigGeometry;
 use crate::rig_file::RigFile;
 use fit::{Fit, Point};
 use penalty::Penalty;
@@ -81,7 +82,7 @@ pub enum Refusal {
     },
     /// No capture could be matched.
     #[error("no capture can be matched; the first: {0}")]
-    Flow(flow::Refusal),
+    Flow(flow::FlowRefusal),
     /// Too few points for a mean with a sigma.
     #[error("{found} matched points; at least {least} are needed")]
     FewPoints {
@@ -184,7 +185,7 @@ impl Alignment {
     ///
     /// # Errors
     /// [`Refusal`], with what was found.
-    pub fn of(file: &RigFile, captures: &[Capture], settings: &Settings) -> Result<Self, Refusal> {
+    pub fn of(file: &RigFile, captures: &[FrameSet], settings: &Settings) -> Result<Self, Refusal> {
         let original = &file.rig;
         let roughly = rough::align(original, captures, settings.reach_px)?;
         let first = refine(&roughly, captures, FIRST_TOLERANCE_PX, settings)?;
@@ -196,7 +197,7 @@ impl Alignment {
             };
             last = refine(&rig, captures, last.tolerance_px(), settings)?;
         }
-        let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
+        let geometry = RigGeometry::new(original).ok_or(Refusal::WrongRig)?;
         let cameras: Vec<Datum> = (0..original.cameras.len())
             .map(|k| last.datum(k, file, turned_rad[k]))
             .collect();
@@ -237,7 +238,7 @@ impl Alignment {
 }
 
 /// Median distance of the points by the rig's own disparities, mm.
-fn seen_mm(rig: &Rig, captures: &[Capture], settings: &Settings) -> Result<f64, Refusal> {
+fn seen_mm(rig: &Rig, captures: &[FrameSet], settings: &Settings) -> Result<f64, Refusal> {
     let settings = Settings {
         depth_mm: None,
         ..*settings
@@ -257,7 +258,7 @@ struct Refined {
 /// Matches all captures with `rig` and corrects it.
 fn refine(
     rig: &Rig,
-    captures: &[Capture],
+    captures: &[FrameSet],
     tolerance_px: f64,
     settings: &Settings,
 ) -> Result<Refined, Refusal> {
@@ -281,12 +282,15 @@ fn refine(
 /// Points matched in all cameras, by how much their windows overlap, and in how many captures.
 fn matched(
     rig: &Rig,
-    captures: &[Capture],
+    captures: &[FrameSet],
     tolerance_px: f64,
 ) -> Result<(Vec<Point>, f64, usize), Refusal> {
-    let settings = flow::Settings {
-        view_residual_px: tolerance_px,
-        ..flow::Settings::default()
+    let settings = flow::FlowSettings {
+        matching: MatchSettings {
+            max_view_residual_px: tolerance_px,
+            ..MatchSettings::default()
+        },
+        ..flow::FlowSettings::default()
     };
     let mut flow = Flow::new(rig, settings).map_err(Refusal::Flow)?;
     let (mut points, mut overlap, mut matched) = (Vec::new(), 0.0, 0);
@@ -294,17 +298,17 @@ fn matched(
     for capture in captures {
         // Measured against itself, a capture gives the matches between its cameras.
         let seen = flow
-            .set_reference(capture)
+            .set_keyframe(capture)
             .and_then(|()| flow.measure(capture));
         match seen {
             Ok(seen) if seen.cameras.len() < rig.cameras.len() => {
                 let left = seen.cameras.len();
-                refused.get_or_insert(flow::Refusal::FewCameras { left });
+                refused.get_or_insert(flow::FlowRefusal::FewCameras { left });
             }
             Ok(seen) => {
-                overlap += seen.scatter.overlap;
+                overlap += seen.variance_inflation.window_overlap;
                 matched += 1;
-                let starts = seen.tracks.iter().map(|track| Point {
+                let starts = seen.correspondences.iter().map(|track| Point {
                     pixels: track.pixels.iter().map(|[start, _]| *start).collect(),
                 });
                 points.extend(starts);

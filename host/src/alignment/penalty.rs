@@ -12,7 +12,7 @@ use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
-use crate::matching::geometry::Geometry;
+use crate::matching::geometry::RigGeometry;
 use crate::verification::view::View;
 
 /// Error in Z, per cent.
@@ -80,7 +80,8 @@ impl Penalty {
                 tenth = tenth.with(cost, f64::max);
             }
         }
-        let px = Geometry::new(found).map_or(f64::NAN, |g| g.focal_px * g.reach_mm / depth_mm);
+        let px = RigGeometry::new(found)
+            .map_or(f64::NAN, |g| g.focal_px * g.longest_baseline_mm / depth_mm);
         Self {
             before_percent: cost(found, assumed, depth_mm),
             after_percent: squares.map(f64::sqrt),
@@ -109,7 +110,7 @@ impl Cost {
 
 /// `assumed` with that part of the offsets of `truth` which a scene shows.
 fn visible(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Option<Rig> {
-    let geometry = Geometry::new(assumed)?;
+    let geometry = RigGeometry::new(assumed)?;
     let seen = truth.cameras.iter();
     let point = Point {
         pixels: seen.map(|c| c.project([0.0, 0.0, depth_mm])).collect(),

@@ -32,7 +32,7 @@ fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     })
 }
 
-fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<Capture> {
+fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<FrameSet> {
     let scene = Scene::new(rig, texture, settings).unwrap();
     let render = |seed: &u64| {
         // Somewhere else each time, as captures of a bench are.
@@ -51,7 +51,7 @@ fn tilted(depth_mm: f64) -> SceneSettings {
     }
 }
 
-fn align(captures: &[Capture]) -> Alignment {
+fn align(captures: &[FrameSet]) -> Alignment {
     Alignment::of(&RigFile::paper(), captures, &Settings::default()).unwrap()
 }
 
@@ -360,9 +360,9 @@ fn pictures_that_show_nothing_are_refused() {
         height: 240,
         grey: vec![90; 320 * 240],
     };
-    let capture = Capture {
+    let capture = FrameSet {
         time_us: 0,
-        views: vec![blank; 3],
+        images: vec![blank; 3],
     };
     let refused = Alignment::of(&RigFile::paper(), &[capture], &Settings::default());
     assert!(matches!(

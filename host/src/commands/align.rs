@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use host::alignment::{Alignment, Settings, present, rewrite};
 use host::error::{Failure, InputError};
-use host::images::Capture;
+use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::output::{Output, Replace};
 use host::printable::printable;
@@ -110,14 +110,14 @@ fn settings(options: &Options) -> Result<Settings, Failure> {
     })
 }
 
-fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError> {
+fn captures(options: &Options, rig: &RigFile) -> Result<Vec<FrameSet>, InputError> {
     let size_px = rig.rig.image_size_px;
     let folder =
         Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
     let (all, most) = (folder.len(), usize::from(options.most));
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();
-    (folder.captures().enumerate())
+    (folder.frame_sets().enumerate())
         .filter(|(index, _)| chosen.contains(index))
         .map(|(_, capture)| capture)
         .collect()

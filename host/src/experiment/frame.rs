@@ -1,7 +1,7 @@
 //! From pictures to the numbers that cross the wire.
 
 use crate::flow::{Flow, Measurement};
-use crate::images::Capture;
+use crate::images::FrameSet;
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::Sums as FrameSums;
 use shared::rig::Rig;
@@ -11,9 +11,9 @@ use shared::rig::Rig;
 /// # Errors
 /// Why there are none, in words.
 pub fn measure(
-    flow: &Flow,
+    flow: &mut Flow,
     rig: &Rig,
-    capture: &Capture,
+    capture: &FrameSet,
     estimator: Estimator,
 ) -> Result<(Measurement, FrameSums), String> {
     let measured = flow

@@ -21,7 +21,7 @@ pub mod servo;
 pub mod tracking;
 pub mod world;
 
-use crate::flow::Refusal;
+use crate::flow::FlowRefusal;
 use crate::images::SceneError;
 use crate::station::StationError;
 
@@ -36,5 +36,5 @@ pub enum Error {
     Station(#[from] StationError),
     /// The first pictures cannot be used as a reference.
     #[error("no usable reference: {0}")]
-    Reference(Refusal),
+    Reference(FlowRefusal),
 }

@@ -2,7 +2,7 @@
 //! (its Table 5).
 
 use super::Error;
-use crate::flow::{Flow, Refusal, Settings};
+use crate::flow::{Flow, FlowRefusal, FlowSettings};
 use crate::images::{Scene, SceneSettings, Texture, TextureKind};
 use crate::sums::Sums;
 use serde::Serialize;
@@ -56,8 +56,8 @@ pub struct Row {
 pub fn run(texture: TextureKind, seed: u64, settings: SceneSettings) -> Result<Vec<Row>, Error> {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
-    let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
-    flow.set_reference(&scene.render([0.0; 3], 0, seed))
+    let mut flow = Flow::new(&rig, FlowSettings::default()).map_err(Error::Reference)?;
+    flow.set_keyframe(&scene.render([0.0; 3], 0, seed))
         .map_err(Error::Reference)?;
     let rows = PRINTED
         .iter()
@@ -99,9 +99,9 @@ pub fn run(texture: TextureKind, seed: u64, settings: SceneSettings) -> Result<V
 fn estimates(
     rig: &Rig,
     flow: &mut Flow,
-    picture: &crate::images::Capture,
-) -> Result<(Sums, usize), Refusal> {
+    picture: &crate::images::FrameSet,
+) -> Result<(Sums, usize), FlowRefusal> {
     let measured = flow.measure(picture)?;
-    let sums = Sums::of(rig, &measured).map_err(|_| Refusal::WrongRig)?;
-    Ok((sums, measured.tracks.len()))
+    let sums = Sums::of(rig, &measured).map_err(|_| FlowRefusal::WrongRig)?;
+    Ok((sums, measured.correspondences.len()))
 }

@@ -4,9 +4,9 @@
 use super::Error;
 use super::follower::Follower;
 use super::frame;
-use crate::flow::active_cameras::Absence;
-use crate::flow::{Flow, Settings as FlowSettings};
-use crate::images::Capture;
+use crate::flow::CameraRefusal;
+use crate::flow::{Flow, FlowSettings};
+use crate::images::FrameSet;
 use crate::station::StationError;
 use crate::sums::Estimator;
 use shared::frame::message::{Command, Frame, Sums as FrameSums};
@@ -49,7 +49,7 @@ pub struct Followed {
     /// How far that can be trusted, by the station's last word.
     pub trust: Trust,
     /// Cameras that did not take part, from 0, and why.
-    pub absent: Vec<(usize, Absence)>,
+    pub absent: Vec<(usize, CameraRefusal)>,
 }
 
 /// A target that is followed.
@@ -102,9 +102,9 @@ impl Pursuit {
     /// # Errors
     /// [`Error::Reference`] if the first cannot be used; [`Error::Station`] if the station cannot
     /// be reached or has a fault. A later capture that cannot be used is no error.
-    pub fn follow(&mut self, capture: &Capture) -> Result<Option<Followed>, Error> {
+    pub fn follow(&mut self, capture: &FrameSet) -> Result<Option<Followed>, Error> {
         let Some(start) = self.start else {
-            self.flow.set_reference(capture).map_err(Error::Reference)?;
+            self.flow.set_keyframe(capture).map_err(Error::Reference)?;
             let reference = match self.clock {
                 Clock::Virtual { .. } => self.station.now(),
                 Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
@@ -121,9 +121,12 @@ impl Pursuit {
             Clock::Virtual { .. } => start.reference.plus_micros(since_us),
             Clock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
         };
-        let measured = frame::measure(&self.flow, &self.rig, capture, self.estimator);
+        let measured = frame::measure(&mut self.flow, &self.rig, capture, self.estimator);
         let (displacement_mm, absent) = match measured {
-            Ok((measured, sums)) => (self.send(taken, start.reference, sums)?, measured.absent),
+            Ok((measured, sums)) => (
+                self.send(taken, start.reference, sums)?,
+                measured.refused_cameras,
+            ),
             Err(reason) => (Err(reason), Vec::new()),
         };
         let status = self.station.status();

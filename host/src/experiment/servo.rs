@@ -4,8 +4,8 @@ use super::Error;
 use super::follower::{Moment, Unused};
 use super::frame;
 use super::world::{Exposure, World};
-use crate::flow::active_cameras::Absence;
-use crate::flow::{Flow, Settings};
+use crate::flow::CameraRefusal;
+use crate::flow::{Flow, FlowSettings};
 use crate::station::StationError;
 use crate::sums::Estimator;
 use shared::frame::message::{Denial, Frame, Sums as FrameSums};
@@ -68,7 +68,7 @@ pub struct Step {
     /// What became of it.
     pub outcome: Outcome,
     /// Cameras that did not take part, from 0, and why.
-    pub absent: Vec<(usize, Absence)>,
+    pub absent: Vec<(usize, CameraRefusal)>,
     /// How far the station's position can be trusted, by its last word.
     pub trust: Trust,
 }
@@ -101,13 +101,13 @@ impl Servo {
         timing: Timing,
         estimator: Estimator,
     ) -> Result<Self, Error> {
-        let mut flow = Flow::new(rig, Settings::default()).map_err(Error::Reference)?;
+        let mut flow = Flow::new(rig, FlowSettings::default()).map_err(Error::Reference)?;
         let Exposure {
             moment,
             target_mm,
             capture,
         } = world.expose(world.now())?;
-        flow.set_reference(&capture).map_err(Error::Reference)?;
+        flow.set_keyframe(&capture).map_err(Error::Reference)?;
         Ok(Self {
             rig: rig.clone(),
             flow,
@@ -167,12 +167,12 @@ impl Servo {
         self.last = moment.at;
         let time_s = moment.at.since(self.keyframe) as f64 * 1e-6;
         let [target_mm, camera_mm] = self.since_keyframe([target_mm, moment.camera_mm]);
-        let measured = frame::measure(&self.flow, &self.rig, &capture, self.estimator);
+        let measured = frame::measure(&mut self.flow, &self.rig, &capture, self.estimator);
         let (outcome, absent) = match measured {
             Err(reason) => (Outcome::Refused(reason), Vec::new()),
             Ok((measured, sums)) => {
-                let outcome = self.send(world, &moment, sums, measured.tracks.len())?;
-                (outcome, measured.absent)
+                let outcome = self.send(world, &moment, sums, measured.correspondences.len())?;
+                (outcome, measured.refused_cameras)
             }
         };
         let status = world.b.status();

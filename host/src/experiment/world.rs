@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::follower::{Follower, Moment, Place};
-use crate::images::{Capture, Scene, SceneSettings, Texture};
+use crate::images::{FrameSet, Scene, SceneSettings, Texture};
 use crate::rig_file::Stage;
 use crate::station::stage::default_stage;
 use crate::station::twin::Twin;
@@ -33,7 +33,7 @@ pub struct Exposure {
     /// Where the poster was, mm from where A was switched on.
     pub target_mm: [f64; 3],
     /// What the cameras saw.
-    pub capture: Capture,
+    pub capture: FrameSet,
 }
 
 impl World {

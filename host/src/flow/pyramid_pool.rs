@@ -1,31 +1,23 @@
-//! Memory of images that are no longer needed, kept for the next ones: the system takes longer to
-//! hand out fresh memory than the filter takes to fill it.
+//! Pool of pyramids for reuse.
+//!
+//! The system takes longer to hand out fresh memory than the filter takes to fill it, so the
+//! pyramids of a frame set that is no longer needed become the buffers of the next one.
 
-use std::sync::Mutex;
+use super::FilteredFrameSet;
+use crate::matching::pyramid::Pyramid;
 
-use super::Filtered;
+/// Pyramids of at most one frame set.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PyramidPool(Vec<Pyramid>);
 
-/// At most one capture's images.
-#[derive(Debug, Default)]
-pub struct Spare(Mutex<Option<Filtered>>);
-
-impl Spare {
-    /// What is kept, if anything.
-    pub fn take(&self) -> Option<Filtered> {
-        self.0.lock().ok()?.take()
+impl PyramidPool {
+    /// Takes all pyramids out of the pool.
+    pub(super) fn take(&mut self) -> Vec<Pyramid> {
+        std::mem::take(&mut self.0)
     }
 
-    /// For later.
-    pub fn keep(&self, filtered: Filtered) {
-        if let Ok(mut kept) = self.0.lock() {
-            *kept = Some(filtered);
-        }
-    }
-}
-
-/// Memory is not shared, nor worth a copy.
-impl Clone for Spare {
-    fn clone(&self) -> Self {
-        Self::default()
+    /// Puts the pyramids of a frame set into the pool, in place of those in it.
+    pub(super) fn put(&mut self, filtered: FilteredFrameSet) {
+        self.0 = filtered.pyramids;
     }
 }

@@ -1,49 +1,59 @@
-//! Points followed in time, in every camera on its own, from where one rough displacement puts
-//! them.
+//! Tracking between two instants: every point in every camera, from a predicted start.
+//!
+//! The displacement of the search predicts the motion of all points, so Lucas-Kanade starts within
+//! a fraction of a pixel and needs no pyramid of its own. A point that comes nearer is seen larger;
+//! its template is warped accordingly.
 
 use shared::sums::View;
 
-use super::consensus::{self, Sighting};
-use super::{Reason, Settings};
-use crate::matching::geometry::Geometry;
-use crate::matching::lucas_kanade::{Found, Large, Small};
+use super::consensus::{self, PointFlow};
+use super::{Correspondence, FlowSettings};
+use crate::matching::Reject;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::lucas_kanade::{CoarseTemplate, FineTemplate, Registration};
 use crate::matching::pyramid::Pyramid;
-use crate::matching::stereo::{self, Match};
-use crate::thread_pool::Workers;
+use crate::matching::stereo::{self, StereoMatch};
+use crate::thread_pool::ThreadPool;
 
-/// Steps of the iteration.
-const STEPS: usize = 12;
+/// Largest number of Lucas-Kanade steps.
+const MAX_STEPS: usize = 12;
 
-/// Two instants, and the rig.
+/// Images of two instants, with the rig that took them.
 #[derive(Debug)]
-pub struct Follow<'a> {
-    /// The rig.
-    pub geometry: &'a Geometry,
-    /// Thresholds.
-    pub settings: &'a Settings,
-    /// Per camera, at the reference instant.
+pub struct TemporalMatcher<'a> {
+    /// Geometry of the active cameras.
+    pub geometry: &'a RigGeometry,
+    /// Limits.
+    pub settings: &'a FlowSettings,
+    /// Pyramids of the keyframe, per active camera.
     pub before: &'a [&'a Pyramid],
-    /// Per camera, now.
+    /// Pyramids of the frame set now, per active camera.
     pub now: &'a [&'a Pyramid],
-    /// Who does it.
-    pub workers: &'a Workers,
+    /// Threads that share the work.
+    pub thread_pool: &'a ThreadPool,
 }
 
-/// A displacement, better known than its guess.
+/// Displacement refined from a hypothesis.
 #[derive(Clone, Copy, Debug)]
-pub struct Refined {
-    /// mm.
+pub struct RefinedDisplacement {
+    /// Displacement, mm.
     pub displacement_mm: [f64; 3],
-    /// Mean likeness over the points in view; those that could not be found or disagree count as 0.
-    pub likeness: f32,
+    /// Mean zncc of the points in view; points that are not found or disagree count as 0.
+    pub zncc: f32,
 }
 
-impl Follow<'_> {
-    /// Improves a guess in the reference camera, from the level below `level` down to level 1.
-    pub fn refine(&self, matches: &[Match], guess_mm: [f64; 3], level: usize) -> Option<Refined> {
-        let mut refined = Refined {
-            displacement_mm: guess_mm,
-            likeness: 0.0,
+impl TemporalMatcher<'_> {
+    /// Refines a displacement in the reference camera, from the level below `level` down to
+    /// level 1. Returns `None` if too few points are found.
+    pub fn refine(
+        &self,
+        matches: &[StereoMatch],
+        hypothesis_mm: [f64; 3],
+        level: usize,
+    ) -> Option<RefinedDisplacement> {
+        let mut refined = RefinedDisplacement {
+            displacement_mm: hypothesis_mm,
+            zncc: 0.0,
         };
         for level in (1..level.max(2)).rev() {
             refined = self.refine_at(matches, refined.displacement_mm, level)?;
@@ -51,88 +61,104 @@ impl Follow<'_> {
         Some(refined)
     }
 
-    fn refine_at(&self, matches: &[Match], guess_mm: [f64; 3], level: usize) -> Option<Refined> {
+    fn refine_at(
+        &self,
+        matches: &[StereoMatch],
+        hypothesis_mm: [f64; 3],
+        level: usize,
+    ) -> Option<RefinedDisplacement> {
         let k = self.geometry.reference;
         let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
         let (before, now) = (before?, now?);
         let scale = (1 << level) as f64;
-        // Of those in view: what is seen now, if it is found.
-        let sight = |matched: &Match| {
+
+        // Lucas-Kanade of every point in view, from the place that the hypothesis predicts.
+        let track = |matched: &StereoMatch| {
             let rho = matched.ray.inverse_depth;
             let from = matched.pixels[k].map(|p| (p / scale) as f32);
-            let expected = Sighting::predicted(matched.views[k], rho, guess_mm);
+            let expected = PointFlow::predicted(matched.normalised[k], rho, hypothesis_mm);
             let to = self.geometry.pixel(k, expected).map(|p| (p / scale) as f32);
-            if !Small::fits(before, from) || !Small::fits(now, to) {
+            if !CoarseTemplate::fits(before, from) || !CoarseTemplate::fits(now, to) {
                 return None;
             }
-            let template = Small::new(before, from)?;
-            let found = template.find(now, to, shrink(rho, guess_mm), STEPS);
+            let template = CoarseTemplate::new(before, from)?;
+            let found = template.find(now, to, magnification(rho, hypothesis_mm), MAX_STEPS);
             Some(found.map(|found| {
                 let pixel = found.at.map(|p| f64::from(p) * scale);
-                let sighting = Sighting {
-                    before: matched.views[k],
+                let flow = PointFlow {
+                    before: matched.normalised[k],
                     now: self.geometry.normalise(k, pixel),
                     inverse_depth: rho,
                 };
-                (sighting, found.likeness)
+                (flow, found.zncc)
             }))
         };
-        let seen = self.workers.map(matches.iter().collect(), sight);
-        let in_view = seen.iter().flatten().count();
-        let (sightings, likenesses): (Vec<Sighting>, Vec<f32>) =
-            seen.into_iter().flatten().flatten().unzip();
-        if sightings.len() < self.settings.least_points {
+        let tracked = self.thread_pool.map(matches.iter().collect(), track);
+        let in_view = tracked.iter().flatten().count();
+        let (flows, scores): (Vec<PointFlow>, Vec<f32>) =
+            tracked.into_iter().flatten().flatten().unzip();
+        if flows.len() < self.settings.min_points {
             return None;
         }
+
+        // Robust fit of the displacement, and the mean correlation of its inliers.
         let least = 0.5 * scale / self.geometry.focal_px;
-        let displacement_mm = consensus::fit(&sightings, guess_mm, least)?;
+        let displacement_mm = consensus::fit(&flows, hypothesis_mm, least)?;
         let mut sum = 0.0;
-        for (sighting, likeness) in sightings.iter().zip(&likenesses) {
-            if sighting.residual(displacement_mm) < 2.0 * least {
-                sum += likeness.max(0.0);
+        for (flow, zncc) in flows.iter().zip(&scores) {
+            if flow.residual(displacement_mm) < 2.0 * least {
+                sum += zncc.max(0.0);
             }
         }
-        Some(Refined {
+        Some(RefinedDisplacement {
             displacement_mm,
-            likeness: sum / in_view as f32,
+            zncc: sum / in_view as f32,
         })
     }
 
-    /// One point in all cameras at full resolution: pixels now, and normalised views at both
-    /// instants.
+    /// Tracks one point in all cameras at full resolution, and checks that the cameras see one
+    /// point.
     ///
     /// # Errors
-    /// Why it could not be followed.
-    pub fn point(&self, matched: &Match, displacement_mm: [f64; 3]) -> Result<Followed, Reason> {
-        let followed = self.apart(matched, displacement_mm)?;
-        let ends: Vec<[f64; 2]> = followed.views.iter().map(|v| v.end).collect();
-        stereo::check(self.geometry, self.settings, &ends)?;
-        Ok(followed)
+    /// [`Reject`], for the first test that failed.
+    pub fn track_point(
+        &self,
+        matched: &StereoMatch,
+        displacement_mm: [f64; 3],
+    ) -> Result<Correspondence, Reject> {
+        let tracked = self.track_per_camera(matched, displacement_mm)?;
+        let ends: Vec<[f64; 2]> = tracked.views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, &self.settings.matching, &ends)?;
+        Ok(tracked)
     }
 
-    /// The same by each camera on its own: what they see now need not be one point.
+    /// Tracks one point in each camera on its own, without the tests between cameras.
     ///
     /// # Errors
-    /// Why it could not be followed.
-    pub fn apart(&self, matched: &Match, displacement_mm: [f64; 3]) -> Result<Followed, Reason> {
+    /// [`Reject`], for the first test that failed.
+    pub fn track_per_camera(
+        &self,
+        matched: &StereoMatch,
+        displacement_mm: [f64; 3],
+    ) -> Result<Correspondence, Reject> {
         let cameras = self.geometry.cameras();
         let mut pixels = Vec::with_capacity(cameras);
         let mut views = Vec::with_capacity(cameras);
         for k in 0..cameras {
-            let found = self.view(k, matched, displacement_mm)?;
+            let found = self.track_in(k, matched, displacement_mm)?;
             let pixel = found.at.map(f64::from);
             pixels.push([matched.pixels[k], pixel]);
             views.push(View {
-                start: matched.views[k],
+                start: matched.normalised[k],
                 end: self.geometry.normalise(k, pixel),
             });
         }
-        Ok(Followed { pixels, views })
+        Ok(Correspondence { pixels, views })
     }
 
-    /// Where the reference camera sees now what it saw at `at`, px, looked for at `level` from
-    /// `start` on, and the likeness there; `None` if nothing is found.
-    pub(super) fn corner(
+    /// Tracks an unmatched corner of the reference camera at `level`: from `start` on, looks for
+    /// the window that was at `at`. Returns pixel and zncc.
+    pub(super) fn track_corner(
         &self,
         level: usize,
         at: [f64; 2],
@@ -142,47 +168,39 @@ impl Follow<'_> {
     ) -> Option<([f64; 2], f32)> {
         let k = self.geometry.reference;
         let scale = (1 << level) as f64;
-        let on_level = |place: [f64; 2]| place.map(|c| (c / scale) as f32);
+        let on_level = |pixel: [f64; 2]| pixel.map(|c| (c / scale) as f32);
         let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
-        let template = Small::new(before?, on_level(at))?;
-        let warp = shrink(inverse_depth, displacement_mm);
-        let found = template.find(now?, on_level(start), warp, STEPS)?;
-        Some((found.at.map(|c| f64::from(c) * scale), found.likeness))
+        let template = CoarseTemplate::new(before?, on_level(at))?;
+        let warp = magnification(inverse_depth, displacement_mm);
+        let found = template.find(now?, on_level(start), warp, MAX_STEPS)?;
+        Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
     }
 
-    fn view(&self, k: usize, matched: &Match, displacement_mm: [f64; 3]) -> Result<Found, Reason> {
+    /// Tracks one point in camera `k` at full resolution.
+    fn track_in(
+        &self,
+        k: usize,
+        matched: &StereoMatch,
+        displacement_mm: [f64; 3],
+    ) -> Result<Registration, Reject> {
         let now = &self.now[k].levels[0];
         let rho = matched.ray.inverse_depth;
-        let expected = Sighting::predicted(matched.views[k], rho, displacement_mm);
+        let expected = PointFlow::predicted(matched.normalised[k], rho, displacement_mm);
         let start = self.geometry.pixel(k, expected).map(|p| p as f32);
-        if !Large::fits(now, start) {
-            return Err(Reason::OutOfView);
+        if !FineTemplate::fits(now, start) {
+            return Err(Reject::OutOfView);
         }
-        let warp = shrink(rho, displacement_mm);
-        let found = matched.templates[k].find(now, start, warp, STEPS);
-        let found = found.ok_or(Reason::Unlike)?;
-        if found.likeness < self.settings.least_likeness {
-            return Err(Reason::Unlike);
-        }
-        if !(f64::from(found.miss) <= self.settings.return_px) {
-            return Err(Reason::NoReturn);
-        }
-        Ok(found)
+        let warp = magnification(rho, displacement_mm);
+        let found = matched.templates[k].find(now, start, warp, MAX_STEPS);
+        found
+            .ok_or(Reject::Dissimilar)?
+            .checked(&self.settings.matching)
     }
 }
 
-/// A point at both instants.
-#[derive(Clone, Debug)]
-pub struct Followed {
-    /// Per camera: px at the reference instant and now.
-    pub pixels: Vec<[[f64; 2]; 2]>,
-    /// Per camera: normalised.
-    pub views: Vec<View>,
-}
-
-/// A point that comes nearer by `Tz` (negative) is seen larger: the template's offsets shrink by
-/// depth now over depth before.
-fn shrink(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
+/// Warp of a template by the change of depth: by `Tz` nearer (negative), a point is seen larger,
+/// so the template's offsets shrink by depth now over depth before.
+fn magnification(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
     let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
     [[factor, 0.0], [0.0, factor]]
 }

@@ -41,9 +41,9 @@ impl Image {
 
 /// The views of all cameras at one instant.
 #[derive(Clone, Debug)]
-pub struct Capture {
+pub struct FrameSet {
     /// When the shutters opened, microseconds on the source's own clock.
     pub time_us: u64,
     /// One image per camera, in the rig's order; [`Image::missing`] from a camera that gave none.
-    pub views: Vec<Image>,
+    pub images: Vec<Image>,
 }

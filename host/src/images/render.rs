@@ -20,7 +20,7 @@ use std::thread;
 use shared::rig::{Camera, Rig, Rotation};
 
 use super::spline::{self, Surface};
-use super::{Capture, Image, Texture};
+use super::{FrameSet, Image, Texture};
 use crate::random::Random;
 
 /// How a poster hangs before the cameras and how the cameras take it.
@@ -204,7 +204,7 @@ impl Scene {
     /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away)
     /// as seen from the cameras. Noise depends on `seed` and the camera alone. Pixels that do not
     /// see the poster are black.
-    pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> Capture {
+    pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> FrameSet {
         let shot = Shot::of(Pose::at(relative_mm), self.settings.noise_grey);
         let views = thread::scope(|scope| {
             let view = |(index, eye)| {
@@ -218,19 +218,22 @@ impl Scene {
             };
             working.into_iter().map(join).collect()
         });
-        Capture { time_us, views }
+        FrameSet {
+            time_us,
+            images: views,
+        }
     }
 
     /// The views of all cameras, each with its own shot; [`Scene::render`] with everything that can
     /// be varied.
-    pub fn shoot(&self, shots: &[Shot], time_us: u64, seed: u64) -> Capture {
+    pub fn shoot(&self, shots: &[Shot], time_us: u64, seed: u64) -> FrameSet {
         let eyes = self.eyes.iter().zip(shots).enumerate();
         let view = |(index, (eye, shot)): (usize, (&Eye, &Shot))| {
             self.expose(eye, shot, Random::new(seed, index as u64))
         };
-        Capture {
+        FrameSet {
             time_us,
-            views: eyes.map(view).collect(),
+            images: eyes.map(view).collect(),
         }
     }
 

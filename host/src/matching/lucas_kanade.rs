@@ -1,8 +1,9 @@
-//! Where a small window of one image is in another, to a few thousandths of a pixel.
+//! Registration of a small window to a few thousandths of a pixel.
 //!
-//! Lucas and Kanade's least squares, inverse compositional (Baker and Matthews 2004): grey levels,
-//! gradients and gradient matrix are those of the template, made once and used for every image it
-//! is looked for in. Brightness may change by a factor `a` and an offset:
+//! Inverse compositional least squares (B. D. Lucas and T. Kanade, *An Iterative Image Registration
+//! Technique*, 1981; S. Baker and I. Matthews, *Lucas-Kanade 20 Years On*, 2004): grey levels,
+//! gradients and Hessian are those of the template, computed once and used for every image.
+//! Brightness may change by a gain `a` and an offset `b`:
 //!
 //! ```text
 //! I(x + p) = a T'(x) + b         T' = T - mean(T), g zero-mean gradients of T
@@ -10,70 +11,87 @@
 //! step = (Σ g g^T - c c^T / Σ T' T')^-1 (Σ g I - a c) / a
 //! ```
 //!
-//! so that neither factor nor offset shows in the step, and no difference image is needed.
+//! The step is independent of gain and offset, and no difference image is needed.
 //!
-//! Template and image are both read through cubic B-splines, which smooth a little more and so
-//! alike wherever between two pixels a window lies. Interpolation proper would leave the grey
-//! levels as they are at whole pixels and smooth them at half ones: windows read at different
-//! phases then differ, and each pulls its point its own way, by more than noise of 2 grey levels
-//! does.
+//! Template and image are both read through cubic B-splines, which smooth equally at every
+//! sub-pixel phase. Interpolation proper would leave whole pixels as they are and smooth half
+//! pixels: windows at different phases then differ, and each pulls its point its own way, by more
+//! than noise of 2 grey levels does.
 //!
-//! What was found is asked the same question in return: with gradients of its own, it must lie as
-//! far from the template as the last step says.
+//! The forward-backward error (Z. Kalal, K. Mikolajczyk and J. Matas, *Forward-Backward Error*,
+//! ICPR 2010) comes from one step back with the gradients of the window that was found.
 
 mod window;
 
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
+use super::{MatchSettings, Reject};
 use window::{Grid, LeastSquares, Window, product, products};
 
-/// What a search for a template found.
+/// Place of a template in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
-    /// Where its centre is, px of the level.
+pub struct Registration {
+    /// Centre of the window, px of the level.
     pub at: [f32; 2],
     /// Zero-mean normalised cross-correlation there, -1 to 1.
-    pub likeness: f32,
-    /// By how much the step to there differs from the step back, px. Infinite if what was found has
-    /// no texture of its own.
-    pub miss: f32,
+    pub zncc: f32,
+    /// Forward-backward error, px: difference between the last step and the step back. Infinite if
+    /// the window that was found has no texture of its own.
+    pub return_error: f32,
 }
 
-/// Stops when a step is shorter than this, px. Noise of 2 grey levels lets steps shrink a
-/// hundredfold and more, so the rest is a thousandth.
+impl Registration {
+    /// Applies the tests of correlation and forward-backward error.
+    ///
+    /// # Errors
+    /// [`Reject::Dissimilar`] or [`Reject::NoReturn`].
+    pub fn checked(self, settings: &MatchSettings) -> Result<Self, Reject> {
+        if self.zncc < settings.min_zncc {
+            return Err(Reject::Dissimilar);
+        }
+        // The comparison is also false for an error that is not a number.
+        if !(f64::from(self.return_error) <= settings.max_return_px) {
+            return Err(Reject::NoReturn);
+        }
+        Ok(self)
+    }
+}
+
+/// Length of the last step, px. With noise of 2 grey levels each step is a hundred times shorter
+/// than the one before, so the remaining error is a thousandth.
 const SHORT_STEP: f32 = 0.08;
-/// Longest single step, px: beyond it the linear model says nothing.
+/// Longest single step, px. The linear model does not hold beyond it.
 const LONG_STEP: f32 = 2.0;
-/// The least mean square gradient of a template in its weakest direction, (grey level / px)².
+/// Least mean square gradient of a template in its weakest direction, (grey level / px)².
 const LEAST_GRADIENT: f32 = 0.25;
 
-/// A square window of `N` x `N` px, odd. `W >= N` is a multiple of 8: rows as the processor likes
-/// them.
+/// Square window of `N` x `N` px, odd, to be found in other images. `W >= N` is a multiple of 8, so
+/// that rows fill whole vectors.
 #[derive(Clone, Debug)]
 pub struct Template<const N: usize, const W: usize> {
     /// Zero-mean grey levels and gradients, zero beyond column `N`.
     grey: Grid<N, W>,
     along: Grid<N, W>,
     down: Grid<N, W>,
-    /// Means of the gradients before they were made zero-mean.
+    /// Means that were subtracted from the gradients.
     mean_gradient: [f32; 2],
-    /// `Σ g g^T`: xx, xy, yy.
+    /// Hessian `Σ g g^T`: xx, xy, yy.
     matrix: [f32; 3],
-    /// What grey levels and gradients have in common.
-    share: Share,
+    /// Moments of grey levels and gradients.
+    moments: Moments,
 }
 
-/// Of a template's grey levels, bent or not.
+/// Moments of a template's grey levels, warped or not: with themselves and with the gradients.
 #[derive(Clone, Copy, Debug, Default)]
-struct Share {
+struct Moments {
     /// `Σ T'²`.
     energy: f32,
     /// `Σ g T'`.
     coupling: [f32; 2],
 }
 
-impl Share {
+impl Moments {
     #[inline(always)]
     fn of<const N: usize, const W: usize>(
         grey: &Grid<N, W>,
@@ -88,19 +106,19 @@ impl Share {
     }
 }
 
-/// The window at level 0.
-pub type Large = Template<21, 24>;
-/// The window at coarser levels.
-pub type Small = Template<11, 16>;
+/// Template at full resolution.
+pub type FineTemplate = Template<21, 24>;
+/// Template at coarser levels.
+pub type CoarseTemplate = Template<11, 16>;
 
 impl<const N: usize, const W: usize> Template<N, W> {
-    /// How far the centre of a window must stay from the borders, px.
+    /// Least distance of a window's centre from the borders, px.
     pub const MARGIN: usize = N / 2 + 2;
 
     /// Side of the window, px.
     pub const SIDE: usize = N;
 
-    /// Whether a window around `at` lies within `plane`.
+    /// Returns true if a window around `at` lies within `plane`.
     pub fn fits(plane: &Plane, at: [f32; 2]) -> bool {
         let inside = |at: f32, size: usize| {
             at >= Self::MARGIN as f32 && at < size as f32 - Self::MARGIN as f32
@@ -108,8 +126,8 @@ impl<const N: usize, const W: usize> Template<N, W> {
         inside(at[0], plane.width) && inside(at[1], plane.height)
     }
 
-    /// The window of `plane` around `at`. `None` if it leaves the image or has too little contrast
-    /// in some direction. Boxed, since it is large and goes from hand to hand.
+    /// Takes the window of `plane` around `at`. Returns `None` if it leaves the image or has too
+    /// little contrast in some direction. Boxed, because it is large and moved often.
     pub fn new(plane: &Plane, at: [f32; 2]) -> Option<Box<Self>> {
         if !Self::fits(plane, at) {
             return None;
@@ -121,29 +139,30 @@ impl<const N: usize, const W: usize> Template<N, W> {
             down: nothing,
             mean_gradient: [0.0; 2],
             matrix: [0.0; 3],
-            share: Share::default(),
+            moments: Moments::default(),
         });
         Arch::new().dispatch(Read {
             window: Window::<N, W>::around(plane, at),
             template: &mut template,
         });
         let count = (N * N) as f32;
-        let enough = template.share.energy >= count * LEAST_GRADIENT
-            && template.least_squares(template.share).weakest() > count * LEAST_GRADIENT;
+        let enough = template.moments.energy >= count * LEAST_GRADIENT
+            && template.least_squares(template.moments).weakest() > count * LEAST_GRADIENT;
         enough.then_some(template)
     }
 
-    /// Looks for the template, bent by `warp` (near the identity), in `plane`, from `start` on: the
-    /// template's pixel at `d` from the centre is that of its image at `warp d`.
+    /// Finds the template, warped by `warp` (near the identity), in `plane`, from `start` on. The
+    /// image at `d` from the centre shows the template's pixel at `warp d`.
     ///
-    /// `None` if it leaves the image, turns into its negative, or does not settle in `steps` steps.
+    /// Returns `None` if the window leaves the image, turns into its negative, or does not converge
+    /// in `steps` steps.
     pub fn find(
         &self,
         plane: &Plane,
         start: [f32; 2],
         warp: [[f32; 2]; 2],
         steps: usize,
-    ) -> Option<Found> {
+    ) -> Option<Registration> {
         Arch::new().dispatch(Find {
             template: self,
             plane,
@@ -153,26 +172,26 @@ impl<const N: usize, const W: usize> Template<N, W> {
         })
     }
 
-    fn least_squares(&self, share: Share) -> LeastSquares {
-        let [x, y] = share.coupling;
+    fn least_squares(&self, moments: Moments) -> LeastSquares {
+        let [x, y] = moments.coupling;
         let [xx, xy, yy] = self.matrix;
         LeastSquares {
-            xx: xx - x * x / share.energy,
-            xy: xy - x * y / share.energy,
-            yy: yy - y * y / share.energy,
+            xx: xx - x * x / moments.energy,
+            xy: xy - x * y / moments.energy,
+            yy: yy - y * y / moments.energy,
         }
     }
 
-    /// First order in the deviation from the identity: at 2 % and 10 px from the centre, the
-    /// neglected part is a fiftieth of a grey level per unit of curvature. `None` if there is
-    /// nothing to bend.
+    /// Warps the grey levels to first order in the deviation from the identity: at 2 % and 10 px
+    /// from the centre, the neglected part is a fiftieth of a grey level per unit of curvature.
+    /// Returns `None` for the identity.
     #[inline(always)]
-    fn bent(&self, warp: [[f32; 2]; 2]) -> Option<(Grid<N, W>, Share)> {
+    fn warped(&self, warp: [[f32; 2]; 2]) -> Option<(Grid<N, W>, Moments)> {
         let off = [
             [warp[0][0] - 1.0, warp[0][1]],
             [warp[1][0], warp[1][1] - 1.0],
         ];
-        // Three thousandths of a pixel at the border of the window, and nothing in its middle.
+        // Three thousandths of a pixel at the border of the window, zero in its middle.
         if off.iter().flatten().all(|o| o.abs() < 3e-4) {
             return None;
         }
@@ -191,12 +210,12 @@ impl<const N: usize, const W: usize> Template<N, W> {
         }
         let mean = window::total(&grey) / (N * N) as f32;
         window::centre(&mut grey, mean);
-        let share = Share::of(&grey, &self.along, &self.down);
-        Some((grey, share))
+        let moments = Moments::of(&grey, &self.along, &self.down);
+        Some((grey, moments))
     }
 }
 
-/// The making of a template, where it is to stay.
+/// Construction of a template in place.
 struct Read<'a, const N: usize, const W: usize> {
     window: Window<'a, N, W>,
     template: &'a mut Template<N, W>,
@@ -223,11 +242,11 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Read<'_, N, W> {
             product(along, down),
             product(down, down),
         ];
-        template.share = Share::of(grey, along, down);
+        template.moments = Moments::of(grey, along, down);
     }
 }
 
-/// The search for a template.
+/// Registration of a template, by Gauss-Newton steps.
 struct Find<'a, const N: usize, const W: usize> {
     template: &'a Template<N, W>,
     plane: &'a Plane,
@@ -237,17 +256,17 @@ struct Find<'a, const N: usize, const W: usize> {
 }
 
 impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
-    type Output = Option<Found>;
+    type Output = Option<Registration>;
 
     #[inline(always)]
-    fn call(self) -> Option<Found> {
+    fn call(self) -> Option<Registration> {
         let template = self.template;
-        let bent = template.bent(self.warp);
-        let (grey, share) = match &bent {
-            Some((grey, share)) => (grey, *share),
-            None => (&template.grey, template.share),
+        let warped = template.warped(self.warp);
+        let (grey, moments) = match &warped {
+            Some((grey, moments)) => (grey, *moments),
+            None => (&template.grey, template.moments),
         };
-        let least_squares = template.least_squares(share);
+        let least_squares = template.least_squares(moments);
         let mut at = self.start;
         let mut seen = [[0.0_f32; W]; N];
         for _ in 0..self.steps {
@@ -256,29 +275,36 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
             }
             let window = Window::<N, W>::around(self.plane, at);
             window.sample(&mut seen);
+            // Σ T' I and Σ g I of the window at the present place.
             let [common, x, y] = products(&seen, [grey, &template.along, &template.down]);
-            if !(common > 0.1 * share.energy) {
+            if !(common > 0.1 * moments.energy) {
                 return None;
             }
-            let factor = common / share.energy;
+            // Gain, right-hand side and step of the normal equations.
+            let gain = common / moments.energy;
             let rest = [
-                x - factor * share.coupling[0],
-                y - factor * share.coupling[1],
+                x - gain * moments.coupling[0],
+                y - gain * moments.coupling[1],
             ];
-            let mut step = least_squares.solve(rest).map(|s| s / factor);
+            let mut step = least_squares.solve(rest).map(|s| s / gain);
             let length = window::length(step);
             if length > LONG_STEP {
                 step = step.map(|s| s * LONG_STEP / length);
             }
             at = [at[0] - step[0], at[1] - step[1]];
+            // Converged: correlation, and one step back with the roles exchanged.
             if length < SHORT_STEP {
                 let mean = window::total(&seen) / (N * N) as f32;
                 window::centre(&mut seen, mean);
-                let likeness = common / (share.energy * product(&seen, &seen)).sqrt();
-                let back = window::step_back(&seen, grey, factor);
-                let miss = window::length([back[0] - step[0], back[1] - step[1]]);
-                let miss = if miss >= 0.0 { miss } else { f32::INFINITY };
-                return likeness.is_finite().then_some(Found { at, likeness, miss });
+                let zncc = common / (moments.energy * product(&seen, &seen)).sqrt();
+                let back = window::step_back(&seen, grey, gain);
+                let error = window::length([back[0] - step[0], back[1] - step[1]]);
+                let return_error = if error >= 0.0 { error } else { f32::INFINITY };
+                return zncc.is_finite().then_some(Registration {
+                    at,
+                    zncc,
+                    return_error,
+                });
             }
         }
         None

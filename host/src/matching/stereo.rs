@@ -1,145 +1,150 @@
-//! Which pixel of every camera shows the same point, without any idea of its depth.
+//! Multi-view stereo matching without a depth prior.
 //!
-//! One inverse depth predicts a point's place in all cameras at once. So every corner of the
-//! reference image is tried at all inverse depths, in steps of half a pixel of a coarse level, and
-//! the likenesses in all cameras are averaged: what looks right to one camera by chance looks wrong
-//! to the others. Every depth that is nearly as good as the best is refined by Lucas and Kanade at
-//! full resolution; if two survive that are alike, the texture repeats and the corner is dropped as
-//! ambiguous.
+//! One inverse depth predicts a point's place in all cameras at once (M. Okutomi and T. Kanade, *A
+//! Multiple-Baseline Stereo*, 1993). Every corner of the reference image is therefore tried at all
+//! inverse depths, in steps of half a pixel of a coarse level, and the correlations in all cameras
+//! are averaged: a chance match in one camera is a mismatch in the others. Every depth that is
+//! nearly as good as the best is refined by Lucas-Kanade at full resolution. If two refined depths
+//! correlate equally well, the texture repeats and the corner is rejected as ambiguous.
 
-use super::epipolar::{Strip, line, peaks, vertex};
-use super::geometry::{Geometry, Ray};
-use super::lucas_kanade::{Large, Small};
+use super::epipolar::{EpipolarScores, line, peaks, vertex};
+use super::geometry::{Ray, RigGeometry};
+use super::lucas_kanade::{CoarseTemplate, FineTemplate};
 use super::pyramid::Pyramid;
-use super::zncc::{Field, OUTSIDE};
-use crate::flow::{Reason, Settings};
+use super::zncc::{OUTSIDE, ZnccPlane};
+use super::{MatchSettings, Reject};
 use std::sync::Arc;
 
-/// Disparities below zero that are tried, px: principal points are not known better.
+/// Largest negative disparity that is tried, px, because principal points are uncertain.
 const BEYOND_INFINITY_PX: f64 = 3.0;
-/// The largest disparity to the farthest camera, in image widths: nearer points are outside some
+/// Largest disparity to the farthest camera, in image widths. Nearer points are out of view of some
 /// camera anyway.
-const LARGEST_DISPARITY: f64 = 0.5;
-/// The least disparity of a point that is of use, px: depth is not known beyond.
-const LEAST_DISPARITY_PX: f64 = 1.0;
-/// Depths whose mean likeness at the coarse level is this close to the best are tried at full
-/// resolution. Large, since a coarse pixel may hit one repetition squarely and the other by half.
-const RIVAL: f32 = 0.25;
-/// As [`RIVAL`], for depths at which some camera would not see the point: they cannot be tried,
-/// only feared.
-const HIDDEN_RIVAL: f32 = 0.12;
-/// The same, of likenesses interpolated between coarse pixels: what is left is noise and fine
+const MAX_DISPARITY: f64 = 0.5;
+/// Least disparity of a useful point, px. The depth of farther points is unknown.
+const MIN_DISPARITY_PX: f64 = 1.0;
+/// Margin of the rivals: depths whose mean coarse zncc is this close to the best are tried at full
+/// resolution. It is large, because a coarse pixel may hit one repetition in the middle and the
+/// next one between two pixels.
+const RIVAL_MARGIN: f32 = 0.25;
+/// Margin of rivals at depths at which some camera does not see the point: they cannot be tried, so
+/// they make the corner ambiguous.
+const HIDDEN_RIVAL_MARGIN: f32 = 0.12;
+/// Margin of the rivals after interpolation between coarse pixels: the rest is noise and fine
 /// detail.
-const CLOSE_RIVAL: f32 = 0.15;
-/// A corner with more rivals than this is ambiguous without trying them.
-const MOST_RIVALS: usize = 5;
-/// Steps of the iteration at each level.
-const STEPS: usize = 12;
+const CLOSE_RIVAL_MARGIN: f32 = 0.15;
+/// Amount by which a coarse zncc may be below the least zncc of a match.
+const COARSE_LOSS: f32 = 0.15;
+/// Amount by which a depth that failed must be better than the match to count as an occlusion.
+const OCCLUSION_MARGIN: f32 = 0.05;
+/// Largest number of rivals. A corner with more is ambiguous without trying them.
+const MAX_RIVALS: usize = 5;
+/// Largest number of Lucas-Kanade steps at each level.
+const MAX_STEPS: usize = 12;
 
-/// The nearest and the farthest depth at which points are matched, mm: disparities to the farthest
-/// camera from half the image's longer side down to one pixel.
-pub fn matched_depths_mm(geometry: &Geometry) -> [f64; 2] {
-    let px_mm = geometry.focal_px * geometry.reach_mm;
+/// Returns the nearest and the farthest depth of a match, mm: disparities to the farthest camera
+/// from half the image's longer side down to one pixel.
+pub fn matched_depths_mm(geometry: &RigGeometry) -> [f64; 2] {
+    let px_mm = geometry.focal_px * geometry.longest_baseline_mm;
     [
-        px_mm / (LARGEST_DISPARITY * longer_side_px(geometry)),
-        px_mm / LEAST_DISPARITY_PX,
+        px_mm / (MAX_DISPARITY * longer_side_px(geometry)),
+        px_mm / MIN_DISPARITY_PX,
     ]
 }
 
-fn longer_side_px(geometry: &Geometry) -> f64 {
+fn longer_side_px(geometry: &RigGeometry) -> f64 {
     let [width, height] = geometry.rig.image_size_px;
     f64::from(width.max(height))
 }
 
-/// A point matched in all cameras at one instant.
+/// Point matched in all active cameras at one instant.
 #[derive(Clone, Debug)]
-pub struct Match {
-    /// Per camera, px as seen.
+pub struct StereoMatch {
+    /// Pixels as seen, per camera.
     pub pixels: Vec<[f64; 2]>,
-    /// The same, normalised.
-    pub views: Vec<[f64; 2]>,
-    /// The point that fits them.
+    /// Normalised coordinates of the pixels, per camera.
+    pub normalised: Vec<[f64; 2]>,
+    /// Point in space that fits the normalised coordinates.
     pub ray: Ray,
-    /// Per camera: what is followed from there.
-    pub templates: Vec<Arc<Large>>,
+    /// Templates to track from the pixels, per camera.
+    pub templates: Vec<Arc<FineTemplate>>,
 }
 
-/// All cameras' images at one instant, and the rig.
+/// Images of all active cameras at one instant.
 #[derive(Debug)]
-pub struct Stereo<'a> {
-    /// The rig.
-    pub geometry: &'a Geometry,
-    /// Thresholds.
-    pub settings: &'a Settings,
-    /// Per camera.
+pub struct StereoMatcher<'a> {
+    /// Geometry of the active cameras.
+    pub geometry: &'a RigGeometry,
+    /// Tests of a match.
+    pub settings: &'a MatchSettings,
+    /// Pyramids, per camera.
     pub pyramids: &'a [&'a Pyramid],
-    /// Per camera: the level that is searched.
-    pub fields: &'a [Field],
-    /// Which level that is.
+    /// Coarse level to search, per camera.
+    pub planes: &'a [ZnccPlane],
+    /// Number of the coarse level.
     pub level: usize,
 }
 
-/// A depth that explains the coarse images.
+/// Depth that explains the coarse images.
 #[derive(Clone, Debug)]
-struct Candidate {
+struct DepthCandidate {
     inverse_depth: f64,
-    /// Mean likeness at the coarse level, between its pixels.
+    /// Mean zncc at the coarse level, interpolated between its pixels.
     score: f32,
-    /// Per camera: where to look, px.
+    /// Starts of the refinement, px, per camera.
     starts: Vec<[f64; 2]>,
 }
 
-impl Candidate {
-    /// Whether the search would begin at nearly the same places.
-    fn leads_to(&self, starts: &[[f64; 2]]) -> bool {
+impl DepthCandidate {
+    /// Returns true if the refinement would start at nearly the same places.
+    fn has_starts(&self, starts: &[[f64; 2]]) -> bool {
         (self.starts.iter().zip(starts))
             .all(|(a, b)| (a[0] - b[0]).abs() < 1.0 && (a[1] - b[1]).abs() < 1.0)
     }
 }
 
-/// A corner of the reference image, ready to be looked for in the others.
-struct Corner {
+/// Templates of a corner of the reference image, for the refinement.
+struct CornerTemplates {
     at: [f64; 2],
-    /// From level 1 to the one below that which is searched.
-    coarse: Vec<Small>,
-    template: Box<Large>,
+    /// Templates from level 1 to the one below the coarse level.
+    coarse: Vec<CoarseTemplate>,
+    fine: Box<FineTemplate>,
 }
 
-/// A candidate at full resolution.
-struct Refined {
-    matched: Match,
-    likeness: f32,
+/// Match at full resolution, with its mean zncc.
+struct RefinedMatch {
+    matched: StereoMatch,
+    zncc: f32,
 }
 
-impl Stereo<'_> {
-    /// The views of what the reference camera sees at `corner`.
+impl StereoMatcher<'_> {
+    /// Matches the window of the reference camera at `corner`, px, in all other cameras.
     ///
     /// # Errors
-    /// Why there are none that can be trusted.
-    pub fn find(&self, corner: [f64; 2]) -> Result<Match, Reason> {
+    /// [`Reject`], if there is no match or more than one.
+    pub fn find(&self, corner: [f64; 2]) -> Result<StereoMatch, Reject> {
         let candidates = self.candidates(corner)?;
-        let corner = self.corner(corner).ok_or(Reason::Flat)?;
-        let mut best: Option<(Refined, f32)> = None;
+        let corner = self.templates(corner).ok_or(Reject::LowTexture)?;
+        let mut best: Option<(RefinedMatch, f32)> = None;
         let mut second = f32::NEG_INFINITY;
-        let mut failed: Option<(f32, Reason)> = None;
+        let mut failed: Option<(f32, Reject)> = None;
         for candidate in candidates {
             match self.refine(&corner, &candidate) {
-                Err(reason) => {
+                Err(reject) => {
                     if failed.is_none_or(|(score, _)| candidate.score > score) {
-                        failed = Some((candidate.score, reason));
+                        failed = Some((candidate.score, reject));
                     }
                 }
                 Ok(refined) => match &mut best {
                     Some((found, score)) => {
-                        // Two candidates may lead to the same place.
-                        let apart = (found.matched.ray.inverse_depth
+                        // Two candidates may converge to the same depth.
+                        let apart_px = (found.matched.ray.inverse_depth
                             - refined.matched.ray.inverse_depth)
                             * self.px_per_inverse_mm();
-                        if apart.abs() < 1.0 {
+                        if apart_px.abs() < 1.0 {
                             continue;
                         }
-                        second = second.max(found.likeness.min(refined.likeness));
-                        if refined.likeness > found.likeness {
+                        second = second.max(found.zncc.min(refined.zncc));
+                        if refined.zncc > found.zncc {
                             (*found, *score) = (refined, candidate.score);
                         }
                     }
@@ -148,79 +153,87 @@ impl Stereo<'_> {
             }
         }
         match (best, failed) {
-            (None, failed) => Err(failed.map_or(Reason::Unlike, |(_, reason)| reason)),
-            (Some((found, _)), _) if second > found.likeness - self.settings.rival_likeness => {
-                Err(Reason::Ambiguous)
+            (None, failed) => Err(failed.map_or(Reject::Dissimilar, |(_, reject)| reject)),
+            (Some((found, _)), _) if second > found.zncc - self.settings.rival_zncc_margin => {
+                Err(Reject::Ambiguous)
             }
-            // A better one that could not be refined: an occlusion, not a match.
-            (Some((_, score)), Some((better, reason))) if better > score + 0.05 => Err(reason),
+            // A better depth that could not be refined: the match is a mistake by occlusion.
+            (Some((_, score)), Some((better, reject))) if better > score + OCCLUSION_MARGIN => {
+                Err(reject)
+            }
             (Some((found, _)), _) => self.complete(corner, found.matched),
         }
     }
 
-    /// `None` if it cannot be looked for.
-    fn corner(&self, at: [f64; 2]) -> Option<Corner> {
+    /// Takes the templates of the refinement. Returns `None` without texture.
+    fn templates(&self, at: [f64; 2]) -> Option<CornerTemplates> {
         let levels = &self.pyramids[self.geometry.reference].levels;
         let coarse = (1..self.level).map(|level| {
             let scale = (1 << level) as f64;
-            Small::new(&levels[level], at.map(|c| (c / scale) as f32)).map(|template| *template)
+            CoarseTemplate::new(&levels[level], at.map(|c| (c / scale) as f32))
+                .map(|template| *template)
         });
-        Some(Corner {
+        Some(CornerTemplates {
             at,
             coarse: coarse.collect::<Option<_>>()?,
-            template: Large::new(&levels[0], at.map(|c| c as f32))?,
+            fine: FineTemplate::new(&levels[0], at.map(|c| c as f32))?,
         })
     }
 
-    /// Takes the templates that will be followed.
-    fn complete(&self, corner: Corner, mut matched: Match) -> Result<Match, Reason> {
-        let mut own = Some(corner.template);
+    /// Takes the templates to track from a match.
+    fn complete(
+        &self,
+        corner: CornerTemplates,
+        mut matched: StereoMatch,
+    ) -> Result<StereoMatch, Reject> {
+        let mut own = Some(corner.fine);
         for (k, pixel) in matched.pixels.iter().enumerate() {
             let template = if k == self.geometry.reference {
                 own.take()
             } else {
-                Large::new(&self.pyramids[k].levels[0], pixel.map(|p| p as f32))
+                FineTemplate::new(&self.pyramids[k].levels[0], pixel.map(|p| p as f32))
             };
             matched
                 .templates
-                .push(Arc::from(template.ok_or(Reason::Flat)?));
+                .push(Arc::from(template.ok_or(Reject::LowTexture)?));
         }
         Ok(matched)
     }
 
-    /// Disparity to the farthest camera per unit of inverse depth.
+    /// Disparity to the farthest camera per unit of inverse depth, px mm.
     fn px_per_inverse_mm(&self) -> f64 {
-        self.geometry.focal_px * self.geometry.reach_mm
+        self.geometry.focal_px * self.geometry.longest_baseline_mm
     }
 
-    /// All inverse depths that explain the coarse images nearly as well as the best one.
-    fn candidates(&self, corner: [f64; 2]) -> Result<Vec<Candidate>, Reason> {
+    /// Finds all inverse depths that explain the coarse images nearly as well as the best one.
+    fn candidates(&self, corner: [f64; 2]) -> Result<Vec<DepthCandidate>, Reject> {
         let scale = (1 << self.level) as f64;
         let reference = self.geometry.reference;
         let coarse = corner.map(|c| (c / scale).round());
-        let probe = self.fields[reference]
-            .probe(coarse[0] as i64, coarse[1] as i64)
-            .ok_or(Reason::Unlike)?;
+        let patch = self.planes[reference]
+            .patch(coarse[0] as i64, coarse[1] as i64)
+            .ok_or(Reject::Dissimilar)?;
         let at = self
             .geometry
             .normalise(reference, coarse.map(|c| c * scale));
         let step = 0.5 * scale / self.px_per_inverse_mm();
         let first = -BEYOND_INFINITY_PX / self.px_per_inverse_mm();
-        let last = LARGEST_DISPARITY * longer_side_px(self.geometry) / self.px_per_inverse_mm();
+        let last = MAX_DISPARITY * longer_side_px(self.geometry) / self.px_per_inverse_mm();
         let count = ((last - first) / step).ceil() as usize + 1;
 
+        // Mean correlation over the cameras that see the place, for every inverse depth.
         let cameras = self.geometry.cameras();
         let mut total = vec![0.0_f32; count];
         let mut seen = vec![0_u8; count];
-        let mut strips = Vec::with_capacity(cameras);
+        let mut lines = Vec::with_capacity(cameras);
         for k in (0..cameras).filter(|k| *k != reference) {
             let place = |h: usize| {
                 let pixel = self.geometry.transfer(k, at, first + step * h as f64);
                 pixel.map(|p| (p / scale) as f32)
             };
-            let strip = Strip::around(line(count, place), &self.fields[k], &probe);
-            strip.add_to(&mut total, &mut seen);
-            strips.push((k, strip));
+            let scores = EpipolarScores::around(line(count, place), &self.planes[k], &patch);
+            scores.add_to(&mut total, &mut seen);
+            lines.push((k, scores));
         }
         let others = self.geometry.cameras() as u8 - 1;
         let score: Vec<f32> = (total.iter().zip(&seen))
@@ -232,106 +245,112 @@ impl Stereo<'_> {
                 }
             })
             .collect();
+        // The best depth at which all cameras see the point.
         let complete = |h: &usize| seen[*h] == others;
         let best = (0..count)
             .filter(complete)
             .max_by(|a, b| score[*a].total_cmp(&score[*b]))
-            .ok_or(Reason::OutOfView)?;
-        if score[best] < self.settings.least_likeness - 0.15 {
-            return Err(Reason::Unlike);
+            .ok_or(Reject::OutOfView)?;
+        if score[best] < self.settings.min_zncc - COARSE_LOSS {
+            return Err(Reject::Dissimilar);
         }
+        // Local maxima nearly as good: candidates, with a sub-pixel start in every camera.
         let mut found = Vec::new();
-        for peak in peaks(&score, score[best] - RIVAL) {
+        for peak in peaks(&score, score[best] - RIVAL_MARGIN) {
             if complete(&peak) {
                 let inverse_depth = first + step * (peak as f64 + vertex(&score, peak));
                 let mut starts = vec![corner; cameras];
-                let mut likeness = 0.0;
-                for (k, strip) in &strips {
+                let mut zncc = 0.0;
+                for (k, scores) in &lines {
                     let on_line = self.geometry.transfer(*k, at, inverse_depth);
                     let (start, there) =
-                        strip.start(peak, on_line, scale, self.settings.view_residual_px);
-                    // From the probe's whole pixel to the corner itself.
+                        scores.start(peak, on_line, scale, self.settings.max_view_residual_px);
+                    // The patch was taken at a whole pixel: add the corner's fraction.
                     starts[*k] = [0, 1].map(|i| start[i] + corner[i] - scale * coarse[i]);
-                    likeness += there / f32::from(others);
+                    zncc += there / f32::from(others);
                 }
-                // Half steps of a rounded line may show one place as two peaks.
-                if !found.iter().any(|c: &Candidate| c.leads_to(&starts)) {
-                    found.push(Candidate {
+                // Half steps of a rounded line may give one place two peaks.
+                if !found.iter().any(|c: &DepthCandidate| c.has_starts(&starts)) {
+                    found.push(DepthCandidate {
                         inverse_depth,
-                        score: likeness,
+                        score: zncc,
                         starts,
                     });
                 }
-            } else if score[peak] > score[best] - HIDDEN_RIVAL {
-                return Err(Reason::Ambiguous);
+            } else if score[peak] > score[best] - HIDDEN_RIVAL_MARGIN {
+                return Err(Reject::Ambiguous);
             }
         }
-        let likest = found.iter().map(|c| c.score).fold(OUTSIDE, f32::max);
-        found.retain(|c| c.score > likest - CLOSE_RIVAL);
-        if found.len() > MOST_RIVALS {
-            return Err(Reason::Ambiguous);
+        let best_match = found.iter().map(|c| c.score).fold(OUTSIDE, f32::max);
+        found.retain(|c| c.score > best_match - CLOSE_RIVAL_MARGIN);
+        if found.len() > MAX_RIVALS {
+            return Err(Reject::Ambiguous);
         }
         Ok(found)
     }
 
-    /// The match at full resolution, checked by every test there is.
-    fn refine(&self, corner: &Corner, candidate: &Candidate) -> Result<Refined, Reason> {
+    /// Refines a candidate to full resolution and applies all tests to it.
+    fn refine(
+        &self,
+        corner: &CornerTemplates,
+        candidate: &DepthCandidate,
+    ) -> Result<RefinedMatch, Reject> {
         let geometry = self.geometry;
         let reference = geometry.reference;
         let at = geometry.normalise(reference, corner.at);
         let mut pixels = vec![corner.at; geometry.cameras()];
-        let mut views = vec![at; geometry.cameras()];
-        let mut likeness = 0.0;
+        let mut normalised = vec![at; geometry.cameras()];
+        let mut zncc = 0.0;
         for k in (0..geometry.cameras()).filter(|k| *k != reference) {
-            let warp = geometry.stretch(k, corner.at, candidate.inverse_depth);
+            // Lucas-Kanade from the candidate's start, coarse to fine.
+            let warp = geometry.warp(k, corner.at, candidate.inverse_depth);
             let mut place = candidate.starts[k].map(|p| p as f32);
             let levels = &self.pyramids[k].levels;
             for (level, template) in (1..self.level).zip(&corner.coarse).rev() {
                 let scale = (1 << level) as f32;
                 let start = place.map(|p| p / scale);
-                let found = template.find(&levels[level], start, warp, STEPS);
-                place = found.ok_or(Reason::Unlike)?.at.map(|p| p * scale);
+                let found = template.find(&levels[level], start, warp, MAX_STEPS);
+                place = found.ok_or(Reject::Dissimilar)?.at.map(|p| p * scale);
             }
-            let found = corner.template.find(&levels[0], place, warp, STEPS);
-            let found = found.ok_or(Reason::Unlike)?;
-            if found.likeness < self.settings.least_likeness {
-                return Err(Reason::Unlike);
-            }
-            if !(f64::from(found.miss) <= self.settings.return_px) {
-                return Err(Reason::NoReturn);
-            }
-            likeness += found.likeness / (geometry.cameras() - 1) as f32;
+            let found = corner.fine.find(&levels[0], place, warp, MAX_STEPS);
+            let found = found.ok_or(Reject::Dissimilar)?.checked(self.settings)?;
+            zncc += found.zncc / (geometry.cameras() - 1) as f32;
             pixels[k] = found.at.map(f64::from);
-            views[k] = geometry.normalise(k, pixels[k]);
+            normalised[k] = geometry.normalise(k, pixels[k]);
         }
-        check(geometry, self.settings, &views)?;
-        let ray = geometry.fit(&views);
-        if ray.inverse_depth * self.px_per_inverse_mm() < LEAST_DISPARITY_PX {
-            return Err(Reason::TooFar);
+        check(geometry, self.settings, &normalised)?;
+        // Multi-view fit of the inverse depth.
+        let ray = geometry.fit(&normalised);
+        if ray.inverse_depth * self.px_per_inverse_mm() < MIN_DISPARITY_PX {
+            return Err(Reject::TooFar);
         }
         let templates = Vec::with_capacity(geometry.cameras());
-        Ok(Refined {
-            matched: Match {
+        Ok(RefinedMatch {
+            matched: StereoMatch {
                 pixels,
-                views,
+                normalised,
                 ray,
                 templates,
             },
-            likeness,
+            zncc,
         })
     }
 }
 
-/// Constraint (3) and the vertical test on one point's views.
+/// Applies the paper's vertical test (2) and constraint (3) to one point's normalised coordinates.
 ///
 /// # Errors
-/// Which of the two failed.
-pub fn check(geometry: &Geometry, settings: &Settings, views: &[[f64; 2]]) -> Result<(), Reason> {
-    if geometry.vertical_offset_px(views) > settings.view_residual_px {
-        return Err(Reason::Vertical);
+/// [`Reject::Vertical`] or [`Reject::Disparity`].
+pub fn check(
+    geometry: &RigGeometry,
+    settings: &MatchSettings,
+    normalised: &[[f64; 2]],
+) -> Result<(), Reject> {
+    if geometry.vertical_offset_px(normalised) > settings.max_view_residual_px {
+        return Err(Reject::Vertical);
     }
-    if geometry.disparity_disagreement_px(views) > settings.view_residual_px {
-        return Err(Reason::Disparity);
+    if geometry.disparity_disagreement_px(normalised) > settings.max_view_residual_px {
+        return Err(Reject::Disparity);
     }
     Ok(())
 }

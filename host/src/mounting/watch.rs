@@ -1,8 +1,8 @@
 //! What the pictures of a target at rest say of the cameras' own motion.
 
 use super::fit::Sample;
-use crate::flow::{Flow, Refusal, Settings};
-use crate::images::Capture;
+use crate::flow::{Flow, FlowRefusal, FlowSettings};
+use crate::images::FrameSet;
 use crate::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
@@ -19,9 +19,9 @@ impl Watch {
     ///
     /// # Errors
     /// If the rig or the pictures cannot be used.
-    pub fn start(rig: &Rig, capture: &Capture) -> Result<Self, Refusal> {
-        let mut flow = Flow::new(rig, Settings::default())?;
-        flow.set_reference(capture)?;
+    pub fn start(rig: &Rig, capture: &FrameSet) -> Result<Self, FlowRefusal> {
+        let mut flow = Flow::new(rig, FlowSettings::default())?;
+        flow.set_keyframe(capture)?;
         Ok(Self {
             rig: rig.clone(),
             flow,
@@ -32,7 +32,7 @@ impl Watch {
     ///
     /// # Errors
     /// Why they show nothing, in words.
-    pub fn look(&self, position_mm: [f64; 3], capture: &Capture) -> Result<Sample, String> {
+    pub fn look(&mut self, position_mm: [f64; 3], capture: &FrameSet) -> Result<Sample, String> {
         let measured = self
             .flow
             .measure(capture)

@@ -7,7 +7,7 @@
 //! any noise.
 
 use super::trial::Posters;
-use crate::flow::{Flow, Settings};
+use crate::flow::{Flow, FlowSettings};
 use crate::images::{Pose, Scene, SceneError, SceneSettings, Shot, TextureKind};
 use crate::random::Random;
 use crate::sums::Sums;
@@ -69,10 +69,10 @@ pub fn run(seeds: u64, mut told: impl FnMut(f64)) -> Result<Vec<Phase>, SceneErr
                 let shot = Shot::of(pose, NOISE_GREY);
                 scene.shoot(&vec![shot; rig.cameras.len()], 0, random.next_u64())
             };
-            let Ok(mut flow) = Flow::new(&rig, Settings::default()) else {
+            let Ok(mut flow) = Flow::new(&rig, FlowSettings::default()) else {
                 continue;
             };
-            if flow.set_reference(&picture([0.0; 2])).is_err() {
+            if flow.set_keyframe(&picture([0.0; 2])).is_err() {
                 continue;
             }
             for phase in 0..PHASES {

@@ -2,8 +2,8 @@
 
 use super::scenario::{Cameras, Sight};
 use crate::experiment::{Error, frame};
-use crate::flow::{Flow, Settings, Track};
-use crate::images::{Capture, Image, Scene, SceneSettings, Texture};
+use crate::flow::{Correspondence, Flow, FlowSettings};
+use crate::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use crate::random::Random;
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::Sums as FrameSums;
@@ -54,8 +54,9 @@ impl Eyes {
                     ..SceneSettings::default()
                 };
                 let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
-                let mut flow = Flow::new(&rig, Settings::default()).map_err(Error::Reference)?;
-                flow.set_reference(&scene.render([0.0; 3], 0, capture_seed(seed, 0)))
+                let mut flow =
+                    Flow::new(&rig, FlowSettings::default()).map_err(Error::Reference)?;
+                flow.set_keyframe(&scene.render([0.0; 3], 0, capture_seed(seed, 0)))
                     .map_err(Error::Reference)?;
                 Kind::Rendered {
                     scene: Box::new(scene),
@@ -87,14 +88,14 @@ impl Eyes {
     ///
     /// # Errors
     /// Why there are none, in words.
-    pub fn see(&self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, String> {
+    pub fn see(&mut self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, String> {
         let seed = capture_seed(self.seed, number);
-        match &self.kind {
+        match &mut self.kind {
             Kind::Rendered { scene, flow } => {
-                self.measure(flow, &scene.render(relative_mm, number, seed))
+                Self::measure(flow, &self.rig, &scene.render(relative_mm, number, seed))
             }
             Kind::Points { noise_px, points } => {
-                let tracks = self.project(points, *noise_px, relative_mm, seed);
+                let tracks = Self::project(&self.rig, points, *noise_px, relative_mm, seed);
                 let sums = Sums::new(&self.rig, &tracks).and_then(|s| s.frame(Estimator::Midpoint));
                 sums.map_err(|refusal| refusal.to_string())
             }
@@ -105,24 +106,28 @@ impl Eyes {
     ///
     /// # Errors
     /// As it should: there is nothing to see.
-    pub fn see_occluder(&self, number: u64) -> Result<FrameSums, String> {
-        match &self.kind {
+    pub fn see_occluder(&mut self, number: u64) -> Result<FrameSums, String> {
+        match &mut self.kind {
             Kind::Rendered { scene, flow } => {
                 let seed = capture_seed(self.seed, number);
                 let noise = scene.settings().noise_grey;
-                self.measure(flow, &self.occluder(noise, number, seed))
+                Self::measure(
+                    flow,
+                    &self.rig,
+                    &Self::occluder(&self.rig, noise, number, seed),
+                )
             }
             Kind::Points { .. } => Err("no point is seen".to_owned()),
         }
     }
 
-    fn measure(&self, flow: &Flow, capture: &Capture) -> Result<FrameSums, String> {
-        let measured = frame::measure(flow, &self.rig, capture, Estimator::Midpoint);
+    fn measure(flow: &mut Flow, rig: &Rig, capture: &FrameSet) -> Result<FrameSums, String> {
+        let measured = frame::measure(flow, rig, capture, Estimator::Midpoint);
         measured.map(|(_, sums)| sums)
     }
 
-    fn occluder(&self, noise_grey: f64, number: u64, seed: u64) -> Capture {
-        let [width, height] = self.rig.image_size_px.map(|side| side as usize);
+    fn occluder(rig: &Rig, noise_grey: f64, number: u64, seed: u64) -> FrameSet {
+        let [width, height] = rig.image_size_px.map(|side| side as usize);
         let view = |camera: usize| {
             let mut random = Random::new(seed, camera as u64);
             // The cast clamps to 0..=255.
@@ -133,27 +138,27 @@ impl Eyes {
                 grey: (0..width * height).map(level).collect(),
             }
         };
-        Capture {
+        FrameSet {
             time_us: number,
-            views: (0..self.rig.cameras.len()).map(view).collect(),
+            images: (0..rig.cameras.len()).map(view).collect(),
         }
     }
 
     /// The points that lie within every camera's image.
     fn project(
-        &self,
+        rig: &Rig,
         points: &[([f64; 3], Vec<[f64; 2]>)],
         noise_px: f64,
         relative_mm: [f64; 3],
         seed: u64,
-    ) -> Vec<Track> {
+    ) -> Vec<Correspondence> {
         let mut random = Random::new(seed, 0);
-        let [width, height] = self.rig.image_size_px.map(f64::from);
+        let [width, height] = rig.image_size_px.map(f64::from);
         let inside = |[x, y]: [f64; 2]| (0.0..width).contains(&x) && (0.0..height).contains(&y);
         let mut tracks = Vec::with_capacity(points.len());
         for (point_mm, seen) in points {
             let now_mm = std::array::from_fn(|i| point_mm[i] + relative_mm[i]);
-            let cameras = self.rig.cameras.iter().zip(seen);
+            let cameras = rig.cameras.iter().zip(seen);
             let pixels: Vec<[[f64; 2]; 2]> = cameras
                 .map(|(camera, start)| {
                     let now = camera.project(now_mm);
@@ -162,7 +167,7 @@ impl Eyes {
                 .collect();
             let whole = pixels.iter().flatten().all(|pixel| inside(*pixel));
             if whole && now_mm[2] > 0.0 {
-                tracks.push(Track { pixels });
+                tracks.push(Correspondence::from_pixels(rig, pixels));
             }
         }
         tracks
@@ -206,7 +211,7 @@ mod tests {
             noise_grey: 2.0,
         };
         let spread = |sight: Sight| -> [f64; 3] {
-            let eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
+            let mut eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
             let seen: Vec<[f64; 3]> = (1..=30)
                 .map(|number| displacement_mm(&eyes.see(number, [0.3, -0.2, 0.4]).expect("seen")))
                 .collect();
@@ -237,7 +242,7 @@ mod tests {
         };
         let moved_mm = [3.0, -2.0, 5.0];
         for sight in [rendered, points] {
-            let eyes = Eyes::open(&cameras(sight), 3).expect("a scene");
+            let mut eyes = Eyes::open(&cameras(sight), 3).expect("a scene");
             let seen = displacement_mm(&eyes.see(7, moved_mm).expect("seen"));
             for (axis, bound) in [0.01, 0.01, 0.05].into_iter().enumerate() {
                 assert!((seen[axis] - moved_mm[axis]).abs() < bound, "{seen:?}");

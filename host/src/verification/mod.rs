@@ -19,7 +19,7 @@ pub mod view;
 
 use serde::Serialize;
 
-use crate::matching::geometry::Geometry;
+use crate::matching::geometry::RigGeometry;
 use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 use drive::Drive;
@@ -114,7 +114,7 @@ impl Verification {
         let view = View::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
         // Cameras in one place match nothing.
-        let matched = Geometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
+        let matched = RigGeometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
         let depths = depths(near, far)
             .into_iter()
             .map(|(depth, is_row)| at_depth(rig, &view, &settings, matched, (depth, is_row)))

@@ -3,7 +3,7 @@
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
 use super::{Bench, Options};
 use host::error::{Failure, InputError};
-use host::images::Capture;
+use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;
 use host::rig_file::{RigFile, Stage};
@@ -77,7 +77,7 @@ impl Bench for Real {
     }
 
     /// Waits for a capture that was not there when the stage came to rest.
-    fn look(&mut self) -> Result<Capture, Failure> {
+    fn look(&mut self) -> Result<FrameSet, Failure> {
         let before = self.names();
         let [x, y, z] = self.position_mm()?;
         notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
@@ -93,7 +93,7 @@ impl Bench for Real {
                 new.next_back().map(|(index, _)| index)
             });
             if let (Some(folder), Some(index)) = (&folder, newest)
-                && let Some(capture) = folder.captures().nth(index)
+                && let Some(capture) = folder.frame_sets().nth(index)
             {
                 match capture {
                     Ok(capture) => return Ok(capture),

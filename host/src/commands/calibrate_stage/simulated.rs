@@ -2,7 +2,7 @@
 
 use super::{Bench, Options, Pass};
 use host::error::Failure;
-use host::images::{Capture, Scene, Texture};
+use host::images::{FrameSet, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
 use host::station::stage::setpoint;
 use host::station::twin::Twin;
@@ -91,7 +91,7 @@ impl Bench for Simulated {
         Ok(Some(pass))
     }
 
-    fn look(&mut self) -> Result<Capture, Failure> {
+    fn look(&mut self) -> Result<FrameSet, Failure> {
         self.seed = self.seed.wrapping_mul(1_000_003).wrapping_add(1);
         let cameras_mm = self.mounted * Vector3::from(self.twin.position_mm());
         let relative_mm = (-cameras_mm).into();

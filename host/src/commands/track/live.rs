@@ -76,7 +76,7 @@ fn follow(
 ) -> Result<(), Failure> {
     use super::captures::Captures;
     use crate::commands::by_hand::on_interrupt;
-    use host::images::Capture;
+    use host::images::FrameSet;
     use host::images::cameras::device::V4l2;
     use host::images::cameras::live::Live;
     use host::images::cameras::stamp::Source;
@@ -120,7 +120,7 @@ fn follow(
     let end_us = options
         .seconds
         .map(|seconds| live.now_us() + (seconds * 1e6) as u64);
-    let is_in_time = |capture: &Result<Capture, InputError>| {
+    let is_in_time = |capture: &Result<FrameSet, InputError>| {
         let time_us = capture.as_ref().map_or(0, |capture| capture.time_us);
         end_us.is_none_or(|end_us| time_us < end_us)
     };

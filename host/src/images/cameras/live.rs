@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use super::matching::{Counts, Matching, Set};
 use crate::error::InputError;
-use crate::images::{Capture, Image};
+use crate::images::{FrameSet, Image};
 
 /// How long a capture may be awaited.
 pub const PATIENCE: Duration = Duration::from_secs(3);
@@ -280,7 +280,7 @@ fn micros(duration: Duration) -> u64 {
 }
 
 impl Iterator for Live {
-    type Item = Result<Capture, InputError>;
+    type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
@@ -290,9 +290,9 @@ impl Iterator for Live {
         let losses = std::mem::take(&mut self.shared.state().losses);
         losses.iter().for_each(&mut self.tell);
         self.failed = set.is_err();
-        Some(set.map(|set| Capture {
+        Some(set.map(|set| FrameSet {
             time_us: set.time_us(),
-            views: views(set),
+            images: views(set),
         }))
     }
 }

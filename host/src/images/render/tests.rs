@@ -122,7 +122,7 @@ fn noise_has_the_claimed_sigma_and_no_bias() {
             ..SceneSettings::default()
         };
         let scene = Scene::new(&Rig::paper(), &flat(128.3), settings).unwrap();
-        for view in scene.render([0.0; 3], 0, 9).views {
+        for view in scene.render([0.0; 3], 0, 9).images {
             let count = view.grey.len() as f64;
             let error = |&g: &u8| f64::from(g) - f64::from(128.3_f32);
             let bias = view.grey.iter().map(error).sum::<f64>() / count;
@@ -142,16 +142,16 @@ fn noise_differs_between_cameras_and_seeds_and_otherwise_repeats() {
     let again = scene.render([0.0; 3], 5, 1);
     let other = scene.render([0.0; 3], 5, 2);
     assert_eq!(first.time_us, 5);
-    assert_eq!(first.views, again.views);
-    assert_ne!(first.views[0], first.views[1]);
-    assert_ne!(first.views[0], other.views[0]);
+    assert_eq!(first.images, again.images);
+    assert_ne!(first.images[0], first.images[1]);
+    assert_ne!(first.images[0], other.images[0]);
 }
 
 #[test]
 fn a_poster_behind_the_cameras_is_not_seen() {
     let scene = Scene::new(&Rig::paper(), &flat(200.0), SceneSettings::default()).unwrap();
     for z in [-850.0, -2000.0, f64::NAN] {
-        for view in scene.render([0.0, 0.0, z], 0, 1).views {
+        for view in scene.render([0.0, 0.0, z], 0, 1).images {
             assert!(view.grey.iter().all(|&g| g == 0));
         }
     }
@@ -214,7 +214,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
 
 /// Centroid of what the first camera sees of the dot.
 fn centroid(scene: &Scene, shot: Shot) -> [f64; 2] {
-    let view = scene.shoot(&[shot; 3], 0, 1).views.remove(0);
+    let view = scene.shoot(&[shot; 3], 0, 1).images.remove(0);
     let mut sums = [0.0; 3];
     for (i, grey) in view.grey.iter().enumerate() {
         let pixel = [(i % 320) as f64, (i / 320) as f64];
@@ -284,7 +284,7 @@ fn gain_and_offset_change_the_light_and_not_the_noise() {
         offset_grey: 30.0,
         ..plain
     };
-    let [a, b] = [plain, lit].map(|s| scene.shoot(&[s; 3], 0, 1).views.remove(2));
+    let [a, b] = [plain, lit].map(|s| scene.shoot(&[s; 3], 0, 1).images.remove(2));
     for (a, b) in a.grey.iter().zip(&b.grey) {
         assert!((f64::from(*b) - (0.5 * f64::from(*a) + 30.0)).abs() <= 0.76);
     }

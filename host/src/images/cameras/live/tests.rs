@@ -97,7 +97,7 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
     }
     let capture = bench.live.next().unwrap().unwrap();
     assert_eq!(capture.time_us, (304_000 / 3) - 30_000);
-    assert_eq!(capture.views, [image(0), image(1), image(2)]);
+    assert_eq!(capture.images, [image(0), image(1), image(2)]);
 }
 
 /// As with a driver that stamps the start of the exposure.
@@ -126,7 +126,7 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
     bench.send(0, 20, 9);
     bench.settle([4, 4, 5]);
     let capture = bench.live.next().unwrap().unwrap();
-    assert_eq!(capture.views, [image(2), image(2), image(2)]);
+    assert_eq!(capture.images, [image(2), image(2), image(2)]);
     let tallies = bench.live.tallies();
     for (tally, arrived) in tallies.iter().zip([3, 4, 3]) {
         assert_eq!(tally.matching.arrived, arrived);
@@ -144,13 +144,13 @@ fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
         bench.send(camera, 100, 0);
     }
     let capture = bench.live.next().unwrap().unwrap();
-    assert!(capture.views.iter().all(|view| !view.is_missing()));
+    assert!(capture.images.iter().all(|view| !view.is_missing()));
     bench.senders[1] = channel().0;
     for camera in [0, 2] {
         bench.send(camera, 200, 1);
     }
     let capture = bench.live.next().unwrap().unwrap();
-    assert_eq!(capture.views, [image(1), Image::missing(), image(1)]);
+    assert_eq!(capture.images, [image(1), Image::missing(), image(1)]);
     assert_eq!(bench.told.try_recv().unwrap(), "/dev/middle: unplugged");
     bench.senders[2] = channel().0;
     let error = bench.live.next().unwrap().unwrap_err();
