@@ -87,7 +87,7 @@ fn main() {
 }
 
 fn stages() -> String {
-    PipelineStage::ALL.map(Stage::name).join(" | ")
+    PipelineStage::ALL.map(PipelineStage::name).join(" | ")
 }
 
 /// Times of one way to do it, ms.

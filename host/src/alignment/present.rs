@@ -4,15 +4,15 @@ use super::Alignment;
 use super::penalty::Cost;
 use crate::report::{Cell, Table};
 
-/// Offsets with a standard deviation above this are not what an alignment should reach, px.
+/// Largest standard deviation of an offset without a warning, px.
 pub const GOAL_PX: f64 = 0.02;
 
-/// A magnification is told when it is this many standard deviations from nothing,
+/// Least magnification with a warning, in standard deviations.
 const SIGNIFICANT: f64 = 5.0;
-/// and moves a point at the image's border by this much, px.
+/// Least effect of a magnification with a warning, at the image's border, px.
 const VISIBLE_PX: f64 = 0.1;
 
-/// Offsets and new principal points.
+/// Formats offsets and new principal points as a table.
 pub fn table(found: &Alignment) -> Table {
     let mut table = Table::new(
         "Datum offsets (the paper's Table 4), px",
@@ -39,7 +39,7 @@ pub fn table(found: &Alignment) -> Table {
     table
 }
 
-/// Names and values that are no table.
+/// Formats the results that are not in the table, as names and values.
 pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
     let [matched, all] = found.captures;
     let mut facts = vec![
@@ -105,7 +105,7 @@ fn unseen(found: &Alignment) -> String {
     )
 }
 
-/// What the user should know or do.
+/// Formats warnings for the user.
 pub fn warnings(found: &Alignment) -> Vec<String> {
     let mut warnings = Vec::new();
     let worst = found.cameras.iter().flat_map(|c| c.sigma_px);

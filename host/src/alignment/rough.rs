@@ -1,9 +1,9 @@
-//! Offsets of many pixels, to about one: corners are looked for far to either side of their
-//! epipolar lines, and the offset that most agree on wins.
+//! Rough offsets of many pixels, to about one pixel: corners are searched in a wide band around
+//! their epipolar lines, and the offset with most votes wins.
 
 use shared::rig::Rig;
 
-use super::Refusal;
+use super::AlignmentRefusal;
 use super::fit::{Point, Sample, corrected};
 use crate::images::{FrameSet, Image};
 use crate::matching::corner;
@@ -12,26 +12,26 @@ use crate::matching::pyramid::Pyramid;
 use crate::matching::zncc::{OUTSIDE, ZnccPatch, ZnccPlane};
 use crate::thread_pool::ThreadPool;
 
-/// The searched level's image is at most this wide, px.
+/// Largest width of the searched pyramid level, px.
 const WIDTH: usize = 240;
-/// Corners that are looked for in each capture.
+/// Number of corners per frame set.
 const CORNERS: usize = 150;
 /// Least correlation of a match that may vote.
 const MIN_ZNCC: f32 = 0.75;
-/// The largest disparity to any camera, in image widths.
+/// Largest disparity to any camera, in image widths.
 const LARGEST_DISPARITY: f64 = 0.5;
-/// Votes within this are for the same offset, px of the searched level.
+/// Largest distance of votes for the same offset, px of the searched level.
 const ALIKE_PX: f64 = 1.5;
-/// The fewest votes for an offset, and their least share of all.
+/// Least number of votes for an offset, and their least share of all.
 const LEAST_VOTES: usize = 8;
 const LEAST_SHARE: f64 = 0.15;
 
-/// `rig` with principal points that are right to about a pixel, as far as they can be seen.
+/// Corrects the principal points of `rig` to about a pixel, as far as the images show them.
 ///
 /// # Errors
-/// [`Refusal::WrongRig`], [`Refusal::NoRoughOffset`].
-pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, Refusal> {
-    let geometry = RigGeometry::new(rig).ok_or(Refusal::WrongRig)?;
+/// [`AlignmentRefusal::WrongRig`], [`AlignmentRefusal::NoRoughOffset`].
+pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, AlignmentRefusal> {
+    let geometry = RigGeometry::new(rig).ok_or(AlignmentRefusal::WrongRig)?;
     let level = (1..)
         .find(|level| rig.image_size_px[0] as usize >> level <= WIDTH)
         .unwrap_or(1);
@@ -53,7 +53,7 @@ pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, R
         .unwrap_or_default();
     let count = agreeing.len();
     if count < LEAST_VOTES || (count as f64) < LEAST_SHARE * samples.len() as f64 {
-        return Err(Refusal::NoRoughOffset {
+        return Err(AlignmentRefusal::NoRoughOffset {
             reach_px,
             agree: count,
             found: samples.len(),

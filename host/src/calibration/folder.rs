@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::board::Board;
-use super::find::{Found, find};
+use super::find::{FoundBoard, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
 use super::photographs::{self, Series};
-use super::rig::{self, Eye, Instant, RigSolution};
+use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
 use crate::error::InputError;
 use crate::images::folder::read_any;
@@ -19,10 +19,10 @@ use crate::rig_file::{RigFile, TRINOCULAR};
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
-/// What to look for and what to be content with.
+/// Board and limits of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// The chessboard.
+pub struct CalibrationSettings {
+    /// Chessboard in the images.
     pub board: Board,
     /// Half the window for refining corners, px; without, it follows the size of the squares.
     pub half_window: Option<usize>,
@@ -30,8 +30,8 @@ pub struct Settings {
     pub outlier: f64,
 }
 
-impl Settings {
-    /// The usual ones for a board.
+impl CalibrationSettings {
+    /// Creates the usual settings for a board.
     pub fn new(board: Board) -> Self {
         Self {
             board,
@@ -41,12 +41,12 @@ impl Settings {
     }
 }
 
-/// One camera, calibrated.
+/// Calibration of one camera.
 #[derive(Clone, Debug)]
 pub struct CameraResult {
-    /// Its name.
+    /// Name of the camera.
     pub name: String,
-    /// Names of its image files, in the order of `intrinsics.verdicts`.
+    /// Names of the image files, in the order of `intrinsics.verdicts`.
     pub files: Vec<String>,
     /// Width and height of its images, px.
     pub image_size_px: [u32; 2],
@@ -150,14 +150,14 @@ impl Calibration {
     }
 }
 
-/// Calibrates the cameras whose images are in `dir`. `progress` is told the share of images that
-/// have been looked at.
+/// Calibrates the cameras whose images are in `dir`. `progress` is called with the share of
+/// images that have been searched.
 ///
 /// # Errors
-/// If a camera or the rig cannot be calibrated; single bad images are rejected instead.
+/// [`InputError`] if a camera or the rig cannot be calibrated; single bad images are rejected.
 pub fn calibrate(
     dir: &Path,
-    settings: &Settings,
+    settings: &CalibrationSettings,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Calibration, InputError> {
     let series = photographs::list(dir)?;
@@ -200,9 +200,9 @@ pub fn calibrate(
 fn calibrate_camera(
     dir: &Path,
     series: &Series,
-    settings: &Settings,
+    settings: &CalibrationSettings,
     next: &mut dyn FnMut(),
-) -> Result<(CameraResult, Vec<Result<Found, String>>), InputError> {
+) -> Result<(CameraResult, Vec<Result<FoundBoard, String>>), InputError> {
     let mut size = None;
     let mut found = Vec::with_capacity(series.files.len());
     for (_, path) in &series.files {
@@ -240,27 +240,27 @@ fn calibrate_camera(
     ))
 }
 
-/// The largest residual of a camera by itself, px.
+/// Returns the largest residual of a camera on its own, px.
 fn own_rms_px(cameras: &[CameraResult]) -> f64 {
     let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
     // Corners without any error at all are no measure.
     own.fold(0.01, f64::max)
 }
 
-/// A picture that is there twice says nothing new, but would count as if it did.
-fn reject_repeated(files: &[String], found: &mut [Result<Found, String>]) {
+/// Rejects images that exist twice: they add no information, but would add weight.
+fn reject_repeated(files: &[String], found: &mut [Result<FoundBoard, String>]) {
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
         let [this, ..] = rest else { continue };
         // Noise moves every corner: to the last bit, only the same pixels give the same places.
-        let is_same = |other: &Result<Found, String>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        let is_same = |other: &Result<FoundBoard, String>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
         if let Some(first) = before.iter().position(is_same) {
             *this = Err(format!("the same picture as {}", files[first]));
         }
     }
 }
 
-/// The rejected images, together with those rejected for the same reason.
+/// Groups rejected images by the reason.
 fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
     let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
     for (file, verdict) in files.iter().zip(verdicts) {
@@ -283,8 +283,12 @@ fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// The board in one file; `size` is that of the camera's images, once one has been read.
-fn corners(path: &Path, settings: &Settings, size: &mut Option<[u32; 2]>) -> Result<Found, String> {
+/// Finds the board in one file. `size` is the size of the camera's images, once one has been read.
+fn corners(
+    path: &Path,
+    settings: &CalibrationSettings,
+    size: &mut Option<[u32; 2]>,
+) -> Result<FoundBoard, String> {
     let image = read_any(path).map_err(|error| error.reason)?;
     let own = [image.width, image.height].map(|side| side as u32);
     let [width, height] = *size.get_or_insert(own);
@@ -301,10 +305,10 @@ fn place(
     dir: &Path,
     cameras: &[CameraResult],
     instants: &[Instant],
-    settings: &Settings,
+    settings: &CalibrationSettings,
 ) -> Result<RigSolution, InputError> {
     let [first, ..] = cameras else {
-        return Err(InputError::file(dir, rig::Refusal::Count(0).to_string()));
+        return Err(InputError::file(dir, rig::RigRefusal::Count(0).to_string()));
     };
     let size = first.image_size_px;
     if let Some(other) = cameras.iter().find(|camera| camera.image_size_px != size) {
@@ -321,9 +325,9 @@ fn place(
         .iter()
         .position(|camera| camera.name == TRINOCULAR[1]);
     let reference = middle.unwrap_or(0);
-    let eyes: Vec<Eye> = cameras
+    let eyes: Vec<RigCamera> = cameras
         .iter()
-        .map(|camera| Eye {
+        .map(|camera| RigCamera {
             lens: camera.intrinsics.lens,
             covariance: camera.intrinsics.covariance.clone(),
         })
@@ -347,7 +351,7 @@ fn place(
     }
     placed.map_err(|refusal| {
         let reason = match &refusal {
-            rig::Refusal::Apart { camera, instants } => format!(
+            rig::RigRefusal::Apart { camera, instants } => format!(
                 "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
                 cameras[*camera].name, cameras[reference].name, rig::LEAST_INSTANTS
             ),

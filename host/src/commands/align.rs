@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use host::alignment::{Alignment, Settings, present, rewrite};
+use host::alignment::{Alignment, AlignmentSettings, present, rewrite};
 use host::error::{Failure, InputError};
 use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -56,7 +56,7 @@ pub struct Options {
     depth: Option<f64>,
 
     /// Largest offset that is looked for, px
-    #[arg(long, value_name = "PX", default_value_t = Settings::default().reach_px)]
+    #[arg(long, value_name = "PX", default_value_t = AlignmentSettings::default().reach_px)]
     reach: f64,
 
     /// Use at most so many captures, evenly spread
@@ -96,7 +96,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn settings(options: &Options) -> Result<Settings, Failure> {
+fn settings(options: &Options) -> Result<AlignmentSettings, Failure> {
     let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
     if !(options.reach >= 1.0 && options.reach <= 500.0) {
         return usage("--reach must be from 1 to 500 px");
@@ -104,7 +104,7 @@ fn settings(options: &Options) -> Result<Settings, Failure> {
     if (options.depth).is_some_and(|depth| !(1.0..=1e6).contains(&depth)) {
         return usage("--depth must be from 1 to 1000000 mm");
     }
-    Ok(Settings {
+    Ok(AlignmentSettings {
         reach_px: options.reach,
         depth_mm: options.depth,
     })

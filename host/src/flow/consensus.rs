@@ -159,9 +159,10 @@ impl PointFlow {
     }
 }
 
-/// The displacement that explains point_flows in one camera: `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in
-/// it. Reweighted (Tukey's biweight at four times the median, never below `least`), so that nearly
-/// half of them may be wrong.
+/// Fits a displacement to the flow of one camera, robust against nearly half of the points.
+///
+/// `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in the displacement. Iteratively reweighted least squares
+/// with Tukey's biweight, zero at four times the median residual and never below `least`.
 pub fn fit(point_flows: &[PointFlow], start_mm: [f64; 3], least: f64) -> Option<[f64; 3]> {
     let mut displacement = least_median(point_flows, start_mm)?;
     for _ in 0..8 {

@@ -8,8 +8,8 @@
 //!
 //! ```text
 //! own = Σ |R_i|² / Σ |r_ik|²                          1 if cameras err independently
-//! ρ   = Σ' s_ij R_i·R_j / (Σ' s_ij² Σ |R_i|²/N)       pairs of different points; 1 if all error is
-//!                                                     noise, evenly spread over windows
+//! ρ   = Σ' s_ij R_i·R_j / (Σ' s_ij² Σ |R_i|²/N)       pairs of different points;
+//!                                                     1 if all error is noise of windows
 //! factor = own (1 + ρ Σ' s_ij / N)
 //! ```
 //!

@@ -4,7 +4,7 @@ use super::condition::{Change, Condition, Failure};
 use crate::flow::CameraRefusal;
 use crate::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
 use crate::images::{
-    FrameSet, Image, Pose, Scene, SceneError, SceneSettings, Shot, Texture, TextureKind,
+    Exposure, FrameSet, Image, Pose, Scene, SceneError, SceneSettings, Texture, TextureKind,
 };
 use crate::random::Random;
 use crate::sums::Sums;
@@ -162,8 +162,8 @@ impl<'a> Bench<'a> {
         let cameras = self.rig.cameras.len();
         let which = self.random.below(cameras);
 
-        let still = Shot::of(Pose::default(), noise_grey);
-        let mut shots = vec![Shot::of(Pose::at(moved), noise_grey); cameras];
+        let still = Exposure::of(Pose::default(), noise_grey);
+        let mut shots = vec![Exposure::of(Pose::at(moved), noise_grey); cameras];
         let random = &mut self.random;
         match self.condition.change {
             Change::Light { per_camera } => {
@@ -201,8 +201,8 @@ impl<'a> Bench<'a> {
             }
             Change::Nothing | Change::Cover { .. } | Change::Replaced | Change::Fail(_) => {}
         }
-        let mut before = self.scene.shoot(&vec![still; cameras], 0, seed);
-        let mut now = self.scene.shoot(&shots, 33_333, seed ^ 1);
+        let mut before = self.scene.render_exposures(&vec![still; cameras], 0, seed);
+        let mut now = self.scene.render_exposures(&shots, 33_333, seed ^ 1);
         match (self.condition.change, &self.other) {
             (Change::Cover { own, .. }, Some(cover)) => {
                 let own = if own {
@@ -210,13 +210,15 @@ impl<'a> Bench<'a> {
                 } else {
                     self.motion_of_cover(moved)
                 };
-                let front = cover.shoot(&vec![still; cameras], 0, seed ^ 2);
+                let front = cover.render_exposures(&vec![still; cameras], 0, seed ^ 2);
                 self.cover(&mut before, front, [0.0; 3]);
-                let shot = Shot::of(Pose::at(own), noise_grey);
-                let front = cover.shoot(&vec![shot; cameras], 0, seed ^ 3);
+                let shot = Exposure::of(Pose::at(own), noise_grey);
+                let front = cover.render_exposures(&vec![shot; cameras], 0, seed ^ 3);
                 self.cover(&mut now, front, own);
             }
-            (Change::Replaced, Some(other)) => now = other.shoot(&shots, 33_333, seed ^ 1),
+            (Change::Replaced, Some(other)) => {
+                now = other.render_exposures(&shots, 33_333, seed ^ 1)
+            }
             (Change::Fail(failure), _) => {
                 let view = &mut now.images[which];
                 match failure {

@@ -10,7 +10,7 @@ use shared::rig::Rig;
 
 use super::CameraFile;
 use super::yaml::Place;
-use crate::calibration::stand::{Stand, doubts, placed};
+use crate::calibration::stand::{CameraPose, doubts, placed};
 use crate::error::InputError;
 use crate::rig_file::RigFile;
 
@@ -66,7 +66,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
     }
     let names: Vec<String> = members.iter().map(|member| member.name.clone()).collect();
     let known: Vec<&str> = names.iter().map(String::as_str).collect();
-    let doubts = doubts(&known, &stands, &vec![Stand::default(); stands.len()]);
+    let doubts = doubts(&known, &stands, &vec![CameraPose::default(); stands.len()]);
     let cameras = stands.iter().zip(members);
     let cameras = cameras.map(|(stand, member)| stand.camera(&member.file.lens));
     let rig = Rig {

@@ -78,7 +78,7 @@ fn follow(
     use crate::commands::by_hand::on_interrupt;
     use host::images::FrameSet;
     use host::images::cameras::device::V4l2;
-    use host::images::cameras::live::Live;
+    use host::images::cameras::live::LiveCameras;
     use host::images::cameras::stamp::Source;
     use host::notice;
     use std::time::Duration;
@@ -105,7 +105,7 @@ fn follow(
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
+    let mut live = LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
