@@ -336,7 +336,8 @@ impl<'a> Regression<'a> {
         }
     }
 
-    /// Roll and magnification from the slopes across the line of cameras. `first` is the camera's x component.
+    /// Roll and magnification from the slopes across the line of cameras. `first` is the camera's x
+    /// component.
     fn turn(&self, first: usize, [lx, ly]: [f64; 2], overlap: f64) -> RollFit {
         let (x, y) = (&self.planes[first], &self.planes[first + 1]);
         let across = y * lx - x * ly;

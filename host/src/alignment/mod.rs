@@ -1,8 +1,8 @@
 //! Principal-point alignment of a rig from images of any textured scene: the paper's section 4.1.
 //!
 //! A principal point that is off by `δ_k` px moves all points of camera `k` by `e_k = δ_k/f_k`.
-//! Between parallel cameras in a plane the positions of one point are `ξ_k = α - ρ c_k + e_k`, with the
-//! point's direction `α`, inverse depth `ρ` and the camera positions `c_k`. Fitting `α` and `ρ`
+//! Between parallel cameras in a plane the positions of one point are `ξ_k = α - ρ c_k + e_k`, with
+//! the point's direction `α`, inverse depth `ρ` and the camera positions `c_k`. Fitting `α` and `ρ`
 //! leaves a residual that is the same for every point of every scene: the part of `e` that is
 //! neither a common shift nor proportional to `c`. For the paper's three cameras these are its two
 //! tests: equal heights (eq. 2), and disparities in the ratio of the baselines (eq. 3).
@@ -286,8 +286,8 @@ fn refine(
     })
 }
 
-/// Returns points matched in all cameras, the mean overlap of their windows, and the number of frame
-/// sets that could be matched.
+/// Returns points matched in all cameras, the mean overlap of their windows, and the number of
+/// frame sets that could be matched.
 fn matched(
     rig: &Rig,
     frame_sets: &[FrameSet],

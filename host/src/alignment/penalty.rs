@@ -46,9 +46,9 @@ pub struct Penalty {
 const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
 
 impl Penalty {
-    /// Computes the errors for targets at `depth_mm`, with the principal points of `assumed` instead
-    /// of those of `found`, which are right within `sigma_px`. Without a known depth, the common
-    /// error of all disparities is left out.
+    /// Computes the errors for targets at `depth_mm`, with the principal points of `assumed`
+    /// instead of those of `found`, which are right within `sigma_px`. Without a known depth, the
+    /// common error of all disparities is left out.
     pub fn of(
         assumed: &Rig,
         found: &Rig,

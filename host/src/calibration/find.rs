@@ -9,7 +9,8 @@ use super::{blur, homography, refine};
 use crate::images::Image;
 use crate::matching::pyramid::Pyramid;
 
-/// Ratio of half the refinement window to the distance to the nearest edge that is not the corner's own.
+/// Ratio of half the refinement window to the distance to the nearest edge that is not the corner's
+/// own.
 ///
 /// Measured on photographs whose outer squares are cut to a third of their size: larger windows see
 /// the board's border.

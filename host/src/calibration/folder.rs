@@ -13,8 +13,8 @@ use crate::error::InputError;
 use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
-/// How many times as large as the worst camera's own residual the rig's may be before it is worth a
-/// warning, and before there is no rig. Images that were taken a hand's tremor apart are beyond the
+/// Largest residual of a rig without a warning, and with a rig at all, in multiples of the worst
+/// camera's own residual. Images that were taken a hand's tremor apart are beyond the
 /// first, those of different instants far beyond the second.
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
@@ -50,7 +50,7 @@ pub struct CameraResult {
     pub files: Vec<String>,
     /// Width and height of its images, px.
     pub image_size_px: [u32; 2],
-    /// What came out.
+    /// Intrinsics of the camera.
     pub intrinsics: Intrinsics,
 }
 
@@ -59,9 +59,9 @@ pub struct CameraResult {
 pub struct Calibration {
     /// The cameras; left, middle, right first.
     pub cameras: Vec<CameraResult>,
-    /// What the instants of `rig.instants` are called.
+    /// Names of the instants of `rig.instants`.
     pub instants: Vec<String>,
-    /// Where the cameras are, if there is more than one.
+    /// Poses of the cameras, if there is more than one.
     pub rig: Option<RigSolution>,
 }
 
@@ -90,7 +90,7 @@ impl Calibration {
         })
     }
 
-    /// What a user should know about the rig before trusting it.
+    /// Formats warnings about the rig for the user.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
         /// Beyond this share of a focal length every depth is as uncertain.

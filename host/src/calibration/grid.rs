@@ -28,8 +28,8 @@ pub struct Member {
     /// True if the square between the two positive directions is bright.
     pub is_bright: bool,
     saddle: usize,
-    /// Directions in which the cells' first and second coordinate grow, rad; the second is clockwise from the
-    /// first on the screen.
+    /// Directions in which the cells' first and second coordinate grow, rad; the second is
+    /// clockwise from the first on the screen.
     axes: [f64; 2],
 }
 
@@ -88,8 +88,8 @@ fn grow(plane: &Plane, saddles: &[Saddle], seed: usize) -> Grid {
     grid
 }
 
-/// Predicts the step from `cell` to `target` by its neighbours: the one before or, at the end of a row, the
-/// ones in the neighbouring rows.
+/// Predicts the step from `cell` to `target` by its neighbours: the one before or, at the end of a
+/// row, the ones in the neighbouring rows.
 fn known_step_px(grid: &Grid, cell: [i32; 2], target: [i32; 2]) -> Option<f64> {
     let [di, dj] = [0, 1].map(|i| target[i] - cell[i]);
     let shifted = |cell: [i32; 2], i: i32, j: i32| [cell[0] + i, cell[1] + j];

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! image -> saddle -> grid -> refine -> corners                       (find: one image)
-//! corners -> homography -> lens, poses -> adjust -> Intrinsics       (intrinsics: one camera, Zhang's method)
-//! corners of one instant, lenses -> adjust -> RigSolution            (rig: where the cameras are and how they are turned)
+//! corners -> homography -> lens, poses -> adjust -> Intrinsics     (intrinsics: one camera)
+//! corners of one instant, lenses -> adjust -> RigSolution          (rig: poses of the cameras)
 //! ```
 //!
 //! * [`board`] numbers the corners; [`find`] finds them in an image;

@@ -108,8 +108,8 @@ impl RigSolution {
     }
 }
 
-/// Solves the poses of the cameras. Instants whose residual is larger than `outlier` times the median instant's
-/// are left out.
+/// Solves the poses of the cameras. Instants whose residual is larger than `outlier` times the
+/// median instant's are left out.
 ///
 /// # Errors
 /// [`RigRefusal`], with the reason.
@@ -234,7 +234,8 @@ fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighti
     all
 }
 
-/// Initial motions from the reference camera's axes to each camera's: medians over the instants that both saw.
+/// Initial motions from the reference camera's axes to each camera's: medians over the instants
+/// that both saw.
 fn initial_motions(
     count: usize,
     reference: usize,

@@ -8,8 +8,8 @@
 /// Variance that sampling by [`Surface::at`] adds to any blur, in squared sample distances.
 pub(super) const VARIANCE: f64 = 1.0 / 3.0;
 
-/// Computes the four weights at the fraction `0 <= t < 1` of the way from the second sample to the third.
-/// Their sum is 1.
+/// Computes the four weights at the fraction `0 <= t < 1` of the way from the second sample to the
+/// third. Their sum is 1.
 pub(super) fn weights(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);

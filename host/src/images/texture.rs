@@ -83,8 +83,8 @@ impl Texture {
         Self::drawn(clouds.iter().map(|c| 128.0 + 42.0 * c).collect())
     }
 
-    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by slight
-    /// grain.
+    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by
+    /// slight grain.
     pub fn bricks(seed: u64) -> Self {
         let (wide, high, mortar) = (128, 64, 10);
         let grain = noise::octaves(SIZE, &[4, 8], &mut Random::new(seed, 3));
@@ -97,8 +97,8 @@ impl Texture {
         Self::drawn((0..SIZE * SIZE).map(texel).collect())
     }
 
-    /// Draws black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals every
-    /// other.
+    /// Draws black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals
+    /// every other.
     pub fn grid() -> Self {
         let (pitch, line) = (64, 8);
         let texel = |i: usize| {

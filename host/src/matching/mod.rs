@@ -42,7 +42,8 @@
 //! let [before, now] = [0, 3].map(|by| Pyramid::new(&shifted(by), 1));
 //! let template = FineTemplate::new(&before.levels[0], [30.0, 32.0]).expect("texture");
 //! let unwarped = [[1.0, 0.0], [0.0, 1.0]];
-//! let found = template.find(&now.levels[0], [32.0, 32.0], unwarped, 20).expect("the shifted place");
+//! let found = template.find(&now.levels[0], [32.0, 32.0], unwarped, 20);
+//! let found = found.expect("the shifted place");
 //! assert!((found.at[0] - 33.0).abs() < 0.05 && found.zncc > 0.99);
 //! ```
 

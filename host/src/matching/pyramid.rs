@@ -64,8 +64,8 @@ fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [
     }
 }
 
-/// Filters along a row at every `STEP`th place and divides by 256. The two first and two last values
-/// of the row lie beyond the image.
+/// Filters along a row at every `STEP`th place and divides by 256. The two first and two last
+/// values of the row lie beyond the image.
 #[inline(always)]
 fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, out: &mut [f32]) {
     let count = (out.len() - 1) * STEP + 1;

@@ -21,7 +21,7 @@ pub struct Member {
     pub path: PathBuf,
     /// The camera's name.
     pub name: String,
-    /// What the file says.
+    /// Content of the file.
     pub file: CameraFile,
     /// Right and down of the rig's origin, mm; counts instead of what the file says.
     pub offset_mm: Option<[f64; 2]>,

@@ -38,7 +38,7 @@ const BUFFERS: u32 = 5;
 /// More buffers no driver has (V4L2's `VIDEO_MAX_FRAME`).
 const MOST_BUFFERS: usize = 32;
 
-/// How long one waits for a picture before one looks whether it is still wanted, ms.
+/// Longest wait for an image before the next check for the end, ms.
 const WAIT_MS: i32 = 100;
 
 /// Who is told what the pictures' times are: with the first picture, and when that changes.
@@ -89,12 +89,12 @@ impl V4l2 {
         })
     }
 
-    /// How its pixels come.
+    /// Returns the pixel format.
     pub fn format(&self) -> Format {
         self.format
     }
 
-    /// Whether there is a picture, or there will be none any more.
+    /// Returns true if an image is ready, or the camera will deliver none any more.
     fn is_ready_within(&self, wait_ms: i32) -> io::Result<bool> {
         match self
             .stream

@@ -91,8 +91,8 @@ impl Shared {
     }
 }
 
-/// Running cameras: an iterator of frame sets that ends on the stop flag or after an error. Dropping
-/// it ends the threads, each after its present [wait](Camera::next_image).
+/// Running cameras: an iterator of frame sets that ends on the stop flag or after an error.
+/// Dropping it ends the threads, each after its present [wait](Camera::next_image).
 pub struct LiveCameras {
     shared: Arc<Shared>,
     paths: Vec<PathBuf>,
@@ -104,8 +104,8 @@ pub struct LiveCameras {
 }
 
 impl LiveCameras {
-    /// Starts the cameras, which are in the rig's order. Images within `window` of each other are of
-    /// one instant; each was taken `delay_us` before its time stamp, or after it if that is
+    /// Starts the cameras, which are in the rig's order. Images within `window` of each other are
+    /// of one instant; each was taken `delay_us` before its time stamp, or after it if that is
     /// negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
     /// camera is lost while others carry on.
     ///
@@ -162,7 +162,7 @@ impl LiveCameras {
         micros(self.started.elapsed())
     }
 
-    /// What became of the pictures, camera by camera.
+    /// Returns the fate of the images, camera by camera.
     pub fn tallies(&self) -> Vec<Tally> {
         let state = self.shared.state();
         let counts = state.matching.counts().iter();
@@ -175,7 +175,7 @@ impl LiveCameras {
             .collect()
     }
 
-    /// Why no capture came for so long.
+    /// Reason why no frame set came within the patience.
     fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
         let waited = self.patience.as_secs();
         let silent = (state.matching.counts().iter())

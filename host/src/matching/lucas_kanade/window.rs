@@ -41,7 +41,8 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
         &self.plane.grey[self.start + r * self.plane.stride..][..W + 3]
     }
 
-    /// Reads grey levels and both derivatives of the interpolated image. Columns beyond `N` are zero.
+    /// Reads grey levels and both derivatives of the interpolated image. Columns beyond `N` are
+    /// zero.
     #[inline(always)]
     pub fn read(&self, grey: &mut Grid<N, W>, along: &mut Grid<N, W>, down: &mut Grid<N, W>) {
         let (wx, sx) = (weights(self.fraction[0]), slopes(self.fraction[0]));
