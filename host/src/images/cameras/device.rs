@@ -22,7 +22,7 @@ use rustix::time::{ClockId, clock_gettime};
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::io::mmap::Stream;
 use v4l::io::traits::{CaptureStream, Stream as _};
-use v4l::video::FrameSet;
+use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Fraction};
 
