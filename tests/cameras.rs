@@ -40,7 +40,7 @@ fn pictures() -> &'static [Vec<u8>; 3] {
         let mut pictures = [const { Vec::new() }; 3];
         for n in 0..=MOVING {
             let capture = scene.render(target_mm(n), 0, n as u64);
-            for (pictures, view) in pictures.iter_mut().zip(capture.views) {
+            for (pictures, view) in pictures.iter_mut().zip(capture.images) {
                 pictures.extend(view.grey);
             }
         }

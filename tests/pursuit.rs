@@ -3,8 +3,8 @@
 //! waited for.
 
 use host::client::stage::default_stage;
-use host::flow::team::Absence;
-use host::images::{Capture, Image, Scene, SceneSettings, Texture};
+use host::flow::CameraRefusal;
+use host::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use host::servo::frame_sets::{CaptureClock, FrameSetServo};
 use host::servo::station_link::{StationLink, StationPlace};
 use host::servo::visual_servo::ServoOutcome;
@@ -41,7 +41,7 @@ impl Bench {
     }
 
     /// What the cameras see now of a target at `target_mm`.
-    fn capture(&self, target_mm: [f64; 3], time_us: u64) -> Capture {
+    fn capture(&self, target_mm: [f64; 3], time_us: u64) -> FrameSet {
         let camera_mm = self.servo.station().position_mm();
         let relative_mm = std::array::from_fn(|i| target_mm[i] - camera_mm[i]);
         self.scene.render(relative_mm, time_us, time_us)
@@ -155,7 +155,7 @@ fn a_lost_camera_is_named_and_the_others_carry_on() {
     for number in 0..10 {
         let mut capture = bench.capture([0.0; 3], number * PERIOD_US);
         if number >= 5 {
-            capture.views[2] = Image::missing();
+            capture.images[2] = Image::missing();
         }
         let followed = bench.servo.follow(&capture).expect("a station");
         let Some(followed) = followed else {
@@ -168,7 +168,7 @@ fn a_lost_camera_is_named_and_the_others_carry_on() {
         match turn.absent.as_slice() {
             [] => assert!(number < 5, "{number}: nothing said"),
             absent => assert!(
-                number >= 5 && absent == [(2, Absence::Missing)],
+                number >= 5 && absent == [(2, CameraRefusal::Missing)],
                 "{absent:?}"
             ),
         }

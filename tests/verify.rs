@@ -2,7 +2,7 @@
 
 use host::budget::sigma::{MARGIN_PX, Predictor};
 use host::field_of_view::FieldOfView;
-use host::flow::{Flow, Settings};
+use host::flow::{Flow, FlowSettings};
 use host::images::{Scene, SceneSettings, Texture};
 use host::sums::Sums;
 use shared::estimate::midpoint;
@@ -19,15 +19,15 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
         ..SceneSettings::default()
     };
     let scene = Scene::new(&rig, texture, settings).expect("a scene");
-    let mut flow = Flow::new(&rig, Settings::default()).expect("a rig");
-    flow.set_reference(&scene.render([0.0; 3], 0, 1))
+    let mut flow = Flow::new(&rig, FlowSettings::default()).expect("a rig");
+    flow.set_keyframe(&scene.render([0.0; 3], 0, 1))
         .expect("texture");
     let seen = flow.measure(&scene.render([2.0, -1.0, 1.0], 0, 2));
     let seen = seen.expect("a small move");
     let sums = Sums::of(&rig, &seen).expect("a rig");
     let stated = midpoint::solve(&sums.centred).expect("points");
     let view = FieldOfView::new(&rig, MARGIN_PX);
-    let points = u32::try_from(seen.tracks.len()).expect("a few hundred");
+    let points = u32::try_from(seen.correspondences.len()).expect("a few hundred");
     let predicted = Predictor::new(&rig, &view, depth_mm, stated.sigma_px)
         .expect("a common view")
         .predict(points);

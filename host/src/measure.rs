@@ -1,7 +1,7 @@
 //! From the images of one instant to flow sums.
 
 use crate::flow::{self, Flow, Measurement};
-use crate::images::Capture;
+use crate::images::FrameSet;
 use crate::sums::Sums;
 use shared::estimate;
 use shared::rig::Rig;
@@ -11,7 +11,7 @@ use shared::rig::Rig;
 pub enum MeasureRefusal {
     /// The images show no displacement from the keyframe.
     #[error(transparent)]
-    Flow(#[from] flow::Refusal),
+    Flow(#[from] flow::FlowRefusal),
     /// The correspondences give no sums for the estimator.
     #[error(transparent)]
     Sums(#[from] estimate::Refusal),
@@ -25,9 +25,9 @@ pub enum MeasureRefusal {
 /// # Errors
 /// [`MeasureRefusal`] with the stage that refused.
 pub fn measure(
-    flow: &Flow,
+    flow: &mut Flow,
     rig: &Rig,
-    capture: &Capture,
+    capture: &FrameSet,
 ) -> Result<(Measurement, Sums), MeasureRefusal> {
     let measured = flow.measure(capture)?;
     let sums = Sums::of(rig, &measured)?;

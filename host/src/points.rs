@@ -20,7 +20,7 @@ use std::collections::hash_map::Entry;
 use std::path::Path;
 
 use crate::error::InputError;
-use crate::flow::Track;
+use crate::flow::Correspondence;
 use crate::input::{self, Limit};
 use crate::printable::printable_up_to;
 use crate::rig_file::RigFile;
@@ -45,7 +45,7 @@ const QUOTED: usize = 60;
 #[derive(Clone, Debug)]
 pub struct Points {
     /// The points that every camera has seen.
-    pub tracks: Vec<Track>,
+    pub correspondences: Vec<Correspondence>,
     /// Points that some camera has not seen.
     pub rejected: usize,
 }
@@ -328,11 +328,14 @@ impl<'a> Collector<'a> {
                 .into_iter()
                 .map(|seen| seen.map(|s| s.pixels))
                 .collect();
-            pixels.map(|pixels| Track { pixels })
+            pixels.map(|pixels| Correspondence::from_pixels(&self.rig.rig, pixels))
         });
-        let tracks: Vec<Track> = complete.collect();
-        let rejected = count - tracks.len();
-        Ok(Points { tracks, rejected })
+        let correspondences: Vec<Correspondence> = complete.collect();
+        let rejected = count - correspondences.len();
+        Ok(Points {
+            correspondences,
+            rejected,
+        })
     }
 }
 

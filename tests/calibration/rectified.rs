@@ -1,7 +1,7 @@
 //! A rig whose cameras are turned by a degree or two measures like a parallel one, if its file says
 //! how they are turned.
 
-use host::flow::{Flow, Settings, Track};
+use host::flow::{Correspondence, Flow, FlowSettings};
 use host::images::{Scene, SceneSettings, Texture};
 use host::sums::Sums;
 use shared::rig::{Rig, Rotation};
@@ -24,8 +24,8 @@ fn turned_rig() -> Rig {
     rig
 }
 
-fn displacement(rig: &Rig, tracks: &[Track]) -> [f64; 3] {
-    let sums = Sums::new(rig, tracks).expect("a rig of three cameras");
+fn displacement(rig: &Rig, points: &[Correspondence]) -> [f64; 3] {
+    let sums = Sums::new(rig, points).expect("a rig of three cameras");
     sums.estimates()
         .midpoint
         .expect("points enough")
@@ -47,21 +47,17 @@ fn exact_points_give_the_exact_displacement() {
         [-30.0, -60.0, 850.0],
     ];
     for moved in MOVES_MM {
-        let tracks: Vec<Track> = points
-            .iter()
-            .map(|point| {
-                let now = [0, 1, 2].map(|i| point[i] + moved[i]);
-                let views = rig
-                    .cameras
-                    .iter()
-                    .map(|camera| [camera.project(*point), camera.project(now)]);
-                Track {
-                    pixels: views.collect(),
-                }
-            })
-            .collect();
+        let seen = points.map(|point| {
+            let now = [0, 1, 2].map(|i| point[i] + moved[i]);
+            let cameras = rig.cameras.iter();
+            let pixels = cameras.map(|camera| [camera.project(point), camera.project(now)]);
+            pixels.collect::<Vec<_>>()
+        });
         let error = |rig: &Rig| {
-            let got = displacement(rig, &tracks);
+            let points = seen
+                .clone()
+                .map(|pixels| Correspondence::from_pixels(rig, pixels));
+            let got = displacement(rig, &points);
             largest([0, 1, 2].map(|i| got[i] - moved[i]))
         };
         assert!(error(&rig) < 1e-9, "{moved:?}: {} mm", error(&rig));
@@ -80,20 +76,20 @@ fn images_give_the_displacement_of_a_parallel_rig() {
     for (rig, what) in [(Rig::paper(), "parallel"), (turned_rig(), "turned")] {
         let scene =
             Scene::new(&rig, &Texture::natural(4), SceneSettings::default()).expect("a scene");
-        let mut flow = Flow::new(&rig, Settings::default()).expect("a rig of three cameras");
-        flow.set_reference(&scene.render([0.0; 3], 0, 1))
+        let mut flow = Flow::new(&rig, FlowSettings::default()).expect("a rig of three cameras");
+        flow.set_keyframe(&scene.render([0.0; 3], 0, 1))
             .expect("rich texture");
         for (moved, seed) in MOVES_MM.into_iter().zip(2..) {
             let seen = flow
                 .measure(&scene.render(moved, seed, seed))
                 .unwrap_or_else(|refusal| panic!("{what}: {refusal}"));
-            let got = displacement(&rig, &seen.tracks);
+            let got = displacement(&rig, &seen.correspondences);
             let error = [0, 1, 2].map(|i| got[i] - moved[i]);
             let is_right = (0..3).all(|i| error[i].abs() <= TOLERANCE_MM[i]);
             assert!(
                 is_right,
                 "{what}: {error:?} mm off {moved:?}, {} points",
-                seen.tracks.len()
+                seen.correspondences.len()
             );
         }
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use host::images::folder;
-use host::images::{Capture, Image, Scene, SceneSettings, Texture};
+use host::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use host::rig_file::RigFile;
 use serde_json::Value;
 use shared::rig::Rig;
@@ -174,9 +174,9 @@ fn pictures_without_texture_are_refused_and_write_nothing() {
         height: 240,
         grey: vec![100; 320 * 240],
     };
-    let capture = Capture {
+    let capture = FrameSet {
         time_us: 0,
-        views: vec![blank; 3],
+        images: vec![blank; 3],
     };
     let names = RigFile::paper().names;
     folder::save(&desk.path("views"), &names, 0, &capture).expect("the desk");

@@ -74,9 +74,19 @@ fn a_folder_is_timed_as_often_as_wanted() {
 }
 
 #[test]
-fn photographs_need_no_rig() {
+fn photographs_are_timed_with_their_rig() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let bench = ["bench", "flow", "images/teddy", "--repeat", "1", "--json"];
+    let rig = "images/teddy/rig.toml";
+    let mut bench = vec!["bench", "flow", "images/teddy", "--repeat", "1", "--json"];
+    // Without the rig file, the message asks for it.
+    let outcome = run(root, &bench);
+    assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
+    assert!(
+        outcome.stderr.contains("--rig <RIG.toml>"),
+        "{}",
+        outcome.stderr
+    );
+    bench.extend(["--rig", rig]);
     report(&run(root, &bench));
 }
 
@@ -84,15 +94,25 @@ fn photographs_need_no_rig() {
 fn what_cannot_be_timed_is_refused() {
     let desk = desk_with_views(&[None]);
     let bench = |words: &[&str]| run(desk.folder.path(), words);
-    bench(&["bench", "flow", "nowhere", "--json"])
-        .failed(1, &["nowhere", "no such folder", "--rig"]);
+    bench(&["bench", "flow", "nowhere", "--rig", "rig.toml", "--json"])
+        .failed(1, &["nowhere", "no such folder"]);
     let blank = ["bench", "flow", "views", "--rig", "rig.toml"];
     bench(&blank).failed(1, &["views", "texture"]);
     for misused in [
         &["bench"][..],
         &["bench", "flow"],
-        &["bench", "flow", "views", "--repeat", "0"],
-        &["bench", "flow", "views", "--threads", "0"],
+        &[
+            "bench", "flow", "views", "--rig", "rig.toml", "--repeat", "0",
+        ],
+        &[
+            "bench",
+            "flow",
+            "views",
+            "--rig",
+            "rig.toml",
+            "--threads",
+            "0",
+        ],
     ] {
         assert_eq!(bench(misused).code, Some(2), "{misused:?}");
     }

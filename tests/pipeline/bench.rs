@@ -1,7 +1,7 @@
 //! A poster before a rig, photographed and measured as `estimate` does it.
 
-use host::flow::{Flow, Measurement, Refusal, Settings};
-use host::images::{Capture, Scene, SceneSettings, Texture};
+use host::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
+use host::images::{FrameSet, Scene, SceneSettings, Texture};
 use host::paper::moves;
 use host::sums::Sums;
 use shared::rig::Rig;
@@ -30,7 +30,7 @@ impl Got {
         Self {
             displacement_mm: estimate.displacement_mm,
             sigma_mm: estimate.sigma_mm(),
-            points: seen.tracks.len(),
+            points: seen.correspondences.len(),
         }
     }
 
@@ -69,14 +69,14 @@ pub struct Watch {
 }
 
 impl Watch {
-    pub fn new(rig: &Rig, reference: &Capture) -> Result<Self, Refusal> {
-        let mut flow = Flow::new(rig, Settings::default())?;
-        flow.set_reference(reference)?;
+    pub fn new(rig: &Rig, reference: &FrameSet) -> Result<Self, FlowRefusal> {
+        let mut flow = Flow::new(rig, FlowSettings::default())?;
+        flow.set_keyframe(reference)?;
         let rig = rig.clone();
         Ok(Self { rig, flow })
     }
 
-    pub fn measure(&mut self, capture: &Capture) -> Result<Got, Refusal> {
+    pub fn measure(&mut self, capture: &FrameSet) -> Result<Got, FlowRefusal> {
         let seen = self.flow.measure(capture)?;
         Ok(Got::new(&self.rig, &seen))
     }
@@ -100,7 +100,7 @@ impl Bench {
     }
 
     /// Measures each displacement from rest. `seed` draws the noise, anew for every capture.
-    pub fn measure_all(&self, moves_mm: &[[f64; 3]], seed: u64) -> Vec<Result<Got, Refusal>> {
+    pub fn measure_all(&self, moves_mm: &[[f64; 3]], seed: u64) -> Vec<Result<Got, FlowRefusal>> {
         let seed = seed * 1000;
         let mut watch = match Watch::new(&self.rig, &self.scene.render([0.0; 3], 0, seed)) {
             Ok(watch) => watch,

@@ -1,6 +1,6 @@
 //! Posters with rich texture, before the paper's rig.
 
-use host::images::{Capture, SceneSettings, Texture, TextureKind};
+use host::images::{FrameSet, SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, TOLERANCE_MM, Watch, table_5_mm};
 
@@ -25,8 +25,8 @@ fn right_down_and_away_are_positive_x_y_and_z() {
     // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further
     // right in the picture itself.
     let difference = |before: usize, after: usize| -> u64 {
-        let row = |capture: &Capture, column: usize| -> Vec<i64> {
-            let view = &capture.views[1];
+        let row = |capture: &FrameSet, column: usize| -> Vec<i64> {
+            let view = &capture.images[1];
             let rows = 20..view.height - 20;
             rows.map(|y| i64::from(view.grey[y * view.width + column]))
                 .collect()
@@ -74,7 +74,7 @@ fn changed_lighting_moves_nothing() {
             [(0.7, 40.0), (1.25, -10.0), (0.9, 10.0)],
         ] {
             let mut lit = plain.clone();
-            for (view, (gain, offset)) in lit.views.iter_mut().zip(light) {
+            for (view, (gain, offset)) in lit.images.iter_mut().zip(light) {
                 for grey in &mut view.grey {
                     *grey = (gain * f64::from(*grey) + offset).round() as u8;
                 }
@@ -141,10 +141,10 @@ fn two_fifths_hidden_behind_something_that_moves_differently_never_deceive() {
         let target = Bench::new(&Texture::natural(50 + seed), settings);
         let cover = Bench::new(&Texture::natural(60 + seed), nearer);
         let edge_mm = 30.0;
-        let both = |target_mm: [f64; 3], cover_mm: [f64; 3], seed: u64| -> Capture {
+        let both = |target_mm: [f64; 3], cover_mm: [f64; 3], seed: u64| -> FrameSet {
             let mut capture = target.scene.render(target_mm, 0, 2 * seed);
             let front = cover.scene.render(cover_mm, 0, 2 * seed + 1);
-            let views = capture.views.iter_mut().zip(front.views);
+            let views = capture.images.iter_mut().zip(front.images);
             for ((view, front), camera) in views.zip(&target.rig.cameras) {
                 // The cover's left edge is a vertical line in space.
                 let edge = camera.project([edge_mm + cover_mm[0], 0.0, 700.0 + cover_mm[2]]);

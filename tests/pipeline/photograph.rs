@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::images::{Capture, SceneSettings, Texture};
+use host::images::{FrameSet, SceneSettings, Texture};
 use host::rig_file::RigFile;
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ fn teddy_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("images/teddy")
 }
 
-fn teddy() -> (RigFile, Vec<Capture>) {
+fn teddy() -> (RigFile, Vec<FrameSet>) {
     let rig = RigFile::read(&teddy_folder().join("rig.toml")).expect("the rig file");
     let folder = Folder::open(
         &teddy_folder(),
@@ -22,7 +22,7 @@ fn teddy() -> (RigFile, Vec<Capture>) {
         DEFAULT_PERIOD_US,
     );
     let folder = folder.expect("the folder");
-    let captures = folder.captures().collect::<Result<_, _>>();
+    let captures = folder.frame_sets().collect::<Result<_, _>>();
     (rig, captures.expect("images"))
 }
 
@@ -67,7 +67,7 @@ fn teddy_is_right_from_capture_to_capture() {
 #[test]
 fn a_photograph_as_poster_is_as_good_as_a_drawn_one() {
     let (_, captures) = teddy();
-    let texture = Texture::from_image(&captures[0].views[1], 1.2);
+    let texture = Texture::from_image(&captures[0].images[1], 1.2);
     let bench = Bench::new(&texture, SceneSettings::default());
     let moves = [
         [10.0, 10.0, 0.0],

@@ -1,7 +1,7 @@
 //! Posters on which every place looks like others: the answer is right, or refused with a reason.
 //! Never wrong and sure.
 
-use host::flow::Refusal;
+use host::flow::FlowRefusal;
 use host::images::{SceneSettings, Texture, TextureKind};
 use host::random::Random;
 
@@ -17,7 +17,7 @@ struct Jury {
 
 impl Jury {
     #[track_caller]
-    fn hear(&mut self, what: &str, moved_mm: [f64; 3], got: &Result<Got, Refusal>) {
+    fn hear(&mut self, what: &str, moved_mm: [f64; 3], got: &Result<Got, FlowRefusal>) {
         match got {
             Err(refusal) => {
                 assert!(!refusal.to_string().is_empty());

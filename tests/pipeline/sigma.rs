@@ -71,20 +71,20 @@ fn sigma_is_true_where_interpolation_governs() {
 /// computes.
 #[test]
 fn the_station_is_told_the_same_sigma() {
-    use host::flow::{Flow, Settings};
+    use host::flow::{Flow, FlowSettings};
     use host::sums::Sums;
     use shared::estimate::midpoint;
 
     let rig = Rig::paper();
     let bench = Bench::new(&Texture::blobs(40), SceneSettings::default());
-    let mut flow = Flow::new(&rig, Settings::default()).unwrap();
-    flow.set_reference(&bench.scene.render([0.0; 3], 0, 1))
+    let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+    flow.set_keyframe(&bench.scene.render([0.0; 3], 0, 1))
         .unwrap();
     let seen = flow
         .measure(&bench.scene.render([4.0, 4.0, 1.0], 1, 2))
         .unwrap();
     let honest = Sums::of(&rig, &seen).unwrap();
-    let white = Sums::new(&rig, &seen.tracks).unwrap();
+    let white = Sums::new(&rig, &seen.correspondences).unwrap();
     let sigma = |sums: &Sums| midpoint::solve(&sums.centred).unwrap().sigma_mm();
     let station = midpoint::solve_fixed(&honest.centred.quantise().unwrap()).unwrap();
     for axis in 0..3 {

@@ -15,10 +15,9 @@ use std::time::Instant;
 
 use accuracy::Quality;
 use bound::Bound;
-use host::flow::frame_set::{FrameSet, frame_set, keyframe};
-use host::flow::laps::{Laps, Stage};
-use host::flow::{Filtered, Flow, Settings};
-use host::images::Capture;
+use host::flow::{FilteredFrameSet, Flow, FlowSettings, PipelineStage};
+use host::images::FrameSet;
+use host::stage_timings::{FreshKeyframe, with_fresh_keyframe, with_kept_keyframe};
 use opencv::OpenCv;
 use peers::OpticalFlowLk;
 use scene::Scene;
@@ -67,7 +66,7 @@ fn main() {
     );
     println!(
         "|---|---|---|---|{}---|---|---|",
-        "---|".repeat(Stage::ALL.len())
+        "---|".repeat(PipelineStage::ALL.len())
     );
     for (size_px, threads, disparity_px) in [
         ([320, 240], 1, [18.3, -14.2]),
@@ -88,7 +87,7 @@ fn main() {
 }
 
 fn stages() -> String {
-    Stage::ALL.map(Stage::name).join(" | ")
+    PipelineStage::ALL.map(PipelineStage::name).join(" | ")
 }
 
 /// Times of one way to do it, ms.
@@ -116,33 +115,31 @@ impl Times {
 /// This project's flow on a scene.
 struct Ours {
     flow: Flow,
-    captures: [Capture; 2],
-    before: Filtered,
+    frame_sets: [FrameSet; 2],
+    before: FilteredFrameSet,
 }
 
 impl Ours {
     fn new(scene: &Scene, threads: usize) -> Self {
-        let settings = Settings {
-            corners: CORNERS,
-            points: CORNERS,
+        let settings = FlowSettings {
+            max_corners: CORNERS,
+            max_points: CORNERS,
             threads,
-            ..Settings::default()
+            ..FlowSettings::default()
         };
-        let flow = Flow::new(&scene.rig(), settings).expect("three cameras");
-        let captures = scene.captures();
-        let before = flow
-            .filter(&captures[0], &mut Laps::start())
-            .expect("the rig's images");
+        let mut flow = Flow::new(&scene.rig(), settings).expect("three cameras");
+        let frame_sets = scene.frame_sets();
+        let before = flow.filter(&frame_sets[0]).expect("the rig's images");
         Self {
             flow,
-            captures,
+            frame_sets,
             before,
         }
     }
 
-    fn frame_set(&mut self) -> FrameSet {
+    fn with_fresh_keyframe(&mut self) -> FreshKeyframe {
         let before = self.before.clone();
-        frame_set(&mut self.flow, before, &self.captures[1]).expect("a textured scene")
+        with_fresh_keyframe(&mut self.flow, before, &self.frame_sets[1]).expect("a textured scene")
     }
 
     /// Adds accuracy and count of its points, and returns where the middle camera sees them before.
@@ -151,29 +148,33 @@ impl Ours {
         scene: &Scene,
         (points, quality): &mut (usize, Quality),
     ) -> Vec<[f64; 2]> {
-        let measurement = self.frame_set().measurement;
-        for track in &measurement.tracks {
-            let [middle, _] = track.pixels[1];
+        let measurement = self.with_fresh_keyframe().measurement;
+        for point in &measurement.correspondences {
+            let [middle, _] = point.pixels[1];
             for (k, shift) in [(0, scene.disparity_px[0]), (2, scene.disparity_px[1])] {
-                let [at, _] = track.pixels[k];
+                let [at, _] = point.pixels[k];
                 let found = [at[0] - middle[0], at[1] - middle[1]];
                 quality.spatial.add(found, [shift, 0.0], true);
             }
-            for [from, to] in &track.pixels {
+            for [from, to] in &point.pixels {
                 let found = [to[0] - from[0], to[1] - from[1]];
                 quality.temporal.add(found, scene.flow_px, true);
             }
         }
-        *points += measurement.tracks.len();
-        measurement.tracks.iter().map(|t| t.pixels[1][0]).collect()
+        *points += measurement.correspondences.len();
+        measurement
+            .correspondences
+            .iter()
+            .map(|p| p.pixels[1][0])
+            .collect()
     }
 }
 
 fn beside_others(scene: &Scene, rounds: usize) {
     let mut ours = Ours::new(scene, 1);
-    let mut lk = OpticalFlowLk::new(&ours.captures, CORNERS);
-    let mut opencv = OpenCv::start(scene, &ours.captures, CORNERS);
-    let raw: Vec<_> = ours.captures[1].views.iter().map(peers::gray).collect();
+    let mut lk = OpticalFlowLk::new(&ours.frame_sets, CORNERS);
+    let mut opencv = OpenCv::start(scene, &ours.frame_sets, CORNERS);
+    let raw: Vec<_> = ours.frame_sets[1].images.iter().map(peers::gray).collect();
     let [
         mut set,
         mut lk_set,
@@ -185,7 +186,9 @@ fn beside_others(scene: &Scene, rounds: usize) {
         for _ in 0..REPETITIONS {
             let before = ours.before.clone();
             set.add(|| {
-                std::hint::black_box(frame_set(&mut ours.flow, before, &ours.captures[1]).is_ok());
+                std::hint::black_box(
+                    with_fresh_keyframe(&mut ours.flow, before, &ours.frame_sets[1]).is_ok(),
+                );
             });
         }
         for _ in 0..REPETITIONS {
@@ -196,7 +199,7 @@ fn beside_others(scene: &Scene, rounds: usize) {
         }
         for _ in 0..REPETITIONS {
             filters.add(|| {
-                std::hint::black_box(peers::our_filters(&ours.captures[1]));
+                std::hint::black_box(peers::our_filters(&ours.frame_sets[1]));
             });
             others_filters.add(|| {
                 std::hint::black_box(peers::imageproc_filters(&raw));
@@ -232,12 +235,12 @@ fn beside_others(scene: &Scene, rounds: usize) {
         let mut ours = Ours::new(&scene, 1);
         let places = ours.quality(&scene, &mut found[0]);
         bound.add(&scene, places.into_iter());
-        let mut lk = OpticalFlowLk::new(&ours.captures, CORNERS);
+        let mut lk = OpticalFlowLk::new(&ours.frame_sets, CORNERS);
         lk.prepare();
         let places = lk.run();
         OpticalFlowLk::quality(&scene, &places, &mut found[1]);
         if opencv.is_some() {
-            let mut opencv = OpenCv::start(&scene, &ours.captures, CORNERS);
+            let mut opencv = OpenCv::start(&scene, &ours.frame_sets, CORNERS);
             let answer = opencv.as_mut().and_then(OpenCv::quality);
             answer.as_ref().map(|a| opencv::add(a, &mut opencv_found));
         }
@@ -300,16 +303,16 @@ fn described(points: usize, quality: &Quality) -> String {
 fn alone(scene: &Scene, threads: usize, rounds: usize) {
     let mut ours = Ours::new(scene, threads);
     let [mut set, mut key] = [(); 2].map(|()| Times::default());
-    let mut stages = Stage::ALL.map(|_| Times::default());
+    let mut stages = PipelineStage::ALL.map(|_| Times::default());
     for _ in 0..rounds * REPETITIONS {
-        let laps = ours.frame_set().laps;
-        set.0.push(laps.total().as_secs_f64() * 1e3);
-        for (times, stage) in stages.iter_mut().zip(Stage::ALL) {
-            times.0.push(laps.of(stage).as_secs_f64() * 1e3);
+        let timings = ours.with_fresh_keyframe().timings;
+        set.0.push(timings.total().as_secs_f64() * 1e3);
+        for (times, stage) in stages.iter_mut().zip(PipelineStage::ALL) {
+            times.0.push(timings.of(stage).as_secs_f64() * 1e3);
         }
-        let again = keyframe(&ours.flow, &ours.captures[1]);
-        let (_, laps) = again.expect("the reference is set");
-        key.0.push(laps.total().as_secs_f64() * 1e3);
+        let again = with_kept_keyframe(&mut ours.flow, &ours.frame_sets[1]);
+        let (_, timings) = again.expect("the keyframe is set");
+        key.0.push(timings.total().as_secs_f64() * 1e3);
     }
     let mut found = (0, Quality::default());
     ours.quality(scene, &mut found);

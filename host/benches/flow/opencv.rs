@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-use host::images::{Capture, folder};
+use host::images::{FrameSet, folder};
 use serde_json::Value;
 
 use crate::accuracy::Quality;
@@ -19,11 +19,11 @@ pub struct OpenCv {
 
 impl OpenCv {
     /// `None` if `$PYTHON` (or `python3`) does not exist or has no OpenCV.
-    pub fn start(scene: &Scene, captures: &[Capture; 2], corners: usize) -> Option<Self> {
+    pub fn start(scene: &Scene, frame_sets: &[FrameSet; 2], corners: usize) -> Option<Self> {
         let images = tempfile::tempdir().ok()?;
         let names = ["left", "middle", "right"].map(String::from);
-        for (index, capture) in captures.iter().enumerate() {
-            folder::save(images.path(), &names, index, capture).ok()?;
+        for (index, frame_set) in frame_sets.iter().enumerate() {
+            folder::save(images.path(), &names, index, frame_set).ok()?;
         }
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/flow/opencv.py");
         let numbers = scene.disparity_px.into_iter().chain(scene.flow_px);

@@ -1,7 +1,7 @@
 //! The same frame set by other crates.
 
-use host::flow::pyramid::Pyramid;
-use host::images::{Capture, Image};
+use host::images::{FrameSet, Image};
+use host::matching::pyramid::Pyramid;
 use image::GrayImage;
 use optical_flow_lk::{DetectorContext, TrackParams, TrackStatus, TrackerContext};
 
@@ -44,8 +44,8 @@ pub struct OpticalFlowLk {
 type Tracked = Vec<((f32, f32), bool)>;
 
 impl OpticalFlowLk {
-    pub fn new(captures: &[Capture; 2], corners: usize) -> Self {
-        let images = [0, 1].map(|i| captures[i].views.iter().map(smooth).collect());
+    pub fn new(frame_sets: &[FrameSet; 2], corners: usize) -> Self {
+        let images = [0, 1].map(|i| frame_sets[i].images.iter().map(smooth).collect());
         let temporal = (0..3).map(|_| TrackerContext::new()).collect();
         let (detector, spatial) = (DetectorContext::new(), TrackerContext::new());
         Self {
@@ -132,9 +132,9 @@ pub fn imageproc_filters(images: &[GrayImage]) -> Vec<GrayImage> {
 }
 
 /// This project's filter on three images.
-pub fn our_filters(capture: &Capture) -> Vec<Pyramid> {
-    capture
-        .views
+pub fn our_filters(frame_set: &FrameSet) -> Vec<Pyramid> {
+    frame_set
+        .images
         .iter()
         .map(|view| Pyramid::new(view, 1))
         .collect()

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use host::images::{Capture, Image};
+use host::images::{FrameSet, Image};
 use host::random::Random;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -16,7 +16,7 @@ pub struct Scene {
     pub size_px: [usize; 2],
     /// By how much the left and the right camera's images are shifted, px.
     pub disparity_px: [f64; 2],
-    /// From one capture to the next, px.
+    /// From one frame_set to the next, px.
     pub flow_px: [f64; 2],
     /// Standard deviation, grey levels.
     pub noise_grey: f64,
@@ -44,20 +44,20 @@ impl Scene {
         }
     }
 
-    /// Two captures: left, middle, right, then the same moved by the flow.
-    pub fn captures(&self) -> [Capture; 2] {
+    /// Two frame sets: left, middle, right, then the same moved by the flow.
+    pub fn frame_sets(&self) -> [FrameSet; 2] {
         let spectrum = Spectrum::noise(side(self.size_px), self.seed);
         let mut noise = Random::new(self.seed, 1);
         [0.0, 1.0].map(|moved| {
             let [x, y] = self.flow_px.map(|f| f * moved);
             let shifts = [self.disparity_px[0], 0.0, self.disparity_px[1]];
-            let views = shifts
+            let images = shifts
                 .map(|shift| {
                     let moved = spectrum.moved([shift + x, y]);
                     self.photograph(&moved, &mut noise)
                 })
                 .into();
-            Capture { time_us: 0, views }
+            FrameSet { time_us: 0, images }
         })
     }
 

@@ -67,7 +67,7 @@ pub enum Failure {
 pub struct Expected {
     /// Share of trials that are measured, at least and at most.
     pub measured: [f64; 2],
-    /// Names of the refusals that may occur ([`crate::flow::Refusal::name`]).
+    /// Names of the refusals that may occur ([`crate::flow::FlowRefusal::name`]).
     pub refusals: &'static [&'static str],
 }
 

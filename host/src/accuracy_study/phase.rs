@@ -7,8 +7,8 @@
 //! any noise.
 
 use super::trial::Posters;
-use crate::flow::{Flow, Settings};
-use crate::images::{Pose, Scene, SceneError, SceneSettings, Shot, TextureKind};
+use crate::flow::{Flow, FlowSettings};
+use crate::images::{Exposure, Pose, Scene, SceneError, SceneSettings, TextureKind};
 use crate::random::Random;
 use crate::sums::Sums;
 use shared::estimate::midpoint;
@@ -66,13 +66,13 @@ pub fn run(seeds: u64, mut told: impl FnMut(f64)) -> Result<Vec<Phase>, SceneErr
             scene.look_at([(); 2].map(|()| random.between(-300.0, 300.0)));
             let mut picture = |shift: [f64; 2]| {
                 let pose = Pose::at([shift[0] * mm_per_px, shift[1] * mm_per_px, 0.0]);
-                let shot = Shot::of(pose, NOISE_GREY);
-                scene.shoot(&vec![shot; rig.cameras.len()], 0, random.next_u64())
+                let shot = Exposure::of(pose, NOISE_GREY);
+                scene.render_exposures(&vec![shot; rig.cameras.len()], 0, random.next_u64())
             };
-            let Ok(mut flow) = Flow::new(&rig, Settings::default()) else {
+            let Ok(mut flow) = Flow::new(&rig, FlowSettings::default()) else {
                 continue;
             };
-            if flow.set_reference(&picture([0.0; 2])).is_err() {
+            if flow.set_keyframe(&picture([0.0; 2])).is_err() {
                 continue;
             }
             for phase in 0..PHASES {

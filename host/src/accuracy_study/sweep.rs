@@ -3,8 +3,8 @@
 use super::condition::Condition;
 use super::tally::Tally;
 use super::trial::{Bench, Outcome, Posters};
-use crate::flow::workers::Workers;
 use crate::images::SceneError;
+use crate::thread_pool::ThreadPool;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What came out of one condition.
@@ -45,7 +45,7 @@ pub fn run(
         outcomes.collect()
     };
     // In the order of the seeds: the same bits however many threads there are.
-    let found = Workers::new(threads).map((1..=seeds).collect(), of_seed);
+    let found = ThreadPool::new(threads).map((1..=seeds).collect(), of_seed);
     let mut rows: Vec<Row> = (conditions.iter())
         .map(|condition| Row {
             condition,

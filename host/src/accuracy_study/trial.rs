@@ -1,10 +1,10 @@
 //! One reference, one motion, one measurement.
 
 use super::condition::{Change, Condition, Failure};
-use crate::flow::team::Absence;
-use crate::flow::{Flow, Measurement, Refusal, Settings};
+use crate::flow::CameraRefusal;
+use crate::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
 use crate::images::{
-    Capture, Image, Pose, Scene, SceneError, SceneSettings, Shot, Texture, TextureKind,
+    Exposure, FrameSet, Image, Pose, Scene, SceneError, SceneSettings, Texture, TextureKind,
 };
 use crate::random::Random;
 use crate::sums::Sums;
@@ -150,7 +150,7 @@ impl<'a> Bench<'a> {
         [length * angle.cos(), length * angle.sin(), z]
     }
 
-    fn trial(&mut self, noise_grey: f64) -> Result<Outcome, Refusal> {
+    fn trial(&mut self, noise_grey: f64) -> Result<Outcome, FlowRefusal> {
         let moved = self.motion();
         // Another part of the poster every time, at every phase.
         let place = [(); 2].map(|()| self.random.between(-300.0, 300.0));
@@ -162,8 +162,8 @@ impl<'a> Bench<'a> {
         let cameras = self.rig.cameras.len();
         let which = self.random.below(cameras);
 
-        let still = Shot::of(Pose::default(), noise_grey);
-        let mut shots = vec![Shot::of(Pose::at(moved), noise_grey); cameras];
+        let still = Exposure::of(Pose::default(), noise_grey);
+        let mut shots = vec![Exposure::of(Pose::at(moved), noise_grey); cameras];
         let random = &mut self.random;
         match self.condition.change {
             Change::Light { per_camera } => {
@@ -201,8 +201,8 @@ impl<'a> Bench<'a> {
             }
             Change::Nothing | Change::Cover { .. } | Change::Replaced | Change::Fail(_) => {}
         }
-        let mut before = self.scene.shoot(&vec![still; cameras], 0, seed);
-        let mut now = self.scene.shoot(&shots, 33_333, seed ^ 1);
+        let mut before = self.scene.render_exposures(&vec![still; cameras], 0, seed);
+        let mut now = self.scene.render_exposures(&shots, 33_333, seed ^ 1);
         match (self.condition.change, &self.other) {
             (Change::Cover { own, .. }, Some(cover)) => {
                 let own = if own {
@@ -210,18 +210,20 @@ impl<'a> Bench<'a> {
                 } else {
                     self.motion_of_cover(moved)
                 };
-                let front = cover.shoot(&vec![still; cameras], 0, seed ^ 2);
+                let front = cover.render_exposures(&vec![still; cameras], 0, seed ^ 2);
                 self.cover(&mut before, front, [0.0; 3]);
-                let shot = Shot::of(Pose::at(own), noise_grey);
-                let front = cover.shoot(&vec![shot; cameras], 0, seed ^ 3);
+                let shot = Exposure::of(Pose::at(own), noise_grey);
+                let front = cover.render_exposures(&vec![shot; cameras], 0, seed ^ 3);
                 self.cover(&mut now, front, own);
             }
-            (Change::Replaced, Some(other)) => now = other.shoot(&shots, 33_333, seed ^ 1),
+            (Change::Replaced, Some(other)) => {
+                now = other.render_exposures(&shots, 33_333, seed ^ 1)
+            }
             (Change::Fail(failure), _) => {
-                let view = &mut now.views[which];
+                let view = &mut now.images[which];
                 match failure {
                     Failure::Missing => *view = Image::missing(),
-                    Failure::Frozen => view.clone_from(&before.views[which]),
+                    Failure::Frozen => view.clone_from(&before.images[which]),
                     Failure::Dark => {
                         let noise = Random::new(seed, 99);
                         *view = dark(view, noise_grey, noise);
@@ -230,15 +232,15 @@ impl<'a> Bench<'a> {
             }
             _ => {}
         }
-        let mut flow = Flow::new(&self.rig, Settings::default())?;
-        flow.set_reference(&before)?;
+        let mut flow = Flow::new(&self.rig, FlowSettings::default())?;
+        flow.set_keyframe(&before)?;
         let seen = flow.measure(&now)?;
-        let sums = Sums::of(&self.rig, &seen).map_err(|_| Refusal::WrongRig)?;
-        let estimate = midpoint::solve(&sums.centred).map_err(|_| Refusal::WrongRig)?;
+        let sums = Sums::of(&self.rig, &seen).map_err(|_| FlowRefusal::WrongRig)?;
+        let estimate = midpoint::solve(&sums.centred).map_err(|_| FlowRefusal::WrongRig)?;
         Ok(Outcome::Measured {
             error_mm: std::array::from_fn(|i| estimate.displacement_mm[i] - moved[i]),
             sigma_mm: estimate.sigma_mm(),
-            points: seen.tracks.len(),
+            points: seen.correspondences.len(),
             said: says(&seen, self.condition, which),
         })
     }
@@ -258,12 +260,12 @@ impl<'a> Bench<'a> {
 
     /// Puts `front` before the right two fifths of the middle view; its left edge is a vertical
     /// line in space.
-    fn cover(&self, capture: &mut Capture, front: Capture, moved: [f64; 3]) {
+    fn cover(&self, capture: &mut FrameSet, front: FrameSet, moved: [f64; 3]) {
         let z = COVER * self.depth_mm;
         let middle = &self.rig.cameras[self.rig.cameras.len() / 2];
         let [x, _] = middle.normalise([0.6 * f64::from(self.rig.image_size_px[0]), 0.0]);
         let edge_mm = [x * z + moved[0], 0.0, z + moved[2]];
-        let views = capture.views.iter_mut().zip(front.views);
+        let views = capture.images.iter_mut().zip(front.images);
         for ((view, front), camera) in views.zip(&self.rig.cameras) {
             let [edge, _] = camera.project(edge_mm);
             for (i, (grey, front)) in view.grey.iter_mut().zip(front.grey).enumerate() {
@@ -288,17 +290,17 @@ fn dark(like: &Image, noise_grey: f64, mut random: Random) -> Image {
 /// Whether the measurement says of its cameras what it has to, and nothing else. `which` is at
 /// fault.
 fn says(seen: &Measurement, condition: &Condition, which: usize) -> bool {
-    let expected = |absence: &Absence| match (condition.change, absence) {
+    let expected = |absence: &CameraRefusal| match (condition.change, absence) {
         (Change::Fail(failure), absence) => matches!(
             (failure, absence),
-            (Failure::Missing, Absence::Missing)
-                | (Failure::Dark, Absence::Blank)
-                | (Failure::Frozen, Absence::Frozen)
+            (Failure::Missing, CameraRefusal::Missing)
+                | (Failure::Dark, CameraRefusal::Blank)
+                | (Failure::Frozen, CameraRefusal::Frozen)
         ),
-        (Change::Late { .. }, Absence::OutOfStep { share }) => *share > 0.0,
+        (Change::Late { .. }, CameraRefusal::Unsynchronised { share }) => *share > 0.0,
         _ => false,
     };
-    match seen.absent.as_slice() {
+    match seen.refused_cameras.as_slice() {
         [] => !condition.change.is_of_one_camera(),
         [(camera, absence)] => *camera == which && expected(absence),
         _ => false,

@@ -1,44 +1,44 @@
-//! The part of the offsets that points can show: a robust mean of their residuals, with its sigma.
+//! Robust mean of the points' residuals, with its sigma: the offsets that a scene shows.
 //!
-//! The residual of camera `k` minus that of the reference camera, two components each, is what
-//! every point says about the offsets. They are fitted by `m + S (x - x̄)`, with `x` where the
-//! reference camera sees the point: the mean `m` does not depend on the slopes `S`, which tell of
-//! rolled cameras and unlike magnification. Weights are Tukey's (1974) biweight of the worst
-//! component of a point, in scatters (median absolute deviation).
+//! The residual of camera `k` minus that of the reference camera, two components each, is the
+//! evidence of each point. The components are fitted by `m + S (x - x̄)`, with `x` the
+//! position in the reference camera: the mean `m` does not depend on the slopes `S`, which show
+//! rolled cameras and unequal magnification. Weights are Tukey's biweight (A. E. Beaton and J. W.
+//! Tukey, 1974) of the worst component of a point, in scatters (median absolute deviation).
 
 use nalgebra::{Matrix3, Vector3};
 use shared::rig::Rig;
 
-use super::Refusal;
-use crate::flow::geometry::Geometry;
+use super::AlignmentRefusal;
+use crate::matching::geometry::RigGeometry;
 
-/// One scene point in all cameras, px as seen, in the rig's order.
+/// Scene point in all cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Per camera.
+    /// Pixels as seen, in the rig's order.
     pub pixels: Vec<[f64; 2]>,
 }
 
-/// What a point says about a rig.
+/// Residuals of one point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
     /// Residual of each camera but the reference minus the reference's: x, y of the first, and so
     /// on; normalised.
     pub components: Vec<f64>,
-    /// Where the reference camera sees it, normalised.
+    /// Position in the reference camera, normalised.
     pub at: [f64; 2],
     /// Inverse depth, 1/mm.
     pub inverse_depth: f64,
 }
 
 impl Sample {
-    /// Of one point in the eyes of a rig.
-    pub fn of(geometry: &Geometry, point: &Point) -> Self {
+    /// Computes the residuals of one point.
+    pub fn of(geometry: &RigGeometry, point: &Point) -> Self {
         let seen = point.pixels.iter().enumerate();
         let views: Vec<[f64; 2]> = seen.map(|(k, at)| geometry.normalise(k, *at)).collect();
         let ray = geometry.fit(&views);
         let residual = |k: usize| {
-            let expected = geometry.view(k, &ray);
+            let expected = geometry.project(k, &ray);
             [0, 1].map(|i| views[k][i] - expected[i])
         };
         let reference = residual(geometry.reference);
@@ -56,58 +56,57 @@ impl Sample {
     }
 }
 
-/// How a camera is turned against the reference, and by how much more it magnifies across the line
-/// of cameras: value and standard deviation.
+/// Roll and magnification of a camera against the reference camera: value and standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turn {
+pub struct RollFit {
     /// Roll, rad, positive clockwise in the image.
     pub roll_rad: [f64; 2],
-    /// Relative magnification.
+    /// Relative magnification across the line of cameras.
     pub scale: [f64; 2],
 }
 
-/// What all points say.
+/// Result of the fit over all points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     /// Standard deviation of every camera's correction, normalised; zero for the reference.
     pub sigma: Vec<[f64; 2]>,
     /// Standard deviation of one point's worst component, normalised.
     pub scatter: f64,
-    /// Points with a weight.
+    /// Number of points with a weight.
     pub used: usize,
-    /// Points without.
+    /// Number of points without a weight.
     pub outliers: usize,
-    /// Per camera, for rigs in line.
-    pub turns: Vec<Option<Turn>>,
+    /// Roll and magnification per camera, for rigs in line.
+    pub turns: Vec<Option<RollFit>>,
     /// Median distance of the points, mm.
     pub median_depth_mm: f64,
 }
 
-/// Error of a mean over many points that no scatter shows, px: matching errs alike where pictures
-/// are alike, and repeated captures of one scene repeat it.
+/// Error of a mean over many points that no scatter shows, px: matching errs alike where images are
+/// alike, and repeated frame sets of one scene repeat it.
 const COMMON_PX: f64 = 0.001;
 
-/// Residuals beyond this many scatters have no weight.
+/// Limit of the biweight, in scatters: residuals beyond it have no weight.
 const TUKEY: f64 = 4.685;
 
 /// Largest scatter of disparities about a plane's that is still a flat target, px.
 const FLAT_PX: f64 = 0.5;
 
-/// Corrects `rig` until its points have no mean residual. `overlap` is by how much more the
-/// variance of a mean is than for independent points.
+/// Corrects `rig` until its points have no mean residual. `overlap` is the
+/// variance inflation factor of a mean over overlapping windows.
 ///
 /// # Errors
-/// [`Refusal::WrongRig`]; [`Refusal::NotFlat`] with a known depth.
+/// [`AlignmentRefusal::WrongRig`]; [`AlignmentRefusal::NotFlat`] with a known depth.
 pub fn settle(
     rig: &Rig,
     points: &[Point],
     overlap: f64,
     depth_mm: Option<f64>,
-) -> Result<(Rig, Fit), Refusal> {
+) -> Result<(Rig, Fit), AlignmentRefusal> {
     let mut rig = rig.clone();
     // Without lens distortion the first step is exact; with it, each leaves a small part.
     for _ in 0..6 {
-        let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+        let geometry = RigGeometry::new(&rig).ok_or(AlignmentRefusal::WrongRig)?;
         let samples = samples(&geometry, points);
         let mean = Regression::new(&samples).means();
         rig = corrected(&rig, geometry.reference, &mean);
@@ -115,7 +114,7 @@ pub fn settle(
     let mut along = None;
     if let Some(depth_mm) = depth_mm {
         for _ in 0..6 {
-            let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+            let geometry = RigGeometry::new(&rig).ok_or(AlignmentRefusal::WrongRig)?;
             let (miss, sigma) = depth_miss(&geometry, points, overlap, depth_mm)?;
             along = Some(sigma);
             let cameras = rig.cameras.clone();
@@ -127,19 +126,18 @@ pub fn settle(
             rig = corrected(&rig, geometry.reference, &shift);
         }
     }
-    let geometry = Geometry::new(&rig).ok_or(Refusal::WrongRig)?;
+    let geometry = RigGeometry::new(&rig).ok_or(AlignmentRefusal::WrongRig)?;
     let samples = samples(&geometry, points);
     let fit = Regression::new(&samples).finish(&geometry, overlap, along);
     Ok((rig, fit))
 }
 
-fn samples(geometry: &Geometry, points: &[Point]) -> Vec<Sample> {
+fn samples(geometry: &RigGeometry, points: &[Point]) -> Vec<Sample> {
     points.iter().map(|p| Sample::of(geometry, p)).collect()
 }
 
-/// `rig` with the principal points of all cameras but the reference moved: what is seen too far by
-/// `e` was seen with a principal point that is farther by what `e` is on the sensor, `f e` for a
-/// camera that is not turned.
+/// Moves the principal points of all cameras but the reference by residuals `e`: by their size on
+/// the sensor, `f e` for a camera that is not rotated.
 pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     let mut rig = rig.clone();
     let others = rig.cameras.iter_mut().enumerate();
@@ -156,35 +154,35 @@ pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     rig
 }
 
-/// By how much the inverse depth of a flat target on the reference camera's axis falls short, 1/mm,
-/// and its standard deviation.
+/// Difference of the true and the measured inverse depth of a flat target on the reference camera's
+/// axis, 1/mm, with its standard deviation.
 fn depth_miss(
-    geometry: &Geometry,
+    geometry: &RigGeometry,
     points: &[Point],
     overlap: f64,
     depth_mm: f64,
-) -> Result<(f64, f64), Refusal> {
+) -> Result<(f64, f64), AlignmentRefusal> {
     let mut samples = samples(geometry, points);
     for sample in &mut samples {
         // A plane's inverse depth is a linear function of the direction.
         sample.components = vec![sample.inverse_depth];
     }
     let plane = Regression::new(&samples);
-    let residual_px = plane.scatter(0) * geometry.focal_px * geometry.reach_mm;
+    let residual_px = plane.scatter(0) * geometry.focal_px * geometry.longest_baseline_mm;
     if residual_px > FLAT_PX {
-        return Err(Refusal::NotFlat { residual_px });
+        return Err(AlignmentRefusal::NotFlat { residual_px });
     }
     let (value, sigma) = plane.at_axis(0, overlap);
     Ok((1.0 / depth_mm - value, sigma))
 }
 
-/// A robust fit of every component by a plane over the reference image.
+/// Robust fit of every component by a plane over the reference image.
 struct Regression<'a> {
     samples: &'a [Sample],
     weights: Vec<f64>,
     /// Weighted mean of `at`.
     centre: [f64; 2],
-    /// Per component: value at the centre and slopes.
+    /// Value at the centre and slopes, per component.
     planes: Vec<Vector3<f64>>,
     /// Inverse of the normal matrix.
     inverse: Matrix3<f64>,
@@ -296,7 +294,7 @@ impl<'a> Regression<'a> {
         overlap * freedom * squares / (slope * slope) * total
     }
 
-    /// Value where the reference camera looks straight ahead, and its standard deviation.
+    /// Value on the reference camera's axis, with its standard deviation.
     fn at_axis(&self, c: usize, overlap: f64) -> (f64, f64) {
         let row = Vector3::new(1.0, -self.centre[0], -self.centre[1]);
         let spread = row.dot(&(self.inverse * row));
@@ -306,8 +304,9 @@ impl<'a> Regression<'a> {
         )
     }
 
-    /// `along` is the standard deviation of the inverse depth, where that was corrected.
-    fn finish(&self, geometry: &Geometry, overlap: f64, along: Option<f64>) -> Fit {
+    /// Assembles the result. `along` is the standard deviation of the inverse depth if that was
+    /// corrected.
+    fn finish(&self, geometry: &RigGeometry, overlap: f64, along: Option<f64>) -> Fit {
         let cameras = &geometry.rig.cameras;
         let reference = cameras[geometry.reference].offset_mm;
         let common = COMMON_PX / geometry.focal_px;
@@ -337,8 +336,9 @@ impl<'a> Regression<'a> {
         }
     }
 
-    /// From the slopes of what is across the line of cameras. `first` is the camera's x component.
-    fn turn(&self, first: usize, [lx, ly]: [f64; 2], overlap: f64) -> Turn {
+    /// Roll and magnification from the slopes across the line of cameras. `first` is the camera's x
+    /// component.
+    fn turn(&self, first: usize, [lx, ly]: [f64; 2], overlap: f64) -> RollFit {
         let (x, y) = (&self.planes[first], &self.planes[first + 1]);
         let across = y * lx - x * ly;
         let (vx, vy) = (
@@ -350,15 +350,15 @@ impl<'a> Regression<'a> {
             let spread = direction.dot(&(self.inverse * direction));
             [across.dot(&direction), (variance * spread).sqrt()]
         };
-        Turn {
+        RollFit {
             roll_rad: slope(Vector3::new(0.0, lx, ly)),
             scale: slope(Vector3::new(0.0, -ly, lx)),
         }
     }
 }
 
-/// The direction in which all cameras stand, if they stand in a line.
-fn line(geometry: &Geometry) -> Option<[f64; 2]> {
+/// Direction of the line on which all cameras are, if there is one.
+fn line(geometry: &RigGeometry) -> Option<[f64; 2]> {
     let cameras = &geometry.rig.cameras;
     let reference = cameras[geometry.reference].offset_mm;
     let ways = cameras
@@ -377,11 +377,11 @@ fn line(geometry: &Geometry) -> Option<[f64; 2]> {
     let unit = longest.map(|c| sign * c / length(&longest));
     let across = |way: [f64; 2]| (way[1] * unit[0] - way[0] * unit[1]).abs();
     ways.clone()
-        .all(|way| across(way) < 1e-3 * geometry.reach_mm)
+        .all(|way| across(way) < 1e-3 * geometry.longest_baseline_mm)
         .then_some(unit)
 }
 
-/// The middle value; 0 of none.
+/// Median; 0 of no values.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;

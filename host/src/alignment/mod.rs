@@ -1,13 +1,13 @@
-//! Datum offsets of a rig's cameras from pictures of any textured scene: the paper's section 4.1.
+//! Principal-point alignment of a rig from images of any textured scene: the paper's section 4.1.
 //!
-//! A principal point that is off by `δ_k` px moves all views of camera `k` by `e_k = δ_k/f_k`.
-//! Between parallel cameras in a plane the views of one point are `ξ_k = α - ρ c_k + e_k`, with the
-//! point's direction `α`, inverse depth `ρ` and the cameras' places `c_k`. Fitting `α` and `ρ`
+//! A principal point that is off by `δ_k` px moves all points of camera `k` by `e_k = δ_k/f_k`.
+//! Between parallel cameras in a plane the positions of one point are `ξ_k = α - ρ c_k + e_k`, with
+//! the point's direction `α`, inverse depth `ρ` and the camera positions `c_k`. Fitting `α` and `ρ`
 //! leaves a residual that is the same for every point of every scene: the part of `e` that is
 //! neither a common shift nor proportional to `c`. For the paper's three cameras these are its two
 //! tests: equal heights (eq. 2), and disparities in the ratio of the baselines (eq. 3).
 //!
-//! Two things cannot be seen in a scene of unknown depth, and are left as they were:
+//! A scene of unknown depth does not show two parts of the offsets, which stay as they were:
 //!
 //! * a common shift of all images: the reference camera (the one in the middle) keeps its principal
 //!   point;
@@ -17,14 +17,13 @@
 //! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets
 //! too.
 //!
-//! Cameras in line also show how they are rolled against each other, up to a degree or so: beyond,
-//! too few of their pictures match. What is significant goes into the corrected rig's rotations
-//! ([`roll`]).
+//! Cameras in line also show their roll against each other, up to a degree or so; beyond, too few
+//! windows match. A significant roll goes into the corrected rig's rotations ([`roll`]).
 //!
 //! The steps: [`rough`] finds offsets of many pixels by a search across the epipolar lines;
 //! [`crate::flow`] matches points to hundredths of a pixel with the rig corrected so far; [`fit`]
-//! takes a robust mean of their residuals, with its sigma. [`penalty`] says what the offsets cost
-//! each estimator, [`rewrite`] puts what was found into the user's own rig file.
+//! takes a robust mean of their residuals, with its sigma. [`penalty`] computes the error that the
+//! offsets cause in each estimator, [`rewrite`] writes the result into the user's own rig file.
 
 pub mod fit;
 pub mod penalty;
@@ -36,23 +35,24 @@ pub mod rough;
 use serde::Serialize;
 use shared::rig::Rig;
 
-use crate::flow::geometry::Geometry;
 use crate::flow::{self, Flow};
-use crate::images::Capture;
+use crate::images::FrameSet;
+use crate::matching::MatchSettings;
+use crate::matching::geometry::RigGeometry;
 use crate::rig_file::RigFile;
 use fit::{Fit, Point};
 use penalty::Penalty;
 
-/// What to look for.
+/// Limits of an alignment.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct AlignmentSettings {
     /// Largest offset across the epipolar line that is searched, px.
     pub reach_px: f64,
     /// Distance of a flat target along the reference camera's axis, mm, if it is known.
     pub depth_mm: Option<f64>,
 }
 
-impl Default for Settings {
+impl Default for AlignmentSettings {
     fn default() -> Self {
         Self {
             reach_px: 16.0,
@@ -61,33 +61,33 @@ impl Default for Settings {
     }
 }
 
-/// Why there is no alignment.
+/// Reason why there is no alignment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
-    /// The rig has not two cameras in different places.
+pub enum AlignmentRefusal {
+    /// The rig does not have two cameras in different places.
     #[error("the rig needs two cameras in different places")]
     WrongRig,
-    /// No offset within reach explains the pictures.
+    /// No offset within the search range explains the images.
     #[error(
         "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
     )]
     NoRoughOffset {
-        /// What was searched, px.
+        /// Search range, px.
         reach_px: f64,
         /// Matches that agree with the best offset.
         agree: usize,
         /// All rough matches.
         found: usize,
     },
-    /// No capture could be matched.
+    /// No frame set could be matched.
     #[error("no capture can be matched; the first: {0}")]
-    Flow(flow::Refusal),
+    Flow(flow::FlowRefusal),
     /// Too few points for a mean with a sigma.
     #[error("{found} matched points; at least {least} are needed")]
     FewPoints {
-        /// Matched.
+        /// Points matched.
         found: usize,
-        /// Needed.
+        /// Points needed.
         least: usize,
     },
     /// A depth was given, but the scene is not flat.
@@ -98,105 +98,109 @@ pub enum Refusal {
         /// Scatter of the disparity to the farthest camera, px.
         residual_px: f64,
     },
-    /// A depth was given that only offsets beyond those looked for could explain.
+    /// Only offsets beyond the search range could explain the given depth.
     #[error(
         "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at {seen_mm:.0} mm: measure again, or raise --reach"
     )]
     WrongDepth {
-        /// As given, mm.
+        /// Depth as given, mm.
         depth_mm: f64,
-        /// Where the rig sees it without, mm.
+        /// Depth by the rig without it, mm.
         seen_mm: f64,
-        /// The camera that would be off most.
+        /// Camera with the largest offset.
         camera: String,
-        /// By how much, px.
+        /// Largest offset, px.
         offset_px: f64,
-        /// What was looked for, px.
+        /// Search range, px.
         reach_px: f64,
     },
 }
 
-/// What was found about one camera.
+/// Alignment of one camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Datum {
-    /// Its name.
+    /// Name of the camera.
     pub name: String,
     /// New principal point minus the rig file's, px.
     pub offset_px: [f64; 2],
     /// Standard deviation of the offset, px; 0 where the offset is 0 by choice.
     pub sigma_px: [f64; 2],
-    /// The new principal point, px.
+    /// New principal point, px.
     pub principal_px: [f64; 2],
     /// Roll against the reference camera beyond what the rig file says, degrees, positive clockwise
     /// as seen in the image, and its standard deviation; only for rigs in line.
     pub roll_deg: Option<[f64; 2]>,
-    /// The new `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be
-    /// nothing ([`roll::SIGNIFICANT`]): then the old one stays.
+    /// New `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be
+    /// zero ([`roll::SIGNIFICANT`]): then the old one stays.
     pub rotation_deg: Option<[f64; 3]>,
     /// Magnification across the line of cameras against the reference camera, per cent, and its
     /// standard deviation; only for rigs in line.
     pub scale_percent: Option<[f64; 2]>,
 }
 
-/// The alignment of a rig.
+/// Alignment of a rig.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alignment {
-    /// Per camera, in the rig's order.
+    /// Alignment of each camera, in the rig's order.
     pub cameras: Vec<Datum>,
     /// Name of the camera that keeps its principal point.
     pub reference: String,
-    /// Captures that could be matched, and all.
+    /// Number of frame sets that could be matched, and of all.
     pub captures: [usize; 2],
-    /// Points behind the result.
+    /// Number of inliers.
     pub points: usize,
-    /// Points that disagree.
+    /// Number of outliers.
     pub outliers: usize,
     /// Scatter of the points' residuals, px (standard deviation of the worst component).
     pub scatter_px: f64,
     /// Median distance of the points, mm, as the corrected rig sees it.
     pub depth_mm: f64,
-    /// What the offsets cost.
+    /// Errors that the offsets cause.
     pub penalty: Penalty,
-    /// Whether the common error of all disparities was found from a known depth.
+    /// True if the common error of all disparities was found from a known depth.
     pub depth_known: bool,
-    /// The corrected rig.
+    /// Corrected rig.
     #[serde(skip)]
     pub rig: Rig,
 }
 
-/// The fewest points of any use.
+/// Least number of points.
 const LEAST_POINTS: usize = 20;
 
 /// Tolerance of the first matching, px: as far off as the rough offsets may be.
 const FIRST_TOLERANCE_PX: f64 = 3.0;
 
-/// Of the others, in scatters of the one before, and the least, px. Wider than the noise, so that a
-/// camera that is rolled is not cut to its middle rows.
+/// Tolerance of the later matchings, in scatters of the one before, and its least value, px. It is
+/// wider than the noise, so that a rolled camera is not cut to its middle rows.
 const SECOND_TOLERANCE: f64 = 6.0;
 const LEAST_TOLERANCE_PX: f64 = 0.5;
 
-/// How often a rig with rolled cameras is turned and matched anew: a roll of degrees shows in the
-/// middle of the image first.
+/// Number of times that a rig with rolled cameras is corrected and matched anew, because a roll of
+/// degrees shows in the middle of the image first.
 const TURNS: usize = 3;
 
 impl Alignment {
-    /// From captures of a scene, one view per camera of `file` each.
+    /// Aligns the rig of `file` by frame sets of a scene.
     ///
     /// # Errors
-    /// [`Refusal`], with what was found.
-    pub fn of(file: &RigFile, captures: &[Capture], settings: &Settings) -> Result<Self, Refusal> {
+    /// [`AlignmentRefusal`], with what was found.
+    pub fn of(
+        file: &RigFile,
+        frame_sets: &[FrameSet],
+        settings: &AlignmentSettings,
+    ) -> Result<Self, AlignmentRefusal> {
         let original = &file.rig;
-        let roughly = rough::align(original, captures, settings.reach_px)?;
-        let first = refine(&roughly, captures, FIRST_TOLERANCE_PX, settings)?;
-        let mut last = refine(&first.rig, captures, first.tolerance_px(), settings)?;
+        let roughly = rough::align(original, frame_sets, settings.reach_px)?;
+        let first = refine(&roughly, frame_sets, FIRST_TOLERANCE_PX, settings)?;
+        let mut last = refine(&first.rig, frame_sets, first.tolerance_px(), settings)?;
         let mut turned_rad = vec![0.0; original.cameras.len()];
         for _ in 0..TURNS {
             let Some(rig) = roll::undone(&last.rig, &last.fit.turns, &mut turned_rad) else {
                 break;
             };
-            last = refine(&rig, captures, last.tolerance_px(), settings)?;
+            last = refine(&rig, frame_sets, last.tolerance_px(), settings)?;
         }
-        let geometry = Geometry::new(original).ok_or(Refusal::WrongRig)?;
+        let geometry = RigGeometry::new(original).ok_or(AlignmentRefusal::WrongRig)?;
         let cameras: Vec<Datum> = (0..original.cameras.len())
             .map(|k| last.datum(k, file, turned_rad[k]))
             .collect();
@@ -206,9 +210,9 @@ impl Alignment {
             // The rough offsets may be off by the tolerance of the first matching.
             let most_px = settings.reach_px + FIRST_TOLERANCE_PX;
             if let Some(worst) = worst.filter(|datum| size(datum) > most_px) {
-                return Err(Refusal::WrongDepth {
+                return Err(AlignmentRefusal::WrongDepth {
                     depth_mm,
-                    seen_mm: seen_mm(&roughly, captures, settings)?,
+                    seen_mm: seen_mm(&roughly, frame_sets, settings)?,
                     camera: worst.name.clone(),
                     offset_px: size(worst),
                     reach_px: settings.reach_px,
@@ -218,7 +222,7 @@ impl Alignment {
         Ok(Self {
             cameras,
             reference: file.names[geometry.reference].clone(),
-            captures: [last.captures, captures.len()],
+            captures: [last.captures, frame_sets.len()],
             points: last.fit.used,
             outliers: last.fit.outliers,
             scatter_px: last.scatter_px,
@@ -237,16 +241,20 @@ impl Alignment {
 }
 
 /// Median distance of the points by the rig's own disparities, mm.
-fn seen_mm(rig: &Rig, captures: &[Capture], settings: &Settings) -> Result<f64, Refusal> {
-    let settings = Settings {
+fn seen_mm(
+    rig: &Rig,
+    frame_sets: &[FrameSet],
+    settings: &AlignmentSettings,
+) -> Result<f64, AlignmentRefusal> {
+    let settings = AlignmentSettings {
         depth_mm: None,
         ..*settings
     };
-    let seen = refine(rig, captures, FIRST_TOLERANCE_PX, &settings)?;
+    let seen = refine(rig, frame_sets, FIRST_TOLERANCE_PX, &settings)?;
     Ok(seen.fit.median_depth_mm)
 }
 
-/// A rig corrected by points that were matched with it.
+/// Rig corrected by points that were matched with it.
 struct Refined {
     rig: Rig,
     fit: Fit,
@@ -254,16 +262,16 @@ struct Refined {
     scatter_px: f64,
 }
 
-/// Matches all captures with `rig` and corrects it.
+/// Matches all frame sets with `rig` and corrects it.
 fn refine(
     rig: &Rig,
-    captures: &[Capture],
+    frame_sets: &[FrameSet],
     tolerance_px: f64,
-    settings: &Settings,
-) -> Result<Refined, Refusal> {
-    let (points, overlap, matched) = matched(rig, captures, tolerance_px)?;
+    settings: &AlignmentSettings,
+) -> Result<Refined, AlignmentRefusal> {
+    let (points, overlap, matched) = matched(rig, frame_sets, tolerance_px)?;
     if points.len() < LEAST_POINTS {
-        return Err(Refusal::FewPoints {
+        return Err(AlignmentRefusal::FewPoints {
             found: points.len(),
             least: LEAST_POINTS,
         });
@@ -278,33 +286,37 @@ fn refine(
     })
 }
 
-/// Points matched in all cameras, by how much their windows overlap, and in how many captures.
+/// Returns points matched in all cameras, the mean overlap of their windows, and the number of
+/// frame sets that could be matched.
 fn matched(
     rig: &Rig,
-    captures: &[Capture],
+    frame_sets: &[FrameSet],
     tolerance_px: f64,
-) -> Result<(Vec<Point>, f64, usize), Refusal> {
-    let settings = flow::Settings {
-        view_residual_px: tolerance_px,
-        ..flow::Settings::default()
+) -> Result<(Vec<Point>, f64, usize), AlignmentRefusal> {
+    let settings = flow::FlowSettings {
+        matching: MatchSettings {
+            max_view_residual_px: tolerance_px,
+            ..MatchSettings::default()
+        },
+        ..flow::FlowSettings::default()
     };
-    let mut flow = Flow::new(rig, settings).map_err(Refusal::Flow)?;
+    let mut flow = Flow::new(rig, settings).map_err(AlignmentRefusal::Flow)?;
     let (mut points, mut overlap, mut matched) = (Vec::new(), 0.0, 0);
     let mut refused = None;
-    for capture in captures {
-        // Measured against itself, a capture gives the matches between its cameras.
+    for frame_set in frame_sets {
+        // Measured against itself, a frame set gives the matches between its cameras.
         let seen = flow
-            .set_reference(capture)
-            .and_then(|()| flow.measure(capture));
+            .set_keyframe(frame_set)
+            .and_then(|()| flow.measure(frame_set));
         match seen {
             Ok(seen) if seen.cameras.len() < rig.cameras.len() => {
                 let left = seen.cameras.len();
-                refused.get_or_insert(flow::Refusal::FewCameras { left });
+                refused.get_or_insert(flow::FlowRefusal::FewCameras { left });
             }
             Ok(seen) => {
-                overlap += seen.scatter.overlap;
+                overlap += seen.variance_inflation.window_overlap;
                 matched += 1;
-                let starts = seen.tracks.iter().map(|track| Point {
+                let starts = seen.correspondences.iter().map(|track| Point {
                     pixels: track.pixels.iter().map(|[start, _]| *start).collect(),
                 });
                 points.extend(starts);
@@ -315,13 +327,13 @@ fn matched(
         }
     }
     match refused {
-        Some(refusal) if matched == 0 => Err(Refusal::Flow(refusal)),
+        Some(refusal) if matched == 0 => Err(AlignmentRefusal::Flow(refusal)),
         _ => Ok((points, overlap / matched.max(1) as f64, matched)),
     }
 }
 
 impl Refined {
-    /// Per camera.
+    /// Standard deviation of each camera's offset, px.
     fn sigma_px(&self) -> Vec<[f64; 2]> {
         let cameras = self.rig.cameras.iter().zip(&self.fit.sigma);
         cameras
@@ -329,12 +341,13 @@ impl Refined {
             .collect()
     }
 
-    /// How far off the next matching may be, px.
+    /// Tolerance of the next matching, px.
     fn tolerance_px(&self) -> f64 {
         (SECOND_TOLERANCE * self.scatter_px).clamp(LEAST_TOLERANCE_PX, FIRST_TOLERANCE_PX)
     }
 
-    /// `turned_rad` is the roll that has been undone: what the fit still shows comes on top of it.
+    /// Assembles the alignment of camera `k`. `turned_rad` is the roll that has been corrected; the
+    /// roll that the fit still shows adds to it.
     fn datum(&self, k: usize, file: &RigFile, turned_rad: f64) -> Datum {
         let (before, now) = (&file.rig.cameras[k], &self.rig.cameras[k]);
         let turn = self.fit.turns.get(k).copied().flatten();

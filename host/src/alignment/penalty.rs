@@ -13,41 +13,42 @@ use shared::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
 use crate::field_of_view::FieldOfView;
-use crate::flow::geometry::Geometry;
+use crate::matching::geometry::RigGeometry;
 
-/// Error in Z, per cent.
+/// Error in Z of each estimator, per cent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Cost {
-    /// Of the midpoint.
+    /// Error of the midpoint estimator.
     pub midpoint: Option<f64>,
-    /// Of the paper's closed form; `None` if it cannot be used with the rig or gives no
+    /// Error of the paper's closed form; `None` if it cannot be used with the rig or gives no
     /// displacement.
     pub closed_form: Option<f64>,
 }
 
-/// What an alignment is worth.
+/// Errors in Z before and after an alignment.
 ///
-/// The offsets that a scene shows cost the midpoint nothing: its depths and flows depend only on
-/// those that it does not show.
+/// The offsets that a scene shows cause no error of the midpoint estimator: its depths and flows
+/// depend only on those that the scene does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Penalty {
-    /// With the rig file as it is.
+    /// Error with the rig file as it is.
     pub before_percent: Cost,
-    /// With those that were found, one standard deviation from the right ones.
+    /// Error with the offsets that were found, one standard deviation from the right ones.
     pub after_percent: Cost,
-    /// With 0.1 px of X left in one outer image, whichever costs more.
+    /// Error with 0.1 px along x in the worse outer image.
     pub tenth_px_percent: Cost,
-    /// With a common error of all disparities, 0.1 px to the farthest camera: the same for every
-    /// estimator.
+    /// Error with a common error of all disparities, 0.1 px to the farthest camera: equal for all
+    /// estimators.
     pub unseen_percent: f64,
 }
 
-/// How the target is moved, mm: a step of the paper's section 4.3.
+/// Displacement of the target, mm: a step of the paper's section 4.3.
 const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
 
 impl Penalty {
-    /// Of the principal points of `assumed`, where `found` has the right ones to within `sigma_px`,
-    /// for targets at `depth_mm`. Without a known depth the error of all disparities stays out.
+    /// Computes the errors for targets at `depth_mm`, with the principal points of `assumed`
+    /// instead of those of `found`, which are right within `sigma_px`. Without a known depth, the
+    /// common error of all disparities is left out.
     pub fn of(
         assumed: &Rig,
         found: &Rig,
@@ -80,7 +81,8 @@ impl Penalty {
                 tenth = tenth.with(cost, f64::max);
             }
         }
-        let px = Geometry::new(found).map_or(f64::NAN, |g| g.focal_px * g.reach_mm / depth_mm);
+        let px = RigGeometry::new(found)
+            .map_or(f64::NAN, |g| g.focal_px * g.longest_baseline_mm / depth_mm);
         Self {
             before_percent: cost(found, assumed, depth_mm),
             after_percent: squares.map(f64::sqrt),
@@ -107,9 +109,9 @@ impl Cost {
     }
 }
 
-/// `assumed` with that part of the offsets of `truth` which a scene shows.
+/// Adds to `assumed` that part of the offsets of `truth` which a scene shows.
 fn visible(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Option<Rig> {
-    let geometry = Geometry::new(assumed)?;
+    let geometry = RigGeometry::new(assumed)?;
     let seen = truth.cameras.iter();
     let point = Point {
         pixels: seen.map(|c| c.project([0.0, 0.0, depth_mm])).collect(),
@@ -118,7 +120,7 @@ fn visible(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Option<Rig> {
     Some(corrected(assumed, geometry.reference, &sample.components))
 }
 
-/// Error in Z when `truth` is taken for `assumed`, per cent of the displacement.
+/// Computes the error in Z with the rig `assumed` instead of `truth`, per cent of the displacement.
 pub fn cost(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Cost {
     let frame = frame(truth, assumed, depth_mm);
     let percent = |z: f64| 100.0 * (z / MOVE_MM[2] - 1.0);
@@ -144,7 +146,7 @@ pub fn cost(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Cost {
     }
 }
 
-/// Views of a grid of points in the common view.
+/// Correspondences of a grid of points in the common field of view.
 fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
     const SIDE: i32 = 8;
     let Some(common) = FieldOfView::new(truth, 0.0).common(depth_mm) else {

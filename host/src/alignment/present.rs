@@ -3,12 +3,12 @@
 use super::Alignment;
 use super::penalty::Cost;
 
-/// Offsets with a standard deviation above this are not what an alignment should reach, px.
+/// Largest standard deviation of an offset without a warning, px.
 pub const GOAL_PX: f64 = 0.02;
 
-/// A magnification is told when it is this many standard deviations from nothing,
+/// Least magnification with a warning, in standard deviations.
 const SIGNIFICANT: f64 = 5.0;
-/// and moves a point at the image's border by this much, px.
+/// Least effect of a magnification with a warning, at the image's border, px.
 const VISIBLE_PX: f64 = 0.1;
 
 /// Names and values that are no table.
@@ -77,7 +77,7 @@ fn unseen(found: &Alignment) -> String {
     )
 }
 
-/// What the user should know or do.
+/// Formats warnings for the user.
 pub fn warnings(found: &Alignment) -> Vec<String> {
     let mut warnings = Vec::new();
     let worst = found.cameras.iter().flat_map(|c| c.sigma_px);

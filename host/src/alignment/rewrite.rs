@@ -9,17 +9,17 @@ use super::Datum;
 use crate::error::InputError;
 use crate::rig_file::edit::{self, edited};
 
-/// Decimals of a principal point, px, and of an angle, degrees: far below what can be measured.
+/// Decimals of a principal point, px, and of an angle, degrees: far below the uncertainty.
 const DECIMALS: f64 = 1e4;
 
-/// A camera's new values.
+/// New values of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction<'a> {
-    /// The camera.
+    /// Name of the camera.
     pub name: &'a str,
-    /// Its principal point, px.
+    /// New principal point, px.
     pub principal_px: [f64; 2],
-    /// Its rotation, degrees; `None` leaves it as it is.
+    /// New rotation, degrees; `None` leaves it as it is.
     pub rotation_deg: Option<[f64; 3]>,
 }
 
@@ -33,10 +33,10 @@ impl<'a> From<&'a Datum> for Correction<'a> {
     }
 }
 
-/// `text`, a rig file, with other values for some cameras. `file` is what errors name.
+/// Replaces the values of some cameras in `text`, a rig file. Errors name `file`.
 ///
 /// # Errors
-/// If the text is no rig file, or the result would be none.
+/// [`InputError`] if the text is not a rig file, or the result would not be one.
 pub fn corrected(
     file: &Path,
     text: &str,
@@ -58,7 +58,7 @@ pub fn corrected(
     })
 }
 
-/// A camera's table, whichever way the file writes its list of cameras.
+/// Returns a camera's table, for either form of the list of cameras.
 fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike> {
     let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
     match cameras {
@@ -75,7 +75,7 @@ fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike
     }
 }
 
-/// Numbers in the place of those that `key` has, or at the end of the table.
+/// Replaces the numbers of `key`, or appends them to the table.
 fn write(table: &mut dyn TableLike, key: &str, numbers: &[f64]) {
     let rounded = numbers
         .iter()

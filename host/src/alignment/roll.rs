@@ -11,18 +11,18 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::rig::{Camera, Rig, Rotation};
 
-use super::fit::Turn;
+use super::fit::RollFit;
 
-/// A roll is undone when it is this many standard deviations from nothing: one camera in 370 is
-/// turned by chance, by as little as it can be told.
+/// Least significant roll, in standard deviations: by chance, one camera in 370 is corrected, by as
+/// little as can be measured.
 pub const SIGNIFICANT: f64 = 3.0;
 
-/// Of a camera that has been turned once, what is left is undone down to this many standard
-/// deviations: the first matching may have missed the ends of its rows.
+/// Least further roll of a camera that was corrected before, in standard deviations. The first
+/// matching may have missed the ends of its rows.
 const SETTLED: f64 = 0.5;
 
-/// By how much a camera is to be turned, rad; `None` if its roll may be nothing.
-fn to_undo(turn: Option<Turn>, turned_rad: f64) -> Option<f64> {
+/// Correction of a camera's roll, rad; `None` if the roll may be zero.
+fn to_undo(turn: Option<RollFit>, turned_rad: f64) -> Option<f64> {
     let [roll_rad, sigma] = turn?.roll_rad;
     let limit = if turned_rad == 0.0 {
         SIGNIFICANT
@@ -32,7 +32,7 @@ fn to_undo(turn: Option<Turn>, turned_rad: f64) -> Option<f64> {
     (roll_rad.abs() > limit * sigma).then_some(roll_rad)
 }
 
-/// The camera, if it turned out to be rolled clockwise by `roll_rad`.
+/// Returns the camera with its rotation corrected for a clockwise roll of `roll_rad`.
 pub fn rolled(camera: &Camera, roll_rad: f64) -> Camera {
     let rows = camera.rotation.rows();
     let before = Matrix3::from_fn(|i, j| rows[i][j]);
@@ -45,9 +45,9 @@ pub fn rolled(camera: &Camera, roll_rad: f64) -> Camera {
     }
 }
 
-/// The rig with every roll undone that is no matter of chance; `None` if there is none.
-/// `turned_rad` is by how much each camera has been turned so far, and is brought up to date.
-pub fn undone(rig: &Rig, turns: &[Option<Turn>], turned_rad: &mut [f64]) -> Option<Rig> {
+/// Corrects every significant roll of the rig; `None` if there is none. `turned_rad` is the roll
+/// corrected so far, per camera, and is updated.
+pub fn undone(rig: &Rig, turns: &[Option<RollFit>], turned_rad: &mut [f64]) -> Option<Rig> {
     let mut turned: Option<Rig> = None;
     for (k, (turn, sum)) in turns.iter().zip(turned_rad).enumerate() {
         let Some(roll) = to_undo(*turn, *sum) else {
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn what_may_be_nothing_is_left_alone() {
         let turn = |roll_rad: f64| {
-            Some(Turn {
+            Some(RollFit {
                 roll_rad: [roll_rad, 0.001],
                 scale: [0.0; 2],
             })

@@ -1,44 +1,44 @@
-//! Offsets of many pixels, to about one: corners are looked for far to either side of their
-//! epipolar lines, and the offset that most agree on wins.
+//! Rough offsets of many pixels, to about one pixel: corners are searched in a wide band around
+//! their epipolar lines, and the offset with most votes wins.
 
 use shared::rig::Rig;
 
-use super::Refusal;
+use super::AlignmentRefusal;
 use super::fit::{Point, Sample, corrected};
-use crate::flow::corner;
-use crate::flow::geometry::Geometry;
-use crate::flow::likeness::{Field, OUTSIDE};
-use crate::flow::pyramid::Pyramid;
-use crate::flow::workers::Workers;
-use crate::images::Capture;
+use crate::images::{FrameSet, Image};
+use crate::matching::corner;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::zncc::{OUTSIDE, ZnccPatch, ZnccPlane};
+use crate::thread_pool::ThreadPool;
 
-/// The searched level's image is at most this wide, px.
+/// Largest width of the searched pyramid level, px.
 const WIDTH: usize = 240;
-/// Corners that are looked for in each capture.
+/// Number of corners per frame set.
 const CORNERS: usize = 150;
-/// Least likeness of a match that may vote.
-const LEAST_LIKENESS: f32 = 0.75;
-/// The largest disparity to any camera, in image widths.
+/// Least correlation of a match that may vote.
+const MIN_ZNCC: f32 = 0.75;
+/// Largest disparity to any camera, in image widths.
 const LARGEST_DISPARITY: f64 = 0.5;
-/// Votes within this are for the same offset, px of the searched level.
+/// Largest distance of votes for the same offset, px of the searched level.
 const ALIKE_PX: f64 = 1.5;
-/// The fewest votes for an offset, and their least share of all.
+/// Least number of votes for an offset, and their least share of all.
 const LEAST_VOTES: usize = 8;
 const LEAST_SHARE: f64 = 0.15;
 
-/// `rig` with principal points that are right to about a pixel, as far as they can be seen.
+/// Corrects the principal points of `rig` to about a pixel, as far as the images show them.
 ///
 /// # Errors
-/// [`Refusal::WrongRig`], [`Refusal::NoRoughOffset`].
-pub fn align(rig: &Rig, captures: &[Capture], reach_px: f64) -> Result<Rig, Refusal> {
-    let geometry = Geometry::new(rig).ok_or(Refusal::WrongRig)?;
+/// [`AlignmentRefusal::WrongRig`], [`AlignmentRefusal::NoRoughOffset`].
+pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, AlignmentRefusal> {
+    let geometry = RigGeometry::new(rig).ok_or(AlignmentRefusal::WrongRig)?;
     let level = (1..)
         .find(|level| rig.image_size_px[0] as usize >> level <= WIDTH)
         .unwrap_or(1);
     let scale = (1 << level) as f64;
     let mut samples = Vec::new();
-    for capture in captures {
-        let points = matches(&geometry, capture, level, reach_px);
+    for frame_set in frame_sets {
+        let points = matches(&geometry, frame_set, level, reach_px);
         samples.extend(points.iter().map(|point| Sample::of(&geometry, point)));
     }
     let alike = ALIKE_PX * scale / geometry.focal_px;
@@ -53,7 +53,7 @@ pub fn align(rig: &Rig, captures: &[Capture], reach_px: f64) -> Result<Rig, Refu
         .unwrap_or_default();
     let count = agreeing.len();
     if count < LEAST_VOTES || (count as f64) < LEAST_SHARE * samples.len() as f64 {
-        return Err(Refusal::NoRoughOffset {
+        return Err(AlignmentRefusal::NoRoughOffset {
             reach_px,
             agree: count,
             found: samples.len(),
@@ -66,32 +66,37 @@ pub fn align(rig: &Rig, captures: &[Capture], reach_px: f64) -> Result<Rig, Refu
     Ok(corrected(rig, geometry.reference, &mean))
 }
 
-/// Corners of the reference image and what is most like them in every other camera, wherever that
-/// is.
-fn matches(geometry: &Geometry, capture: &Capture, level: usize, reach_px: f64) -> Vec<Point> {
+/// Matches corners of the reference image in every other camera, each at the best correlation
+/// within reach of its epipolar line.
+fn matches(
+    geometry: &RigGeometry,
+    frame_set: &FrameSet,
+    level: usize,
+    reach_px: f64,
+) -> Vec<Point> {
     let sides = geometry.rig.image_size_px.map(|side| side as usize);
-    let is_whole = |view: &crate::images::Image| [view.width, view.height] == sides;
-    if capture.views.len() != geometry.cameras() || !capture.views.iter().all(is_whole) {
+    let is_whole = |image: &Image| [image.width, image.height] == sides;
+    if frame_set.images.len() != geometry.cameras() || !frame_set.images.iter().all(is_whole) {
         return Vec::new();
     }
-    let mut planes = Vec::new();
-    for view in &capture.views {
-        planes.extend(Pyramid::new(view, level + 1).levels.pop());
+    let mut levels = Vec::new();
+    for image in &frame_set.images {
+        levels.extend(Pyramid::new(image, level + 1).levels.pop());
     }
-    let fields: Vec<Field> = planes.iter().map(Field::new).collect();
+    let planes: Vec<ZnccPlane> = levels.iter().map(ZnccPlane::new).collect();
     let scale = (1 << level) as f64;
-    let Some(base) = planes.get(geometry.reference) else {
+    let Some(base) = levels.get(geometry.reference) else {
         return Vec::new();
     };
-    let corners = corner::corners(base, 8, 6.0, CORNERS, &Workers::default());
+    let corners = corner::corners(base, 8, 6.0, CORNERS, &ThreadPool::default());
     let found = corners.into_iter().filter_map(|corner| {
-        let probe = fields[geometry.reference].probe(corner[0] as i64, corner[1] as i64)?;
+        let patch = planes[geometry.reference].patch(corner[0] as i64, corner[1] as i64)?;
         let corner_px = corner.map(|c| c as f64 * scale);
         let mut pixels = vec![corner_px; geometry.cameras()];
         for k in (0..geometry.cameras()).filter(|k| *k != geometry.reference) {
-            let strip = Strip::new(geometry, k, corner_px, scale, reach_px);
-            let (likeness, place) = strip.search(&fields[k], &probe);
-            if likeness < LEAST_LIKENESS {
+            let band = EpipolarBand::new(geometry, k, corner_px, scale, reach_px);
+            let (zncc, place) = band.best_match(&planes[k], &patch);
+            if zncc < MIN_ZNCC {
                 return None;
             }
             pixels[k] = place.map(|p| p as f64 * scale);
@@ -101,16 +106,16 @@ fn matches(geometry: &Geometry, capture: &Capture, level: usize, reach_px: f64) 
     found.collect()
 }
 
-/// Everything within reach of an epipolar line, px of the searched level.
-struct Strip {
+/// Band around an epipolar line, px of the searched level.
+struct EpipolarBand {
     start: [f64; 2],
     along: [f64; 2],
     length: f64,
     reach: f64,
 }
 
-impl Strip {
-    fn new(geometry: &Geometry, k: usize, corner: [f64; 2], scale: f64, reach_px: f64) -> Self {
+impl EpipolarBand {
+    fn new(geometry: &RigGeometry, k: usize, corner: [f64; 2], scale: f64, reach_px: f64) -> Self {
         let [reference, other] = [geometry.reference, k].map(|k| geometry.rig.cameras[k].offset_mm);
         let baseline = (other[0] - reference[0]).hypot(other[1] - reference[1]);
         let px_per_inverse_mm = geometry.focal_px * baseline;
@@ -130,9 +135,9 @@ impl Strip {
         }
     }
 
-    /// The likeliest place.
-    fn search(&self, field: &Field, probe: &crate::flow::likeness::Probe) -> (f32, [i64; 2]) {
-        let size = field.size();
+    /// Finds the place in the band that correlates best with `patch`, and its zncc.
+    fn best_match(&self, plane: &ZnccPlane, patch: &ZnccPatch) -> (f32, [i64; 2]) {
+        let size = plane.size();
         let extent = |i: usize| {
             let ends = [self.start[i], self.start[i] + self.length * self.along[i]];
             let low = ends[0].min(ends[1]) - self.reach;
@@ -146,17 +151,17 @@ impl Strip {
         let mut best = (OUTSIDE, [0, 0]);
         let mut row = vec![OUTSIDE; usize::try_from(right - left + 1).unwrap_or(0)];
         for y in top..=bottom {
-            field.compare(probe, left, y, &mut row);
-            for (x, likeness) in (left..).zip(&row) {
-                if *likeness > best.0 && self.holds([x, y]) {
-                    best = (*likeness, [x, y]);
+            plane.correlate(patch, left, y, &mut row);
+            for (x, zncc) in (left..).zip(&row) {
+                if *zncc > best.0 && self.contains([x, y]) {
+                    best = (*zncc, [x, y]);
                 }
             }
         }
         best
     }
 
-    fn holds(&self, at: [i64; 2]) -> bool {
+    fn contains(&self, at: [i64; 2]) -> bool {
         let [x, y] = [0, 1].map(|i| at[i] as f64 - self.start[i]);
         let along = x * self.along[0] + y * self.along[1];
         let across = y * self.along[0] - x * self.along[1];

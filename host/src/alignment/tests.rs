@@ -32,7 +32,7 @@ fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     })
 }
 
-fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<Capture> {
+fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<FrameSet> {
     let scene = Scene::new(rig, texture, settings).unwrap();
     let render = |seed: &u64| {
         // Somewhere else each time, as captures of a bench are.
@@ -51,8 +51,8 @@ fn tilted(depth_mm: f64) -> SceneSettings {
     }
 }
 
-fn align(captures: &[Capture]) -> Alignment {
-    Alignment::of(&RigFile::paper(), captures, &Settings::default()).unwrap()
+fn align(captures: &[FrameSet]) -> Alignment {
+    Alignment::of(&RigFile::paper(), captures, &AlignmentSettings::default()).unwrap()
 }
 
 #[track_caller]
@@ -171,9 +171,9 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
     let capture = [scene.render([0.0; 3], 0, 4)];
     // The distance on the middle camera's axis, which meets the poster where it meets the world's
     // axis.
-    let settings = Settings {
+    let settings = AlignmentSettings {
         depth_mm: Some(850.0),
-        ..Settings::default()
+        ..AlignmentSettings::default()
     };
     let found = Alignment::of(&RigFile::paper(), &capture, &settings).unwrap();
     assert_found(&found, by, 0.02);
@@ -184,13 +184,13 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
 #[test]
 fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
-    let settings = Settings {
+    let settings = AlignmentSettings {
         depth_mm: Some(550.0),
-        ..Settings::default()
+        ..AlignmentSettings::default()
     };
     let captures = [scene.render([0.0; 3], 0, 4)];
     let refused = Alignment::of(&RigFile::paper(), &captures, &settings);
-    let Err(Refusal::WrongDepth {
+    let Err(AlignmentRefusal::WrongDepth {
         seen_mm, offset_px, ..
     }) = refused
     else {
@@ -206,13 +206,13 @@ fn a_known_depth_needs_a_flat_target() {
     // Two captures of different depths are not one plane.
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let captures = [0.0, 100.0].map(|z| scene.render([0.0, 0.0, z], 0, 4));
-    let settings = Settings {
+    let settings = AlignmentSettings {
         depth_mm: Some(850.0),
-        ..Settings::default()
+        ..AlignmentSettings::default()
     };
     let refused = Alignment::of(&RigFile::paper(), &captures, &settings);
     assert!(
-        matches!(refused, Err(Refusal::NotFlat { .. })),
+        matches!(refused, Err(AlignmentRefusal::NotFlat { .. })),
         "{refused:?}"
     );
 }
@@ -313,7 +313,7 @@ fn other_rigs_are_aligned_as_far_as_they_show_it() {
     truth.cameras[0].principal_px[0] += 4.0;
     truth.cameras[0].principal_px[1] += 1.5;
     let captures = captures(&truth, &Texture::natural(2), tilted(850.0), &[5]);
-    let found = Alignment::of(&file, &captures, &Settings::default()).unwrap();
+    let found = Alignment::of(&file, &captures, &AlignmentSettings::default()).unwrap();
     let moved = (0..2).map(|k| found.cameras[k].offset_px);
     let [a, b]: [[f64; 2]; 2] = moved.collect::<Vec<_>>().try_into().unwrap();
     let seen = a[0] - b[0] * 533.16 / 538.14;
@@ -338,7 +338,7 @@ fn larger_images_and_bent_lenses_are_aligned_too() {
     truth.cameras[0].principal_px[1] += 7.5;
     truth.cameras[2].principal_px[1] -= 4.0;
     let captures = captures(&truth, &Texture::natural(7), tilted(850.0), &[1]);
-    let found = Alignment::of(&file, &captures, &Settings::default()).unwrap();
+    let found = Alignment::of(&file, &captures, &AlignmentSettings::default()).unwrap();
     assert_found(&found, [[0.0, 7.5], [0.0; 2], [0.0, -4.0]], 0.02);
 }
 
@@ -347,7 +347,7 @@ fn patterns_that_repeat_are_refused() {
     let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
     for texture in [Texture::grid(), Texture::bricks(1)] {
         let captures = captures(&shifted(by), &texture, SceneSettings::default(), &[1]);
-        let refused = Alignment::of(&RigFile::paper(), &captures, &Settings::default());
+        let refused = Alignment::of(&RigFile::paper(), &captures, &AlignmentSettings::default());
         println!("{refused:?}");
         assert!(refused.is_err(), "{refused:?}");
     }
@@ -360,25 +360,25 @@ fn pictures_that_show_nothing_are_refused() {
         height: 240,
         grey: vec![90; 320 * 240],
     };
-    let capture = Capture {
+    let capture = FrameSet {
         time_us: 0,
-        views: vec![blank; 3],
+        images: vec![blank; 3],
     };
-    let refused = Alignment::of(&RigFile::paper(), &[capture], &Settings::default());
+    let refused = Alignment::of(&RigFile::paper(), &[capture], &AlignmentSettings::default());
     assert!(matches!(
         refused,
-        Err(Refusal::NoRoughOffset { found: 0, .. })
+        Err(AlignmentRefusal::NoRoughOffset { found: 0, .. })
     ));
     let far = shifted([[0.0, 0.0], [0.0, 0.0], [0.0, 30.0]]);
     let captures = captures(&far, &Texture::natural(1), tilted(850.0), &[1]);
-    let refused = Alignment::of(&RigFile::paper(), &captures, &Settings::default());
+    let refused = Alignment::of(&RigFile::paper(), &captures, &AlignmentSettings::default());
     assert!(
-        matches!(refused, Err(Refusal::NoRoughOffset { .. })),
+        matches!(refused, Err(AlignmentRefusal::NoRoughOffset { .. })),
         "{refused:?}"
     );
-    let wider = Settings {
+    let wider = AlignmentSettings {
         reach_px: 40.0,
-        ..Settings::default()
+        ..AlignmentSettings::default()
     };
     let found = Alignment::of(&RigFile::paper(), &captures, &wider).unwrap();
     assert!((found.cameras[2].offset_px[1] - 30.0).abs() < 0.02);

@@ -252,7 +252,7 @@ mod tests {
             let mut farthest = [0.0; 3];
             for _ in 0..4_000 {
                 planner.plan_tick();
-                for (farthest, way) in farthest.iter_mut().zip(planner.stopping_ways()) {
+                for (farthest, way) in farthest.iter_mut().zip(planner.stopping_distances()) {
                     let mm = way as f64 / 4_294_967_296.0 / 80.0;
                     *farthest = mm.max(*farthest);
                 }

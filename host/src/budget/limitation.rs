@@ -9,8 +9,8 @@ use super::headroom::RATED_MOVE_MM;
 use super::sigma::WINDOW_PX;
 use super::{AtDepth, Verification};
 use crate::field_of_view::FieldOfView;
-use crate::flow::geometry::Geometry;
-use crate::flow::stereo::matched_depths_mm;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::{RigFile, Stage};
 
 /// How bad it is, the worst first.
@@ -107,7 +107,7 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
         );
         add(Severity::Warning, "camera.principal_px", text);
     }
-    if let Some(geometry) = Geometry::new(&rig.rig) {
+    if let Some(geometry) = RigGeometry::new(&rig.rig) {
         let focal = |k: usize| rig.rig.cameras[k].focal_px.iter().sum::<f64>() / 2.0;
         for (k, name) in rig.names.iter().enumerate() {
             let ratio = focal(k) / focal(geometry.reference);
@@ -120,7 +120,8 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
                 add(Severity::Warning, "camera.focal_px", text);
             }
         }
-        let ([least, most], reach_mm) = (matched_depths_mm(&geometry), geometry.reach_mm);
+        let ([least, most], reach_mm) =
+            (matched_depths_mm(&geometry), geometry.longest_baseline_mm);
         if most < far {
             let text = format!(
                 "no camera is farther than {reach_mm:.2} mm from the one in the middle: points beyond {most:.0} mm are not matched, their disparities say too little"

@@ -19,8 +19,8 @@ pub mod sigma;
 use serde::Serialize;
 
 use crate::field_of_view::FieldOfView;
-use crate::flow::geometry::Geometry;
-use crate::flow::stereo::matched_depths_mm;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::RigFile;
 use drive::Drive;
 use headroom::Headroom;
@@ -113,7 +113,7 @@ impl Verification {
         let view = FieldOfView::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
         // Cameras in one place match nothing.
-        let matched = Geometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
+        let matched = RigGeometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
         let depths = depths(near, far)
             .into_iter()
             .map(|(depth, is_row)| at_depth(rig, &view, &settings, matched, (depth, is_row)))

@@ -17,23 +17,23 @@
 //! and sub-pixel tracking errs alike for all points ([`crate::sums`]). So beyond some number of
 //! points more of them do not help. All noise is taken to be the sensor's; what of it is
 //! interpolation's own error windows do not share, so with sharp texture and little noise a
-//! measurement states less ([`crate::flow::scatter`]).
+//! measurement states less ([`crate::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
 
 use crate::field_of_view::{FieldOfView, Rectangle};
-use crate::flow::lucas_kanade::Large;
-use crate::sums::widening;
+use crate::flow::variance_inflation::with_common_error;
+use crate::matching::lucas_kanade::FineTemplate;
 
 /// Side of the window in which the flow of a point is measured, px.
 pub const WINDOW_PX: f64 = 21.0;
 
-/// Least distance between two points, px ([`crate::flow::Settings::apart_px`]).
+/// Least distance between two points, px ([`crate::flow::FlowSettings::min_spacing_px`]).
 const APART_PX: f64 = 8.0;
 
 /// Margin that such a window needs from the image's border, px.
-pub const MARGIN_PX: f64 = Large::MARGIN as f64;
+pub const MARGIN_PX: f64 = FineTemplate::MARGIN as f64;
 
 /// What is predicted for one depth and number of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,7 +106,7 @@ impl Predictor {
         let points = points.min(self.room_for);
         let others = f64::from(points.saturating_sub(1));
         let components = 2.0 * self.cameras * f64::from(points);
-        let widening = widening(1.0 + others * self.overlap, self.noise_px, components);
+        let widening = with_common_error(1.0 + others * self.overlap, self.noise_px, components);
         Prediction {
             sigma_mm: self.with(points, widening),
             widening,
@@ -291,7 +291,10 @@ mod tests {
 
     #[test]
     fn corners_are_as_far_apart_as_the_flow_keeps_them() {
-        assert_eq!(crate::flow::Settings::default().apart_px, APART_PX);
+        assert_eq!(
+            crate::flow::FlowSettings::default().min_spacing_px,
+            APART_PX
+        );
     }
 
     #[test]

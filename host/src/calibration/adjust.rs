@@ -23,72 +23,72 @@ use nalgebra::{
 
 use super::lens::{Lens, PARAMETERS};
 
-/// Unknowns per camera: lens, then rotation and translation of its motion.
+/// Number of unknowns per camera: lens, then rotation and translation of its motion.
 pub const PER_CAMERA: usize = PARAMETERS + 6;
 
 const MOST_ITERATIONS: usize = 200;
-/// Iterations end when the sum of squares falls by less than this share of itself.
+/// Relative decrease of the sum of squares at which iterations end.
 const CONVERGED: f64 = 1e-12;
-/// More damping than this finds no way down any more.
+/// Largest damping of a step.
 const MOST_DAMPING: f64 = 1e12;
 
-/// One image of the board.
+/// Image of the board by one camera.
 #[derive(Clone, Debug)]
-pub struct Sight {
-    /// The camera that took it.
+pub struct BoardImage {
+    /// Index of the camera.
     pub camera: usize,
-    /// Every corner, in the board's order, px.
+    /// Pixels of all corners, in the board's order.
     pub corners: Vec<[f64; 2]>,
 }
 
-/// The board at one instant.
+/// Pose of the board at one instant, with its images.
 #[derive(Clone, Debug)]
-pub struct View {
-    /// From the board's axes to the reference camera's, mm.
+pub struct BoardView {
+    /// Motion from the board's axes to the reference camera's, mm.
     pub pose: Isometry3<f64>,
-    /// Its images, at most one per camera.
-    pub sights: Vec<Sight>,
+    /// Images of the board, at most one per camera.
+    pub sights: Vec<BoardImage>,
 }
 
-/// Everything that is known or guessed.
+/// Bundle: all unknowns and observations of an adjustment.
 #[derive(Clone, Debug)]
 pub struct Bundle {
-    /// The board's corners, mm.
+    /// Corners of the board, mm.
     pub board_mm: Vec<[f64; 2]>,
-    /// Per camera.
+    /// Lens of each camera.
     pub lenses: Vec<Lens>,
-    /// Per camera: from the reference camera's axes to its own. The reference's is the identity.
+    /// Motion from the reference camera's axes to those of each camera. The reference camera's is
+    /// the identity.
     pub motions: Vec<Isometry3<f64>>,
-    /// The views.
-    pub views: Vec<View>,
+    /// Poses of the board.
+    pub views: Vec<BoardView>,
 }
 
-/// What is known at the solution.
+/// Solution of an adjustment.
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// Standard deviation of one coordinate of a corner, px.
     pub sigma_px: f64,
     /// Covariance of the free unknowns, in the order they were given.
     pub covariance: DMatrix<f64>,
-    /// By how much the free unknowns change with every other unknown of the cameras (rows: free;
-    /// columns: all).
+    /// Derivatives of the free unknowns by all unknowns of the cameras (rows: free; columns: all).
     pub response: DMatrix<f64>,
 }
 
-/// Why there is no solution.
+/// Reason why there is no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unsolved {
-    /// The views leave some unknown open.
+    /// The images do not determine some unknown.
     #[error(
         "the views of the board are too alike to tell lens and distance apart; tilt it more, in more directions"
     )]
     Open,
-    /// Some corner would have to lie behind a camera.
+    /// Some corner would lie behind a camera.
     #[error("the views of the board contradict each other")]
     Behind,
 }
 
-/// The normal equations at one place, views not yet eliminated.
+/// Normal equations before the elimination of the board poses.
 struct Normal {
     squares: f64,
     residuals: usize,
@@ -100,13 +100,14 @@ struct Normal {
 struct ViewBlock {
     own: SMatrix<f64, 6, 6>,
     right: SVector<f64, 6>,
-    /// Per sight: the camera and its block.
+    /// Camera and block of each image.
     mixed: Vec<(usize, SMatrix<f64, PER_CAMERA, 6>)>,
 }
 
 impl Bundle {
-    /// Residuals of one sight: seen minus expected, px. None if a corner is behind the camera.
-    pub fn residuals(&self, view: &View, sight: &Sight) -> Option<Vec<[f64; 2]>> {
+    /// Computes the residuals of one image: seen minus expected, px. Returns `None` if a corner is
+    /// behind the camera.
+    pub fn residuals(&self, view: &BoardView, sight: &BoardImage) -> Option<Vec<[f64; 2]>> {
         let motion = self.motions[sight.camera] * view.pose;
         let lens = &self.lenses[sight.camera];
         let pairs = self.board_mm.iter().zip(&sight.corners);
@@ -119,8 +120,8 @@ impl Bundle {
             .collect()
     }
 
-    /// Root mean square distance of a sight's corners from where they should be, px.
-    pub fn rms_px(&self, view: &View, sight: &Sight) -> f64 {
+    /// Computes the root mean square residual of one image, px.
+    pub fn rms_px(&self, view: &BoardView, sight: &BoardImage) -> f64 {
         match self.residuals(view, sight) {
             Some(residuals) => {
                 let squares: f64 = residuals.iter().map(|r| r[0] * r[0] + r[1] * r[1]).sum();
@@ -144,11 +145,11 @@ impl Bundle {
         sum.is_finite().then_some(sum)
     }
 
-    /// Moves everything that is free to where the squares are least. `free` are indices of the
-    /// cameras' unknowns, [`PER_CAMERA`] each; the views are always free.
+    /// Minimises the sum of squares (Levenberg-Marquardt). `free` holds indices of the cameras'
+    /// unknowns, [`PER_CAMERA`] each; the poses of the board are always free.
     ///
     /// # Errors
-    /// [`Unsolved`].
+    /// [`Unsolved`], with the reason.
     pub fn adjust(&mut self, free: &[usize]) -> Result<Solution, Unsolved> {
         let mut damping = 1e-3;
         let mut normal = self.normal().ok_or(Unsolved::Behind)?;
@@ -227,7 +228,7 @@ impl Bundle {
         })
     }
 
-    fn row(&self, view: &View, camera: usize, point: [f64; 2], seen: [f64; 2]) -> Option<Row> {
+    fn row(&self, view: &BoardView, camera: usize, point: [f64; 2], seen: [f64; 2]) -> Option<Row> {
         let motion = &self.motions[camera];
         let turned = view.pose.rotation * Vector3::new(point[0], point[1], 0.0);
         let before = turned + view.pose.translation.vector;
@@ -258,7 +259,7 @@ impl Bundle {
         })
     }
 
-    /// This bundle, one damped step further; none if the equations have no solution.
+    /// Returns the bundle after one damped step; `None` if the equations have no solution.
     fn step(&self, normal: &Normal, free: &[usize], damping: f64) -> Option<Self> {
         let (reduced, right) = normal.reduced(damping)?;
         let reduced = reduced.select_rows(free).select_columns(free);
@@ -317,7 +318,7 @@ impl ViewBlock {
 }
 
 impl Normal {
-    /// The cameras' equations after the views have been eliminated.
+    /// Eliminates the board poses (Schur complement) and returns the equations of the cameras.
     fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let mut matrix = self.cameras.clone();
         for i in 0..matrix.nrows() {
@@ -341,7 +342,7 @@ impl Normal {
     }
 }
 
-/// A motion after a small change: rotation, then shift.
+/// Applies a small change to a motion: rotation, then shift.
 pub fn moved(motion: &Isometry3<f64>, change: SVector<f64, 6>) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(change.fixed_rows::<3>(0).into_owned());
     let shift = change.fixed_rows::<3>(3).into_owned();

@@ -7,12 +7,12 @@
 use super::board::Board;
 use crate::images::Image;
 
-/// Share of a square on either side of an edge that is looked at.
+/// Share of a square that is sampled on either side of an edge.
 const REACH: f64 = 0.3;
 /// Distance of the samples, px.
 const STEP_PX: f64 = 0.5;
 
-/// The blur of the edges between `corners`, px.
+/// Measures the blur of the edges between `corners`, px.
 pub fn of_edges(image: &Image, board: &Board, corners: &[[f64; 2]]) -> f64 {
     let [columns, rows] = board.corners;
     let mut along = Vec::new();
@@ -41,7 +41,7 @@ pub fn of_edges(image: &Image, board: &Board, corners: &[[f64; 2]]) -> f64 {
     median(along).max(median(down))
 }
 
-/// Across the middle of the edge from `a` to `b`, in the direction in which `aside` lies.
+/// Samples across the middle of the edge from `a` to `b`, in the direction in which `aside` lies.
 fn of_edge(image: &Image, a: [f64; 2], b: [f64; 2], aside: [f64; 2]) -> Option<f64> {
     let way = [b[0] - a[0], b[1] - a[1]];
     let length = way[0].hypot(way[1]);
@@ -81,7 +81,7 @@ fn grey(image: &Image, at: [f64; 2]) -> f64 {
     (1.0 - fy) * upper + fy * lower
 }
 
-/// The middle value; 0 of none.
+/// Median; 0 of no values.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {

@@ -13,38 +13,38 @@
 
 use std::str::FromStr;
 
-/// A chessboard.
+/// Chessboard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Board {
-    /// Inner corners along x and y: 3 to 100 each.
+    /// Number of inner corners along x and y: 3 to 100 each.
     pub corners: [usize; 2],
     /// Side of a square, mm.
     pub square_mm: f64,
 }
 
 impl Board {
-    /// How many inner corners it has.
+    /// Returns the number of inner corners.
     pub fn count(&self) -> usize {
         self.corners[0] * self.corners[1]
     }
 
-    /// Corner number `index` on the board, mm.
+    /// Returns the place of corner `index` on the board, mm.
     pub fn point_mm(&self, index: usize) -> [f64; 2] {
         let columns = self.corners[0];
         [index % columns, index / columns].map(|n| n as f64 * self.square_mm)
     }
 
-    /// All corners on the board, mm.
+    /// Returns the places of all corners on the board, mm.
     pub fn points_mm(&self) -> Vec<[f64; 2]> {
         (0..self.count()).map(|i| self.point_mm(i)).collect()
     }
 
-    /// Whether colours tell the first corner from the last.
+    /// Returns true if colours distinguish the first corner from the last.
     pub fn is_unique(&self) -> bool {
         (self.corners[0] + self.corners[1]) % 2 == 1
     }
 
-    /// Whether colours rule out some of the ends that its shape leaves.
+    /// Returns true if colours rule out some of the rotations that the shape permits.
     pub fn is_told_by_colours(&self) -> bool {
         let ends = match self.corners[0] == self.corners[1] {
             true => 4,
@@ -53,8 +53,8 @@ impl Board {
         self.symmetries().len() < ends
     }
 
-    /// Where corner `index` goes when the board is turned by `quarters` quarter turns clockwise
-    /// about its middle. Odd numbers are for boards with as many columns as rows.
+    /// Returns the corner at the place of corner `index` after `quarters` clockwise quarter turns
+    /// of the board. Odd numbers are for boards with as many columns as rows.
     pub fn turned(&self, index: usize, quarters: usize) -> usize {
         let [columns, rows] = self.corners;
         let (c, r) = (index % columns, index / columns);
@@ -67,7 +67,7 @@ impl Board {
         c + r * columns
     }
 
-    /// The turns after which the board looks the same, in quarter turns.
+    /// Returns the rotations after which the board looks the same, in quarter turns.
     pub fn symmetries(&self) -> &'static [usize] {
         let [columns, rows] = self.corners;
         // Colours of the square at `(c, r)` follow the parity of c + r; a quarter turn of (n + 1)
@@ -80,7 +80,7 @@ impl Board {
     }
 }
 
-/// A board's inner corners as `9x6`.
+/// Number of inner corners in the form `9x6`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pattern(pub [usize; 2]);
 
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(board(9, 6).turned(10, 0), 10);
     }
 
-    /// Colour of the square up and left of corner `(c, r)`.
+    /// Returns the colour of the square up and left of corner `(c, r)`.
     fn colour(c: usize, r: usize) -> usize {
         (c + r) % 2
     }

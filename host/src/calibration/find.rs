@@ -6,40 +6,41 @@ use super::board::Board;
 use super::grid::{Grid, distance, grids};
 use super::saddle::saddles;
 use super::{blur, homography, refine};
-use crate::flow::pyramid::Pyramid;
 use crate::images::Image;
+use crate::matching::pyramid::Pyramid;
 
-/// Half the refinement window over the distance to the nearest edge that is not the corner's own.
+/// Ratio of half the refinement window to the distance to the nearest edge that is not the corner's
+/// own.
 ///
 /// Measured on photographs whose outer squares are cut to a third of their size: larger windows see
 /// the board's border.
 const WINDOW: f64 = 0.18;
-/// Windows smaller than this see no more than the edge's blur, px.
+/// Least half window, px. A smaller one holds only the blur of the edge.
 const LEAST_HALF_WINDOW: usize = 3;
-/// Larger ones gain nothing and mind the lens's curves, px.
+/// Largest half window, px. A larger one gains nothing and is sensitive to the lens's distortion.
 const MOST_HALF_WINDOW: usize = 20;
-/// Levels of the pyramid the board is searched on, finest first.
+/// Pyramid levels on which the board is searched, finest first.
 const LEVELS: usize = 4;
-/// Share of the corners that must be seen before the others are looked for where they must be.
+/// Least share of corners that permits a search for the others at their predicted places.
 const ENOUGH: f64 = 0.8;
 
-/// A board in an image.
+/// Board found in an image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
-    /// Every inner corner in the board's order, px from the centre of the top left pixel.
+pub struct FoundBoard {
+    /// Pixels of all inner corners in the board's order, px from the centre of the top left pixel.
     pub corners: Vec<[f64; 2]>,
-    /// Standard deviation of the edges' blur, px; of the blurrier of the board's two directions.
+    /// Standard deviation of the edges' blur, px, in the worse of the board's two directions.
     pub blur_px: f64,
 }
 
-/// Why there is none.
+/// Reason why no board was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NotFound {
-    /// Nothing like a chessboard.
+    /// The image shows no chessboard.
     Nothing,
-    /// A chessboard, or part of one, with this many corners along its sides.
+    /// The image shows a chessboard, or part of one, with this many corners along its sides.
     Other([usize; 2]),
-    /// So many of the board's corners are hidden or unclear.
+    /// This number of the board's corners is hidden or unclear.
     Hidden(usize),
 }
 
@@ -65,8 +66,12 @@ impl fmt::Display for NotFound {
 /// without, it follows the size of the squares.
 ///
 /// # Errors
-/// [`NotFound`], about the most complete grid in the image.
-pub fn find(image: &Image, board: &Board, half_window: Option<usize>) -> Result<Found, NotFound> {
+/// [`NotFound`], for the most complete grid in the image.
+pub fn find(
+    image: &Image,
+    board: &Board,
+    half_window: Option<usize>,
+) -> Result<FoundBoard, NotFound> {
     let pyramid = Pyramid::new(image, LEVELS);
     let mut refusal = NotFound::Nothing;
     let mut most = 0;
@@ -77,7 +82,7 @@ pub fn find(image: &Image, board: &Board, half_window: Option<usize>) -> Result<
             match corners(image, board, &grid, place, half_window) {
                 Ok(corners) => {
                     let blur_px = blur::of_edges(image, board, &corners);
-                    return Ok(Found { corners, blur_px });
+                    return Ok(FoundBoard { corners, blur_px });
                 }
                 // Part of a larger board would do for one camera, but which part is anybody's
                 // guess.
@@ -93,13 +98,13 @@ pub fn find(image: &Image, board: &Board, half_window: Option<usize>) -> Result<
     Err(refusal)
 }
 
-/// Whether what was found is a chessboard with more corners than `board`.
+/// Returns true if `grid` is a chessboard with more corners than `board`.
 fn is_larger(found: NotFound, board: &Board) -> bool {
     let [a, b] = board.corners;
     matches!(found, NotFound::Other([long, short]) if long >= a.max(b) && short >= a.min(b))
 }
 
-/// The board's corners, if `grid` is the board.
+/// Returns the board's corners if `grid` is the board.
 fn corners(
     image: &Image,
     board: &Board,
@@ -141,14 +146,14 @@ fn corners(
         .ok_or(NotFound::Hidden(unclear))
 }
 
-/// First and last cell along an axis.
+/// Returns the first and last cell along an axis.
 fn bound(grid: &Grid, axis: usize) -> (i32, i32) {
     let along = || grid.keys().map(|cell| cell[axis]);
     (along().min().unwrap_or(0), along().max().unwrap_or(0))
 }
 
-/// Without the outermost lines that are nearly empty: where the board's border meets something
-/// dark, a saddle or two may go on.
+/// Removes outermost lines that are nearly empty: where the board's border meets something dark,
+/// the grid may continue by a saddle or two.
 fn trimmed(grid: &Grid) -> Grid {
     let mut grid = grid.clone();
     loop {
@@ -169,7 +174,7 @@ fn trimmed(grid: &Grid) -> Grid {
     }
 }
 
-/// The board's corner for every cell of the grid, right way round.
+/// Assigns the board's corners to the cells of the grid, in the right orientation.
 fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> {
     let grid = &trimmed(grid);
     let [(left, right), (top, bottom)] = [0, 1].map(|axis| bound(grid, axis));
@@ -222,7 +227,7 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         .collect())
 }
 
-/// How far a corner is from the nearest edge that is not its own, px: the smallest height of the
+/// Distance of a corner from the nearest edge that is not its own, px: the smallest height of the
 /// squares around it.
 fn room_px(board: &Board, corners: &[[f64; 2]], index: usize) -> f64 {
     let [columns, rows] = board.corners;

@@ -4,26 +4,26 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::board::Board;
-use super::find::{Found, find};
+use super::find::{FoundBoard, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
 use super::photographs::{self, Series};
 use super::rejection::ImageRejection;
-use super::rig::{self, Eye, Instant, RigSolution};
+use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
 use crate::error::InputError;
 use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
-/// How many times as large as the worst camera's own residual the rig's may be before it is worth a
-/// warning, and before there is no rig. Images that were taken a hand's tremor apart are beyond the
+/// Largest residual of a rig without a warning, and with a rig at all, in multiples of the worst
+/// camera's own residual. Images that were taken a hand's tremor apart are beyond the
 /// first, those of different instants far beyond the second.
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
-/// What to look for and what to be content with.
+/// Board and limits of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// The chessboard.
+pub struct CalibrationSettings {
+    /// Chessboard in the images.
     pub board: Board,
     /// Half the window for refining corners, px; without, it follows the size of the squares.
     pub half_window: Option<usize>,
@@ -31,8 +31,8 @@ pub struct Settings {
     pub outlier: f64,
 }
 
-impl Settings {
-    /// The usual ones for a board.
+impl CalibrationSettings {
+    /// Creates the usual settings for a board.
     pub fn new(board: Board) -> Self {
         Self {
             board,
@@ -42,16 +42,16 @@ impl Settings {
     }
 }
 
-/// One camera, calibrated.
+/// Calibration of one camera.
 #[derive(Clone, Debug)]
 pub struct CameraResult {
-    /// Its name.
+    /// Name of the camera.
     pub name: String,
-    /// Names of its image files, in the order of `intrinsics.verdicts`.
+    /// Names of the image files, in the order of `intrinsics.verdicts`.
     pub files: Vec<String>,
     /// Width and height of its images, px.
     pub image_size_px: [u32; 2],
-    /// What came out.
+    /// Intrinsics of the camera.
     pub intrinsics: Intrinsics,
 }
 
@@ -60,9 +60,9 @@ pub struct CameraResult {
 pub struct Calibration {
     /// The cameras; left, middle, right first.
     pub cameras: Vec<CameraResult>,
-    /// What the instants of `rig.instants` are called.
+    /// Names of the instants of `rig.instants`.
     pub instants: Vec<String>,
-    /// Where the cameras are, if there is more than one.
+    /// Poses of the cameras, if there is more than one.
     pub rig: Option<RigSolution>,
 }
 
@@ -91,7 +91,7 @@ impl Calibration {
         })
     }
 
-    /// What a user should know about the rig before trusting it.
+    /// Formats warnings about the rig for the user.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
         /// Beyond this share of a focal length every depth is as uncertain.
@@ -151,14 +151,14 @@ impl Calibration {
     }
 }
 
-/// Calibrates the cameras whose images are in `dir`. `progress` is told the share of images that
-/// have been looked at.
+/// Calibrates the cameras whose images are in `dir`. `progress` is called with the share of
+/// images that have been searched.
 ///
 /// # Errors
-/// If a camera or the rig cannot be calibrated; single bad images are rejected instead.
+/// [`InputError`] if a camera or the rig cannot be calibrated; single bad images are rejected.
 pub fn calibrate(
     dir: &Path,
-    settings: &Settings,
+    settings: &CalibrationSettings,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Calibration, InputError> {
     let series = photographs::list(dir)?;
@@ -201,9 +201,9 @@ pub fn calibrate(
 fn calibrate_camera(
     dir: &Path,
     series: &Series,
-    settings: &Settings,
+    settings: &CalibrationSettings,
     next: &mut dyn FnMut(),
-) -> Result<(CameraResult, Vec<Result<Found, ImageRejection>>), InputError> {
+) -> Result<(CameraResult, Vec<Result<FoundBoard, ImageRejection>>), InputError> {
     let mut size = None;
     let mut found = Vec::with_capacity(series.files.len());
     for (_, path) in &series.files {
@@ -241,7 +241,7 @@ fn calibrate_camera(
     ))
 }
 
-/// The largest residual of a camera by itself, px.
+/// Returns the largest residual of a camera on its own, px.
 fn own_rms_px(cameras: &[CameraResult]) -> f64 {
     let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
     // Corners without any error at all are no measure.
@@ -249,19 +249,19 @@ fn own_rms_px(cameras: &[CameraResult]) -> f64 {
 }
 
 /// A picture that is there twice says nothing new, but would count as if it did.
-fn reject_repeated(files: &[String], found: &mut [Result<Found, ImageRejection>]) {
+fn reject_repeated(files: &[String], found: &mut [Result<FoundBoard, ImageRejection>]) {
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
         let [this, ..] = rest else { continue };
         // Noise moves every corner: to the last bit, only the same pixels give the same places.
-        let is_same = |other: &Result<Found, ImageRejection>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        let is_same = |other: &Result<FoundBoard, ImageRejection>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
         if let Some(first) = before.iter().position(is_same) {
             *this = Err(ImageRejection::Repeated(files[first].clone()));
         }
     }
 }
 
-/// The rejected images, together with those rejected for the same reason.
+/// Groups rejected images by the reason.
 fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
     let mut groups: Vec<(&ImageRejection, Vec<&str>)> = Vec::new();
     for (file, verdict) in files.iter().zip(verdicts) {
@@ -288,9 +288,9 @@ fn file_name(path: &Path) -> String {
 /// The board in one file; `size` is that of the camera's images, once one has been read.
 fn corners(
     path: &Path,
-    settings: &Settings,
+    settings: &CalibrationSettings,
     size: &mut Option<[u32; 2]>,
-) -> Result<Found, ImageRejection> {
+) -> Result<FoundBoard, ImageRejection> {
     let image = read_any(path).map_err(|error| ImageRejection::Unreadable(error.reason))?;
     let own = [image.width, image.height].map(|side| side as u32);
     let first = *size.get_or_insert(own);
@@ -304,10 +304,10 @@ fn place(
     dir: &Path,
     cameras: &[CameraResult],
     instants: &[Instant],
-    settings: &Settings,
+    settings: &CalibrationSettings,
 ) -> Result<RigSolution, InputError> {
     let [first, ..] = cameras else {
-        return Err(InputError::file(dir, rig::Refusal::Count(0).to_string()));
+        return Err(InputError::file(dir, rig::RigRefusal::Count(0).to_string()));
     };
     let size = first.image_size_px;
     if let Some(other) = cameras.iter().find(|camera| camera.image_size_px != size) {
@@ -324,9 +324,9 @@ fn place(
         .iter()
         .position(|camera| camera.name == TRINOCULAR[1]);
     let reference = middle.unwrap_or(0);
-    let eyes: Vec<Eye> = cameras
+    let eyes: Vec<RigCamera> = cameras
         .iter()
-        .map(|camera| Eye {
+        .map(|camera| RigCamera {
             lens: camera.intrinsics.lens,
             covariance: camera.intrinsics.covariance.clone(),
         })
@@ -350,7 +350,7 @@ fn place(
     }
     placed.map_err(|refusal| {
         let reason = match &refusal {
-            rig::Refusal::Apart { camera, instants } => format!(
+            rig::RigRefusal::Apart { camera, instants } => format!(
                 "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
                 cameras[*camera].name, cameras[reference].name, rig::LEAST_INSTANTS
             ),

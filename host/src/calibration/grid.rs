@@ -9,31 +9,31 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
 use super::saddle::{Saddle, level};
-use crate::flow::pyramid::Plane;
+use crate::matching::pyramid::Plane;
 
-/// Directions of neighbours may differ from those of edges by this, rad.
+/// Largest angle between the direction to a neighbour and the edge, rad.
 const ASTRAY: f64 = 0.26;
-/// Edges of neighbours may differ by this: perspective and lens turn them, rad.
+/// Largest angle between edges of neighbours, by perspective and lens, rad.
 const TURNED: f64 = 0.45;
-/// Steps of the grid may grow or shrink by this from one to the next.
+/// Largest ratio of one step of the grid to the next.
 const STRETCH: f64 = 1.7;
-/// The least step, px: nearer saddles have rings that overlap the neighbour's.
+/// Least step, px. The rings of nearer saddles overlap.
 const LEAST_STEP_PX: f64 = 7.0;
 
-/// One corner of the grid.
+/// Corner of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Member {
-    /// Place, px of the plane.
+    /// Pixel of the plane.
     pub at: [f64; 2],
-    /// Whether the square between the two positive directions is bright.
+    /// True if the square between the two positive directions is bright.
     pub is_bright: bool,
     saddle: usize,
-    /// Where the cells' first and second coordinate grow, rad; the second is clockwise from the
-    /// first on the screen.
+    /// Directions in which the cells' first and second coordinate grow, rad; the second is
+    /// clockwise from the first on the screen.
     axes: [f64; 2],
 }
 
-/// A connected piece of a grid; keys are cells, the seed's is `[0, 0]`.
+/// Connected piece of a grid; keys are cells, the seed's is `[0, 0]`.
 pub type Grid = BTreeMap<[i32; 2], Member>;
 
 /// Grows all grids of at least `least` corners, each saddle used once; the largest first.
@@ -88,8 +88,8 @@ fn grow(plane: &Plane, saddles: &[Saddle], seed: usize) -> Grid {
     grid
 }
 
-/// The step from `cell` to `target` by those beside it: the one before or, at the end of a row, the
-/// ones in the neighbouring rows.
+/// Predicts the step from `cell` to `target` by its neighbours: the one before or, at the end of a
+/// row, the ones in the neighbouring rows.
 fn known_step_px(grid: &Grid, cell: [i32; 2], target: [i32; 2]) -> Option<f64> {
     let [di, dj] = [0, 1].map(|i| target[i] - cell[i]);
     let shifted = |cell: [i32; 2], i: i32, j: i32| [cell[0] + i, cell[1] + j];
@@ -103,10 +103,10 @@ fn known_step_px(grid: &Grid, cell: [i32; 2], target: [i32; 2]) -> Option<f64> {
         .find_map(|(a, b)| Some(distance(grid.get(&a)?.at, grid.get(&b)?.at)))
 }
 
-/// How far a corner may lie from where two neighbours in line place it, in steps.
+/// Largest distance of a corner from its prediction by two neighbours in line, in steps.
 const UNEVEN: f64 = 0.35;
 
-/// The grid without corners that no two neighbours in line confirm.
+/// Removes corners that no two neighbours in line confirm.
 fn even(mut grid: Grid) -> Grid {
     loop {
         let odd: Vec<[i32; 2]> = grid
@@ -153,18 +153,18 @@ fn member(saddles: &[Saddle], index: usize, axes: [f64; 2]) -> Member {
     }
 }
 
-/// The search for one neighbour.
+/// Search for one neighbour.
 struct Way<'a> {
     plane: &'a Plane,
     saddles: &'a [Saddle],
     from: Member,
     angle: f64,
-    /// The step before this one, if it is known.
+    /// Step before this one, if it is known.
     step_px: Option<f64>,
 }
 
 impl Way<'_> {
-    /// The nearest fitting saddle and its axes.
+    /// Finds the nearest fitting saddle and its axes.
     fn neighbour(&self, taken: &BTreeSet<usize>) -> Option<(usize, [f64; 2])> {
         let mut best = None;
         let mut best_px = f64::INFINITY;
@@ -192,7 +192,7 @@ impl Way<'_> {
         best
     }
 
-    /// Whether between the two the same side is bright all the way.
+    /// Returns true if the same side of the edge between the two is bright everywhere.
     fn edge_leads_to(&self, other: &Saddle) -> bool {
         let from = &self.saddles[self.from.saddle];
         let way = [0, 1].map(|i| other.at[i] - from.at[i]);
@@ -217,7 +217,7 @@ impl Way<'_> {
     }
 }
 
-/// The edges, turned and named so that they run like `axes`; none if they do not.
+/// Orders and orients the edges like `axes`; `None` if they do not fit.
 fn matching(edges: [f64; 2], axes: [f64; 2]) -> Option<[f64; 2]> {
     // Of an edge's two directions the one nearer the axis.
     let along = |edge: f64, axis: f64| {
@@ -234,12 +234,12 @@ fn matching(edges: [f64; 2], axes: [f64; 2]) -> Option<[f64; 2]> {
         .find(|pair| (0..2).all(|i| (pair[i] - axes[i]).abs() < TURNED))
 }
 
-/// To -π to π.
+/// Wraps an angle to -π to π.
 fn wrap(angle: f64) -> f64 {
     angle - 2.0 * PI * (angle / (2.0 * PI)).round()
 }
 
-/// Between two places, px.
+/// Distance of two pixels.
 pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }

@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// The homography that takes `from` to `to`, best in the algebraic sense: the direct linear
-/// transform with both sides shifted and scaled to mean 0 and mean square 2 (Hartley 1997). None
-/// for fewer than four points or points in line.
+/// Fits the homography that maps `from` to `to` by the direct linear transform, with both sides
+/// normalised to mean 0 and mean square 2 (R. Hartley, *In Defense of the Eight-Point Algorithm*,
+/// 1997). Returns `None` for fewer than four points or points in line.
 pub fn fit(from: &[[f64; 2]], to: &[[f64; 2]]) -> Option<Matrix3<f64>> {
     if from.len() != to.len() || from.len() < 4 {
         return None;
@@ -39,7 +39,7 @@ pub fn fit(from: &[[f64; 2]], to: &[[f64; 2]]) -> Option<Matrix3<f64>> {
     h.iter().all(|e| e.is_finite()).then_some(h)
 }
 
-/// Where the homography takes a point.
+/// Maps a point by the homography.
 pub fn apply(h: &Matrix3<f64>, [x, y]: [f64; 2]) -> [f64; 2] {
     let p = h * Vector3::new(x, y, 1.0);
     [p.x / p.z, p.y / p.z]

@@ -15,72 +15,72 @@
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::adjust::{Bundle, Sight, Unsolved, View};
+use super::adjust::{BoardImage, BoardView, Bundle, Unsolved};
 use super::blur::median;
 use super::board::Board;
-use super::find::Found;
+use super::find::FoundBoard;
 use super::homography;
 use super::lens::{Lens, NAMES, PARAMETERS};
 use super::rejection::ImageRejection;
 use crate::rig_file::can_undistort;
 
-/// The fewest images that determine nine parameters with something left to test them.
+/// Least number of images that determines nine parameters and leaves a test of them.
 pub const LEAST_IMAGES: usize = 3;
-/// Edges this much more blurred than the median image's make an image useless.
+/// Largest blur of an image, in multiples of the median image's.
 const BLURRED: f64 = 2.0;
-/// Blur below this does no harm, px.
+/// Blur that rejects no image, px.
 const SHARP_PX: f64 = 2.0;
-/// Residuals below this reject no image, px.
+/// Residual that rejects no image, px.
 const HARMLESS_PX: f64 = 0.02;
 
-/// Parameters that are solved for: all, or all but k3.
+/// Indices of the free parameters: all, or all but k3.
 const MODELS: [&[usize]; 2] = [&[0, 1, 2, 3, 4, 5, 6, 7, 8], &[0, 1, 2, 3, 4, 5, 6, 7]];
 
-/// What became of an image.
+/// Verdict on an image.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Used; root mean square residual, px.
+    /// The image was used.
     Used {
-        /// Distance of corners from where they should be.
+        /// Root mean square residual of its corners, px.
         rms_px: f64,
     },
     /// Rejected, with the reason.
     Rejected(ImageRejection),
 }
 
-/// A calibrated camera.
+/// Calibrated camera.
 #[derive(Clone, Debug)]
 pub struct Intrinsics {
     /// Focal lengths, principal point, distortion.
     pub lens: Lens,
-    /// Covariance of the lens's parameters; zero for those held.
+    /// Covariance of the lens's parameters; zero for fixed ones.
     pub covariance: DMatrix<f64>,
     /// Names of the coefficients that are held at zero.
     pub held: Vec<&'static str>,
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
-    /// Per image that was given.
+    /// Verdict on each given image.
     pub verdicts: Vec<Verdict>,
-    /// Per image that was given: from the board's axes to the camera's, mm, if the image was used.
+    /// Motion from the board's axes to the camera's, mm, per given image that was used.
     pub poses: Vec<Option<Isometry3<f64>>>,
 }
 
 impl Intrinsics {
-    /// Standard deviations of the lens's parameters.
+    /// Returns the standard deviations of the lens's parameters.
     pub fn sigma(&self) -> [f64; PARAMETERS] {
         std::array::from_fn(|i| self.covariance[(i, i)].sqrt())
     }
 
-    /// How many images were used.
+    /// Returns the number of images used.
     pub fn used(&self) -> usize {
         self.poses.iter().flatten().count()
     }
 }
 
-/// Why a camera could not be calibrated.
+/// Reason why a camera cannot be calibrated.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
-    /// Not enough images left.
+pub enum IntrinsicsRefusal {
+    /// Too few images are left.
     #[error("{used} of {given} images can be used, but a calibration takes {LEAST_IMAGES} or more")]
     Few {
         /// Images that were not rejected.
@@ -88,19 +88,19 @@ pub enum Refusal {
         /// All images.
         given: usize,
     },
-    /// No solution.
+    /// The adjustment has no solution.
     #[error(transparent)]
     Unsolved(#[from] Unsolved),
-    /// A solution that is none.
+    /// The solution is not plausible.
     #[error(
         "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board are too alike; tilt it more, in more directions"
     )]
     Vague {
-        /// The parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// Its value, rounded.
+        /// Value of the parameter, rounded.
         value: i64,
-        /// Its standard deviation, rounded up.
+        /// Standard deviation of the parameter, rounded up.
         sigma: i64,
     },
 }
@@ -109,13 +109,13 @@ pub enum Refusal {
 /// none. Images whose residual is larger than `outlier` times the median image's are rejected.
 ///
 /// # Errors
-/// [`Refusal`]; the verdicts so far come with it.
+/// [`IntrinsicsRefusal`], with the verdicts so far.
 pub fn calibrate(
     board: &Board,
     size_px: [u32; 2],
-    images: &[Result<Found, ImageRejection>],
+    images: &[Result<FoundBoard, ImageRejection>],
     outlier: f64,
-) -> Result<Intrinsics, (Refusal, Vec<Verdict>)> {
+) -> Result<Intrinsics, (IntrinsicsRefusal, Vec<Verdict>)> {
     let mut verdicts: Vec<Verdict> = images.iter().map(first_verdict).collect();
     reject_blurred(images, &mut verdicts);
     let (mut model, mut is_last) = (0, false);
@@ -134,9 +134,9 @@ pub fn calibrate(
             .collect();
         let (bundle, covariance) = match solve(board, size_px, &corners, MODELS[model]) {
             Ok(solved) => solved,
-            Err(Refusal::Few { used, .. }) => {
+            Err(IntrinsicsRefusal::Few { used, .. }) => {
                 let given = images.len();
-                return Err((Refusal::Few { used, given }, verdicts));
+                return Err((IntrinsicsRefusal::Few { used, given }, verdicts));
             }
             Err(refusal) => return Err((refusal, verdicts)),
         };
@@ -187,14 +187,14 @@ pub fn calibrate(
     }
 }
 
-fn first_verdict(image: &Result<Found, ImageRejection>) -> Verdict {
+fn first_verdict(image: &Result<FoundBoard, ImageRejection>) -> Verdict {
     match image {
         Ok(_) => Verdict::Used { rms_px: f64::NAN },
         Err(reason) => Verdict::Rejected(reason.clone()),
     }
 }
 
-fn reject_blurred(images: &[Result<Found, ImageRejection>], verdicts: &mut [Verdict]) {
+fn reject_blurred(images: &[Result<FoundBoard, ImageRejection>], verdicts: &mut [Verdict]) {
     let blurs = images
         .iter()
         .filter_map(|image| image.as_ref().ok())
@@ -211,27 +211,27 @@ fn reject_blurred(images: &[Result<Found, ImageRejection>], verdicts: &mut [Verd
     }
 }
 
-/// Lens and poses of these images, with the lens's covariance.
+/// Solves lens and poses of these images, with the lens's covariance.
 fn solve(
     board: &Board,
     size_px: [u32; 2],
     images: &[&[[f64; 2]]],
     free: &[usize],
-) -> Result<(Bundle, DMatrix<f64>), Refusal> {
+) -> Result<(Bundle, DMatrix<f64>), IntrinsicsRefusal> {
     let used = images.len();
     if used < LEAST_IMAGES {
-        return Err(Refusal::Few { used, given: used });
+        return Err(IntrinsicsRefusal::Few { used, given: used });
     }
     let lens = initial_lens(board, size_px, images).ok_or(Unsolved::Open)?;
     let views = images
         .iter()
         .map(|corners| {
-            let sight = Sight {
+            let sight = BoardImage {
                 camera: 0,
                 corners: corners.to_vec(),
             };
             let pose = pose(board, &lens, corners).ok_or(Unsolved::Behind)?;
-            Ok(View {
+            Ok(BoardView {
                 pose,
                 sights: vec![sight],
             })
@@ -247,7 +247,7 @@ fn solve(
     for (i, name) in ["fx", "fy"].into_iter().enumerate() {
         let (value, sigma) = (bundle.lenses[0].0[i], solution.covariance[(i, i)].sqrt());
         if !(value > 0.0 && sigma < 0.1 * value) {
-            return Err(Refusal::Vague {
+            return Err(IntrinsicsRefusal::Vague {
                 name,
                 value: value.round() as i64,
                 sigma: sigma.ceil() as i64,
@@ -264,7 +264,7 @@ fn solve(
     Ok((bundle, covariance))
 }
 
-/// Focal lengths by Zhang's two conditions per view; no distortion.
+/// Initial focal lengths by the two constraints per image of Zhang (2000), without distortion.
 fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Option<Lens> {
     let middle = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
     // To the order of 1, so that both conditions weigh alike.
@@ -314,7 +314,7 @@ fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Opt
     ]))
 }
 
-/// From the board's axes to the camera's, by the homography of the rectified corners.
+/// Initial pose of the board in a camera's axes, from the homography of the undistorted corners.
 pub fn pose(board: &Board, lens: &Lens, corners: &[[f64; 2]]) -> Option<Isometry3<f64>> {
     let camera = lens.camera();
     let seen: Vec<[f64; 2]> = corners.iter().map(|c| camera.normalise(*c)).collect();

@@ -3,28 +3,29 @@
 use nalgebra::{Matrix2x3, SMatrix, Vector3};
 use shared::rig::{Camera, Rotation};
 
-/// How many there are.
+/// Number of lens parameters.
 pub const PARAMETERS: usize = 9;
 
-/// Their names, in their order.
+/// Names of the lens parameters, in their order.
 pub const NAMES: [&str; PARAMETERS] = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"];
 
-/// Focal lengths and principal point in px, then OpenCV's distortion, in the order of [`NAMES`].
+/// Lens: focal lengths and principal point in px, then Brown's (1971) distortion coefficients in
+/// OpenCV's form, in the order of [`NAMES`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens(pub [f64; PARAMETERS]);
 
-/// A point's pixel and its derivatives.
+/// Projection of a point, with derivatives.
 pub struct Projection {
-    /// Where the point appears, px.
+    /// Pixel of the point.
     pub pixel: [f64; 2],
-    /// By the lens's parameters.
+    /// Derivatives of the pixel by the lens parameters.
     pub by_lens: SMatrix<f64, 2, PARAMETERS>,
-    /// By the point along the camera's axes, px/mm.
+    /// Derivatives of the pixel by the point along the camera's axes, px/mm.
     pub by_point: Matrix2x3<f64>,
 }
 
 impl Lens {
-    /// The camera with this lens, at the rig's origin, not turned.
+    /// Returns a camera with this lens at the rig's origin, without rotation.
     pub fn camera(&self) -> Camera {
         let [fx, fy, cx, cy, k1, k2, p1, p2, k3] = self.0;
         Camera {
@@ -36,14 +37,15 @@ impl Lens {
         }
     }
 
-    /// The lens of a camera.
+    /// Returns the lens of a camera.
     pub fn of(camera: &Camera) -> Self {
         let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_px);
         let [k1, k2, p1, p2, k3] = camera.distortion;
         Self([fx, fy, cx, cy, k1, k2, p1, p2, k3])
     }
 
-    /// Where a point along the camera's axes appears. None unless it lies before the camera.
+    /// Projects a point given in the camera's axes. Returns `None` unless it is in front of the
+    /// camera.
     pub fn project(&self, point_mm: Vector3<f64>) -> Option<Projection> {
         if !(point_mm.z > 0.0) {
             return None;

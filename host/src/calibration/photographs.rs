@@ -16,12 +16,12 @@ use crate::images::folder;
 use crate::notice;
 use crate::rig_file::TRINOCULAR;
 
-/// One camera's images.
+/// Images of one camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Series {
-    /// The camera's name.
+    /// Name of the camera.
     pub name: String,
-    /// Its images by what their instant is called, in order.
+    /// Images by the name of their instant, in order.
     pub files: Vec<(String, PathBuf)>,
 }
 

@@ -14,12 +14,12 @@
 
 use crate::images::Image;
 
-/// Iterations end when the corner moves less than this, px.
+/// Length of the last step, px.
 const STILL_PX: f64 = 1e-4;
 const MOST_ITERATIONS: usize = 100;
 
-/// Refines the corner near `start` within a window of `2 half + 1` px. None if there is no corner
-/// in it.
+/// Refines the corner near `start` within a window of `2 half + 1` px. Returns `None` without a
+/// corner in it.
 pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     let side = 2 * half + 1;
     let mut patch = vec![0.0; (side + 2) * (side + 2)];
@@ -68,8 +68,8 @@ pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     Some(at)
 }
 
-/// Grey levels on the grid of pixels around `at`, between pixels linear; the image's border
-/// repeats. None far outside the image.
+/// Reads grey levels on a grid around `at`, interpolated linearly; the image's border repeats.
+/// Returns `None` far outside the image.
 fn sample(image: &Image, at: [f64; 2], reach: usize, patch: &mut [f64]) -> Option<()> {
     let [columns, rows] = [image.width, image.height].map(|n| n as f64);
     if !(at[0] >= 0.0 && at[1] >= 0.0 && at[0] <= columns - 1.0 && at[1] <= rows - 1.0) {

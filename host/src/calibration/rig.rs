@@ -14,44 +14,44 @@
 use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
 use shared::rig::{MAX_CAMERAS, Rig};
 
-use super::adjust::{Bundle, PER_CAMERA, Sight, Unsolved, View, moved};
+use super::adjust::{BoardImage, BoardView, Bundle, PER_CAMERA, Unsolved, moved};
 use super::blur::median;
 use super::board::Board;
 use super::intrinsics::pose;
 use super::lens::{Lens, PARAMETERS};
 use super::rejection::InstantRejection;
-use super::stand::{Stand, numbers, stands};
+use super::stand::{CameraPose, numbers, stands};
 
-/// Residuals below this reject no instant, px.
+/// Residual that rejects no instant, px.
 const HARMLESS_PX: f64 = 0.02;
-/// The fewest instants a rig can be told from.
+/// Least number of instants for a rig.
 pub const LEAST_INSTANTS: usize = 3;
 
-/// A camera as the rig needs it.
+/// Calibrated camera, for the solution of a rig.
 #[derive(Clone, Debug)]
-pub struct Eye {
-    /// Its lens, from its own calibration.
+pub struct RigCamera {
+    /// Lens, from the camera's own calibration.
     pub lens: Lens,
-    /// The lens's covariance.
+    /// Covariance of the lens.
     pub covariance: DMatrix<f64>,
 }
 
-/// One instant: per camera the board's corners, if it saw them.
+/// Corners of the board at one instant, per camera that saw it.
 pub type Instant = Vec<Option<Vec<[f64; 2]>>>;
 
-/// A calibrated rig.
+/// Calibrated rig.
 #[derive(Clone, Debug)]
 pub struct RigSolution {
-    /// The camera whose place is the origin.
+    /// Index of the camera at the origin.
     pub reference: usize,
-    /// Per camera.
-    pub stands: Vec<Stand>,
-    /// Their standard deviations.
-    pub sigma: Vec<Stand>,
-    /// How far the rig's axes may be turned against all cameras together, about x, y and z:
-    /// standard deviations, degrees. A displacement is turned by as much. The one about y is the
-    /// largest by far: it rests on how far one camera stands before another, which boards seen from
-    /// the front hardly tell.
+    /// Pose of each camera.
+    pub stands: Vec<CameraPose>,
+    /// Standard deviations of the poses.
+    pub sigma: Vec<CameraPose>,
+    /// Standard deviations of the rotation of the rig's axes against all cameras together, about x,
+    /// y and z, degrees. Displacements are rotated by as much. The one about y is the largest by
+    /// far: it depends on the cameras' offsets along z, which boards seen from the front hardly
+    /// determine.
     pub axes_sigma_deg: [f64; 3],
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
@@ -59,29 +59,29 @@ pub struct RigSolution {
     pub instants: Vec<Result<f64, InstantRejection>>,
 }
 
-/// Why there is no rig.
+/// Reason why a rig cannot be calibrated.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
-    /// One camera, or too many.
+pub enum RigRefusal {
+    /// The number of cameras is not 2 to 8.
     #[error("{0} cameras, but a rig has 2 to {MAX_CAMERAS}")]
     Count(usize),
-    /// A camera that has too little in common with the reference camera.
+    /// A camera has too few instants in common with the reference camera.
     #[error(
         "camera number {camera} and the reference camera saw the board at {instants} common instants, but it takes {LEAST_INSTANTS} (files of the same name)"
     )]
     Apart {
         /// Index of the camera.
         camera: usize,
-        /// Instants both saw.
+        /// Number of instants that both saw.
         instants: usize,
     },
-    /// No solution.
+    /// The adjustment has no solution.
     #[error(transparent)]
     Unsolved(#[from] Unsolved),
 }
 
 impl RigSolution {
-    /// Distance of a camera from the origin's, with its standard deviation, mm.
+    /// Returns the distance of a camera from the origin, with its standard deviation, mm.
     pub fn baseline_mm(&self, camera: usize) -> (f64, f64) {
         let (Some(stand), Some(sigma)) = (self.stands.get(camera), self.sigma.get(camera)) else {
             return (0.0, 0.0);
@@ -94,7 +94,8 @@ impl RigSolution {
         }
     }
 
-    /// The rig as a rig file holds it: offsets in the plane, rotations, no offset along z.
+    /// Returns the rig in the form of a rig file: offsets in the plane and rotations, without
+    /// offsets along z.
     pub fn rig(&self, image_size_px: [u32; 2], lenses: &[Lens]) -> Rig {
         let cameras = self
             .stands
@@ -108,21 +109,21 @@ impl RigSolution {
     }
 }
 
-/// Places the cameras. Instants whose residual is larger than `outlier` times the median instant's
-/// are left out.
+/// Solves the poses of the cameras. Instants whose residual is larger than `outlier` times the
+/// median instant's are left out.
 ///
 /// # Errors
-/// [`Refusal`].
+/// [`RigRefusal`], with the reason.
 pub fn calibrate(
     board: &Board,
-    eyes: &[Eye],
+    eyes: &[RigCamera],
     reference: usize,
     instants: &[Instant],
     outlier: f64,
-) -> Result<RigSolution, Refusal> {
+) -> Result<RigSolution, RigRefusal> {
     let count = eyes.len();
     if !(2..=MAX_CAMERAS).contains(&count) {
-        return Err(Refusal::Count(count));
+        return Err(RigRefusal::Count(count));
     }
     let mut verdicts: Vec<Result<f64, InstantRejection>> = instants
         .iter()
@@ -144,7 +145,7 @@ pub fn calibrate(
             .iter()
             .zip(sights)
             .filter_map(|(index, sights)| Some((*index, view(&motions, sights)?)));
-        let (kept, views): (Vec<usize>, Vec<View>) = views.unzip();
+        let (kept, views): (Vec<usize>, Vec<BoardView>) = views.unzip();
         let lenses = eyes.iter().map(|eye| eye.lens).collect();
         let mut bundle = Bundle {
             board_mm: board.points_mm(),
@@ -197,19 +198,19 @@ pub fn calibrate(
     }
 }
 
-/// One camera's image of the board at one instant.
+/// Pose of the board in one camera at one instant.
 #[derive(Clone)]
 struct Sighting {
     camera: usize,
     corners: Vec<[f64; 2]>,
-    /// From the board's axes to the camera's.
+    /// Motion from the board's axes to the camera's.
     pose: Isometry3<f64>,
 }
 
 /// All cameras' sightings, the corners numbered alike: on boards that look the same after a turn,
 /// each camera's numbers are turned so that its view of the board is turned least against the first
 /// one's.
-fn sightings(board: &Board, eyes: &[Eye], instant: &Instant) -> Vec<Sighting> {
+fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighting> {
     let mut all: Vec<Sighting> = Vec::new();
     for (camera, (eye, corners)) in eyes.iter().zip(instant).enumerate() {
         let Some(corners) = corners else { continue };
@@ -234,12 +235,13 @@ fn sightings(board: &Board, eyes: &[Eye], instant: &Instant) -> Vec<Sighting> {
     all
 }
 
-/// From the reference camera's axes to each camera's: medians over the instants that both saw.
+/// Initial motions from the reference camera's axes to each camera's: medians over the instants
+/// that both saw.
 fn initial_motions(
     count: usize,
     reference: usize,
     instants: &[Vec<Sighting>],
-) -> Result<Vec<Isometry3<f64>>, Refusal> {
+) -> Result<Vec<Isometry3<f64>>, RigRefusal> {
     let motion = |camera: usize| {
         if camera == reference {
             return Ok(Isometry3::identity());
@@ -252,7 +254,7 @@ fn initial_motions(
             })
             .collect();
         if common.len() < LEAST_INSTANTS {
-            return Err(Refusal::Apart {
+            return Err(RigRefusal::Apart {
                 camera,
                 instants: common.len(),
             });
@@ -271,21 +273,21 @@ fn initial_motions(
 }
 
 /// A view whose board is where its first camera says; the adjustment asks the others.
-fn view(motions: &[Isometry3<f64>], sightings: Vec<Sighting>) -> Option<View> {
+fn view(motions: &[Isometry3<f64>], sightings: Vec<Sighting>) -> Option<BoardView> {
     let first = sightings.first()?;
     let pose = motions[first.camera].inverse() * first.pose;
     let sights = sightings
         .into_iter()
-        .map(|s| Sight {
+        .map(|s| BoardImage {
             camera: s.camera,
             corners: s.corners,
         })
         .collect();
-    Some(View { pose, sights })
+    Some(BoardView { pose, sights })
 }
 
-/// What the lenses' uncertainty adds to the covariance of the motions.
-fn through_lenses(response: &DMatrix<f64>, eyes: &[Eye]) -> DMatrix<f64> {
+/// Adds the lenses' uncertainty to the covariance of the motions.
+fn through_lenses(response: &DMatrix<f64>, eyes: &[RigCamera]) -> DMatrix<f64> {
     let free = response.nrows();
     let mut sum = DMatrix::zeros(free, free);
     for (k, eye) in eyes.iter().enumerate() {

@@ -8,43 +8,43 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crate::flow::pyramid::Plane;
+use crate::matching::pyramid::Plane;
 
 /// Radius of the ring, px.
 const RING_PX: f64 = 4.5;
-/// Places on the ring, a bit of [`Saddle::bright`] each.
+/// Number of places on the ring, one bit of [`Saddle::bright`] each.
 const RING: usize = 32;
 /// Least difference of the brightest and the darkest place on a ring, grey levels.
 const LEAST_CONTRAST: f64 = 12.0;
-/// Least response of a saddle: what a corner of [`LEAST_CONTRAST`] gives.
+/// Least response of a saddle: that of a corner with [`LEAST_CONTRAST`].
 const LEAST_RESPONSE: f32 = 1.0;
-/// Saddles other than the strongest of this many are not looked at.
+/// Largest number of saddles; the strongest are kept.
 const MOST: usize = 4000;
-/// How far crossings that should be opposite may be off, rad.
+/// Largest deviation of opposite crossings, rad.
 const OPPOSITE: f64 = 0.6;
 
-/// A saddle that passed the ring test.
+/// Saddle point that passed the ring test.
 #[derive(Clone, Debug)]
 pub struct Saddle {
-    /// Where, px of the plane it was found in.
+    /// Pixel of the plane.
     pub at: [f64; 2],
     /// Directions of its two edge lines, rad from x towards y, ascending, in 0 to π.
     pub edges: [f64; 2],
-    /// Bit `i`: whether the ring is bright at the angle `i / RING` turns.
+    /// Bit `i` is set if the ring is bright at the angle `i / RING` turns.
     bright: u32,
     /// Brightest minus darkest place on the ring.
     pub contrast: f64,
 }
 
 impl Saddle {
-    /// Whether the ring is bright in this direction, rad.
+    /// Returns true if the ring is bright in this direction, rad.
     pub fn is_bright(&self, angle: f64) -> bool {
         let place = (angle.rem_euclid(TAU) / TAU * RING as f64).round() as usize % RING;
         self.bright >> place & 1 == 1
     }
 }
 
-/// All of them, the strongest first.
+/// Finds all saddles of `plane`, the strongest first.
 pub fn saddles(plane: &Plane) -> Vec<Saddle> {
     let margin = RING_PX.ceil() as usize + 1;
     let (width, height) = (plane.width, plane.height);
@@ -68,7 +68,7 @@ pub fn saddles(plane: &Plane) -> Vec<Saddle> {
         .collect()
 }
 
-/// Minus the determinant of the second derivatives, over steps of two pixels.
+/// Response of a saddle: minus the determinant of the Hessian, over steps of two pixels.
 fn response(plane: &Plane) -> Vec<f32> {
     let mut out = vec![0.0; plane.width * plane.height];
     for y in 2..plane.height.saturating_sub(2) {
@@ -87,7 +87,7 @@ fn response(plane: &Plane) -> Vec<f32> {
     out
 }
 
-/// Whether nothing within 3 px is larger. Of equals the last counts.
+/// Returns true for a maximum within 3 px. Of equal values the last counts.
 fn is_peak(response: &[f32], width: usize, x: usize, y: usize) -> bool {
     let here = response[y * width + x];
     (y - 3..=y + 3).all(|row| {
@@ -99,7 +99,7 @@ fn is_peak(response: &[f32], width: usize, x: usize, y: usize) -> bool {
     })
 }
 
-/// Grey level between pixels. The place must lie inside the plane.
+/// Interpolates the grey level at a place inside the plane.
 pub fn level(plane: &Plane, [x, y]: [f64; 2]) -> f64 {
     let x = x.clamp(0.0, plane.width as f64 - 1.001);
     let y = y.clamp(0.0, plane.height as f64 - 1.001);

@@ -18,18 +18,18 @@ const SPREAD: f64 = 0.1;
 /// The line of the cameras is the x axis if it is this near to it, as a cosine.
 const ALONG_X: f64 = 0.8;
 
-/// How a camera stands in the rig.
+/// Pose of a camera in the rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Stand {
-    /// Right, down and forward of the rig's origin, along the rig's axes, mm. A plane rig has no
-    /// third component.
+pub struct CameraPose {
+    /// Offset from the rig's origin along the rig's axes, mm: right, down, forward. A plane rig has
+    /// no third component.
     pub offset_mm: [f64; 3],
-    /// Against the rig's axes: axis times angle, degrees.
+    /// Rotation against the rig's axes: axis times angle, degrees.
     pub rotation_deg: [f64; 3],
 }
 
-impl Stand {
-    /// The camera with this lens that stands here, as near as a plane rig has it.
+impl CameraPose {
+    /// Returns the camera of a plane rig with this pose and lens.
     pub fn camera(&self, lens: &Lens) -> Camera {
         let [x, y, _] = self.offset_mm;
         // What rounding has left beside the axis is cut off at the picometre: cameras in line are
@@ -43,19 +43,19 @@ impl Stand {
     }
 }
 
-/// [`numbers`], camera by camera.
-pub(super) fn stands(numbers: &[f64]) -> Vec<Stand> {
-    let of_camera = |six: &[f64]| Stand {
+/// Groups [`numbers`] by camera.
+pub(super) fn stands(numbers: &[f64]) -> Vec<CameraPose> {
+    let of_camera = |six: &[f64]| CameraPose {
         offset_mm: std::array::from_fn(|i| six[i]),
         rotation_deg: std::array::from_fn(|i| six[3 + i]),
     };
     numbers.chunks_exact(6).map(of_camera).collect()
 }
 
-/// Cameras placed by others, given by the motions from some common axes to theirs. Axes in whose
-/// plane the cameras are stay as they are; otherwise new ones are chosen as for calibrated rigs.
-pub fn placed(motions: &[Isometry3<f64>]) -> Vec<Stand> {
-    /// Above what rounding leaves of a shared plane, below what anybody can build.
+/// Converts given camera poses: motions from common axes to each camera's. If the cameras are in a
+/// plane of these axes, the axes stay; otherwise new ones are chosen as for calibrated rigs.
+pub fn placed(motions: &[Isometry3<f64>]) -> Vec<CameraPose> {
+    /// Tolerance of a common plane, above rounding and below any construction.
     const IN_PLANE_MM: f64 = 1e-6;
     let is_plane = motions
         .iter()
@@ -68,14 +68,13 @@ pub fn placed(motions: &[Isometry3<f64>]) -> Vec<Stand> {
     stands(&along(&axes, motions))
 }
 
-/// What a user should know of cameras that stand like this, with standard deviations `sigma`,
-/// before trusting them as a rig.
-pub fn doubts(names: &[&str], stands: &[Stand], sigma: &[Stand]) -> Vec<String> {
-    /// Farther out of the plane than this share of the longest baseline.
+/// Formats warnings about poses that are unusual for a rig, given their standard deviations.
+pub fn doubts(names: &[&str], stands: &[CameraPose], sigma: &[CameraPose]) -> Vec<String> {
+    /// Largest distance from the plane, as a share of the longest baseline.
     const OUT_OF_PLANE: f64 = 0.01;
     const TURNED_DEG: f64 = 5.0;
     let mut doubts = Vec::new();
-    let reach = |stand: &Stand| stand.offset_mm[0].hypot(stand.offset_mm[1]);
+    let reach = |stand: &CameraPose| stand.offset_mm[0].hypot(stand.offset_mm[1]);
     let longest = stands.iter().map(reach).fold(0.0, f64::max);
     for ((name, stand), sigma) in names.iter().zip(stands).zip(sigma) {
         let [z, sigma] = [stand, sigma].map(|s| s.offset_mm[2]);
@@ -97,12 +96,12 @@ pub fn doubts(names: &[&str], stands: &[Stand], sigma: &[Stand]) -> Vec<String> 
     doubts
 }
 
-/// Per camera: offset in mm, rotation in degrees, along the rig's axes.
+/// Returns offset in mm and rotation in degrees along the rig's axes, camera by camera.
 pub(super) fn numbers(motions: &[Isometry3<f64>]) -> Vec<f64> {
     along(&axes(motions), motions)
 }
 
-/// As [`numbers`], along the axes that are the columns of `axes`.
+/// [`numbers`] along the columns of `axes`.
 fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     let stand = |motion: &Isometry3<f64>| {
         let offset = axes.transpose() * centre(motion);
@@ -116,12 +115,12 @@ fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     motions.iter().flat_map(stand).collect()
 }
 
-/// Where the camera is, along the axes the motion starts from.
+/// Place of the camera in the axes from which the motion starts.
 fn centre(motion: &Isometry3<f64>) -> Vector3<f64> {
     motion.inverse_transform_vector(&-motion.translation.vector)
 }
 
-/// The rig's x, y and z as columns, along the reference camera's axes.
+/// Axes x, y and z of the rig as columns, in the reference camera's axes.
 fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
     let centres: Vec<Vector3<f64>> = motions.iter().map(centre).collect();
     let count = centres.len() as f64;

@@ -4,11 +4,11 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::board::Board;
-use super::find::{Found, NotFound};
+use super::find::{FoundBoard, NotFound};
 use super::intrinsics::{self, Verdict};
 use super::lens::{Lens, PARAMETERS};
 use super::rejection::{ImageRejection, InstantRejection};
-use super::rig::{self, Eye, Instant};
+use super::rig::{self, Instant, RigCamera};
 use super::stand;
 use crate::random::Random;
 use crate::rig_file::can_undistort;
@@ -54,14 +54,18 @@ fn corners(
     board.points_mm().into_iter().map(seen).collect()
 }
 
-fn found(corners: Vec<[f64; 2]>) -> Result<Found, ImageRejection> {
-    Ok(Found {
+fn found(corners: Vec<[f64; 2]>) -> Result<FoundBoard, ImageRejection> {
+    Ok(FoundBoard {
         corners,
         blur_px: 1.0,
     })
 }
 
-fn images(count: usize, noise_px: f64, random: &mut Random) -> Vec<Result<Found, ImageRejection>> {
+fn images(
+    count: usize,
+    noise_px: f64,
+    random: &mut Random,
+) -> Vec<Result<FoundBoard, ImageRejection>> {
     (0..count)
         .map(|_| found(corners(&BOARD, &LENS, &pose(random), noise_px, random)))
         .collect()
@@ -212,7 +216,7 @@ fn motions() -> Vec<Isometry3<f64>> {
 }
 
 struct Bench {
-    eyes: Vec<Eye>,
+    eyes: Vec<RigCamera>,
     instants: Vec<Instant>,
 }
 
@@ -234,7 +238,7 @@ fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> 
             .map(found)
             .collect();
         let own = intrinsics::calibrate(board, SIZE_PX, &images, KEEP).unwrap();
-        Eye {
+        RigCamera {
             lens: own.lens,
             covariance: own.covariance,
         }
@@ -246,7 +250,7 @@ fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> 
 }
 
 /// Offsets and rotations of all cameras, in a row.
-fn row(stands: &[stand::Stand]) -> Vec<f64> {
+fn row(stands: &[stand::CameraPose]) -> Vec<f64> {
     let stands = stands.iter();
     stands
         .flat_map(|s| s.offset_mm.into_iter().chain(s.rotation_deg))
@@ -332,13 +336,13 @@ fn cameras_without_common_instants_are_named() {
     let refusal = rig::calibrate(&BOARD, &bench.eyes, 1, &bench.instants, KEEP).unwrap_err();
     assert_eq!(
         refusal,
-        rig::Refusal::Apart {
+        rig::RigRefusal::Apart {
             camera: 2,
             instants: 2
         }
     );
     let one = rig::calibrate(&BOARD, &bench.eyes[..1], 0, &bench.instants, KEEP).unwrap_err();
-    assert_eq!(one, rig::Refusal::Count(1));
+    assert_eq!(one, rig::RigRefusal::Count(1));
 }
 
 /// On a board that looks the same after a turn, one camera may have begun at the other end.
@@ -447,7 +451,7 @@ fn axes_that_fit_are_kept_and_doubts_are_named() {
         "{kept:?}"
     );
     let names = ["left", "middle", "right"];
-    let sure = vec![stand::Stand::default(); 3];
+    let sure = vec![stand::CameraPose::default(); 3];
     let doubts = stand::doubts(&names, &kept, &sure);
     assert_eq!(doubts.len(), 1, "{doubts:?}");
     assert!(

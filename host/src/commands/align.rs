@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::alignment::{Alignment, Settings, present, rewrite};
+use host::alignment::{Alignment, AlignmentSettings, present, rewrite};
 use host::error::InputError;
-use host::images::Capture;
+use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::output::{Output, Replace};
 use host::printable::printable;
@@ -58,7 +58,7 @@ pub struct Options {
     depth: Option<f64>,
 
     /// Largest offset that is looked for, px
-    #[arg(long, value_name = "PX", default_value_t = Settings::default().reach_px)]
+    #[arg(long, value_name = "PX", default_value_t = AlignmentSettings::default().reach_px)]
     reach: f64,
 
     /// Use at most so many captures, evenly spread
@@ -98,7 +98,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn settings(options: &Options) -> Result<Settings, Failure> {
+fn settings(options: &Options) -> Result<AlignmentSettings, Failure> {
     let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
     if !(options.reach >= 1.0 && options.reach <= 500.0) {
         return usage("--reach must be from 1 to 500 px");
@@ -106,20 +106,20 @@ fn settings(options: &Options) -> Result<Settings, Failure> {
     if (options.depth).is_some_and(|depth| !(1.0..=1e6).contains(&depth)) {
         return usage("--depth must be from 1 to 1000000 mm");
     }
-    Ok(Settings {
+    Ok(AlignmentSettings {
         reach_px: options.reach,
         depth_mm: options.depth,
     })
 }
 
-fn captures(options: &Options, rig: &RigFile) -> Result<Vec<Capture>, InputError> {
+fn captures(options: &Options, rig: &RigFile) -> Result<Vec<FrameSet>, InputError> {
     let size_px = rig.rig.image_size_px;
     let folder =
         Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
     let (all, most) = (folder.len(), usize::from(options.most));
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();
-    (folder.captures().enumerate())
+    (folder.frame_sets().enumerate())
         .filter(|(index, _)| chosen.contains(index))
         .map(|(_, capture)| capture)
         .collect()

@@ -7,13 +7,11 @@ use std::time::Duration;
 use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
 use host::error::InputError;
-use host::flow::alignment;
-use host::flow::frame_set::{FrameSet, frame_set, keyframe};
-use host::flow::laps::{Laps, Stage};
-use host::flow::{Flow, Refusal, Settings};
-use host::images::Capture;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder, list, read_any};
+use host::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
+use host::images::FrameSet;
+use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::rig_file::RigFile;
+use host::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use shared::rig::Rig;
@@ -46,9 +44,9 @@ struct FlowOptions {
     /// so their pixels may take 1 GB at most.
     folder: PathBuf,
 
-    /// The rig file; without it, heights and baselines are told from the first capture
+    /// The rig file of the cameras that took the captures
     #[arg(long, value_name = "RIG.toml")]
-    rig: Option<PathBuf>,
+    rig: PathBuf,
 
     /// How often the whole folder is gone through
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -71,7 +69,7 @@ const EXAMPLES: &str = "\
 Times are of this machine as busy as it is: the least is the one to compare.
 
 Examples:
-  trinocular bench flow captures/
+  trinocular bench flow captures/ --rig rig.toml
   trinocular bench flow captures/ --rig rig.toml --threads 3 --repeat 100 --json";
 
 /// Runs the command.
@@ -83,30 +81,24 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let (rig, captures) = open(options)?;
-    let settings = Settings {
-        corners: usize::from(options.corners),
-        points: usize::from(options.corners),
+    let (rig, frame_sets) = open(options)?;
+    let settings = FlowSettings {
+        max_corners: usize::from(options.corners),
+        max_points: usize::from(options.corners),
         threads: usize::from(options.threads),
-        // A rig told from pictures has no lens and no tilt.
-        view_residual_px: if options.rig.is_some() {
-            Settings::default().view_residual_px
-        } else {
-            2.0
-        },
-        ..Settings::default()
+        ..FlowSettings::default()
     };
     let refused =
-        |refusal: Refusal| Failure::Images(format!("{}: {refusal}", options.folder.display()));
+        |refusal: FlowRefusal| Failure::Images(format!("{}: {refusal}", options.folder.display()));
     let flow = Flow::new(&rig, settings).map_err(refused)?;
     let mut timing = Timing::default();
     for _ in 0..options.repeat {
-        timing.go_through(&flow, &captures);
+        timing.go_through(&flow, &frame_sets);
     }
     if let (Some(refusal), true) = (timing.refusal.take(), timing.sets.is_empty()) {
         return Err(refused(refusal));
     }
-    let report = timing.report(options, &rig, captures.len());
+    let report = timing.report(options, &rig, frame_sets.len());
     if options.json {
         let line = serde_json::to_string(&report).map_err(std::io::Error::from)?;
         writeln!(out, "{line}")?;
@@ -116,35 +108,25 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     Ok(())
 }
 
-/// The rig and all captures.
-fn open(options: &FlowOptions) -> Result<(Rig, Vec<Capture>), Failure> {
-    let given = options.rig.as_deref().map(RigFile::read).transpose()?;
-    let (names, size_px) = match &given {
-        Some(file) => (file.names.clone(), file.rig.image_size_px),
-        None => {
-            let names = ["left", "middle", "right"].map(String::from).to_vec();
-            (names, first_size(&options.folder.join("middle"))?)
-        }
-    };
-    let folder = Folder::open(&options.folder, &names, size_px, DEFAULT_PERIOD_US)?.complete()?;
-    fits_memory(&options.folder, &folder, names.len(), size_px)?;
-    let captures: Vec<Capture> = folder.captures().collect::<Result<_, _>>()?;
-    let rig = match given {
-        Some(file) => file.rig,
-        None => alignment::align(&captures[0]).map_err(|refusal| {
-            let reason = format!(
-                "no rig can be told from the first capture ({refusal}); give one with --rig"
-            );
-            InputError::file(&options.folder, reason)
-        })?,
-    };
-    Ok((rig, captures))
+/// Reads the rig file and all frame sets of the folder.
+fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
+    let RigFile { names, rig, .. } = RigFile::read(&options.rig)?;
+    let folder = Folder::open(
+        &options.folder,
+        &names,
+        rig.image_size_px,
+        DEFAULT_PERIOD_US,
+    )?;
+    let folder = folder.complete()?;
+    fits_memory(&options.folder, &folder, names.len(), rig.image_size_px)?;
+    let frame_sets = folder.frame_sets().collect::<Result<_, _>>()?;
+    Ok((rig, frame_sets))
 }
 
-/// Bytes that the pixels of all captures may take.
+/// Bytes that the pixels of all frame sets may take.
 const MEMORY: u64 = 1 << 30;
 
-/// Refuses more captures than are kept in memory. Their files are not timed, so they are not read
+/// Refuses more frame sets than are kept in memory. Their files are not timed, so they are not read
 /// again for each repetition.
 fn fits_memory(
     path: &Path,
@@ -159,77 +141,60 @@ fn fits_memory(
         return Ok(());
     }
     let reason = format!(
-        "{count} captures of {cameras} x {width} x {height} px take {} MB, but bench keeps them in \
-         memory, {} MB at most; give a folder of {most} captures or fewer",
+        "{count} frame sets of {cameras} x {width} x {height} px take {} MB, but bench keeps them in \
+         memory, {} MB at most; give a folder of {most} frame sets or fewer",
         count.saturating_mul(each) >> 20,
         MEMORY >> 20
     );
     Err(InputError::file(path, reason))
 }
 
-/// Width and height of the first image in a camera's folder that can be read.
-fn first_size(camera: &Path) -> Result<[u32; 2], InputError> {
-    if !camera.is_dir() {
-        let reason = "no such folder; without --rig the cameras are left, middle and right";
-        return Err(InputError::file(camera, reason));
-    }
-    let mut fault = None;
-    for name in list(camera)? {
-        match read_any(&camera.join(name)) {
-            Ok(image) => return Ok([image.width, image.height].map(|side| side as u32)),
-            Err(error) => fault = fault.or(Some(error)),
-        }
-    }
-    Err(fault.unwrap_or_else(|| InputError::file(camera, "holds no image")))
-}
-
 /// Everything that was timed.
 #[derive(Default)]
 struct Timing {
-    sets: Vec<Laps>,
-    keyframes: Vec<Laps>,
+    sets: Vec<StageTimings>,
+    keyframes: Vec<StageTimings>,
     points: Vec<usize>,
     attempts: usize,
-    refusal: Option<Refusal>,
+    refusal: Option<FlowRefusal>,
 }
 
 impl Timing {
-    fn go_through(&mut self, flow: &Flow, captures: &[Capture]) {
-        let from: Vec<&Capture> = captures.iter().collect();
-        let last = captures.len().saturating_sub(1);
-        let pairs = (0..last.max(1)).map(|i| (from[i], from[(i + 1).min(last)]));
-        let mut anew = flow.clone();
+    /// Times each pair of consecutive frame sets, then all of them against the first. `flow` has no
+    /// keyframe and has seen no frame set; every series starts with a clone of it.
+    fn go_through(&mut self, flow: &Flow, frame_sets: &[FrameSet]) {
+        let last = frame_sets.len().saturating_sub(1);
+        let pairs = (0..last.max(1)).map(|i| (&frame_sets[i], &frame_sets[(i + 1).min(last)]));
+        let (mut filter, mut fresh) = (flow.clone(), flow.clone());
         for (before, now) in pairs {
             self.attempts += 1;
-            let set = flow
-                .filter(before, &mut Laps::start())
-                .and_then(|before| frame_set(&mut anew, before, now));
-            match set {
-                Ok(FrameSet {
-                    laps, measurement, ..
-                }) => {
-                    self.sets.push(laps);
-                    self.points.push(measurement.tracks.len());
+            let done = filter
+                .filter(before)
+                .and_then(|before| with_fresh_keyframe(&mut fresh, before, now));
+            match done {
+                Ok(done) => {
+                    self.sets.push(done.timings);
+                    self.points.push(done.measurement.correspondences.len());
                 }
                 Err(refusal) => self.refusal = Some(refusal),
             }
         }
         let mut kept = flow.clone();
-        if kept.set_reference(from[0]).is_err() {
+        if kept.set_keyframe(&frame_sets[0]).is_err() {
             return;
         }
-        for now in &captures[last.min(1)..] {
-            if let Ok((_, laps)) = keyframe(&kept, now) {
-                self.keyframes.push(laps);
+        for now in &frame_sets[last.min(1)..] {
+            if let Ok((_, timings)) = with_kept_keyframe(&mut kept, now) {
+                self.keyframes.push(timings);
             }
         }
     }
 
     fn report(mut self, options: &FlowOptions, rig: &Rig, captures: usize) -> Report {
         self.points.sort_unstable();
-        let spent = |laps: &[Laps]| Spread::of(laps.iter().map(Laps::total));
-        let stages = Stage::ALL.map(|stage| {
-            let median = Spread::of(self.sets.iter().map(|laps| laps.of(stage)));
+        let spent = |timings: &[StageTimings]| Spread::of(timings.iter().map(StageTimings::total));
+        let stages = PipelineStage::ALL.map(|stage| {
+            let median = Spread::of(self.sets.iter().map(|timings| timings.of(stage)));
             (
                 stage.name().to_owned(),
                 json!(median.map_or(f64::NAN, |s| s.median)),
@@ -305,7 +270,7 @@ impl Report {
                 writeln!(out, "{name:12} {median:9.3} {min:9.3}")?;
             }
         }
-        for stage in Stage::ALL {
+        for stage in PipelineStage::ALL {
             let median = self.stages_ms[stage.name()].as_f64().unwrap_or(f64::NAN);
             writeln!(out, "  {:10} {median:9.3}", stage.name())?;
         }

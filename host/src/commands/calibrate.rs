@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::commands::failure::Failure;
 use clap::Args;
 use host::calibration::board::{Board, Pattern};
-use host::calibration::folder::{Calibration, CameraResult, Settings, calibrate};
+use host::calibration::folder::{Calibration, CalibrationSettings, CameraResult, calibrate};
 use host::calibration::intrinsics::Verdict;
 use host::calibration::photographs::list;
 use host::calibration::rejection::InstantRejection;
@@ -118,10 +118,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         corners: options.board.0,
         square_mm: options.square,
     };
-    let settings = Settings {
+    let settings = CalibrationSettings {
         half_window: options.window.map(usize::from),
         outlier: options.outlier,
-        ..Settings::new(board)
+        ..CalibrationSettings::new(board)
     };
     let mut progress = Progress::new("looking for the board");
     let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));

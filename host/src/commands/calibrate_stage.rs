@@ -16,7 +16,7 @@ use host::hand_eye::fit::{Fit, Sample, fit};
 use host::hand_eye::plan::{FARTHEST, Stop, stops};
 use host::hand_eye::rewrite::with_matrix;
 use host::hand_eye::watch::Watch;
-use host::images::Capture;
+use host::images::FrameSet;
 use host::notice;
 use host::output::{Output, Replace};
 use host::report::{Cell, Table};
@@ -125,7 +125,7 @@ trait Bench {
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure>;
 
     /// Takes a picture with each camera.
-    fn look(&mut self) -> Result<Capture, Failure>;
+    fn look(&mut self) -> Result<FrameSet, Failure>;
 
     /// Goes there, mm from zero, and takes pictures on the way; `None` if nobody takes them.
     fn pass(&mut self, _position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
@@ -139,7 +139,7 @@ struct Pass {
     /// Times, s, and positions, mm.
     path: Vec<(f64, [f64; 3])>,
     /// With their stamps.
-    captures: Vec<Capture>,
+    captures: Vec<FrameSet>,
 }
 
 /// Runs the command.
@@ -201,7 +201,7 @@ fn measure(
             continue;
         }
         let capture = bench.look()?;
-        let Some(watch) = &watch else {
+        let Some(watch) = &mut watch else {
             let started = Watch::start(&rig.rig, &capture).map_err(|refusal| {
                 Failure::Images(format!("the first pictures cannot be used: {refusal}"))
             })?;
@@ -215,7 +215,7 @@ fn measure(
     }
     // The reference is no sample: it is what the others are measured against.
     let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Images(refusal.to_string()))?;
-    let delay = match &watch {
+    let delay = match &mut watch {
         Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
         None => None,
     };
@@ -226,7 +226,7 @@ fn measure(
 fn measure_delay(
     options: &Options,
     bench: &mut dyn Bench,
-    watch: &Watch,
+    watch: &mut Watch,
     centre_mm: [f64; 3],
     fit: &Fit,
 ) -> Result<Option<Delay>, Failure> {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::error::InputError;
-use host::flow::{Flow, Settings};
-use host::images::Capture;
+use host::flow::{Flow, FlowSettings};
+use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;
 use host::points;
@@ -148,8 +148,8 @@ fn run_points<W: Write>(
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
-    let sums = Sums::new(&rig.rig, &points.tracks);
-    printer.sums(sums, points.tracks.len(), points.rejected)?;
+    let sums = Sums::new(&rig.rig, &points.correspondences);
+    printer.sums(sums, points.correspondences.len(), points.rejected)?;
     printer.finish()
 }
 
@@ -166,15 +166,15 @@ fn run_folder<W: Write>(
         DEFAULT_PERIOD_US,
     )?;
     let count = folder.len();
-    let mut captures = folder.captures();
+    let mut captures = folder.frame_sets();
     let (Some(first), 2..) = (captures.next(), count) else {
         let reason = format!("{count} capture; a displacement takes at least two");
         return Err(InputError::file(&options.input, reason).into());
     };
-    let mut flow = Flow::new(&rig.rig, Settings::default())
+    let mut flow = Flow::new(&rig.rig, FlowSettings::default())
         .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
-    let refer_to = |flow: &mut Flow, capture: &Capture| {
-        let outcome = flow.set_reference(capture);
+    let refer_to = |flow: &mut Flow, capture: &FrameSet| {
+        let outcome = flow.set_keyframe(capture);
         outcome.map_err(|refusal| refusal.to_string())
     };
     let mut reference = refer_to(&mut flow, &first?);
@@ -199,7 +199,7 @@ fn run_folder<W: Write>(
                 printer.warnings = seen.remarks(&rig.names);
                 printer.sums(
                     Sums::of(&rig.rig, &seen),
-                    seen.tracks.len(),
+                    seen.correspondences.len(),
                     seen.rejected.total(),
                 )?;
             }

@@ -1,24 +1,23 @@
-//! Points as the flow would find them, without pictures: what tests of the judgement on points
-//! start from.
+//! Synthetic correspondences for tests: points as the flow would find them, without images.
 
-use super::geometry::Geometry;
+use super::Correspondence;
+use crate::matching::geometry::RigGeometry;
 use crate::random::Random;
-use shared::rig::Rig;
-use shared::sums::View;
+use shared::rig::{Camera, Rig};
 
-/// Points on a poster 850 mm before the paper's rig, seen twice.
+/// Points on a poster 850 mm in front of the paper's rig.
 pub struct Cloud {
-    pub geometry: Geometry,
-    /// Where the poster was met, mm.
+    pub geometry: RigGeometry,
+    /// Places of the points at the keyframe, mm.
     pub places: Vec<[f64; 3]>,
-    /// Of the windows in the middle camera, px.
+    /// Window centres in the middle camera, px.
     pub centres_px: Vec<[f64; 2]>,
 }
 
 impl Cloud {
-    /// Every 10 px over what all cameras see: windows overlap about fourfold.
+    /// Creates a point every 10 px of the common field of view: windows overlap about fourfold.
     pub fn new() -> Self {
-        let geometry = Geometry::new(&Rig::paper()).unwrap();
+        let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let camera = geometry.rig.cameras[1];
         let centres = (0..20 * 18).map(|i| {
             [
@@ -38,32 +37,28 @@ impl Cloud {
         }
     }
 
-    /// The views when each point goes where `motion` of the camera's number and its place says, and
-    /// is seen with errors `noise_px` of camera and point.
-    pub fn views(
+    /// Correspondences of points that move as `motion` of camera index and place says, with errors
+    /// `noise_px` of camera and point.
+    pub fn points(
         &self,
         motion: impl Fn(usize, [f64; 3]) -> [f64; 3],
         mut noise_px: impl FnMut(usize, usize) -> [f64; 2],
-    ) -> Vec<Vec<View>> {
-        let views = self.places.iter().enumerate().map(|(i, place)| {
-            let view = |(k, camera): (usize, &shared::rig::Camera)| {
+    ) -> Vec<Correspondence> {
+        let rig = &self.geometry.rig;
+        let points = self.places.iter().enumerate().map(|(i, place)| {
+            let seen = |(k, camera): (usize, &Camera)| {
                 let (start, end) = (camera.project(*place), camera.project(motion(k, *place)));
                 let noise = noise_px(k, i);
-                View::from_pixels(camera, start, [end[0] + noise[0], end[1] + noise[1]])
+                [start, [end[0] + noise[0], end[1] + noise[1]]]
             };
-            self.geometry
-                .rig
-                .cameras
-                .iter()
-                .enumerate()
-                .map(view)
-                .collect()
+            let pixels = rig.cameras.iter().enumerate().map(seen);
+            Correspondence::from_pixels(rig, pixels.collect())
         });
-        views.collect()
+        points.collect()
     }
 }
 
-/// Noise that knows nothing of its neighbours.
+/// Noise that is independent between points and cameras.
 pub fn independent(sigma_px: f64, seed: u64) -> impl FnMut(usize, usize) -> [f64; 2] {
     let mut random = Random::seeded(seed);
     move |_, _| [(); 2].map(|()| sigma_px * random.gaussian())

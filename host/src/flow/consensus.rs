@@ -1,42 +1,111 @@
-//! The displacement most points agree on, and which points those are.
+//! Consensus: the displacement on which most points agree, and its inliers.
 //!
 //! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the harmonic mean
 //! of its inverse depths at both instants,
 //!
 //! ```text
-//! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal times the difference
+//! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal length times the difference
 //! ```
 //!
-//! Starting from a displacement that is roughly right, points are kept whose residual is within
-//! three times the median (at least [`super::Settings::agree_px`]), the displacement is solved
-//! again from those, and so on until the set stays the same.
+//! [`Consensus::of`] starts from a displacement that is roughly right. Points whose residual is
+//! within three times the median are inliers; the displacement is solved again from the inliers,
+//! until they stay the same.
+//!
+//! [`fit`] serves the displacement search, where only one camera's flow is known: least median of
+//! squares (P. J. Rousseeuw, *Least Median of Squares Regression*, JASA 79, 1984), then weights of
+//! Tukey's biweight (1974).
 
-use shared::estimate::midpoint;
+use shared::estimate::midpoint::{self, Estimate};
 use shared::rig::Rig;
 use shared::sums::View;
 use shared::sums::centred::{CentredSums, PointFit};
 
-use super::geometry::Geometry;
+use super::Correspondence;
+use crate::matching::geometry::RigGeometry;
 use crate::random::Random;
 
-/// Rounds at most; three are usual.
-const ROUNDS: usize = 12;
+/// Largest number of rounds; three are usual.
+const MAX_ROUNDS: usize = 12;
 
-/// What the points agree on.
+/// Ratio of the inlier limit to the median residual.
+const INLIER_MEDIANS: f64 = 3.0;
+
+/// Inliers and their displacement.
 #[derive(Clone, Debug)]
 pub struct Consensus {
-    /// The displacement, mm.
-    pub displacement_mm: [f64; 3],
-    /// Per point: whether it agrees.
-    pub agrees: Vec<bool>,
+    /// Displacement of the inliers, with the covariance of independent observations.
+    pub estimate: Estimate,
+    /// Flags of the points that are inliers.
+    pub inliers: Vec<bool>,
     /// Median over all points of the residual per axis, px.
     pub median_px: f64,
+    /// Number of point-camera observations behind the estimate.
+    observations: u32,
+}
+
+impl Consensus {
+    /// Finds the inliers among `points`, from the displacement `start_mm` on. Residuals up to
+    /// `min_inlier_px` never make an outlier. Returns `None` if the points determine no
+    /// displacement.
+    pub fn of(
+        geometry: &RigGeometry,
+        points: &[Correspondence],
+        start_mm: [f64; 3],
+        min_inlier_px: f64,
+    ) -> Option<Self> {
+        let fits: Vec<Option<PointFit>> = (points.iter())
+            .map(|point| geometry.arms.point(&point.views))
+            .collect();
+        let mut displacement_mm = start_mm;
+        let mut consensus: Option<Self> = None;
+        for _ in 0..MAX_ROUNDS {
+            // Residuals of all points against the displacement of the inliers so far.
+            let residuals: Vec<f64> = (points.iter().zip(&fits))
+                .map(|(p, fit)| residual_px(geometry, &p.views, fit.as_ref(), displacement_mm))
+                .collect();
+            let median_px = median(&mut residuals.clone())?;
+            let limit = (INLIER_MEDIANS * median_px).max(min_inlier_px);
+            let inliers: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
+            // The same inliers would give the same displacement: the iteration has converged.
+            if let Some(converged) = consensus.as_mut().filter(|c| c.inliers == inliers) {
+                converged.median_px = median_px;
+                break;
+            }
+            let (estimate, observations) = solve(&geometry.rig, points, &inliers)?;
+            displacement_mm = estimate.displacement_mm;
+            consensus = Some(Self {
+                estimate,
+                inliers,
+                median_px,
+                observations,
+            });
+        }
+        consensus
+    }
+
+    /// Returns the number of inliers.
+    pub fn count(&self) -> usize {
+        self.inliers.iter().filter(|is| **is).count()
+    }
+
+    /// Returns the number of flow components (x and y of every observation) behind the estimate.
+    pub fn components(&self) -> f64 {
+        f64::from(2 * self.observations)
+    }
+
+    /// Keeps the inliers of the points that the consensus was made of.
+    pub fn inliers_of(&self, points: Vec<Correspondence>) -> Vec<Correspondence> {
+        let points = points.into_iter().zip(&self.inliers);
+        points
+            .filter_map(|(point, is_inlier)| is_inlier.then_some(point))
+            .collect()
+    }
 }
 
 /// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes,
-/// px. Infinite for a point that is not in front of the cameras (`None`).
+/// px. Infinite for a point that is not in front of the cameras (no fit).
 fn residual_px(
-    geometry: &Geometry,
+    geometry: &RigGeometry,
     views: &[View],
     fit: Option<&PointFit>,
     displacement_mm: [f64; 3],
@@ -52,59 +121,28 @@ fn residual_px(
     geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt()
 }
 
-/// The set of points that agree, from `start_mm` on. `None` if no solution exists.
-pub fn agree(
-    geometry: &Geometry,
-    points: &[Vec<View>],
-    start_mm: [f64; 3],
-    least_px: f64,
-) -> Option<Consensus> {
-    let fits: Vec<Option<PointFit>> = points.iter().map(|p| geometry.arms.point(p)).collect();
-    let mut displacement_mm = start_mm;
-    let mut agrees = vec![false; points.len()];
-    let mut median_px = f64::INFINITY;
-    for _ in 0..ROUNDS {
-        let residuals: Vec<f64> = (points.iter().zip(&fits))
-            .map(|(views, fit)| residual_px(geometry, views, fit.as_ref(), displacement_mm))
-            .collect();
-        median_px = median(&mut residuals.clone())?;
-        let limit = (3.0 * median_px).max(least_px);
-        let now: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
-        let settled = now == agrees;
-        agrees = now;
-        if settled {
-            break;
-        }
-        displacement_mm = solve(&geometry.rig, points, &agrees)?;
-    }
-    Some(Consensus {
-        displacement_mm,
-        agrees,
-        median_px,
-    })
-}
-
-fn solve(rig: &Rig, points: &[Vec<View>], agrees: &[bool]) -> Option<[f64; 3]> {
+/// Midpoint estimate from the inliers, and the number of its observations.
+fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<(Estimate, u32)> {
     let mut sums = CentredSums::new(rig).ok()?;
-    for (views, _) in points.iter().zip(agrees).filter(|(_, agrees)| **agrees) {
-        sums.add(views);
+    for (point, _) in points.iter().zip(inliers).filter(|(_, is)| **is) {
+        sums.add(&point.views);
     }
-    midpoint::solve(&sums).ok().map(|e| e.displacement_mm)
+    Some((midpoint::solve(&sums).ok()?, sums.observations()))
 }
 
-/// One point's motion in one camera, with its inverse depth known.
+/// Motion of one point in one camera, with its inverse depth known.
 #[derive(Clone, Copy, Debug)]
-pub struct Sighting {
-    /// Normalised, at the reference instant.
+pub struct PointFlow {
+    /// Normalised position at the keyframe.
     pub before: [f64; 2],
-    /// Normalised, now.
+    /// Normalised position now.
     pub now: [f64; 2],
-    /// At the reference instant, 1/mm.
+    /// Inverse depth at the keyframe, 1/mm.
     pub inverse_depth: f64,
 }
 
-impl Sighting {
-    /// Where `displacement_mm` puts the point, normalised.
+impl PointFlow {
+    /// Predicts the normalised position after the displacement.
     pub fn predicted(before: [f64; 2], inverse_depth: f64, [tx, ty, tz]: [f64; 3]) -> [f64; 2] {
         let shrink = 1.0 / (1.0 + inverse_depth * tz);
         [
@@ -113,7 +151,7 @@ impl Sighting {
         ]
     }
 
-    /// Distance from where `displacement_mm` puts it, normalised.
+    /// Distance between the position now and the one that the displacement predicts, normalised.
     pub fn residual(&self, displacement_mm: [f64; 3]) -> f64 {
         let expected = Self::predicted(self.before, self.inverse_depth, displacement_mm);
         let off = [self.now[0] - expected[0], self.now[1] - expected[1]];
@@ -121,14 +159,15 @@ impl Sighting {
     }
 }
 
-/// The displacement that explains sightings in one camera: `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in
-/// it. Reweighted (Tukey's biweight at four times the median, never below `least`), so that nearly
-/// half of them may be wrong.
-pub fn fit(sightings: &[Sighting], start_mm: [f64; 3], least: f64) -> Option<[f64; 3]> {
-    let mut displacement = least_median(sightings, start_mm)?;
+/// Fits a displacement to the flow of one camera, robust against nearly half of the points.
+///
+/// `ξ' - ξ = ρ Tx - ρ ξ' Tz` is linear in the displacement. Iteratively reweighted least squares
+/// with Tukey's biweight, zero at four times the median residual and never below `least`.
+pub fn fit(point_flows: &[PointFlow], start_mm: [f64; 3], least: f64) -> Option<[f64; 3]> {
+    let mut displacement = least_median(point_flows, start_mm)?;
     for _ in 0..8 {
-        let limit = (4.0 * median_residual(sightings, displacement)?).max(least);
-        displacement = least_squares(sightings.iter().map(|s| {
+        let limit = (4.0 * median_residual(point_flows, displacement)?).max(least);
+        displacement = least_squares(point_flows.iter().map(|s| {
             let off = s.residual(displacement) / limit;
             (s, (1.0 - off * off).max(0.0).powi(2))
         }))?;
@@ -136,21 +175,22 @@ pub fn fit(sightings: &[Sighting], start_mm: [f64; 3], least: f64) -> Option<[f6
     Some(displacement)
 }
 
-/// Pairs that are tried. With 60 % right sightings, all are spoiled with a probability of 1e-9.
+/// Number of random pairs. With 60 % right points, every pair holds a wrong one with a probability
+/// of 1e-9.
 const PAIRS: u64 = 48;
 
-/// Least median of squares (Rousseeuw 1984): of the start and of what pairs of sightings say, the
-/// displacement with the smallest median residual. Reweighting alone, started between two motions,
-/// may settle on a blend of both.
-fn least_median(sightings: &[Sighting], start_mm: [f64; 3]) -> Option<[f64; 3]> {
-    let mut best = (median_residual(sightings, start_mm)?, start_mm);
+/// Least median of squares: of the start and of the displacements that random pairs determine, the
+/// one with the smallest median residual. Reweighting alone, started between two motions, may
+/// converge to a blend of both.
+fn least_median(point_flows: &[PointFlow], start_mm: [f64; 3]) -> Option<[f64; 3]> {
+    let mut best = (median_residual(point_flows, start_mm)?, start_mm);
     let mut random = Random::seeded(0);
     for _ in 0..PAIRS {
-        let pair = [(); 2].map(|()| &sightings[random.below(sightings.len())]);
+        let pair = [(); 2].map(|()| &point_flows[random.below(point_flows.len())]);
         let Some(displacement) = least_squares(pair.into_iter().map(|s| (s, 1.0))) else {
             continue;
         };
-        let median = median_residual(sightings, displacement)?;
+        let median = median_residual(point_flows, displacement)?;
         if median < best.0 {
             best = (median, displacement);
         }
@@ -158,12 +198,12 @@ fn least_median(sightings: &[Sighting], start_mm: [f64; 3]) -> Option<[f64; 3]> 
     Some(best.1)
 }
 
-fn median_residual(sightings: &[Sighting], displacement_mm: [f64; 3]) -> Option<f64> {
-    let residual = |s: &Sighting| s.residual(displacement_mm);
-    median(&mut sightings.iter().map(residual).collect::<Vec<f64>>())
+fn median_residual(point_flows: &[PointFlow], displacement_mm: [f64; 3]) -> Option<f64> {
+    let residual = |s: &PointFlow| s.residual(displacement_mm);
+    median(&mut point_flows.iter().map(residual).collect::<Vec<f64>>())
 }
 
-/// Of an even number, the larger of both in the middle.
+/// Median; of an even number of values, the larger of the middle two.
 fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
@@ -172,12 +212,12 @@ fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Weighted least squares. `None` if the sightings do not determine it.
-fn least_squares<'a>(sightings: impl Iterator<Item = (&'a Sighting, f64)>) -> Option<[f64; 3]> {
-    // Normal equations of the unknowns Tx, Ty, Tz; Tx and Ty do not mix.
+/// Weighted least squares. Returns `None` if the points do not determine a displacement.
+fn least_squares<'a>(point_flows: impl Iterator<Item = (&'a PointFlow, f64)>) -> Option<[f64; 3]> {
+    // Normal equations of Tx, Ty and Tz. Tx and Ty are not coupled, so Tz comes by elimination.
     let (mut n, mut sx, mut sy, mut sr) = (0.0, 0.0, 0.0, 0.0);
     let (mut rx, mut ry, mut rz) = (0.0, 0.0, 0.0);
-    for (s, weight) in sightings {
+    for (s, weight) in point_flows {
         let g = s.inverse_depth;
         let [x, y] = s.now;
         let (vx, vy) = (s.now[0] - s.before[0], s.now[1] - s.before[1]);
@@ -189,6 +229,7 @@ fn least_squares<'a>(sightings: impl Iterator<Item = (&'a Sighting, f64)>) -> Op
         ry += weight * g * vy;
         rz -= weight * g * (x * vx + y * vy);
     }
+    // Schur complement of Tx and Ty.
     let spread = sr - (sx * sx + sy * sy) / n;
     let tz = (rz + (sx * rx + sy * ry) / n) / spread;
     let displacement = [(rx + sx * tz) / n, (ry + sy * tz) / n, tz];

@@ -1,51 +1,59 @@
-//! The reference instant: points matched in all cameras, and what following them needs.
+//! Keyframe: points matched in all cameras at one instant, with the templates to track.
 
-use super::laps::{Laps, Stage};
-use super::likeness::Field;
-use super::lucas_kanade::Large;
-use super::pyramid::Pyramid;
-use super::stereo::{Match, Stereo};
-use super::team::Team;
-use super::{Filtered, Flow, Reason, Refusal, Rejected, corner};
+use super::active_cameras::ActiveCameras;
+use super::{FilteredFrameSet, Flow, FlowRefusal, PipelineStage, StageObserver};
+use crate::matching::corner;
+use crate::matching::lucas_kanade::FineTemplate;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::stereo::{StereoMatch, StereoMatcher};
+use crate::matching::zncc::ZnccPlane;
+use crate::matching::{Reject, RejectCounts};
 
-/// The texture repeats where more corners than so many times those that match at one depth match at
-/// several. Below, those few decide, as those of walls, text and boards can; bricks and grids have
-/// next to none.
-const MOST_AMBIGUOUS: usize = 3;
+/// Largest ratio of ambiguous corners to matched ones. Above it the texture repeats; below it the
+/// few matched corners decide, as those of walls, text and boards can. Bricks and grids have next
+/// to none.
+const MAX_AMBIGUOUS_PER_MATCH: usize = 3;
 
-/// Matched points and images of the reference instant.
+/// Matched points and images of the keyframe.
 #[derive(Clone, Debug)]
 pub(super) struct Keyframe {
-    pub(super) team: Team,
-    /// Of all cameras.
-    pub(super) filtered: Filtered,
-    /// What follows is the team's.
-    pub(super) coarse: Field,
-    pub(super) matches: Vec<Match>,
-    /// Corners without a match, the best of every part of the image first: pixels of the team's
-    /// reference camera.
+    /// Cameras that took part. All fields but `filtered` cover only these.
+    pub(super) active: ActiveCameras,
+    /// Images of all cameras of the rig.
+    pub(super) filtered: FilteredFrameSet,
+    /// Coarse image of the reference camera, for the displacement search.
+    pub(super) coarse: ZnccPlane,
+    /// Matched points, the best of every part of the image first.
+    pub(super) matches: Vec<StereoMatch>,
+    /// Corners without a match, the best of every part of the image first: pixels of the reference
+    /// camera.
     pub(super) unmatched: Vec<[f64; 2]>,
-    pub(super) rejected: Rejected,
+    /// Number of corners without a match, by reason.
+    pub(super) rejected: RejectCounts,
 }
 
-/// What a measurement needs of it; fewer cameras may be left by then.
+/// Keyframe as the cameras see it that are active now, which may be fewer than at the keyframe.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reference<'a> {
-    pub(super) team: &'a Team,
-    /// Of all cameras.
+pub(super) struct ActiveKeyframe<'a> {
+    /// Cameras that take part now. All fields but `pyramids` cover only these.
+    pub(super) active: &'a ActiveCameras,
+    /// Images of all cameras of the rig.
     pub(super) pyramids: &'a [Pyramid],
-    pub(super) coarse: &'a Field,
-    pub(super) matches: &'a [Match],
+    /// Coarse image of the reference camera.
+    pub(super) coarse: &'a ZnccPlane,
+    /// Matched points.
+    pub(super) matches: &'a [StereoMatch],
     /// Corners without a match.
     pub(super) unmatched: &'a [[f64; 2]],
-    pub(super) rejected: Rejected,
+    /// Number of corners without a match, by reason.
+    pub(super) rejected: RejectCounts,
 }
 
 impl Keyframe {
-    /// With its whole team.
-    pub(super) fn view(&self) -> Reference<'_> {
-        Reference {
-            team: &self.team,
+    /// Returns the keyframe with all of its own cameras.
+    pub(super) fn whole(&self) -> ActiveKeyframe<'_> {
+        ActiveKeyframe {
+            active: &self.active,
             pyramids: &self.filtered.pyramids,
             coarse: &self.coarse,
             matches: &self.matches,
@@ -54,104 +62,120 @@ impl Keyframe {
         }
     }
 
-    /// Its matches as `team`, some of its own cameras, has them, and what that team's reference
-    /// camera saw at `level`.
-    pub(super) fn part(&self, team: &Team, level: usize) -> (Vec<Match>, Field) {
-        let places: Vec<usize> = (self.team.cameras.iter().enumerate())
-            .filter(|(_, camera)| team.cameras.contains(camera))
-            .map(|(place, _)| place)
+    /// Restricts the matches to `active`, some of the keyframe's cameras, and returns them with the
+    /// coarse image of the new reference camera at `level`.
+    pub(super) fn restricted(
+        &self,
+        active: &ActiveCameras,
+        level: usize,
+    ) -> (Vec<StereoMatch>, ZnccPlane) {
+        let kept: Vec<usize> = (self.active.cameras.iter().enumerate())
+            .filter(|(_, camera)| active.cameras.contains(camera))
+            .map(|(index, _)| index)
             .collect();
-        let pick = |matched: &Match| {
-            let views: Vec<[f64; 2]> = places.iter().map(|p| matched.views[*p]).collect();
-            Match {
-                pixels: places.iter().map(|p| matched.pixels[*p]).collect(),
-                ray: team.geometry.fit(&views),
-                views,
-                templates: places
-                    .iter()
-                    .map(|p| matched.templates[*p].clone())
-                    .collect(),
+        let restrict = |matched: &StereoMatch| {
+            let normalised: Vec<[f64; 2]> = kept.iter().map(|k| matched.normalised[*k]).collect();
+            StereoMatch {
+                pixels: kept.iter().map(|k| matched.pixels[*k]).collect(),
+                ray: active.geometry.fit(&normalised),
+                normalised,
+                templates: kept.iter().map(|k| matched.templates[*k].clone()).collect(),
             }
         };
-        let reference = team.cameras[team.geometry.reference];
+        let reference = active.cameras[active.geometry.reference];
         let plane = &self.filtered.pyramids[reference].levels[level];
-        let matches = self.matches.iter().map(pick).collect();
-        (matches, Field::new(plane))
+        let matches = self.matches.iter().map(restrict).collect();
+        (matches, ZnccPlane::new(plane))
     }
 }
 
 impl Flow {
-    /// [`Flow::set_reference`] with a capture that was filtered before, as that of the last
-    /// measurement was.
+    /// [`Flow::set_keyframe`] with a frame set that was filtered before, for instance by the last
+    /// measurement.
     ///
     /// # Errors
-    /// [`Refusal`], with what was found.
-    pub fn refer_to(&mut self, filtered: Filtered, laps: &mut Laps) -> Result<(), Refusal> {
-        // What the old keyframe occupies is given back only when the new one is complete: else the
-        // allocator would return it to the system, to ask for it again at once.
+    /// [`FlowRefusal`] if the points cannot be matched; there is no keyframe then.
+    pub fn set_filtered_keyframe(
+        &mut self,
+        filtered: FilteredFrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<(), FlowRefusal> {
+        // The old keyframe's memory is freed only after the new one is complete. Otherwise the
+        // allocator would return it to the system and ask for it again at once.
         let old = self.keyframe.take();
-        let (settings, workers) = (&self.settings, &self.workers);
-        let team = self.team(&filtered.absences)?;
-        let views = team.select(&filtered.pyramids);
-        let reference = team.geometry.reference;
-        let base = &views[reference].levels[0];
-        let (margin, apart) = (Large::MARGIN + 1, settings.apart_px);
-        let corners = corner::corners(base, margin, apart, settings.corners, workers);
-        laps.lap(Stage::Corners);
-        let least = settings.least_points;
-        if corners.len() < least {
-            let found = corners.len();
-            return Err(Refusal::FewCorners { found, least });
+        let (settings, thread_pool) = (&self.settings, &self.thread_pool);
+        let active = self.active_cameras(&filtered.camera_refusals)?;
+        let pyramids = active.select(&filtered.pyramids);
+        let reference = active.geometry.reference;
+
+        // Shi-Tomasi corners of the reference camera's image.
+        let corners = corner::corners(
+            &pyramids[reference].levels[0],
+            FineTemplate::MARGIN + 1,
+            settings.min_spacing_px,
+            settings.max_corners,
+            thread_pool,
+        );
+        observer.stage_done(PipelineStage::Corners);
+        let (found, least) = (corners.len(), settings.min_points);
+        if found < least {
+            return Err(FlowRefusal::FewCorners { found, least });
         }
+
+        // Multi-baseline stereo match of each corner, in batches.
         let level = self.spatial_level();
-        let planes = views.iter().map(|p| &p.levels[level]).collect();
-        let fields = workers.map(planes, Field::new);
-        let stereo = Stereo {
-            geometry: &team.geometry,
-            settings,
-            pyramids: &views,
-            fields: &fields,
+        let planes = pyramids.iter().map(|p| &p.levels[level]).collect();
+        let planes = thread_pool.map(planes, ZnccPlane::new);
+        let matcher = StereoMatcher {
+            geometry: &active.geometry,
+            settings: &settings.matching,
+            pyramids: &pyramids,
+            planes: &planes,
             level,
         };
         let places: Vec<[f64; 2]> = (corners.iter().enumerate())
             .map(|(index, corner)| spread_phase(index, *corner))
             .collect();
-        let mut rejected = Rejected::default();
-        let mut matches = Vec::with_capacity(settings.points);
+        let mut rejected = RejectCounts::default();
+        let mut matches = Vec::with_capacity(settings.max_points);
         let mut unmatched = Vec::new();
         let mut untried = places.as_slice();
-        while matches.len() < settings.points && !untried.is_empty() {
-            // No more than could be used, so none is tried in vain however many threads there are.
-            let wanted = settings.points - matches.len();
+        while matches.len() < settings.max_points && !untried.is_empty() {
+            // A batch is never larger than the number of points still wanted, so that the same
+            // corners are tried on any number of threads.
+            let wanted = settings.max_points - matches.len();
             let (batch, rest) = untried.split_at(wanted.min(untried.len()));
             untried = rest;
-            let found = workers.map(batch.to_vec(), |place| stereo.find(place));
+            let found = thread_pool.map(batch.to_vec(), |place| matcher.find(place));
             for (place, found) in batch.iter().zip(found) {
                 match found {
                     Ok(matched) => matches.push(matched),
-                    Err(reason) => {
+                    Err(reject) => {
                         unmatched.push(*place);
-                        rejected.add(reason);
+                        rejected.add(reject);
                     }
                 }
             }
         }
+
+        // Refuse repetitive texture and too few matches.
         let tried = places.len() - untried.len();
-        let (matched, ambiguous) = (matches.len(), rejected.of(Reason::Ambiguous));
-        if ambiguous > MOST_AMBIGUOUS * matched && 4 * ambiguous > tried {
-            return Err(Refusal::AmbiguousDepth { ambiguous, matched });
+        let (matched, ambiguous) = (matches.len(), rejected.of(Reject::Ambiguous));
+        if ambiguous > MAX_AMBIGUOUS_PER_MATCH * matched && 4 * ambiguous > tried {
+            return Err(FlowRefusal::AmbiguousDepth { ambiguous, matched });
         }
         if matched < least {
-            return Err(Refusal::FewMatches {
+            return Err(FlowRefusal::FewMatches {
                 matched,
                 corners: tried,
                 least,
             });
         }
+
         unmatched.extend_from_slice(untried);
-        let coarse = Field::new(&views[reference].levels[self.temporal_level()]);
+        let coarse = ZnccPlane::new(&pyramids[reference].levels[self.temporal_level()]);
         self.keyframe = Some(Keyframe {
-            team,
+            active,
             filtered,
             coarse,
             matches,
@@ -159,20 +183,21 @@ impl Flow {
             rejected,
         });
         if let Some(old) = old {
-            self.spare.keep(old.filtered);
+            self.pyramid_pool.put(old.filtered);
         }
-        laps.lap(Stage::Spatial);
+        observer.stage_done(PipelineStage::Spatial);
         Ok(())
     }
 }
 
-/// A place within half a pixel of a corner, another one for every corner.
+/// Moves a corner by up to half a pixel, differently for every index.
 ///
-/// Reading between pixels errs by up to a thousandth of a pixel, depending on where between two
-/// pixels a template was taken. Taken always in the middle of a pixel, all points would err alike:
-/// in a flow field that grows from the middle outwards this looks like a motion along z. The places
-/// are those of the R2 sequence (Roberts 2018), evenly spread at any count.
+/// Interpolation errs by up to a thousandth of a pixel, depending on the sub-pixel phase of a
+/// template. If all templates had the same phase, all points would err alike: in a flow field that
+/// grows from the middle outwards this looks like a motion along z. The phases are those of the R2
+/// sequence (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), evenly
+/// spread at any count.
 fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
-    let turn = [0.754_877_666_246_693, 0.569_840_290_998_053];
-    core::array::from_fn(|i| corner[i] as f64 + (index as f64 * turn[i]).fract() - 0.5)
+    let step = [0.754_877_666_246_693, 0.569_840_290_998_053];
+    core::array::from_fn(|i| corner[i] as f64 + (index as f64 * step[i]).fract() - 0.5)
 }

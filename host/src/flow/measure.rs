@@ -1,164 +1,226 @@
-//! The way from a reference and a capture to a measurement, by the cameras that both have.
+//! Measurement of a frame set against the keyframe, by the cameras that both have.
 
-use super::extent::Extent;
-use super::follow::{self, Follow, Followed};
-use super::keyframe::{Keyframe, Reference};
-use super::laps::{Laps, Stage};
-use super::likeness::Field;
-use super::search::Search;
-use super::settle::Settled;
-use super::stereo::Match;
-use super::team::{Absence, Team};
-use super::{Filtered, Flow, Reason, Refusal};
+use super::accept::Tracking;
+use super::active_cameras::ActiveCameras;
+use super::camera_refusal::CameraRefusal;
+use super::coverage::InlierCoverage;
+use super::displacement_search::DisplacementSearch;
+use super::frozen;
+use super::keyframe::{ActiveKeyframe, Keyframe};
+use super::temporal::{RefinedDisplacement, TemporalMatcher};
+use super::{
+    Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, PipelineStage, StageObserver,
+};
+use crate::matching::Reject;
+use crate::matching::stereo::StereoMatch;
+use crate::matching::zncc::ZnccPlane;
+
+/// Least mean correlation of the refined displacement.
+const MIN_DISPLACEMENT_ZNCC: f32 = 0.4;
+
+/// Least distance in the image between two displacements that count as different, px.
+const DISTINCT_PX: f64 = 2.0;
 
 impl Flow {
-    /// By the cameras that are not absent.
-    pub(super) fn measure_by(
+    /// [`Flow::measure`] with a frame set that was filtered before.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure_filtered(
+        &self,
+        now: &FilteredFrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<Measurement, FlowRefusal> {
+        let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        // A camera that is unusable now or was at the keyframe takes no part.
+        let mut refusals = now.camera_refusals.clone();
+        let before = &keyframe.filtered;
+        frozen::mark_frozen(&mut refusals, &now.fingerprints, &before.fingerprints);
+        for (refusal, before) in refusals.iter_mut().zip(&before.camera_refusals) {
+            *refusal = refusal.or(*before);
+        }
+        let Tracking {
+            mut result,
+            unsynchronised,
+        } = self.track_with(keyframe, &refusals, now, observer)?;
+        // An unsynchronised camera is left out, and the others measure again.
+        if let Some((camera, share)) = unsynchronised
+            && let Some(refusal) = refusals.get_mut(camera)
+        {
+            *refusal = Some(CameraRefusal::Unsynchronised { share });
+            let without = self.track_with(keyframe, &refusals, now, observer);
+            // If both are refused, the refusal with all cameras tells more.
+            result = (without.and_then(|tracking| tracking.result))
+                .map_err(|refusal| result.err().unwrap_or(refusal));
+        }
+        let mut measurement = result?;
+        let refused = refusals.into_iter().enumerate();
+        measurement.refused_cameras = refused
+            .filter_map(|(k, refusal)| Some((k, refusal?)))
+            .collect();
+        Ok(measurement)
+    }
+
+    /// Tracks the keyframe's points with the cameras that are not refused.
+    fn track_with(
         &self,
         keyframe: &Keyframe,
-        absences: &[Option<Absence>],
-        now: &Filtered,
-        laps: &mut Laps,
-    ) -> Result<Settled, Refusal> {
-        let team = self.team(absences)?;
-        if team.cameras == keyframe.team.cameras {
-            return self.measure_with(&keyframe.view(), now, laps);
+        refusals: &[Option<CameraRefusal>],
+        now: &FilteredFrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<Tracking, FlowRefusal> {
+        let active = self.active_cameras(refusals)?;
+        if active.cameras == keyframe.active.cameras {
+            return self.track(&keyframe.whole(), now, observer);
         }
-        let (matches, coarse) = keyframe.part(&team, self.temporal_level());
-        let eye = |team: &Team| team.cameras.get(team.geometry.reference).copied();
-        // Those of another camera are nowhere in this one's image.
-        let unmatched: &[[f64; 2]] = match eye(&team) == eye(&keyframe.team) {
-            true => &keyframe.unmatched,
-            false => &[],
+        let (matches, coarse) = keyframe.restricted(&active, self.temporal_level());
+        // Unmatched corners are pixels of the keyframe's reference camera only.
+        let is_same_reference = active.reference_camera() == keyframe.active.reference_camera();
+        let unmatched: &[[f64; 2]] = if is_same_reference {
+            &keyframe.unmatched
+        } else {
+            &[]
         };
-        let reference = Reference {
-            team: &team,
+        let restricted = ActiveKeyframe {
+            active: &active,
             coarse: &coarse,
             matches: &matches,
             unmatched,
-            ..keyframe.view()
+            ..keyframe.whole()
         };
-        self.measure_with(&reference, now, laps)
+        self.track(&restricted, now, observer)
     }
 
-    /// The cameras that are not absent.
-    pub(super) fn team(&self, absences: &[Option<Absence>]) -> Result<Team, Refusal> {
-        let takes_part = |k: usize| matches!(absences.get(k), Some(None));
-        let rig = &self.geometry.rig;
-        let left = (0..rig.cameras.len()).filter(|k| takes_part(*k)).count();
-        Team::of(rig, takes_part).ok_or(Refusal::FewCameras { left })
-    }
-
-    /// Also the camera that is out of step, if any is.
+    /// Selects the cameras that are not refused.
     ///
     /// # Errors
-    /// [`Refusal`] of what no camera could have spoiled alone.
-    fn measure_with(
+    /// [`FlowRefusal::FewCameras`] unless two of them are in different places.
+    pub(super) fn active_cameras(
         &self,
-        reference: &Reference<'_>,
-        now: &Filtered,
-        laps: &mut Laps,
-    ) -> Result<Settled, Refusal> {
-        let [before, now] = [reference.pyramids, &now.pyramids].map(|p| reference.team.select(p));
-        let follow = Follow {
-            geometry: &reference.team.geometry,
+        refusals: &[Option<CameraRefusal>],
+    ) -> Result<ActiveCameras, FlowRefusal> {
+        let is_active = |k: usize| matches!(refusals.get(k), Some(None));
+        let rig = &self.geometry.rig;
+        let left = (0..rig.cameras.len()).filter(|k| is_active(*k)).count();
+        ActiveCameras::of(rig, is_active).ok_or(FlowRefusal::FewCameras { left })
+    }
+
+    /// Tracks the keyframe's points into the frame set `now`. The result also names a camera that
+    /// is not synchronised with the others.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] for reasons that no single camera can cause.
+    fn track(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        now: &FilteredFrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<Tracking, FlowRefusal> {
+        let select = |pyramids| keyframe.active.select(pyramids);
+        let (before, now) = (select(keyframe.pyramids), select(&now.pyramids));
+        let matcher = TemporalMatcher {
+            geometry: &keyframe.active.geometry,
             settings: &self.settings,
             before: &before,
             now: &now,
-            workers: &self.workers,
+            thread_pool: &self.thread_pool,
         };
+
+        // Displacement search on a coarse level, then refinement to a fraction of a pixel.
         let level = self.temporal_level();
-        let coarse = Field::new(&now[follow.geometry.reference].levels[level]);
+        let coarse = ZnccPlane::new(&now[matcher.geometry.reference].levels[level]);
         let [width, _] = coarse.size();
-        let search = Search {
-            geometry: follow.geometry,
-            before: reference.coarse,
+        let search = DisplacementSearch {
+            geometry: matcher.geometry,
+            before: keyframe.coarse,
             now: &coarse,
             scale: (1 << level) as f64,
-            reach: (self.settings.reach * width as f64).ceil() as usize,
-            workers: &self.workers,
+            range: (self.settings.search_range * width as f64).ceil() as usize,
+            thread_pool: &self.thread_pool,
         };
-        let rough_mm = self.rough(reference, &follow, &search)?;
-        laps.lap(Stage::Search);
-        let mut rejected = reference.rejected;
-        let mut followed: Vec<Followed> = Vec::with_capacity(reference.matches.len());
-        let matches: Vec<&Match> = reference.matches.iter().collect();
-        for point in self.workers.map(matches, |m| follow.point(m, rough_mm)) {
+        let rough_mm = self.rough_displacement(keyframe, &matcher, &search)?;
+        observer.stage_done(PipelineStage::Search);
+
+        // Lucas-Kanade at full resolution, every point in every camera.
+        let mut rejected = keyframe.rejected;
+        let mut tracked: Vec<Correspondence> = Vec::with_capacity(keyframe.matches.len());
+        let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
+        let track = |matched| matcher.track_point(matched, rough_mm);
+        for point in self.thread_pool.map(matches, track) {
             match point {
-                Ok(point) => followed.push(point),
-                Err(reason) => rejected.add(reason),
+                Ok(point) => tracked.push(point),
+                Err(reject) => rejected.add(reject),
             }
         }
-        laps.lap(Stage::Temporal);
-        let least = self.settings.least_points;
-        let left_view = rejected.of(Reason::OutOfView) - reference.rejected.of(Reason::OutOfView);
-        let expected = reference.matches.len() - left_view;
-        let mut settled = if followed.len() < least {
-            Settled::refused(Refusal::FewTracks {
-                followed: followed.len(),
-                matched: reference.matches.len(),
+        observer.stage_done(PipelineStage::Temporal);
+
+        // Consensus and the tests of its inliers.
+        let least = self.settings.min_points;
+        let left_view = rejected.of(Reject::OutOfView) - keyframe.rejected.of(Reject::OutOfView);
+        let expected = keyframe.matches.len() - left_view;
+        let mut tracking = if tracked.len() < least {
+            Tracking::refused(FlowRefusal::FewTracks {
+                followed: tracked.len(),
+                matched: keyframe.matches.len(),
                 least,
             })
         } else {
-            self.settle(reference.team, followed, expected, rough_mm, rejected)
+            self.accept(keyframe.active, tracked, expected, rough_mm, rejected)
         };
-        match &settled.outcome {
+        match &tracking.result {
             Ok(measurement) => {
-                let extent = Extent::of(reference, &follow, &search, measurement);
-                if let Err(refusal) = extent.judge() {
-                    settled.outcome = Err(refusal);
+                let coverage = InlierCoverage::of(keyframe, &matcher, &search, measurement);
+                if let Err(refusal) = coverage.judge() {
+                    tracking.result = Err(refusal);
                 }
             }
-            Err(Refusal::FewTracks { .. } | Refusal::NoAgreement { .. }) => {
-                settled.late = self.out_of_step(reference, &follow, expected, rough_mm);
+            // An unsynchronised camera may have spoiled every point.
+            Err(FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. }) => {
+                tracking.unsynchronised =
+                    self.find_unsynchronised(keyframe, &matcher, expected, rough_mm);
             }
             Err(_) => {}
         }
-        laps.lap(Stage::Consensus);
-        Ok(settled)
+        observer.stage_done(PipelineStage::Consensus);
+        Ok(tracking)
     }
 
-    /// The displacement to a fraction of a pixel, or why there is none or more than one.
-    fn rough(
+    /// Finds the displacement to a fraction of a pixel, without a prior.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::Lost`] if no displacement explains the images,
+    /// [`FlowRefusal::AmbiguousMotion`] if several do.
+    fn rough_displacement(
         &self,
-        keyframe: &Reference<'_>,
-        follow: &Follow<'_>,
-        search: &Search<'_>,
-    ) -> Result<[f64; 3], Refusal> {
-        let geometry = follow.geometry;
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        search: &DisplacementSearch<'_>,
+    ) -> Result<[f64; 3], FlowRefusal> {
+        let hypotheses = search.hypotheses(keyframe.matches);
+        let best_score = hypotheses.first().map_or(0.0, |h| h.score);
         let level = self.temporal_level();
-        let guesses = search.guesses(keyframe.matches);
-        let best_score = guesses.first().map_or(0.0, |g| g.score);
-        let mut refined: Vec<follow::Refined> = guesses
+        let mut refined: Vec<RefinedDisplacement> = hypotheses
             .iter()
-            .filter_map(|g| follow.refine(keyframe.matches, g.displacement_mm, level))
+            .filter_map(|h| matcher.refine(keyframe.matches, h.displacement_mm, level))
             .collect();
-        refined.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
+        refined.sort_by(|a, b| b.zncc.total_cmp(&a.zncc));
         let Some(first) = refined.first() else {
-            return Err(Refusal::Lost {
-                likeness: best_score,
-            });
+            return Err(FlowRefusal::Lost { zncc: best_score });
         };
-        if first.likeness < 0.4 {
-            return Err(Refusal::Lost {
-                likeness: first.likeness,
-            });
+        if first.zncc < MIN_DISPLACEMENT_ZNCC {
+            return Err(FlowRefusal::Lost { zncc: first.zncc });
         }
-        let mean_depth = keyframe
-            .matches
-            .iter()
-            .map(|m| m.ray.inverse_depth)
-            .sum::<f64>()
-            / keyframe.matches.len() as f64;
-        for other in &refined[1..] {
-            let [dx, dy] = [0, 1].map(|i| other.displacement_mm[i] - first.displacement_mm[i]);
-            let apart_px = dx.hypot(dy) * mean_depth * geometry.focal_px;
-            if apart_px > 2.0
-                && other.likeness > first.likeness - 2.0 * self.settings.rival_likeness
-            {
-                return Err(Refusal::AmbiguousMotion {
+        // A rival displacement that differs in the image and correlates as well: ambiguous.
+        let inverse_depths = keyframe.matches.iter().map(|m| m.ray.inverse_depth);
+        let mean_inverse_depth = inverse_depths.sum::<f64>() / keyframe.matches.len() as f64;
+        let margin = 2.0 * self.settings.matching.rival_zncc_margin;
+        for rival in &refined[1..] {
+            let [dx, dy] = [0, 1].map(|i| rival.displacement_mm[i] - first.displacement_mm[i]);
+            let distance_px = dx.hypot(dy) * mean_inverse_depth * matcher.geometry.focal_px;
+            if distance_px > DISTINCT_PX && rival.zncc > first.zncc - margin {
+                return Err(FlowRefusal::AmbiguousMotion {
                     first: first.displacement_mm,
-                    second: other.displacement_mm,
+                    second: rival.displacement_mm,
                 });
             }
         }

@@ -1,46 +1,70 @@
-//! What comes out: the tracked points of one frame, and what is to be said of them.
+//! Results of the flow: correspondences, their displacement, and the cameras that took part.
 
-use super::refusal::Rejected;
-use super::scatter::Scatter;
-use super::team::{self, Absence};
+use super::active_cameras;
+use super::camera_refusal::{self, CameraRefusal};
+use super::variance_inflation::VarianceInflation;
+use crate::matching::RejectCounts;
 use shared::rig::Rig;
 use shared::sums::View;
 
-/// One scene point, followed in every camera.
+/// One scene point, matched in all active cameras at the keyframe and now.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Track {
-    /// Per camera that took part, in the rig's order: pixel at the reference instant, pixel now (as
-    /// seen, principal point and distortion not removed).
+pub struct Correspondence {
+    /// Pixel at the keyframe and pixel now, per active camera in the rig's order. Pixels are as
+    /// seen: principal point and distortion are not removed.
     pub pixels: Vec<[[f64; 2]; 2]>,
+    /// Normalised coordinates of the same pixels, per active camera.
+    pub views: Vec<View>,
 }
 
-/// All tracked points of one frame.
+impl Correspondence {
+    /// Normalises the pixels of one point, given per camera of `rig`: at the keyframe and now.
+    ///
+    /// ```
+    /// use host::flow::Correspondence;
+    /// use shared::rig::Rig;
+    ///
+    /// let rig = Rig::paper();
+    /// let (before, now) = ([10.0, 5.0, 850.0], [14.0, 5.0, 850.0]);
+    /// let pixels = rig.cameras.iter().map(|c| [c.project(before), c.project(now)]);
+    /// let point = Correspondence::from_pixels(&rig, pixels.collect());
+    /// assert!((point.views[0].flow()[0] - 4.0 / 850.0).abs() < 1e-12);
+    /// ```
+    pub fn from_pixels(rig: &Rig, pixels: Vec<[[f64; 2]; 2]>) -> Self {
+        let cameras = rig.cameras.iter().zip(&pixels);
+        let views = cameras.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end));
+        Self {
+            views: views.collect(),
+            pixels,
+        }
+    }
+}
+
+/// Displacement of the target since the keyframe, with the points it was measured by.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// Points that passed every test and agree.
-    pub tracks: Vec<Track>,
-    /// The same points, normalised: per point, one view per camera that took part.
-    pub views: Vec<Vec<View>>,
-    /// Which cameras of the rig took part, from 0.
+    /// Inliers: points that passed every test and move as one.
+    pub correspondences: Vec<Correspondence>,
+    /// Active cameras, as indices into the rig's cameras.
     pub cameras: Vec<usize>,
-    /// Which did not, and why.
-    pub absent: Vec<(usize, Absence)>,
-    /// The points that did not, by reason; those of the reference instant included.
-    pub rejected: Rejected,
-    /// The displacement they agree on (midpoint model), mm.
+    /// Refused cameras, as indices into the rig's cameras, with the reasons.
+    pub refused_cameras: Vec<(usize, CameraRefusal)>,
+    /// Number of points left out, by reason; those of the keyframe included.
+    pub rejected: RejectCounts,
+    /// Displacement of the inliers by the midpoint model, mm.
     pub displacement_mm: [f64; 3],
-    /// What the points' scatter says about the error of their mean.
-    pub scatter: Scatter,
+    /// Inflation of the displacement's variance by correlated errors.
+    pub variance_inflation: VarianceInflation,
 }
 
 impl Measurement {
-    /// The cameras that took part, of the rig that has them all.
-    pub fn rig(&self, all: &Rig) -> Rig {
-        team::subset(all, &self.cameras)
+    /// Returns the rig of the active cameras, given the whole rig.
+    pub fn rig(&self, whole: &Rig) -> Rig {
+        active_cameras::subset(whole, &self.cameras)
     }
 
-    /// What is to be said of the cameras that did not take part, by name.
+    /// Describes each refused camera in a sentence, given the names of all cameras.
     pub fn remarks(&self, names: &[String]) -> Vec<String> {
-        team::remarks(&self.absent, names)
+        camera_refusal::remarks(&self.refused_cameras, names)
     }
 }

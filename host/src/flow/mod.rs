@@ -1,231 +1,136 @@
-//! From captures to matched, tracked points.
+//! Displacement of a target from the images of a multi-camera rig.
 //!
 //! ```text
-//! capture -> pyramid -> corners -> stereo ----.                        (reference instant, once per keyframe)
-//! capture -> pyramid -> search -> follow -> consensus -> tracks        (now)
+//! frame set -> pyramids -> corners -> stereo matching ----------------.    once per keyframe
+//! frame set -> pyramids -> displacement search -> tracking -> consensus -> Measurement
 //! ```
 //!
-//! * [`pyramid`] filters and halves the images; [`corner`] picks points in the reference camera,
-//!   the one nearest the middle of the rig;
-//! * [`stereo`] matches them in all cameras without knowing their depth; [`geometry`] has the tests
-//!   a match must pass;
-//! * [`search`] finds the rough displacement, without knowing it either, and what else would
-//!   explain the images;
-//! * [`follow`] takes every point to a hundredth of a pixel in every camera by [`lucas_kanade`];
-//! * [`consensus`] keeps the points that move as one; [`scatter`] says how well they know it,
-//!   [`turn`] whether the target turns instead, `extent` whether most of the picture moves with
-//!   them;
-//! * [`team`] leaves out cameras whose pictures are of no use, [`step`] those that take them at
-//!   another time.
+//! One object does it all: [`Flow`]. [`Flow::set_keyframe`] chooses Shi-Tomasi corners in the
+//! reference camera and matches them in the other cameras; [`Flow::measure`] tracks them into a
+//! later [`FrameSet`](crate::images::FrameSet) with the inverse compositional Lucas-Kanade method
+//! and keeps those that move as one. The result is a [`Measurement`]: correspondences, their common
+//! displacement in mm, and its variance inflation factor.
 //!
-//! *Invariant:* a measurement is never based on a choice between explanations that fit alike: those
-//! are refused.
+//! A monocular tracker (OpenCV's `calcOpticalFlowPyrLK`) needs a good start for every point. Here
+//! the depth of every point is known from the stereo match, so one displacement with three
+//! components predicts the motion of all points in all cameras, and that displacement is searched
+//! first.
+//!
+//! | step | module |
+//! |---|---|
+//! | smooth and halve the images | [`filter`], [`pyramid`](crate::matching::pyramid) |
+//! | choose and match points at the keyframe | `keyframe`, [`stereo`](crate::matching::stereo) |
+//! | search the displacement without a prior | [`displacement_search`] |
+//! | refine it, then track every point in every camera | [`temporal`] |
+//! | keep the inliers | [`consensus`], `accept` |
+//! | inflate the variance for correlated errors | [`variance_inflation`] |
+//! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
+//! | refuse inliers that are not most of the image | `coverage` |
+//! | leave out missing, blank and frozen cameras | [`active_cameras`], [`frozen`] |
+//!
+//! *Invariant:* a measurement is never based on a choice between explanations that fit alike; such
+//! frame sets are refused ([`FlowRefusal`]).
+//!
+//! # Example
+//!
+//! A rendered poster moves by 4 mm to the right of the paper's three cameras:
+//!
+//! ```
+//! use host::flow::{Flow, FlowSettings};
+//! use host::images::{Scene, SceneSettings, Texture};
+//! use shared::rig::Rig;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let rig = Rig::paper();
+//! let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+//! let mut flow = Flow::new(&rig, FlowSettings::default())?;
+//! flow.set_keyframe(&scene.render([0.0, 0.0, 0.0], 0, 1))?;
+//! let measurement = flow.measure(&scene.render([4.0, 0.0, 0.0], 33_333, 2))?;
+//! assert!((measurement.displacement_mm[0] - 4.0).abs() < 0.05);
+//! # Ok(())
+//! # }
+//! ```
 
-use crate::images::{Capture, Image};
+use crate::images::FrameSet;
+use crate::matching::geometry::RigGeometry;
+use crate::thread_pool::ThreadPool;
 use shared::rig::Rig;
 
-pub mod alignment;
+mod accept;
+pub mod active_cameras;
+mod camera_refusal;
 #[cfg(test)]
 mod cloud;
 pub mod consensus;
-pub mod corner;
-mod extent;
-pub mod follow;
-pub mod frame_set;
-pub mod geometry;
+mod coverage;
+pub mod displacement_search;
+pub mod filter;
+pub mod frozen;
 mod keyframe;
-pub mod laps;
-pub mod likeness;
-pub mod lucas_kanade;
 mod measure;
-pub mod measurement;
-pub mod pyramid;
-pub mod refusal;
-pub mod scatter;
-pub mod search;
-mod settle;
-mod spare;
-pub mod step;
-pub mod stereo;
-mod strip;
-pub mod team;
-pub mod turn;
-pub mod workers;
+mod measurement;
+mod pyramid_pool;
+mod refusal;
+pub mod rotation;
+mod settings;
+mod stage;
+pub mod sync;
+pub mod temporal;
+pub mod variance_inflation;
 
-use geometry::Geometry;
+pub use camera_refusal::{CameraRefusal, remarks};
+pub use filter::FilteredFrameSet;
+use frozen::FrozenCameras;
 use keyframe::Keyframe;
-use laps::{Laps, Stage};
-pub use measurement::{Measurement, Track};
-use pyramid::{Plane, Pyramid};
-pub use refusal::{Reason, Refusal, Rejected};
-use settle::Settled;
-use spare::Spare;
-use team::{Absence, Last};
-use workers::Workers;
+pub use measurement::{Correspondence, Measurement};
+use pyramid_pool::PyramidPool;
+pub use refusal::FlowRefusal;
+pub use settings::FlowSettings;
+pub use stage::{PipelineStage, StageObserver};
 
-/// What the matching is to be content with.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Corners that are tried, at most.
-    pub corners: usize,
-    /// Points that are followed, at most.
-    pub points: usize,
-    /// Least distance between corners, px.
-    pub apart_px: f64,
-    /// Least normalised cross-correlation of a match, -1 to 1.
-    pub least_likeness: f32,
-    /// Two explanations whose likenesses differ by less than this are alike.
-    pub rival_likeness: f32,
-    /// A point followed forth and back must return this near, px.
-    pub return_px: f64,
-    /// Largest residual of the vertical test and of constraint (3), px. Raise it for rigs that are
-    /// not aligned.
-    pub view_residual_px: f64,
-    /// How far points may move between the two instants, in widths of the image.
-    pub reach: f64,
-    /// Points within this of the consensus agree with it even when most are nearer, px.
-    pub agree_px: f64,
-    /// Largest median residual of a consensus, px.
-    pub scatter_px: f64,
-    /// The least number of points of any use.
-    pub least_points: usize,
-    /// By how much the target may turn, degrees. Below, sigma grows with what the turn may spoil.
-    pub most_turn_deg: f64,
-    /// Threads that share the work, at least 1; they wait for it as long as there is a [`Flow`].
-    /// Results do not depend on it.
-    pub threads: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            corners: 400,
-            points: 220,
-            apart_px: 8.0,
-            least_likeness: 0.8,
-            rival_likeness: 0.08,
-            return_px: 0.3,
-            view_residual_px: 0.5,
-            reach: 0.2,
-            agree_px: 0.1,
-            scatter_px: 0.5,
-            least_points: 8,
-            most_turn_deg: 0.15,
-            threads: 1,
-        }
-    }
-}
-
-/// A capture's images at all scales, one per camera: what needs no other capture.
-#[derive(Clone, Debug)]
-pub struct Filtered {
-    pyramids: Vec<Pyramid>,
-    /// Per camera: why its picture is of no use.
-    absences: Vec<Option<Absence>>,
-    prints: Vec<u64>,
-}
-
-/// Matches captures with a reference capture.
+/// Tracker of one target: a keyframe and everything that is measured against it.
+///
+/// All state is in these fields: the keyframe, the images seen last (a camera that repeats one is
+/// frozen), buffers for reuse and the threads that share the work. A clone has its own state and
+/// shares the threads.
 #[derive(Clone, Debug)]
 pub struct Flow {
-    geometry: Geometry,
-    settings: Settings,
+    geometry: RigGeometry,
+    settings: FlowSettings,
     keyframe: Option<Keyframe>,
-    last: Last,
-    spare: Spare,
-    workers: Workers,
-}
-
-/// The level on which an image `width` px wide is at most `most` px wide.
-fn level_of(width: usize, most: usize) -> usize {
-    (0..).find(|level| width >> level <= most).unwrap_or(0)
+    frozen_cameras: FrozenCameras,
+    pyramid_pool: PyramidPool,
+    thread_pool: ThreadPool,
 }
 
 impl Flow {
-    /// Matching for this rig.
+    /// Creates a tracker without a keyframe.
     ///
     /// # Errors
-    /// [`Refusal::WrongRig`].
-    pub fn new(rig: &Rig, settings: Settings) -> Result<Self, Refusal> {
+    /// [`FlowRefusal::WrongRig`] unless two cameras of `rig` are in different places.
+    pub fn new(rig: &Rig, settings: FlowSettings) -> Result<Self, FlowRefusal> {
         Ok(Self {
-            geometry: Geometry::new(rig).ok_or(Refusal::WrongRig)?,
-            workers: Workers::new(settings.threads),
+            geometry: RigGeometry::new(rig).ok_or(FlowRefusal::WrongRig)?,
+            thread_pool: ThreadPool::new(settings.threads),
             settings,
             keyframe: None,
-            last: Last::default(),
-            spare: Spare::default(),
+            frozen_cameras: FrozenCameras::default(),
+            pyramid_pool: PyramidPool::default(),
         })
     }
 
-    /// Level of the spatial search.
-    fn spatial_level(&self) -> usize {
-        level_of(self.geometry.rig.image_size_px[0] as usize, 240).max(1)
+    /// Threads that share the work of this tracker.
+    pub fn thread_pool(&self) -> &ThreadPool {
+        &self.thread_pool
     }
 
-    /// Level of the temporal search.
-    fn temporal_level(&self) -> usize {
-        level_of(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
-    }
-
-    /// Filters the images of a capture.
+    /// Makes `frame_set` the keyframe of all later measurements.
     ///
     /// # Errors
-    /// [`Refusal::WrongViews`] or [`Refusal::WrongSize`] if they are not this rig's.
-    pub fn filter(&self, capture: &Capture, laps: &mut Laps) -> Result<Filtered, Refusal> {
-        let cameras = self.geometry.cameras();
-        if capture.views.len() != cameras {
-            return Err(Refusal::WrongViews {
-                found: capture.views.len(),
-                cameras,
-            });
-        }
-        let rig = self.geometry.rig.image_size_px.map(|side| side as usize);
-        for (camera, view) in capture.views.iter().enumerate() {
-            let found = [view.width, view.height];
-            if view.is_missing() {
-                continue;
-            }
-            if found != rig || view.grey.len() != rig[0] * rig[1] || rig.contains(&0) {
-                return Err(Refusal::WrongSize { camera, found, rig });
-            }
-        }
-        let levels = 1 + self.temporal_level().max(self.spatial_level());
-        let memory = self.spare.take().map_or_else(Vec::new, |s| s.pyramids);
-        let memory = memory
-            .into_iter()
-            .chain(std::iter::repeat_with(Pyramid::default));
-        let jobs = capture.views.iter().zip(memory).collect();
-        let seen = (self.workers).map(jobs, |(view, mut pyramid): (&Image, Pyramid)| {
-            if view.is_missing() {
-                return (Pyramid::default(), 0.0, 0);
-            }
-            pyramid.refill(view, levels);
-            let contrast = pyramid.levels.last().map_or(0.0, Plane::contrast);
-            (pyramid, contrast, team::fingerprint(view))
-        });
-        let contrasts: Vec<f64> = seen.iter().map(|(_, contrast, _)| *contrast).collect();
-        let (pyramids, prints): (Vec<Pyramid>, Vec<u64>) = seen
-            .into_iter()
-            .map(|(pyramid, _, print)| (pyramid, print))
-            .unzip();
-        let mut absences = team::absences(&capture.views, &contrasts);
-        self.last.judge(&mut absences, &prints);
-        laps.lap(Stage::Filter);
-        Ok(Filtered {
-            pyramids,
-            absences,
-            prints,
-        })
-    }
-
-    /// Makes `capture` the reference of all later measurements. After a refusal there is none.
-    ///
-    /// # Errors
-    /// [`Refusal`], with what was found.
-    pub fn set_reference(&mut self, capture: &Capture) -> Result<(), Refusal> {
-        let mut laps = Laps::start();
-        match self.filter(capture, &mut laps) {
-            Ok(filtered) => self.refer_to(filtered, &mut laps),
+    /// [`FlowRefusal`] if the points of the frame set cannot be matched; there is no keyframe then.
+    pub fn set_keyframe(&mut self, frame_set: &FrameSet) -> Result<(), FlowRefusal> {
+        match self.filter(frame_set) {
+            Ok(filtered) => self.set_filtered_keyframe(filtered, &mut ()),
             Err(refusal) => {
                 self.keyframe = None;
                 Err(refusal)
@@ -233,44 +138,52 @@ impl Flow {
         }
     }
 
-    /// Follows the reference's points into `capture`.
+    /// Measures the displacement of the target from the keyframe to `frame_set`.
     ///
     /// # Errors
-    /// [`Refusal`], with what was found. The reference stays.
-    pub fn measure(&self, capture: &Capture) -> Result<Measurement, Refusal> {
-        // Before anything is computed in vain.
-        self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
-        frame_set::keyframe(self, capture).map(|(measurement, _)| measurement)
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure(&mut self, frame_set: &FrameSet) -> Result<Measurement, FlowRefusal> {
+        self.measure_observed(frame_set, &mut ())
     }
 
-    /// [`Flow::measure`] with a capture that was filtered before.
+    /// [`Flow::measure`], with an observer of the pipeline's stages.
     ///
     /// # Errors
-    /// [`Refusal`], with what was found. The reference stays.
-    pub fn measure_in(&self, now: &Filtered, laps: &mut Laps) -> Result<Measurement, Refusal> {
-        let keyframe = self.keyframe.as_ref().ok_or(Refusal::NoReference)?;
-        let mut absences = now.absences.clone();
-        team::mark_frozen(&mut absences, &now.prints, &keyframe.filtered.prints);
-        for (absence, before) in absences.iter_mut().zip(&keyframe.filtered.absences) {
-            *absence = absence.or(*before);
-        }
-        let Settled { mut outcome, late } = self.measure_by(keyframe, &absences, now, laps)?;
-        if let Some((camera, share)) = late
-            && let Some(absence) = absences.get_mut(camera)
-        {
-            *absence = Some(Absence::OutOfStep { share });
-            let without = self.measure_by(keyframe, &absences, now, laps);
-            // What is refused with that camera and without it is refused for the first reason.
-            outcome = (without.and_then(|settled| settled.outcome))
-                .map_err(|refusal| outcome.err().unwrap_or(refusal));
-        }
-        let mut measurement = outcome?;
-        let absent = absences.into_iter().enumerate();
-        measurement.absent = absent
-            .filter_map(|(k, absence)| Some((k, absence?)))
-            .collect();
-        Ok(measurement)
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure_observed(
+        &mut self,
+        frame_set: &FrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<Measurement, FlowRefusal> {
+        // Without a keyframe, filtering would be wasted.
+        self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        let thread_pool = self.thread_pool.clone();
+        // Inside the pool, no stage has to wake its threads again.
+        let (measurement, filtered) = thread_pool.run(|| {
+            let filtered = self.filter_observed(frame_set, observer)?;
+            let measurement = self.measure_filtered(&filtered, observer);
+            Ok((measurement, filtered))
+        })?;
+        self.pyramid_pool.put(filtered);
+        measurement
     }
+
+    /// Pyramid level of the stereo search: the first at most 240 px wide.
+    fn spatial_level(&self) -> usize {
+        level_at_most(self.geometry.rig.image_size_px[0] as usize, 240).max(1)
+    }
+
+    /// Pyramid level of the displacement search: the first at most 120 px wide.
+    fn temporal_level(&self) -> usize {
+        level_at_most(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
+    }
+}
+
+/// Returns the first level on which an image `width_px` wide is at most `most_px` wide.
+fn level_at_most(width_px: usize, most_px: usize) -> usize {
+    (0..)
+        .find(|level| width_px >> level <= most_px)
+        .unwrap_or(0)
 }
 
 #[cfg(test)]

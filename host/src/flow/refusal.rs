@@ -1,92 +1,34 @@
-//! Why a point, or a whole frame, is not used.
+//! Refusals: reasons why a frame set gives no measurement.
 
-/// Why a point was dropped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
-    /// Some camera does not see the place where it should be.
-    OutOfView,
-    /// Nothing in some camera, or now, looks like it.
-    Unlike,
-    /// Several places look like it.
-    Ambiguous,
-    /// Not enough contrast around it in some direction.
-    Flat,
-    /// Followed forth and back, it does not return.
-    NoReturn,
-    /// Off its epipolar line: the vertical test (2).
-    Vertical,
-    /// Disparities do not agree: constraint (3).
-    Disparity,
-    /// Its disparity is too small to know its depth.
-    TooFar,
-    /// Its motion is not that of most points.
-    Disagrees,
-}
-
-impl Reason {
-    /// All of them, in the order of the pipeline.
-    pub const ALL: [Self; 9] = [
-        Self::OutOfView,
-        Self::Unlike,
-        Self::Ambiguous,
-        Self::Flat,
-        Self::NoReturn,
-        Self::Vertical,
-        Self::Disparity,
-        Self::TooFar,
-        Self::Disagrees,
-    ];
-}
-
-/// How many points were dropped, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rejected([usize; Reason::ALL.len()]);
-
-impl Rejected {
-    /// Counts one.
-    pub fn add(&mut self, reason: Reason) {
-        self.0[reason as usize] += 1;
-    }
-
-    /// How many for this reason.
-    pub fn of(&self, reason: Reason) -> usize {
-        self.0[reason as usize]
-    }
-
-    /// How many in all.
-    pub fn total(&self) -> usize {
-        self.0.iter().sum()
-    }
-}
-
-/// Why there is no measurement. The message says what was found and what would be needed.
+/// Reason why a frame set gives no keyframe or no measurement. The message states what was found
+/// and what is needed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub enum FlowRefusal {
     /// The rig has fewer than two cameras, or all are in one place.
     #[error("the rig has no baseline: two cameras in different places are the least")]
     WrongRig,
-    /// The capture has not one view per camera.
+    /// The frame set does not have one image per camera.
     #[error("the capture has {found} views, the rig {cameras} cameras")]
     WrongViews {
-        /// Views in the capture.
+        /// Images in the frame set.
         found: usize,
         /// Cameras in the rig.
         cameras: usize,
     },
-    /// A view's size is not the rig's.
+    /// The size of an image is not that of the rig file.
     #[error("view {camera} is {}x{} px, the rig's images are {}x{}", found[0], found[1], rig[0], rig[1])]
     WrongSize {
-        /// Which view, from 0.
+        /// Index of the camera.
         camera: usize,
-        /// Its columns and rows.
+        /// Columns and rows of its image.
         found: [usize; 2],
-        /// The rig's.
+        /// Columns and rows by the rig file.
         rig: [usize; 2],
     },
-    /// Nothing to measure against.
+    /// There is no keyframe.
     #[error("no reference capture was accepted before")]
-    NoReference,
-    /// The reference image has too little texture.
+    NoKeyframe,
+    /// The keyframe's image in the reference camera has too little texture.
     #[error("too little texture: {found} corners in the reference image, {least} are the least")]
     FewCorners {
         /// Corners found.
@@ -121,40 +63,40 @@ pub enum Refusal {
         "ambiguous: the texture repeats, displacements of {first:.1?} mm and {second:.1?} mm explain the images alike"
     )]
     AmbiguousMotion {
-        /// The best.
+        /// Best displacement, mm.
         first: [f64; 3],
-        /// Nearly as good.
+        /// Displacement that is nearly as good, mm.
         second: [f64; 3],
     },
-    /// No displacement within reach explains the images.
-    #[error("lost: no displacement within reach explains the images (best likeness {likeness:.2})")]
+    /// No displacement within the search range explains the images.
+    #[error("lost: no displacement within reach explains the images (best likeness {zncc:.2})")]
     Lost {
-        /// Mean likeness of the best displacement, -1 to 1.
-        likeness: f32,
+        /// Mean zncc of the best displacement, -1 to 1.
+        zncc: f32,
     },
-    /// Too few points could be followed in all cameras.
+    /// Too few points were tracked in all cameras.
     #[error("too few points followed: {followed} of {matched}, {least} are the least")]
     FewTracks {
-        /// Points followed in all cameras.
+        /// Points tracked in all cameras.
         followed: usize,
-        /// Points matched at the reference instant.
+        /// Points matched at the keyframe.
         matched: usize,
         /// Points needed.
         least: usize,
     },
-    /// Too few cameras give pictures of use.
+    /// Too few cameras give usable images.
     #[error("cameras that give pictures of use: {left}; two in different places are the least")]
     FewCameras {
-        /// That do.
+        /// Number of cameras with a usable image.
         left: usize,
     },
-    /// The target turns, and sums know only displacements.
+    /// The target rotates, and flow sums describe only displacements.
     #[error(
         "the target has turned by {:.2}, {:.2}, {:.2} degrees about x, y, z: only displacements are measured",
         degrees[0], degrees[1], degrees[2]
     )]
     Turned {
-        /// About the cameras' x, y and z.
+        /// Rotation about the cameras' x, y and z, degrees.
         degrees: [f64; 3],
     },
     /// The points do not move as one.
@@ -162,36 +104,36 @@ pub enum Refusal {
         "no agreement: {agree} of {expected} points in view move alike, half are the least (median residual {median_px:.2} px)"
     )]
     NoAgreement {
-        /// Points that agree.
+        /// Number of inliers.
         agree: usize,
         /// Points that the displacement leaves in view.
         expected: usize,
         /// Median residual, px.
         median_px: f64,
     },
-    /// The points move as one, but other parts of the picture move otherwise, and these are not
-    /// most of it.
+    /// The inliers move as one, but other parts of the image move differently, and the inliers
+    /// are not most of it.
     #[error(
         "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} otherwise: is it the target that moves, or what covers it or stands behind it? Half of the picture is the least then"
     )]
     Minority {
         /// Cells of the reference image that move as measured.
         alike: usize,
-        /// Cells that move otherwise.
+        /// Cells that move differently.
         otherwise: usize,
         /// Cells in view.
         all: usize,
     },
 }
 
-impl Refusal {
-    /// In a word or two, without what was found: to count by.
+impl FlowRefusal {
+    /// Returns the name of the reason, in a word or two, for counts and tables.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::WrongRig => "wrong rig",
             Self::WrongViews { .. } => "wrong views",
             Self::WrongSize { .. } => "wrong size",
-            Self::NoReference => "no reference",
+            Self::NoKeyframe => "no reference",
             Self::FewCorners { .. } => "few corners",
             Self::FewMatches { .. } => "few matches",
             Self::AmbiguousDepth { .. } => "ambiguous depth",

@@ -1,12 +1,12 @@
-//! The whole way from images to tracks.
+//! From images to displacements.
 
 use super::*;
 use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
+use crate::matching::Reject;
 use crate::random::Random;
 use crate::rig_file::RigFile;
 use shared::estimate::midpoint::{self, Estimate};
 use shared::rig::Camera;
-use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use std::path::Path;
 
@@ -23,13 +23,9 @@ const MOVES: [[f64; 3]; 8] = [
 ];
 
 fn estimate(rig: &Rig, measurement: &Measurement) -> Estimate {
-    let rig = measurement.rig(rig);
-    let mut sums = CentredSums::new(&rig).unwrap();
-    for track in &measurement.tracks {
-        let views: Vec<View> = (rig.cameras.iter().zip(&track.pixels))
-            .map(|(camera, [start, end])| View::from_pixels(camera, *start, *end))
-            .collect();
-        assert!(sums.add(&views));
+    let mut sums = CentredSums::new(&measurement.rig(rig)).unwrap();
+    for point in &measurement.correspondences {
+        assert!(sums.add(&point.views));
     }
     midpoint::solve(&sums).unwrap()
 }
@@ -86,50 +82,50 @@ fn wall(variety: f64, seed: u64) -> Texture {
 }
 
 /// Another light on what was seen.
-fn lit(mut capture: Capture, factor: f64, offset: f64) -> Capture {
-    for grey in capture.views.iter_mut().flat_map(|view| &mut view.grey) {
+fn lit(mut frame_set: FrameSet, factor: f64, offset: f64) -> FrameSet {
+    for grey in frame_set.images.iter_mut().flat_map(|view| &mut view.grey) {
         *grey = (factor * f64::from(*grey) + offset).round() as u8;
     }
-    capture
+    frame_set
 }
 
-/// A flow with the scene's undisplaced capture as its reference.
-fn referenced(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, Refusal> {
-    let mut flow = Flow::new(rig, Settings::default())?;
-    flow.set_reference(&scene.render([0.0; 3], 0, 1000 * seed))?;
+/// A flow with the scene's undisplaced frame_set as its reference.
+fn flow_with_keyframe(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, FlowRefusal> {
+    let mut flow = Flow::new(rig, FlowSettings::default())?;
+    flow.set_keyframe(&scene.render([0.0; 3], 0, 1000 * seed))?;
     Ok(flow)
 }
 
 /// Prints the table with `--nocapture`.
 #[test]
-fn table5_moves_are_measured_to_a_fiftieth_of_a_millimetre() {
+fn table_5_moves_are_measured_to_20_um() {
     let rig = Rig::paper();
     // Clouds have a tenth of the leaves' gradients: noise alone is 0.03 mm in z.
     for (kind, z) in [(TextureKind::Natural, 0.05), (TextureKind::Blobs, 0.12)] {
         for seed in 0..3_u64 {
             let depth = 800.0 + 45.0 * seed as f64;
             let scene = poster(&rig, kind, depth, seed);
-            let flow = referenced(&rig, &scene, seed).unwrap();
+            let mut flow = flow_with_keyframe(&rig, &scene, seed).unwrap();
             for (i, target) in (1..).zip(MOVES) {
                 let now = scene.render(target, 0, 1000 * seed + i);
                 let measurement = flow.measure(&now).unwrap();
                 let error = error(&rig, &measurement, target);
                 println!(
                     "{kind} {depth} mm, {target:?}: error {error:+.4?} mm, {} points",
-                    measurement.tracks.len()
+                    measurement.correspondences.len()
                 );
                 assert!(
                     within(error, 0.02, z),
                     "{kind} {seed} {target:?}: {error:?}"
                 );
-                assert!(measurement.tracks.len() > 100);
+                assert!(measurement.correspondences.len() > 100);
             }
         }
     }
 }
 
 #[test]
-fn a_repetitive_texture_is_measured_rightly_or_refused() {
+fn repetitive_texture_is_measured_or_refused() {
     let rig = Rig::paper();
     let mut outcomes = [0; 2];
     let varieties = [0.0, 4.0, 15.0, 40.0].map(Some);
@@ -137,10 +133,10 @@ fn a_repetitive_texture_is_measured_rightly_or_refused() {
         for seed in 0..3_u64 {
             let texture = variety.map_or_else(Texture::grid, |variety| wall(variety, seed));
             let scene = hung(&rig, &texture, 800.0 + 33.3 * seed as f64, [0.0; 2]);
-            let flow = match referenced(&rig, &scene, seed) {
+            let mut flow = match flow_with_keyframe(&rig, &scene, seed) {
                 Ok(flow) => flow,
                 Err(refusal) => {
-                    let named = matches!(refusal, Refusal::AmbiguousDepth { .. });
+                    let named = matches!(refusal, FlowRefusal::AmbiguousDepth { .. });
                     assert!(named, "{variety:?}: {refusal}");
                     outcomes[1] += 1;
                     continue;
@@ -158,7 +154,7 @@ fn a_repetitive_texture_is_measured_rightly_or_refused() {
                         outcomes[0] += 1;
                     }
                     Err(refusal) => {
-                        let named = matches!(refusal, Refusal::AmbiguousMotion { .. });
+                        let named = matches!(refusal, FlowRefusal::AmbiguousMotion { .. });
                         assert!(named, "{variety:?}: {refusal}");
                         outcomes[1] += 1;
                     }
@@ -174,10 +170,10 @@ fn a_repetitive_texture_is_measured_rightly_or_refused() {
 }
 
 #[test]
-fn a_target_that_goes_right_down_and_away_is_displaced_by_plus_x_y_z() {
+fn right_down_and_away_are_positive() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 21);
-    let flow = referenced(&rig, &scene, 21).unwrap();
+    let mut flow = flow_with_keyframe(&rig, &scene, 21).unwrap();
     for axis in 0..3 {
         let mut target = [0.0; 3];
         target[axis] = 6.0;
@@ -191,28 +187,28 @@ fn a_target_that_goes_right_down_and_away_is_displaced_by_plus_x_y_z() {
     }
 }
 
-/// Real photographs: every pair of captures, so both kinds of reference. Prints the table with
+/// Real photographs: every pair of frame_sets, so both kinds of reference. Prints the table with
 /// `--nocapture`.
 #[test]
-fn teddy_moves_by_the_cameras_steps() {
+fn teddy_moves_by_the_steps_of_the_cameras() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/images/teddy");
     let file = RigFile::read(&folder.join("rig.toml")).unwrap();
     let rig = &file.rig;
-    let captures: Vec<Capture> = Folder::open(&folder, &file.names, rig.image_size_px, 33_333)
+    let frame_sets: Vec<FrameSet> = Folder::open(&folder, &file.names, rig.image_size_px, 33_333)
         .unwrap()
-        .captures()
+        .frame_sets()
         .map(Result::unwrap)
         .collect();
-    let mut flow = Flow::new(rig, Settings::default()).unwrap();
-    for from in 0..captures.len() - 1 {
-        flow.set_reference(&captures[from]).unwrap();
-        for (to, capture) in captures.iter().enumerate().skip(from + 1) {
-            let measurement = flow.measure(capture).unwrap();
+    let mut flow = Flow::new(rig, FlowSettings::default()).unwrap();
+    for from in 0..frame_sets.len() - 1 {
+        flow.set_keyframe(&frame_sets[from]).unwrap();
+        for (to, frame_set) in frame_sets.iter().enumerate().skip(from + 1) {
+            let measurement = flow.measure(frame_set).unwrap();
             let target = [from as f64 - to as f64, 0.0, 0.0];
             let error = error(rig, &measurement, target);
             println!(
                 "{from} to {to}: error {error:+.4?} steps, {} points",
-                measurement.tracks.len()
+                measurement.correspondences.len()
             );
             let tolerance = [0.04, 0.03, 0.05];
             assert!(
@@ -224,16 +220,16 @@ fn teddy_moves_by_the_cameras_steps() {
 }
 
 #[test]
-fn other_light_and_a_hand_in_the_picture_change_nothing() {
+fn light_and_a_hand_do_not_change_the_result() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 22);
-    let flow = referenced(&rig, &scene, 22).unwrap();
+    let mut flow = flow_with_keyframe(&rig, &scene, 22).unwrap();
     let target = [8.0, -5.0, 2.0];
     let mut now = lit(scene.render(target, 0, 5), 0.7, 15.0);
     // Another texture, nearer and moving otherwise, over a third of every image.
     let other = poster(&rig, TextureKind::Blobs, 700.0, 23);
     let hand = other.render([-9.0, 3.0, 0.0], 0, 7);
-    for (view, hand) in now.views.iter_mut().zip(&hand.views) {
+    for (view, hand) in now.images.iter_mut().zip(&hand.images) {
         for (i, grey) in view.grey.iter_mut().enumerate() {
             if i % view.width > 2 * view.width / 3 {
                 *grey = hand.grey[i];
@@ -243,48 +239,57 @@ fn other_light_and_a_hand_in_the_picture_change_nothing() {
     let measurement = flow.measure(&now).unwrap();
     let error = error(&rig, &measurement, target);
     assert!(within(error, 0.02, 0.08), "{error:?}");
-    assert!(measurement.rejected.of(Reason::Unlike) > 10);
+    assert!(measurement.rejected.of(Reject::Dissimilar) > 10);
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_by_name() {
+fn unusable_frame_sets_are_refused_by_name() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 24);
     let still = scene.render([0.0; 3], 0, 1);
-    let mut flow = Flow::new(&rig, Settings::default()).unwrap();
-    assert_eq!(flow.measure(&still).unwrap_err(), Refusal::NoReference);
+    let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+    assert_eq!(flow.measure(&still).unwrap_err(), FlowRefusal::NoKeyframe);
 
     let grey = lit(still.clone(), 0.0, 128.0);
-    let refusal = flow.set_reference(&grey).unwrap_err();
-    assert!(matches!(refusal, Refusal::FewCorners { .. }), "{refusal}");
+    let refusal = flow.set_keyframe(&grey).unwrap_err();
+    assert!(
+        matches!(refusal, FlowRefusal::FewCorners { .. }),
+        "{refusal}"
+    );
 
     let mut mixed = scene.render([0.0; 3], 0, 2);
-    mixed.views[0] = poster(&rig, TextureKind::Natural, 850.0, 99)
+    mixed.images[0] = poster(&rig, TextureKind::Natural, 850.0, 99)
         .render([0.0; 3], 0, 1)
-        .views
+        .images
         .remove(0);
-    let refusal = flow.set_reference(&mixed).unwrap_err();
-    assert!(matches!(refusal, Refusal::FewMatches { .. }), "{refusal}");
+    let refusal = flow.set_keyframe(&mixed).unwrap_err();
+    assert!(
+        matches!(refusal, FlowRefusal::FewMatches { .. }),
+        "{refusal}"
+    );
 
-    flow.set_reference(&still).unwrap();
+    flow.set_keyframe(&still).unwrap();
     let other = poster(&rig, TextureKind::Natural, 850.0, 25).render([0.0; 3], 0, 2);
     for unlike in [&other, &grey] {
         let refusal = flow.measure(unlike).unwrap_err();
-        let lost = matches!(refusal, Refusal::Lost { .. } | Refusal::FewTracks { .. });
+        let lost = matches!(
+            refusal,
+            FlowRefusal::Lost { .. } | FlowRefusal::FewTracks { .. }
+        );
         assert!(lost, "{refusal}");
     }
     let mut few = still.clone();
-    few.views.pop();
-    let expected = Refusal::WrongViews {
+    few.images.pop();
+    let expected = FlowRefusal::WrongViews {
         found: 2,
         cameras: 3,
     };
     assert_eq!(flow.measure(&few).unwrap_err(), expected);
     let mut small = still.clone();
-    small.views[1].height -= 1;
+    small.images[1].height -= 1;
     let refusal = flow.measure(&small).unwrap_err();
     assert!(
-        matches!(refusal, Refusal::WrongSize { camera: 1, .. }),
+        matches!(refusal, FlowRefusal::WrongSize { camera: 1, .. }),
         "{refusal}"
     );
     assert!(
@@ -294,7 +299,7 @@ fn what_cannot_be_measured_is_refused_by_name() {
 }
 
 #[test]
-fn two_cameras_and_a_square_of_four_work_as_well() {
+fn two_and_four_cameras_measure_as_well() {
     let camera = |x, y| Camera::ideal([530.0, 528.0], [160.0, 120.0], [x, y]);
     let pair = [camera(0.0, 0.0), camera(90.0, 0.0)];
     let square = [
@@ -315,14 +320,14 @@ fn two_cameras_and_a_square_of_four_work_as_well() {
             830.0,
             [0.05, -0.1],
         );
-        let flow = referenced(&rig, &scene, 26).unwrap();
+        let mut flow = flow_with_keyframe(&rig, &scene, 26).unwrap();
         let target = [12.0, -7.0, 3.0];
         let measurement = flow.measure(&scene.render(target, 0, 5)).unwrap();
         let error = error(&rig, &measurement, target);
         println!(
             "{} cameras: error {error:+.4?} mm, {} points",
             cameras.len(),
-            measurement.tracks.len()
+            measurement.correspondences.len()
         );
         assert!(
             within(error, 0.03, 0.08),
@@ -335,25 +340,25 @@ fn two_cameras_and_a_square_of_four_work_as_well() {
 /// At 700 mm the paper's rig has 53 px of disparity: matches are found without knowing it, and none
 /// of them is wrong.
 #[test]
-fn no_match_at_53_px_of_disparity_is_wrong() {
+fn matches_at_53_px_disparity_are_right() {
     let rig = Rig::paper();
     let target = [9.0, -6.0, 3.0];
     for (seed, kind) in (40..).zip([TextureKind::Natural, TextureKind::Blobs]) {
         let scene = poster(&rig, kind, 700.0, seed);
-        let flow = referenced(&rig, &scene, seed).unwrap();
+        let mut flow = flow_with_keyframe(&rig, &scene, seed).unwrap();
         let measurement = flow.measure(&scene.render(target, 0, seed)).unwrap();
-        assert!(measurement.tracks.len() > 100);
+        assert!(measurement.correspondences.len() > 100);
         let mut squares = 0.0;
-        for track in &measurement.tracks {
-            let [x, y] = rig.cameras[1].normalise(track.pixels[1][0]);
-            let point = [x * 700.0, y * 700.0, 700.0];
-            let moved: [f64; 3] = std::array::from_fn(|i| point[i] + target[i]);
-            for (camera, pixels) in rig.cameras.iter().zip(&track.pixels) {
-                for (place, pixel) in [point, moved].into_iter().zip(pixels) {
+        for point in &measurement.correspondences {
+            let [x, y] = rig.cameras[1].normalise(point.pixels[1][0]);
+            let place = [x * 700.0, y * 700.0, 700.0];
+            let moved: [f64; 3] = std::array::from_fn(|i| place[i] + target[i]);
+            for (camera, pixels) in rig.cameras.iter().zip(&point.pixels) {
+                for (place, pixel) in [place, moved].into_iter().zip(pixels) {
                     let truth = camera.project(place);
                     let off = (pixel[0] - truth[0]).hypot(pixel[1] - truth[1]);
                     assert!(off < 0.5, "{kind}: {pixel:?}, not {truth:?}");
-                    squares += off * off / (6 * measurement.tracks.len()) as f64;
+                    squares += off * off / (6 * measurement.correspondences.len()) as f64;
                 }
             }
         }
@@ -368,17 +373,17 @@ fn no_match_at_53_px_of_disparity_is_wrong() {
 }
 
 #[test]
-fn results_are_the_same_on_any_number_of_threads() {
+fn results_are_the_same_on_any_threads() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 41);
     let [before, now] = [([0.0; 3], 1), ([6.0, 4.0, -3.0], 2)].map(|(t, s)| scene.render(t, 0, s));
     let measured = [1, 2, 3, 5].map(|threads| {
-        let settings = Settings {
+        let settings = FlowSettings {
             threads,
-            ..Settings::default()
+            ..FlowSettings::default()
         };
         let mut flow = Flow::new(&rig, settings).unwrap();
-        flow.set_reference(&before).unwrap();
+        flow.set_keyframe(&before).unwrap();
         // To the last bit: so many digits are printed.
         format!("{:?}", flow.measure(&now).unwrap())
     });
@@ -389,14 +394,14 @@ fn results_are_the_same_on_any_number_of_threads() {
 
 /// Of the five that a rig can have, in words that name them.
 #[test]
-fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
+fn failed_camera_is_left_out_by_name() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 42);
     let names = ["left", "middle", "right"].map(String::from);
     let target = [7.0, -4.0, 2.0];
     let before = scene.render([0.0; 3], 0, 1);
-    let mut flow = Flow::new(&rig, Settings::default()).unwrap();
-    flow.set_reference(&before).unwrap();
+    let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+    flow.set_keyframe(&before).unwrap();
     for (k, name) in names.iter().enumerate() {
         // Each its own noise: a picture that comes again is a frozen one.
         let mut seed = 10 * (k as u64 + 1);
@@ -404,15 +409,15 @@ fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
             seed += 1;
             scene.render(target, 0, seed)
         });
-        missing.views[k] = crate::images::Image::missing();
-        dark.views[k].grey.fill(3);
-        frozen.views[k] = before.views[k].clone();
-        for (capture, word) in [
+        missing.images[k] = crate::images::Image::missing();
+        dark.images[k].grey.fill(3);
+        frozen.images[k] = before.images[k].clone();
+        for (frame_set, word) in [
             (missing, "no picture"),
             (dark, "shows nothing"),
             (frozen, "frozen"),
         ] {
-            let measurement = flow.measure(&capture).unwrap();
+            let measurement = flow.measure(&frame_set).unwrap();
             assert_eq!(measurement.cameras.len(), 2);
             let remarks = measurement.remarks(&names);
             assert!(
@@ -427,27 +432,27 @@ fn a_camera_that_fails_is_left_out_by_name_and_the_others_carry_on() {
     }
     // A reference without the camera serves as well, also when it is back.
     let mut reference = scene.render([0.0; 3], 0, 3);
-    reference.views[1].grey.fill(3);
-    flow.set_reference(&reference).unwrap();
+    reference.images[1].grey.fill(3);
+    flow.set_keyframe(&reference).unwrap();
     let measurement = flow.measure(&scene.render(target, 0, 50)).unwrap();
     assert_eq!(measurement.cameras, [0, 2]);
     assert!(within(error(&rig, &measurement, target), 0.02, 0.08));
     // One alone measures nothing.
     let mut one = scene.render(target, 0, 51);
-    one.views[0] = crate::images::Image::missing();
+    one.images[0] = crate::images::Image::missing();
     assert_eq!(
         flow.measure(&one).unwrap_err(),
-        Refusal::FewCameras { left: 1 }
+        FlowRefusal::FewCameras { left: 1 }
     );
 }
 
 /// By so much that its points fail the test of disparities, or scatter too much to agree: not a
 /// word of that, but which camera it is.
 #[test]
-fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
+fn camera_late_by_pixels_is_left_out_by_name() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 44);
-    let flow = referenced(&rig, &scene, 44).unwrap();
+    let mut flow = flow_with_keyframe(&rig, &scene, 44).unwrap();
     let mut seed = 10;
     for target in [[24.0, 3.0, 2.0], [-4.0, 26.0, -3.0], [17.0, -17.0, 1.0]] {
         for camera in 0..3 {
@@ -455,11 +460,12 @@ fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
                 seed += 1;
                 let mut now = scene.render(target, 0, seed);
                 let then = target.map(|t| (1.0 + share) * t);
-                now.views[camera] = scene.render(then, 0, seed).views.remove(camera);
+                now.images[camera] = scene.render(then, 0, seed).images.remove(camera);
                 let measurement = flow.measure(&now).unwrap();
-                let [(which, team::Absence::OutOfStep { share: seen })] = measurement.absent[..]
+                let [(which, CameraRefusal::Unsynchronised { share: seen })] =
+                    measurement.refused_cameras[..]
                 else {
-                    panic!("{camera} {share}: {:?}", measurement.absent);
+                    panic!("{camera} {share}: {:?}", measurement.refused_cameras);
                 };
                 assert_eq!(which, camera, "{target:?} {share}");
                 assert!((seen - share).abs() < 0.02, "{target:?} {share}: {seen}");
@@ -470,18 +476,18 @@ fn a_camera_that_is_late_by_pixels_is_left_out_by_name() {
     }
 }
 
-/// It froze after the reference instant: known by the capture before.
+/// It froze after the reference instant: known by the frame_set before.
 #[test]
-fn a_camera_that_freezes_on_the_way_is_known() {
+fn camera_that_freezes_later_is_found() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 43);
-    let flow = referenced(&rig, &scene, 43).unwrap();
+    let mut flow = flow_with_keyframe(&rig, &scene, 43).unwrap();
     let first = scene.render([2.0, 1.0, 0.0], 0, 1);
-    assert!(flow.measure(&first).unwrap().absent.is_empty());
+    assert!(flow.measure(&first).unwrap().refused_cameras.is_empty());
     let mut second = scene.render([4.0, 2.0, 0.0], 0, 2);
-    second.views[2] = first.views[2].clone();
+    second.images[2] = first.images[2].clone();
     let measurement = flow.measure(&second).unwrap();
-    assert_eq!(measurement.absent, [(2, team::Absence::Frozen)]);
+    assert_eq!(measurement.refused_cameras, [(2, CameraRefusal::Frozen)]);
     assert!(within(
         error(&rig, &measurement, [4.0, 2.0, 0.0]),
         0.02,

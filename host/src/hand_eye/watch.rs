@@ -1,8 +1,8 @@
 //! What the pictures of a target at rest say of the cameras' own motion.
 
 use super::fit::Sample;
-use crate::flow::{Flow, Refusal, Settings};
-use crate::images::Capture;
+use crate::flow::{Flow, FlowRefusal, FlowSettings};
+use crate::images::FrameSet;
 use crate::measure::{MeasureRefusal, measure};
 use shared::estimate::midpoint;
 use shared::rig::Rig;
@@ -19,9 +19,9 @@ impl Watch {
     ///
     /// # Errors
     /// If the rig or the pictures cannot be used.
-    pub fn start(rig: &Rig, capture: &Capture) -> Result<Self, Refusal> {
-        let mut flow = Flow::new(rig, Settings::default())?;
-        flow.set_reference(capture)?;
+    pub fn start(rig: &Rig, capture: &FrameSet) -> Result<Self, FlowRefusal> {
+        let mut flow = Flow::new(rig, FlowSettings::default())?;
+        flow.set_keyframe(capture)?;
         Ok(Self {
             rig: rig.clone(),
             flow,
@@ -32,8 +32,12 @@ impl Watch {
     ///
     /// # Errors
     /// With the reason why they show nothing.
-    pub fn look(&self, position_mm: [f64; 3], capture: &Capture) -> Result<Sample, MeasureRefusal> {
-        let (_, sums) = measure(&self.flow, &self.rig, capture)?;
+    pub fn look(
+        &mut self,
+        position_mm: [f64; 3],
+        capture: &FrameSet,
+    ) -> Result<Sample, MeasureRefusal> {
+        let (_, sums) = measure(&mut self.flow, &self.rig, capture)?;
         let estimate = midpoint::solve(&sums.centred)?;
         Ok(Sample {
             position_mm,

@@ -22,7 +22,7 @@ use std::sync::{Mutex, PoisonError};
 use image::{ExtendedColorType, ImageFormat};
 
 use super::decode::{LARGEST_FILE, Refusal, decode};
-use super::{Capture, Image};
+use super::{FrameSet, Image};
 use crate::error::InputError;
 use crate::input::{self, Limit};
 use crate::notice;
@@ -187,7 +187,7 @@ impl Folder {
 
     /// The frames in order, each read when asked for, without the views that are missing. A frame
     /// that cannot be read does not end the rest.
-    pub fn captures(&self) -> impl ExactSizeIterator<Item = Result<Capture, InputError>> + '_ {
+    pub fn frame_sets(&self) -> impl ExactSizeIterator<Item = Result<FrameSet, InputError>> + '_ {
         self.frames.iter().enumerate().map(|(index, name)| {
             let views = self
                 .cameras
@@ -198,7 +198,10 @@ impl Folder {
                 })
                 .collect::<Result<_, _>>()?;
             let time_us = self.period_us.saturating_mul(index as u64);
-            Ok(Capture { time_us, views })
+            Ok(FrameSet {
+                time_us,
+                images: views,
+            })
         })
     }
 }
@@ -216,14 +219,14 @@ pub fn save(
     dir: &Path,
     names: &[String],
     index: usize,
-    capture: &Capture,
+    capture: &FrameSet,
 ) -> Result<(), InputError> {
-    let (cameras, views) = (names.len(), capture.views.len());
+    let (cameras, views) = (names.len(), capture.images.len());
     if cameras != views {
         let reason = format!("cannot save {views} views for {cameras} cameras");
         return Err(InputError::file(dir, reason));
     }
-    for (name, view) in names.iter().zip(&capture.views) {
+    for (name, view) in names.iter().zip(&capture.images) {
         let camera = dir.join(name);
         fs::create_dir_all(&camera)
             .map_err(|cause| InputError::io(&camera, "make the folder", &cause))?;

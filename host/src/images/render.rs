@@ -1,5 +1,4 @@
-//! What the cameras see of a poster: rendered from the camera models alone, so that tests know the
-//! truth.
+//! Renderer of posters as the cameras of a rig see them, so that tests know the true motion.
 //!
 //! A ray leaves camera `k` at `C = (cx, cy, 0)` along `d = (xi, eta, 1)` and meets the poster's
 //! plane through `O` with normal `n` where
@@ -20,10 +19,10 @@ use std::thread;
 use shared::rig::{Camera, Rig, Rotation};
 
 use super::spline::{self, Surface};
-use super::{Capture, Image, Texture};
+use super::{FrameSet, Image, Texture};
 use crate::random::Random;
 
-/// How a poster hangs before the cameras and how the cameras take it.
+/// Placement of a poster in front of the cameras, with blur and noise of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSettings {
     /// Distance of the poster's origin from the cameras' plane at zero displacement, mm.
@@ -49,18 +48,18 @@ impl Default for SceneSettings {
     }
 }
 
-/// Where the poster is, against where it hung at first.
+/// Pose of the poster, relative to its first one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Displacement of its origin, mm: right, down, away as seen from the cameras.
     pub relative_mm: [f64; 3],
-    /// How it is turned about its origin: axis times angle, degrees, right-handed about the
-    /// cameras' axes.
+    /// Rotation about its origin: axis times angle, degrees, right-handed about the cameras'
+    /// axes.
     pub turned_deg: [f64; 3],
 }
 
 impl Pose {
-    /// Displaced, not turned.
+    /// Creates the pose of a displaced poster that is not rotated.
     pub fn at(relative_mm: [f64; 3]) -> Self {
         Self {
             relative_mm,
@@ -69,22 +68,22 @@ impl Pose {
     }
 }
 
-/// What one camera does with one picture.
+/// Exposure of one image by one camera: motion, light and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shot {
-    /// Where the poster is when the shutter opens and when it closes. It goes evenly from one to
-    /// the other.
+pub struct Exposure {
+    /// Poses of the poster when the shutter opens and when it closes. It moves evenly between
+    /// them.
     pub poses: [Pose; 2],
-    /// What the light is multiplied with, before the sensor's noise.
+    /// Factor of the light, before the sensor's noise.
     pub gain: f64,
-    /// What is added to it, grey levels.
+    /// Offset of the light, grey levels.
     pub offset_grey: f64,
     /// Standard deviation of the sensor's noise, grey levels.
     pub noise_grey: f64,
 }
 
-impl Shot {
-    /// Of a poster at rest, in the light it was drawn in.
+impl Exposure {
+    /// Creates the exposure of a poster at rest in unchanged light.
     pub fn of(pose: Pose, noise_grey: f64) -> Self {
         Self {
             poses: [pose; 2],
@@ -95,40 +94,41 @@ impl Shot {
     }
 }
 
-/// Instants whose pictures make one of a moving poster: a smear of 10 px is then even to a pixel.
+/// Number of instants that are averaged for a moving poster: a smear of 10 px is then even to a
+/// pixel.
 const INSTANTS: u32 = 10;
 
-/// Why a scene cannot be rendered.
+/// Reason why a scene cannot be rendered.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
-    /// Depth, blur or noise is not a number in its range.
+    /// Depth, blur or noise is out of its range.
     #[error("{name} is {value}, must be {range}")]
     OutOfRange {
-        /// Field at fault.
+        /// Name of the field.
         name: &'static str,
-        /// Its value.
+        /// Value of the field.
         value: f64,
-        /// What it may be.
+        /// Range of the field.
         range: &'static str,
     },
     /// The texture has no texels, or not as many as its size says.
     #[error("texture of {width} x {height} texels has {texels}")]
     Texture {
-        /// Columns it claims.
+        /// Columns stated.
         width: usize,
-        /// Rows it claims.
+        /// Rows stated.
         height: usize,
-        /// Texels it has.
+        /// Texels found.
         texels: usize,
     },
 }
 
-/// A poster before a rig, ready to be photographed.
+/// Poster in front of a rig, ready to render.
 #[derive(Clone, Debug)]
 pub struct Scene {
     settings: SceneSettings,
     size_px: [usize; 2],
-    eyes: Vec<Eye>,
+    cameras: Vec<RayTable>,
     surface: Surface,
     texels_per_mm: f64,
     /// Texel coordinates of the middle of the texture, and of the poster's origin.
@@ -138,14 +138,14 @@ pub struct Scene {
     axes: [[f64; 3]; 3],
 }
 
-/// One camera and the rays of its pixels.
+/// Camera with the rays of its pixels.
 #[derive(Clone, Debug)]
-struct Eye {
+struct RayTable {
     offset_mm: [f64; 2],
     rays: Vec<[f64; 2]>,
 }
 
-impl Eye {
+impl RayTable {
     fn new(camera: &Camera, [width, height]: [usize; 2]) -> Self {
         let ray = |i: usize| camera.normalise([(i % width) as f64, (i / width) as f64]);
         Self {
@@ -156,7 +156,8 @@ impl Eye {
 }
 
 impl Scene {
-    /// Hangs `texture` before `rig`. Blurs the texture and finds the ray of every pixel, once.
+    /// Places `texture` in front of `rig`. Blurs the texture and computes the ray of every pixel,
+    /// once.
     pub fn new(rig: &Rig, texture: &Texture, settings: SceneSettings) -> Result<Self, SceneError> {
         check(texture, &settings)?;
         let texels_per_mm = texture.mm_per_texel.recip();
@@ -171,7 +172,11 @@ impl Scene {
         Ok(Self {
             settings,
             size_px,
-            eyes: rig.cameras.iter().map(|c| Eye::new(c, size_px)).collect(),
+            cameras: rig
+                .cameras
+                .iter()
+                .map(|c| RayTable::new(c, size_px))
+                .collect(),
             surface: Surface::new(texture.width, texture.height, &blurred),
             texels_per_mm,
             middle_texel,
@@ -180,20 +185,20 @@ impl Scene {
         })
     }
 
-    /// What it was made with.
+    /// Returns the settings of the scene.
     pub fn settings(&self) -> &SceneSettings {
         &self.settings
     }
 
-    /// Moves the poster within its plane until this point of it, mm from the middle of the texture,
-    /// is its origin.
+    /// Moves the poster within its plane so that this point, mm from the middle of the texture,
+    /// becomes its origin.
     pub fn look_at(&mut self, poster_mm: [f64; 2]) {
         let middle = self.middle_texel;
         self.origin_texel = [0, 1].map(|i| middle[i] + poster_mm[i] * self.texels_per_mm);
     }
 
-    /// The poster's point `(u, v)` mm from its origin in the cameras' axes, mm, when displaced by
-    /// `relative_mm`.
+    /// Converts the poster's point `(u, v)`, mm from its origin, to the cameras' axes, mm, for a
+    /// poster displaced by `relative_mm`.
     pub fn point_mm(&self, poster_mm: [f64; 2], relative_mm: [f64; 3]) -> [f64; 3] {
         let origin = self.origin_mm(relative_mm);
         std::array::from_fn(|i| {
@@ -201,54 +206,56 @@ impl Scene {
         })
     }
 
-    /// The views of all cameras when the poster is displaced by `relative_mm` (right, down, away)
-    /// as seen from the cameras. Noise depends on `seed` and the camera alone. Pixels that do not
+    /// Renders the images of all cameras for a poster displaced by `relative_mm` (right, down, away
+    /// as seen from the cameras). Noise depends only on `seed` and the camera. Pixels that do not
     /// see the poster are black.
-    pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> Capture {
-        let shot = Shot::of(Pose::at(relative_mm), self.settings.noise_grey);
+    pub fn render(&self, relative_mm: [f64; 3], time_us: u64, seed: u64) -> FrameSet {
+        let exposure = Exposure::of(Pose::at(relative_mm), self.settings.noise_grey);
         let views = thread::scope(|scope| {
-            let view = |(index, eye)| {
+            let view = |(index, camera)| {
                 let random = Random::new(seed, index as u64);
-                scope.spawn(move || self.expose(eye, &shot, random))
+                scope.spawn(move || self.expose(camera, &exposure, random))
             };
-            let working: Vec<_> = self.eyes.iter().enumerate().map(view).collect();
+            let working: Vec<_> = self.cameras.iter().enumerate().map(view).collect();
             let join = |worker: thread::ScopedJoinHandle<'_, Image>| match worker.join() {
                 Ok(image) => image,
                 Err(panic) => std::panic::resume_unwind(panic),
             };
             working.into_iter().map(join).collect()
         });
-        Capture { time_us, views }
-    }
-
-    /// The views of all cameras, each with its own shot; [`Scene::render`] with everything that can
-    /// be varied.
-    pub fn shoot(&self, shots: &[Shot], time_us: u64, seed: u64) -> Capture {
-        let eyes = self.eyes.iter().zip(shots).enumerate();
-        let view = |(index, (eye, shot)): (usize, (&Eye, &Shot))| {
-            self.expose(eye, shot, Random::new(seed, index as u64))
-        };
-        Capture {
+        FrameSet {
             time_us,
-            views: eyes.map(view).collect(),
+            images: views,
         }
     }
 
-    fn expose(&self, eye: &Eye, shot: &Shot, mut random: Random) -> Image {
+    /// Renders the images of all cameras, each with its own exposure. See [`Scene::render`].
+    pub fn render_exposures(&self, exposures: &[Exposure], time_us: u64, seed: u64) -> FrameSet {
+        let cameras = self.cameras.iter().zip(exposures).enumerate();
+        let view = |(index, (camera, exposure)): (usize, (&RayTable, &Exposure))| {
+            self.expose(camera, exposure, Random::new(seed, index as u64))
+        };
+        FrameSet {
+            time_us,
+            images: cameras.map(view).collect(),
+        }
+    }
+
+    fn expose(&self, camera: &RayTable, exposure: &Exposure, mut random: Random) -> Image {
         let seen = |level: Option<f64>| match level {
             // The cast clamps to 0..=255.
-            Some(grey) if shot.noise_grey > 0.0 => {
-                let lit = shot.gain * grey + shot.offset_grey;
-                (lit + shot.noise_grey * random.gaussian()).round() as u8
+            Some(grey) if exposure.noise_grey > 0.0 => {
+                let lit = exposure.gain * grey + exposure.offset_grey;
+                (lit + exposure.noise_grey * random.gaussian()).round() as u8
             }
-            Some(grey) => (shot.gain * grey + shot.offset_grey).round() as u8,
+            Some(grey) => (exposure.gain * grey + exposure.offset_grey).round() as u8,
             None => 0,
         };
-        let [open, close] = shot.poses;
+        let [open, close] = exposure.poses;
         let grey = if open == close {
-            self.levels(eye, open).map(seen).collect()
+            self.levels(camera, open).map(seen).collect()
         } else {
-            self.smeared(eye, open, close)
+            self.smeared(camera, open, close)
                 .into_iter()
                 .map(seen)
                 .collect()
@@ -260,9 +267,9 @@ impl Scene {
         }
     }
 
-    /// The mean of the levels at instants evenly spread over an exposure.
-    fn smeared(&self, eye: &Eye, open: Pose, close: Pose) -> Vec<Option<f64>> {
-        let mut sums = vec![Some(0.0); eye.rays.len()];
+    /// Averages the grey levels at instants evenly spread over an exposure.
+    fn smeared(&self, camera: &RayTable, open: Pose, close: Pose) -> Vec<Option<f64>> {
+        let mut sums = vec![Some(0.0); camera.rays.len()];
         for instant in 0..INSTANTS {
             let share = (f64::from(instant) + 0.5) / f64::from(INSTANTS);
             let between =
@@ -271,24 +278,25 @@ impl Scene {
                 relative_mm: between(open.relative_mm, close.relative_mm),
                 turned_deg: between(open.turned_deg, close.turned_deg),
             };
-            for (sum, level) in sums.iter_mut().zip(self.levels(eye, pose)) {
+            for (sum, level) in sums.iter_mut().zip(self.levels(camera, pose)) {
                 *sum = sum.zip(level).map(|(a, b)| a + b / f64::from(INSTANTS));
             }
         }
         sums
     }
 
-    /// The exact grey level of every pixel, or none where it does not see the poster.
-    fn levels(&self, eye: &Eye, pose: Pose) -> impl Iterator<Item = Option<f64>> {
+    /// Computes the exact grey level of every pixel, or none for a pixel that does not see the
+    /// poster.
+    fn levels(&self, camera: &RayTable, pose: Pose) -> impl Iterator<Item = Option<f64>> {
         let turn = Rotation::from_degrees(pose.turned_deg).rows();
         let axes = (self.axes).map(|axis| turn.map(|row| dot(row, axis)));
         let [u, v, normal] = axes;
         let origin = self.origin_mm(pose.relative_mm);
         // From the camera to the poster's origin, along the poster's own axes.
-        let [cx, cy] = eye.offset_mm;
+        let [cx, cy] = camera.offset_mm;
         let way = [origin[0] - cx, origin[1] - cy, origin[2]];
         let [way_u, way_v, distance] = axes.map(|axis| dot(axis, way));
-        eye.rays.iter().map(move |&[x, y]| {
+        camera.rays.iter().map(move |&[x, y]| {
             let ray = [x, y, 1.0];
             let along = distance / dot(normal, ray);
             if !(along > 0.0 && along.is_finite()) {

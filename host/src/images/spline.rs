@@ -1,15 +1,15 @@
-//! A smooth surface through a wrapped lattice of samples.
+//! Smooth surface from a wrapped lattice of samples.
 //!
 //! The uniform cubic B-spline smooths what it is given by a kernel of variance 1/3 (in squared
 //! sample distances) and passes almost nothing of the lattice itself: what repeats with the samples
-//! is damped by `sinc^4`, against `sinc^2` for bilinear sampling. So a picture that was blurred
-//! beforehand moves without any sample-to-sample wobble.
+//! is damped by `sinc^4`, against `sinc^2` for bilinear sampling. An image that was blurred
+//! before therefore moves without any sample-to-sample wobble.
 
-/// What sampling by [`Surface::at`] adds to the variance of any blur, in squared sample distances.
+/// Variance that sampling by [`Surface::at`] adds to any blur, in squared sample distances.
 pub(super) const VARIANCE: f64 = 1.0 / 3.0;
 
-/// The four weights at the fraction `0 <= t < 1` of the way from the second sample to the third.
-/// Their sum is 1.
+/// Computes the four weights at the fraction `0 <= t < 1` of the way from the second sample to the
+/// third. Their sum is 1.
 pub(super) fn weights(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
@@ -21,17 +21,17 @@ pub(super) fn weights(t: f32) -> [f32; 4] {
     ]
 }
 
-/// Samples that repeat endlessly in both directions.
+/// Surface whose samples repeat endlessly in both directions.
 #[derive(Clone, Debug)]
 pub(super) struct Surface {
     width: usize,
     height: usize,
-    /// One more sample before and two after each row and column, so that no tap needs wrapping.
+    /// Samples with one more before and two after each row and column, so that no tap wraps.
     padded: Vec<f32>,
 }
 
 impl Surface {
-    /// From `width * height` samples, row by row.
+    /// Creates the surface from `width * height` samples, row by row.
     pub fn new(width: usize, height: usize, samples: &[f32]) -> Self {
         let mut padded = Vec::with_capacity((width + 3) * (height + 3));
         for y in 0..height + 3 {
@@ -45,7 +45,7 @@ impl Surface {
         }
     }
 
-    /// The value at `(x, y)` sample distances from the first sample, anywhere.
+    /// Evaluates the surface at `(x, y)` sample distances from the first sample, anywhere.
     pub fn at(&self, x: f64, y: f64) -> f32 {
         let (column, wx) = Self::split(x, self.width);
         let (row, wy) = Self::split(y, self.height);
@@ -61,8 +61,8 @@ impl Surface {
         value
     }
 
-    /// The sample at or before `x` on the wrapped axis, and the weights of the four taps around
-    /// `x`.
+    /// Returns the sample at or before `x` on the wrapped axis, and the weights of the four taps
+    /// around `x`.
     fn split(x: f64, count: usize) -> (usize, [f32; 4]) {
         let whole = x.floor();
         let turns = (whole / count as f64).floor();

@@ -18,12 +18,12 @@ const SIZE: usize = 2048;
 /// texels.
 const MM_PER_TEXEL: f64 = 0.4;
 
-/// A flat grey picture of known size, repeated endlessly in both directions.
+/// Flat grey image of known size, repeated endlessly in both directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
-    /// Columns, at least 1.
+    /// Number of columns, at least 1.
     pub width: usize,
-    /// Rows, at least 1.
+    /// Number of rows, at least 1.
     pub height: usize,
     /// Edge length of a texel on the poster, mm.
     pub mm_per_texel: f64,
@@ -32,7 +32,7 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// The poster of a kind. Equal seeds give equal posters; [`TextureKind::Grid`] has no
+    /// Draws the poster of a kind. Equal seeds give equal posters; [`TextureKind::Grid`] has no
     /// randomness to seed.
     pub fn of_kind(kind: TextureKind, seed: u64) -> Self {
         match kind {
@@ -44,15 +44,15 @@ impl Texture {
         }
     }
 
-    /// Dead leaves: opaque shapes of all sizes fallen upon each other. Rich in corners at every
+    /// Draws dead leaves: opaque shapes of all sizes on top of each other. Rich in corners at every
     /// scale.
     pub fn natural(seed: u64) -> Self {
         Self::drawn(leaves::fall(SIZE, &mut Random::new(seed, 1)))
     }
 
-    /// A plain wall with notes of dead leaves, 48 to 77 mm wide and high, on a third of it.
+    /// Draws a plain wall with notes of dead leaves, 48 to 77 mm wide and high, on a third of it.
     pub fn notes(seed: u64) -> Self {
-        /// One note is somewhere in each square of so many texels.
+        /// Side of the squares that hold one note each, texels.
         const PITCH: usize = 256;
         let mut random = Random::new(seed, 4);
         let squares = SIZE / PITCH;
@@ -76,15 +76,15 @@ impl Texture {
         poster
     }
 
-    /// Cloud-like noise of six octaves: texture everywhere, but no edges or corners.
+    /// Draws cloud-like noise of six octaves: texture everywhere, but no edges or corners.
     pub fn blobs(seed: u64) -> Self {
         let cells = [8, 16, 32, 64, 128, 256];
         let clouds = noise::octaves(SIZE, &cells, &mut Random::new(seed, 2));
         Self::drawn(clouds.iter().map(|c| 128.0 + 42.0 * c).collect())
     }
 
-    /// A wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by slight
-    /// grain.
+    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by
+    /// slight grain.
     pub fn bricks(seed: u64) -> Self {
         let (wide, high, mortar) = (128, 64, 10);
         let grain = noise::octaves(SIZE, &[4, 8], &mut Random::new(seed, 3));
@@ -97,8 +97,8 @@ impl Texture {
         Self::drawn((0..SIZE * SIZE).map(texel).collect())
     }
 
-    /// Black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals every
-    /// other.
+    /// Draws black lines 3.2 mm wide, 25.6 mm apart both ways, on white: every crossing equals
+    /// every other.
     pub fn grid() -> Self {
         let (pitch, line) = (64, 8);
         let texel = |i: usize| {
@@ -108,7 +108,7 @@ impl Texture {
         Self::drawn((0..SIZE * SIZE).map(texel).collect())
     }
 
-    /// A photograph as poster. It repeats with a visible seam.
+    /// Converts an image to a poster. It repeats with a visible seam.
     pub fn from_image(image: &Image, mm_per_texel: f64) -> Self {
         Self {
             width: image.width,
@@ -131,23 +131,23 @@ impl Texture {
     }
 }
 
-/// The posters the command line can name.
+/// Kinds of posters that the command line can name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureKind {
-    /// [`Texture::natural`].
+    /// Poster of [`Texture::natural`].
     Natural,
-    /// [`Texture::notes`].
+    /// Poster of [`Texture::notes`].
     Notes,
-    /// [`Texture::blobs`].
+    /// Poster of [`Texture::blobs`].
     Blobs,
-    /// [`Texture::bricks`].
+    /// Poster of [`Texture::bricks`].
     Bricks,
-    /// [`Texture::grid`].
+    /// Poster of [`Texture::grid`].
     Grid,
 }
 
 impl TextureKind {
-    /// Every kind, easiest first.
+    /// All kinds, the easiest first.
     pub const ALL: [Self; 5] = [
         Self::Natural,
         Self::Notes,
@@ -156,7 +156,7 @@ impl TextureKind {
         Self::Grid,
     ];
 
-    /// Its name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Natural => "natural",
@@ -174,7 +174,7 @@ impl fmt::Display for TextureKind {
     }
 }
 
-/// A texture name that no [`TextureKind`] has.
+/// Error of a name that no [`TextureKind`] has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no texture: natural, notes, blobs, bricks and grid are")]
 pub struct UnknownTexture(String);

@@ -1,7 +1,7 @@
 //! The paper's section 4.2: single moves seen by resting cameras, through the whole vision path
 //! (its Table 5).
 
-use crate::flow::{Flow, Refusal, Settings};
+use crate::flow::{Flow, FlowRefusal, FlowSettings};
 use crate::images::{Scene, SceneSettings, Texture, TextureKind};
 use crate::servo::ServoError;
 use crate::sums::Sums;
@@ -60,8 +60,8 @@ pub fn run(
 ) -> Result<Vec<Row>, ServoError> {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::of_kind(texture, seed), settings)?;
-    let mut flow = Flow::new(&rig, Settings::default()).map_err(ServoError::Reference)?;
-    flow.set_reference(&scene.render([0.0; 3], 0, seed))
+    let mut flow = Flow::new(&rig, FlowSettings::default()).map_err(ServoError::Reference)?;
+    flow.set_keyframe(&scene.render([0.0; 3], 0, seed))
         .map_err(ServoError::Reference)?;
     let rows = PRINTED
         .iter()
@@ -103,9 +103,9 @@ pub fn run(
 fn estimates(
     rig: &Rig,
     flow: &mut Flow,
-    picture: &crate::images::Capture,
-) -> Result<(Sums, usize), Refusal> {
+    picture: &crate::images::FrameSet,
+) -> Result<(Sums, usize), FlowRefusal> {
     let measured = flow.measure(picture)?;
-    let sums = Sums::of(rig, &measured).map_err(|_| Refusal::WrongRig)?;
-    Ok((sums, measured.tracks.len()))
+    let sums = Sums::of(rig, &measured).map_err(|_| FlowRefusal::WrongRig)?;
+    Ok((sums, measured.correspondences.len()))
 }

@@ -22,7 +22,11 @@ fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
 }
 
 fn pixels(points: &Points) -> Vec<Vec<[[f64; 2]; 2]>> {
-    points.tracks.iter().map(|t| t.pixels.clone()).collect()
+    points
+        .correspondences
+        .iter()
+        .map(|t| t.pixels.clone())
+        .collect()
 }
 
 #[test]
@@ -65,7 +69,7 @@ fn marks_line_ends_blank_lines_spaces_and_quotes_change_nothing() {
 #[test]
 fn points_missing_from_a_camera_are_counted() {
     let points = parse_bytes(GOOD.replace("b,left,93,11,97,15\n", "").as_bytes()).unwrap();
-    assert_eq!((points.tracks.len(), points.rejected), (1, 1));
+    assert_eq!((points.correspondences.len(), points.rejected), (1, 1));
 }
 
 #[test]
@@ -156,7 +160,7 @@ fn a_file_of_garbage_is_refused_not_panicked_over() {
             let mut bytes = GOOD.as_bytes().to_vec();
             bytes[at] = byte;
             if let Ok(points) = parse_bytes(&bytes) {
-                assert!(points.tracks.len() + points.rejected <= 4);
+                assert!(points.correspondences.len() + points.rejected <= 4);
             }
         }
     }

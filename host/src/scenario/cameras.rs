@@ -1,8 +1,8 @@
 //! The cameras on the stage: from where the target is to the sums of a frame.
 
 use super::file::{Cameras, Sight};
-use crate::flow::Track;
-use crate::images::{Capture, Image, Scene, SceneSettings, Texture};
+use crate::flow::Correspondence;
+use crate::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use crate::measure::MeasureRefusal;
 use crate::random::Random;
 use crate::servo::ServoError;
@@ -100,7 +100,7 @@ impl Eyes {
                 self.servo.measure(&images)
             }
             Kind::Points { noise_px, points } => {
-                let points = self.project(points, *noise_px, relative_mm, seed);
+                let points = Self::project(&self.rig, points, *noise_px, relative_mm, seed);
                 self.servo.measure_points(&points)
             }
         };
@@ -116,15 +116,15 @@ impl Eyes {
             Kind::Rendered(scene) => {
                 let seed = capture_seed(self.seed, number);
                 let noise = scene.settings().noise_grey;
-                let images = self.occluder(noise, number, seed);
+                let images = Self::occluder(&self.rig, noise, number, seed);
                 self.servo.measure(&images).map(|measured| measured.sums)
             }
             Kind::Points { .. } => Err(MeasureRefusal::NothingSeen),
         }
     }
 
-    fn occluder(&self, noise_grey: f64, number: u64, seed: u64) -> Capture {
-        let [width, height] = self.rig.image_size_px.map(|side| side as usize);
+    fn occluder(rig: &Rig, noise_grey: f64, number: u64, seed: u64) -> FrameSet {
+        let [width, height] = rig.image_size_px.map(|side| side as usize);
         let view = |camera: usize| {
             let mut random = Random::new(seed, camera as u64);
             // The cast clamps to 0..=255.
@@ -135,27 +135,27 @@ impl Eyes {
                 grey: (0..width * height).map(level).collect(),
             }
         };
-        Capture {
+        FrameSet {
             time_us: number,
-            views: (0..self.rig.cameras.len()).map(view).collect(),
+            images: (0..rig.cameras.len()).map(view).collect(),
         }
     }
 
     /// The points that lie within every camera's image.
     fn project(
-        &self,
+        rig: &Rig,
         points: &[([f64; 3], Vec<[f64; 2]>)],
         noise_px: f64,
         relative_mm: [f64; 3],
         seed: u64,
-    ) -> Vec<Track> {
+    ) -> Vec<Correspondence> {
         let mut random = Random::new(seed, 0);
-        let [width, height] = self.rig.image_size_px.map(f64::from);
+        let [width, height] = rig.image_size_px.map(f64::from);
         let inside = |[x, y]: [f64; 2]| (0.0..width).contains(&x) && (0.0..height).contains(&y);
         let mut tracks = Vec::with_capacity(points.len());
         for (point_mm, seen) in points {
             let now_mm = std::array::from_fn(|i| point_mm[i] + relative_mm[i]);
-            let cameras = self.rig.cameras.iter().zip(seen);
+            let cameras = rig.cameras.iter().zip(seen);
             let pixels: Vec<[[f64; 2]; 2]> = cameras
                 .map(|(camera, start)| {
                     let now = camera.project(now_mm);
@@ -164,7 +164,7 @@ impl Eyes {
                 .collect();
             let whole = pixels.iter().flatten().all(|pixel| inside(*pixel));
             if whole && now_mm[2] > 0.0 {
-                tracks.push(Track { pixels });
+                tracks.push(Correspondence::from_pixels(rig, pixels));
             }
         }
         tracks

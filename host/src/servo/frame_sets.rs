@@ -4,7 +4,7 @@ use super::ServoError;
 use super::station_link::StationLink;
 use super::visual_servo::{ServoStep, VisualServo};
 use crate::client::StationError;
-use crate::images::Capture;
+use crate::images::FrameSet;
 use crate::sums::Estimator;
 use shared::frame::message::Command;
 use shared::rig::Rig;
@@ -82,7 +82,7 @@ impl FrameSetServo {
     /// # Errors
     /// [`ServoError::Reference`] if the first cannot be used; [`ServoError::Station`] if the
     /// station cannot be reached or has a fault. A later frame set that cannot be used is no error.
-    pub fn follow(&mut self, capture: &Capture) -> Result<Option<Followed>, ServoError> {
+    pub fn follow(&mut self, capture: &FrameSet) -> Result<Option<Followed>, ServoError> {
         let Some(first_us) = self.first_us else {
             self.servo
                 .set_keyframe(capture)

@@ -22,7 +22,7 @@ pub mod visual_servo;
 pub mod world;
 
 use crate::client::StationError;
-use crate::flow::Refusal;
+use crate::flow::FlowRefusal;
 use crate::images::SceneError;
 
 /// A reason why a loop could not be run.
@@ -36,5 +36,5 @@ pub enum ServoError {
     Station(#[from] StationError),
     /// The first images cannot be used as a keyframe.
     #[error("no usable reference: {0}")]
-    Reference(Refusal),
+    Reference(FlowRefusal),
 }

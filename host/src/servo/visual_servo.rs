@@ -3,9 +3,9 @@
 
 use super::station_link::{FrameRefusal, StationLink};
 use crate::client::StationError;
-use crate::flow::team::Absence;
-use crate::flow::{self, Flow, Settings, Track};
-use crate::images::Capture;
+use crate::flow::CameraRefusal;
+use crate::flow::{self, Correspondence, Flow, FlowSettings};
+use crate::images::FrameSet;
 use crate::measure::{MeasureRefusal, measure};
 use crate::sums::{Estimator, Sums};
 use shared::frame::message::{EstimateReport, Frame, Sums as FrameSums};
@@ -81,7 +81,7 @@ pub struct ServoStep {
     /// Result of the turn.
     pub outcome: ServoOutcome,
     /// Cameras that took no part, from 0, each with its reason.
-    pub absent: Vec<(usize, Absence)>,
+    pub absent: Vec<(usize, CameraRefusal)>,
     /// Trust in the station's position, by its latest status.
     pub trust: Trust,
 }
@@ -94,7 +94,7 @@ pub struct Measured {
     /// Points behind the sums.
     pub points: usize,
     /// Cameras that took no part, from 0, each with its reason.
-    pub absent: Vec<(usize, Absence)>,
+    pub absent: Vec<(usize, CameraRefusal)>,
 }
 
 /// The closed loop of images, flow, station and stage.
@@ -115,11 +115,11 @@ impl VisualServo {
     /// Makes a loop without a keyframe.
     ///
     /// # Errors
-    /// [`flow::Refusal::WrongRig`] if the rig has no two cameras in different places.
-    pub fn new(rig: &Rig, estimator: Estimator) -> Result<Self, flow::Refusal> {
+    /// [`flow::FlowRefusal::WrongRig`] if the rig has no two cameras in different places.
+    pub fn new(rig: &Rig, estimator: Estimator) -> Result<Self, flow::FlowRefusal> {
         Ok(Self {
             rig: rig.clone(),
-            flow: Flow::new(rig, Settings::default())?,
+            flow: Flow::new(rig, FlowSettings::default())?,
             estimator,
             keyframe: Instant::default(),
         })
@@ -129,8 +129,8 @@ impl VisualServo {
     ///
     /// # Errors
     /// With the reason why the images are no keyframe.
-    pub fn set_keyframe(&mut self, images: &Capture) -> Result<(), flow::Refusal> {
-        self.flow.set_reference(images)
+    pub fn set_keyframe(&mut self, images: &FrameSet) -> Result<(), flow::FlowRefusal> {
+        self.flow.set_keyframe(images)
     }
 
     /// Sets the instant of the keyframe on the station's clock.
@@ -147,12 +147,12 @@ impl VisualServo {
     ///
     /// # Errors
     /// With the reason why they give no sums.
-    pub fn measure(&mut self, images: &Capture) -> Result<Measured, MeasureRefusal> {
-        let (measured, sums) = measure(&self.flow, &self.rig, images)?;
+    pub fn measure(&mut self, images: &FrameSet) -> Result<Measured, MeasureRefusal> {
+        let (measured, sums) = measure(&mut self.flow, &self.rig, images)?;
         Ok(Measured {
             sums: sums.frame(self.estimator)?,
-            points: measured.tracks.len(),
-            absent: measured.absent,
+            points: measured.correspondences.len(),
+            absent: measured.refused_cameras,
         })
     }
 
@@ -160,7 +160,7 @@ impl VisualServo {
     ///
     /// # Errors
     /// With the reason why they give no sums.
-    pub fn measure_points(&self, points: &[Track]) -> Result<Measured, MeasureRefusal> {
+    pub fn measure_points(&self, points: &[Correspondence]) -> Result<Measured, MeasureRefusal> {
         Ok(Measured {
             sums: Sums::new(&self.rig, points)?.frame(self.estimator)?,
             points: points.len(),
@@ -185,7 +185,7 @@ impl VisualServo {
     pub fn step(
         &mut self,
         station: &mut StationLink,
-        images: &Capture,
+        images: &FrameSet,
         taken: Instant,
         arrival: Option<Instant>,
     ) -> Result<ServoStep, StationError> {

@@ -4,7 +4,7 @@ use super::ServoError;
 use super::station_link::{Moment, StationLink, StationPlace};
 use crate::client::stage::default_stage;
 use crate::client::twin::Twin;
-use crate::images::{Capture, Scene, SceneSettings, Texture};
+use crate::images::{FrameSet, Scene, SceneSettings, Texture};
 use crate::rig_file::Stage;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
@@ -33,7 +33,7 @@ pub struct Exposure {
     /// Where the poster was, mm from where A was switched on.
     pub target_mm: [f64; 3],
     /// What the cameras saw.
-    pub capture: Capture,
+    pub capture: FrameSet,
 }
 
 impl SimulatedWorld {

@@ -4,7 +4,7 @@
 use crate::station::Station;
 use crate::time::MS;
 use crate::wiring::steps;
-use host::flow::Track;
+use host::flow::Correspondence;
 use host::random::Random;
 use host::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Frame};
@@ -64,7 +64,7 @@ impl Scene {
     pub fn frame(&mut self, from: Picture, to: Picture, estimator: Estimator) -> Command {
         let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
         let (rig, random) = (&self.rig, &mut self.random);
-        let tracks: Vec<Track> = (self.points_mm.iter())
+        let tracks: Vec<Correspondence> = (self.points_mm.iter())
             .map(|point| {
                 let moved = std::array::from_fn(|i| point[i] + shift[i]);
                 let pixels = rig.cameras.iter().map(|camera| {
@@ -72,9 +72,7 @@ impl Scene {
                     let noisy = end.map(|px| px + random.between(-0.2, 0.2));
                     [camera.project(*point), noisy]
                 });
-                Track {
-                    pixels: pixels.collect(),
-                }
+                Correspondence::from_pixels(rig, pixels.collect())
             })
             .collect();
         let sums = Sums::new(rig, &tracks).expect("the paper's rig");

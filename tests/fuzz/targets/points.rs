@@ -23,9 +23,12 @@ fuzz_target!(|edits: Vec<Edit>| {
     let (file, rig) = (Path::new("some/points.csv"), RigFile::paper());
     match points::parse(file, &edited(GOOD, &edits), &rig) {
         Ok(points) => {
-            let pixels = points.tracks.iter().flat_map(|track| &track.pixels);
+            let pixels = points
+                .correspondences
+                .iter()
+                .flat_map(|point| &point.pixels);
             assert!(pixels.flatten().flatten().all(|number| number.is_finite()));
-            let _ = Sums::new(&rig.rig, &points.tracks);
+            let _ = Sums::new(&rig.rig, &points.correspondences);
         }
         Err(error) => check_error(&error, &[file]),
     }

@@ -10,7 +10,7 @@ use shared::rig::Rig;
 
 use super::CameraFile;
 use super::yaml::Place;
-use crate::calibration::stand::{Stand, doubts, placed};
+use crate::calibration::stand::{CameraPose, doubts, placed};
 use crate::error::InputError;
 use crate::rig_file::RigFile;
 
@@ -21,7 +21,7 @@ pub struct Member {
     pub path: PathBuf,
     /// The camera's name.
     pub name: String,
-    /// What the file says.
+    /// Content of the file.
     pub file: CameraFile,
     /// Right and down of the rig's origin, mm; counts instead of what the file says.
     pub offset_mm: Option<[f64; 2]>,
@@ -66,7 +66,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
     }
     let names: Vec<String> = members.iter().map(|member| member.name.clone()).collect();
     let known: Vec<&str> = names.iter().map(String::as_str).collect();
-    let doubts = doubts(&known, &stands, &vec![Stand::default(); stands.len()]);
+    let doubts = doubts(&known, &stands, &vec![CameraPose::default(); stands.len()]);
     let cameras = stands.iter().zip(members);
     let cameras = cameras.map(|(stand, member)| stand.camera(&member.file.lens));
     let rig = Rig {

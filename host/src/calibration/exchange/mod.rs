@@ -34,7 +34,7 @@ mod tests;
 
 /// Coefficients of OpenCV's distortion that we know: k1 k2 p1 p2 k3.
 const KNOWN: usize = 5;
-/// How far a matrix may be from a rotation: files of four digits are.
+/// Largest deviation of a matrix from a rotation: that of files with four digits.
 const NOT_A_ROTATION: f64 = 1e-3;
 const MM_PER_M: f64 = 1e3;
 /// A camera farther than 1 km from where it counts from is a slip of the unit.
@@ -68,20 +68,20 @@ pub struct CameraFile {
     pub lens: Lens,
     /// From the rig's axes to the camera's, mm, if the file says.
     pub motion: Option<Isometry3<f64>>,
-    /// Where the file says so.
+    /// Places of the values in the file.
     pub places: Places,
 }
 
-/// Where a camera's file says what.
+/// Places of the values in a camera's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Places {
     /// Focal lengths and principal point.
     pub matrix: Place,
     /// The lens's distortion.
     pub distortion: Place,
-    /// How the camera is turned.
+    /// Place of the rotation.
     pub turn: Option<Place>,
-    /// Where the camera is.
+    /// Place of the position.
     pub shift: Option<Place>,
 }
 

@@ -97,7 +97,7 @@ impl<'a> Document<'a> {
 }
 
 impl<'a> Node<'a> {
-    /// Where the value stands.
+    /// Returns the place of the value in the file.
     pub fn place(&self) -> Place {
         Place {
             line: self.tree.line,
@@ -214,7 +214,7 @@ impl Way<'_> {
         }
     }
 
-    /// Whether the value is one of the `known`, or within it.
+    /// Returns true if the value is one of the `known`, or within it.
     fn is_kept(&self, known: &[&str]) -> bool {
         match self {
             Self::Root => true,

@@ -6,7 +6,7 @@ use crate::commands::failure::Failure;
 use host::client::allowance::Allowance;
 use host::client::stage::setpoint;
 use host::error::InputError;
-use host::images::Capture;
+use host::images::FrameSet;
 use host::images::folder::{DEFAULT_PERIOD_US, Folder};
 use host::notice;
 use host::rig_file::{RigFile, Stage};
@@ -84,7 +84,7 @@ impl Bench for Real {
     }
 
     /// Waits for a capture that was not there when the stage came to rest.
-    fn look(&mut self) -> Result<Capture, Failure> {
+    fn look(&mut self) -> Result<FrameSet, Failure> {
         let before = self.names();
         let [x, y, z] = self.position_mm()?;
         notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
@@ -100,7 +100,7 @@ impl Bench for Real {
                 new.next_back().map(|(index, _)| index)
             });
             if let (Some(folder), Some(index)) = (&folder, newest)
-                && let Some(capture) = folder.captures().nth(index)
+                && let Some(capture) = folder.frame_sets().nth(index)
             {
                 match capture {
                     Ok(capture) => return Ok(capture),

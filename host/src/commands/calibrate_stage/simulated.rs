@@ -4,7 +4,7 @@ use super::{Bench, Options, Pass};
 use crate::commands::failure::Failure;
 use host::client::stage::setpoint;
 use host::client::twin::Twin;
-use host::images::{Capture, Scene, Texture};
+use host::images::{FrameSet, Scene, Texture};
 use host::rig_file::{RigFile, Stage};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::frame::message::Mounting;
@@ -91,7 +91,7 @@ impl Bench for Simulated {
         Ok(Some(pass))
     }
 
-    fn look(&mut self) -> Result<Capture, Failure> {
+    fn look(&mut self) -> Result<FrameSet, Failure> {
         self.seed = self.seed.wrapping_mul(1_000_003).wrapping_add(1);
         let cameras_mm = self.mounted * Vector3::from(self.twin.position_mm());
         let relative_mm = (-cameras_mm).into();

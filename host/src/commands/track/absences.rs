@@ -1,6 +1,6 @@
 //! What a row says of cameras that did not take part, and what is said once.
 
-use host::flow::team::{Absence, remarks};
+use host::flow::{CameraRefusal, remarks};
 use host::notice;
 use serde_json::{Value, json};
 use std::collections::HashSet;
@@ -9,7 +9,7 @@ use std::mem::{Discriminant, discriminant};
 /// The cameras' names, and what has been said of them.
 pub struct Absences {
     names: Vec<String>,
-    said: HashSet<(usize, Discriminant<Absence>)>,
+    said: HashSet<(usize, Discriminant<CameraRefusal>)>,
 }
 
 impl Absences {
@@ -22,7 +22,7 @@ impl Absences {
     }
 
     /// Warns of each camera and kind of failure once: a camera that failed stays so.
-    pub fn warn(&mut self, absent: &[(usize, Absence)]) {
+    pub fn warn(&mut self, absent: &[(usize, CameraRefusal)]) {
         for (each, remark) in absent.iter().zip(remarks(absent, &self.names)) {
             if self.said.insert((each.0, discriminant(&each.1))) {
                 notice!("warning: {remark}");
@@ -31,14 +31,14 @@ impl Absences {
     }
 
     /// Adds them to a JSON row, if there are any.
-    pub fn note(&self, absent: &[(usize, Absence)], row: &mut Value) {
+    pub fn note(&self, absent: &[(usize, CameraRefusal)], row: &mut Value) {
         if !absent.is_empty() {
             row["warnings"] = json!(remarks(absent, &self.names));
         }
     }
 
     /// The end of a row's outcome: `, without right`.
-    pub fn without(&self, absent: &[(usize, Absence)]) -> String {
+    pub fn without(&self, absent: &[(usize, CameraRefusal)]) -> String {
         let names: Vec<&str> = absent
             .iter()
             .filter_map(|(k, _)| self.names.get(*k).map(String::as_str))

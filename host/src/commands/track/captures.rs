@@ -6,8 +6,8 @@ use crate::commands::failure::Failure;
 use crate::commands::progress::Count;
 use host::client::{StationError, diagnosis};
 use host::error::InputError;
-use host::flow::Refusal;
-use host::images::Capture;
+use host::flow::FlowRefusal;
+use host::images::FrameSet;
 use host::images::cameras::stamp::quickest;
 use host::notice;
 use host::rig_file::{RigFile, Stage};
@@ -84,7 +84,7 @@ impl<'a> Captures<'a> {
     /// Follows them to their end. The station is left at rest.
     pub fn follow(
         mut self,
-        captures: impl Iterator<Item = Result<Capture, InputError>>,
+        captures: impl Iterator<Item = Result<FrameSet, InputError>>,
         out: &mut impl Write,
     ) -> Result<Summary, Failure> {
         let outcome = self.print_all(captures, out);
@@ -114,7 +114,7 @@ impl<'a> Captures<'a> {
 
     fn print_all(
         &mut self,
-        captures: impl Iterator<Item = Result<Capture, InputError>>,
+        captures: impl Iterator<Item = Result<FrameSet, InputError>>,
         out: &mut impl Write,
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
@@ -163,7 +163,7 @@ impl<'a> Captures<'a> {
         }
     }
 
-    fn no_reference(&self, refusal: &Refusal) -> InputError {
+    fn no_reference(&self, refusal: &FlowRefusal) -> InputError {
         let reason = format!("the first capture cannot be the reference: {refusal}");
         InputError::file(self.source, reason)
     }

@@ -77,9 +77,9 @@ fn follow(
 ) -> Result<(), Failure> {
     use super::captures::Captures;
     use crate::commands::by_hand::on_interrupt;
-    use host::images::Capture;
+    use host::images::FrameSet;
     use host::images::cameras::device::V4l2;
-    use host::images::cameras::live::Live;
+    use host::images::cameras::live::LiveCameras;
     use host::images::cameras::stamp::Source;
     use host::notice;
     use std::time::Duration;
@@ -106,7 +106,7 @@ fn follow(
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let mut live = Live::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
+    let mut live = LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
@@ -121,7 +121,7 @@ fn follow(
     let end_us = options
         .seconds
         .map(|seconds| live.now_us() + (seconds * 1e6) as u64);
-    let is_in_time = |capture: &Result<Capture, InputError>| {
+    let is_in_time = |capture: &Result<FrameSet, InputError>| {
         let time_us = capture.as_ref().map_or(0, |capture| capture.time_us);
         end_us.is_none_or(|end_us| time_us < end_us)
     };

@@ -6,7 +6,7 @@ use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use host::client::stage::default_stage;
 use host::error::InputError;
-use host::images::Capture;
+use host::images::FrameSet;
 use host::images::folder::Folder;
 use host::images::folder::watch::{Settings, Watch};
 use host::notice;
@@ -31,7 +31,7 @@ pub fn run(
         return Err(few(folder, captures.len()));
     }
     let unread = Cell::new(0);
-    let captures = readable(captures.captures(), &unread);
+    let captures = readable(captures.frame_sets(), &unread);
     let summary = station(options, &rig, folder)?.follow(captures, out)?;
     judged(folder, summary, unread.get())
 }
@@ -71,9 +71,9 @@ pub fn watch(
 /// A capture that cannot be read does not end the others, unless it is the first, which they are
 /// measured against: it is told, and counted as `unread`.
 fn readable(
-    captures: impl Iterator<Item = Result<Capture, InputError>>,
+    captures: impl Iterator<Item = Result<FrameSet, InputError>>,
     unread: &Cell<usize>,
-) -> impl Iterator<Item = Result<Capture, InputError>> {
+) -> impl Iterator<Item = Result<FrameSet, InputError>> {
     let mut has_reference = false;
     captures.filter(move |capture| match capture {
         Err(error) if has_reference => {

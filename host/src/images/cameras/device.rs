@@ -27,7 +27,7 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Fraction};
 
 use super::grey::Format;
-use super::live::{Camera, Shot};
+use super::live::{Camera, CameraEvent};
 use super::numbers::Numbers;
 use super::stamp::{Clocks, Moments, Point, Source, Stamp};
 use crate::error::InputError;
@@ -38,7 +38,7 @@ const BUFFERS: u32 = 5;
 /// More buffers no driver has (V4L2's `VIDEO_MAX_FRAME`).
 const MOST_BUFFERS: usize = 32;
 
-/// How long one waits for a picture before one looks whether it is still wanted, ms.
+/// Longest wait for an image before the next check for the end, ms.
 const WAIT_MS: i32 = 100;
 
 /// Who is told what the pictures' times are: with the first picture, and when that changes.
@@ -89,12 +89,12 @@ impl V4l2 {
         })
     }
 
-    /// How its pixels come.
+    /// Returns the pixel format.
     pub fn format(&self) -> Format {
         self.format
     }
 
-    /// Whether there is a picture, or there will be none any more.
+    /// Returns true if an image is ready, or the camera will deliver none any more.
     fn is_ready_within(&self, wait_ms: i32) -> io::Result<bool> {
         match self
             .stream
@@ -113,17 +113,17 @@ impl Camera for V4l2 {
         self.path.clone()
     }
 
-    fn shoot(&mut self) -> Result<Shot, InputError> {
+    fn next_image(&mut self) -> Result<CameraEvent, InputError> {
         let path = self.path.clone();
         let lost = |cause| refusal::lost(&path, &cause);
         let was_awaited = !self.is_ready_within(0).map_err(lost)?;
         if was_awaited && !self.is_ready_within(WAIT_MS).map_err(lost)? {
-            return Ok(Shot::Nothing);
+            return Ok(CameraEvent::Nothing);
         }
         if !self.has_first {
             self.stream.dequeue().map_err(lost)?;
             self.has_first = true;
-            return Ok(Shot::Nothing);
+            return Ok(CameraEvent::Nothing);
         }
         let (buffer, about) = self.stream.next().map_err(lost)?;
         let arrived = Instant::now();
@@ -132,9 +132,9 @@ impl Camera for V4l2 {
         self.numbers.saw(about.sequence);
         let bytes = buffer.get(..about.bytesused as usize).unwrap_or(buffer);
         let shot = match self.format.to_grey(bytes, self.size_px, self.stride) {
-            _ if about.flags.contains(Flags::ERROR) => Shot::Damaged,
-            Err(_) => Shot::Damaged,
-            Ok(image) => moment.map_or(Shot::Stale, |at| Shot::Picture(at, image)),
+            _ if about.flags.contains(Flags::ERROR) => CameraEvent::Damaged,
+            Err(_) => CameraEvent::Damaged,
+            Ok(image) => moment.map_or(CameraEvent::Stale, |at| CameraEvent::Image(at, image)),
         };
         if let Some(now) = self.moments.source().filter(|now| source != Some(*now)) {
             (self.notice)(now);

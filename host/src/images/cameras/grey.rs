@@ -12,7 +12,7 @@ use image::codecs::jpeg::JpegEncoder;
 use crate::images::Image;
 use crate::images::decode::{Refusal, decode};
 
-/// How a camera lays out its pixels.
+/// Pixel format of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// One byte of luminance per pixel.
@@ -33,7 +33,7 @@ pub enum Format {
     Mjpeg,
 }
 
-/// Why bytes are no image.
+/// Reason why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
     /// The camera handed over less than a picture.

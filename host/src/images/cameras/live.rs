@@ -1,14 +1,14 @@
-//! Captures of cameras that run by themselves, each in a thread of its own.
+//! Frame sets of free-running cameras, one thread per camera.
 //!
-//! A camera thread does nothing but wait for its camera, turn the picture grey and hand it to the
-//! [matching](super::matching). Whoever asks for the next capture gets the newest; older ones that
-//! nobody had time for are dropped and counted.
+//! A camera thread waits for its camera, converts the image to grey and hands it to the
+//! [matching](super::matching). A call for the next frame set returns the newest; older ones that
+//! were not called for are dropped and counted.
 //!
-//! *When a picture was taken* is told from the [moment](super::stamp) that the camera gives it,
-//! less a delay that is the same for all. A picture whose moment is not known, or lies before the
-//! start, is counted as stale and not used.
+//! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
+//! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
+//! used.
 //!
-//! A camera that is lost, or falls silent, is left out as long as two are left: its views are
+//! A camera that is lost or silent is left out as long as two others run: its images are
 //! [`Image::missing`].
 
 use std::path::PathBuf;
@@ -18,64 +18,64 @@ use std::time::{Duration, Instant};
 
 use super::matching::{Counts, Matching, Set};
 use crate::error::InputError;
-use crate::images::{Capture, Image};
+use crate::images::{FrameSet, Image};
 
-/// How long a capture may be awaited.
+/// Longest wait for a frame set.
 pub const PATIENCE: Duration = Duration::from_secs(3);
 
-/// How often somebody who waits looks whether he is to end.
+/// Interval at which a waiting thread checks for the end.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What a camera gave.
+/// Result of one wait for an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Shot {
-    /// A picture, with its moment.
-    Picture(Instant, Image),
-    /// A picture that came at an unknown time.
+pub enum CameraEvent {
+    /// Image with its time stamp.
+    Image(Instant, Image),
+    /// Image of unknown time.
     Stale,
-    /// A picture that the camera or its line has spoilt.
+    /// Image that the camera or its line has damaged.
     Damaged,
-    /// None yet.
+    /// No image yet.
     Nothing,
 }
 
-/// A camera, waiting for its next picture.
+/// Camera that delivers images one by one.
 pub trait Camera: Send + 'static {
-    /// Where it is, for messages.
+    /// Returns the path of the device, for messages.
     fn path(&self) -> PathBuf;
 
-    /// Waits for the next picture, but no longer than one who wants to end can wait.
+    /// Waits for the next image, for a fraction of a second at most, so that the thread can end.
     ///
     /// # Errors
-    /// If there will be no more.
-    fn shoot(&mut self) -> Result<Shot, InputError>;
+    /// [`InputError`] if the camera will deliver no more images.
+    fn next_image(&mut self) -> Result<CameraEvent, InputError>;
 
-    /// Pictures so far that the camera took but could not hand over, as far as it knows.
+    /// Returns the number of images that the driver has lost so far, as far as it is known.
     fn lost(&self) -> u64 {
         0
     }
 }
 
-/// What became of one camera's pictures.
+/// Number of one camera's images, by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Those that could be matched.
+    /// Images handed to the matching.
     pub matching: Counts,
-    /// That came at an unknown time.
+    /// Images of unknown time.
     pub stale: u64,
-    /// That were spoilt.
+    /// Damaged images.
     pub damaged: u64,
-    /// That the camera's driver lost.
+    /// Images that the camera's driver lost.
     pub lost: u64,
 }
 
-/// What the threads share.
+/// State that the threads share.
 struct State {
     matching: Matching<Image>,
-    /// Without what the matching counts.
+    /// Counts per camera, without those of the matching.
     tallies: Vec<Tally>,
     failed: Option<InputError>,
-    /// Why cameras are left out, to be told.
+    /// Reasons why cameras are left out, not yet reported.
     losses: Vec<InputError>,
 }
 
@@ -91,10 +91,9 @@ impl Shared {
     }
 }
 
-/// Cameras that run. An iterator of captures: it ends when it is told to stop, or after an error.
-/// Dropping it ends the threads, each as soon as its camera has [shot](Camera::shoot) or seen that
-/// there is nothing.
-pub struct Live {
+/// Running cameras: an iterator of frame sets that ends on the stop flag or after an error.
+/// Dropping it ends the threads, each after its present [wait](Camera::next_image).
+pub struct LiveCameras {
     shared: Arc<Shared>,
     paths: Vec<PathBuf>,
     started: Instant,
@@ -104,14 +103,14 @@ pub struct Live {
     tell: Box<dyn FnMut(&InputError)>,
 }
 
-impl Live {
-    /// Starts the cameras, which are in the rig's order. Pictures within `window` of each other are
-    /// of one time; each was taken `delay_us` before its moment, or after it if that is negative.
-    /// The captures end when `stop` is set. `tell` hears why a camera is lost while others carry
-    /// on.
+impl LiveCameras {
+    /// Starts the cameras, which are in the rig's order. Images within `window` of each other are
+    /// of one instant; each was taken `delay_us` before its time stamp, or after it if that is
+    /// negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
+    /// camera is lost while others carry on.
     ///
     /// # Errors
-    /// If a thread cannot be started.
+    /// [`InputError`] if a thread cannot be started.
     pub fn start<C: Camera>(
         cameras: Vec<C>,
         window: Duration,
@@ -158,12 +157,12 @@ impl Live {
         Ok(live)
     }
 
-    /// Time since the cameras were started, µs: the clock of the captures.
+    /// Returns the time since the cameras were started, µs: the clock of the capture times.
     pub fn now_us(&self) -> u64 {
         micros(self.started.elapsed())
     }
 
-    /// What became of the pictures, camera by camera.
+    /// Returns the fate of the images, camera by camera.
     pub fn tallies(&self) -> Vec<Tally> {
         let state = self.shared.state();
         let counts = state.matching.counts().iter();
@@ -176,7 +175,7 @@ impl Live {
             .collect()
     }
 
-    /// Why no capture came for so long.
+    /// Reason why no frame set came within the patience.
     fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
         let waited = self.patience.as_secs();
         let silent = (state.matching.counts().iter())
@@ -243,18 +242,18 @@ impl Live {
 fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {
-        let shot = camera.shoot();
+        let shot = camera.next_image();
         let mut state = shared.state();
         state.tallies[index].lost = camera.lost();
         match shot {
             // What was taken before the start is of no use, and has no time.
-            Ok(Shot::Picture(at, image)) => match at.checked_duration_since(zero) {
+            Ok(CameraEvent::Image(at, image)) => match at.checked_duration_since(zero) {
                 Some(since) => state.matching.push(index, micros(since), image),
                 None => state.tallies[index].stale += 1,
             },
-            Ok(Shot::Stale) => state.tallies[index].stale += 1,
-            Ok(Shot::Damaged) => state.tallies[index].damaged += 1,
-            Ok(Shot::Nothing) => (),
+            Ok(CameraEvent::Stale) => state.tallies[index].stale += 1,
+            Ok(CameraEvent::Damaged) => state.tallies[index].damaged += 1,
+            Ok(CameraEvent::Nothing) => (),
             Err(error) => {
                 if state.matching.leave_out(index) {
                     state.losses.push(error);
@@ -279,8 +278,8 @@ fn micros(duration: Duration) -> u64 {
     u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
 }
 
-impl Iterator for Live {
-    type Item = Result<Capture, InputError>;
+impl Iterator for LiveCameras {
+    type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
@@ -290,14 +289,14 @@ impl Iterator for Live {
         let losses = std::mem::take(&mut self.shared.state().losses);
         losses.iter().for_each(&mut self.tell);
         self.failed = set.is_err();
-        Some(set.map(|set| Capture {
+        Some(set.map(|set| FrameSet {
             time_us: set.time_us(),
-            views: views(set),
+            images: views(set),
         }))
     }
 }
 
-impl Drop for Live {
+impl Drop for LiveCameras {
     fn drop(&mut self) {
         self.shared.ended.store(true, Relaxed);
     }

@@ -17,7 +17,7 @@
 
 use std::collections::VecDeque;
 
-/// How many pictures of one camera wait for the other cameras': a quarter of a second at 30
+/// Number of images of one camera that wait for the other cameras': a quarter of a second at 30
 /// pictures per second.
 pub const DEPTH: usize = 8;
 
@@ -25,7 +25,7 @@ pub const DEPTH: usize = 8;
 /// given the target up (`coast_ms`, 0.8 s).
 pub const SILENCE_US: u64 = 500_000;
 
-/// What became of one camera's pictures.
+/// Number of one camera's images, by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// That arrived.
@@ -49,7 +49,7 @@ pub struct Set<P> {
 }
 
 impl<P> Set<P> {
-    /// When each was taken, µs.
+    /// Capture time of each image, µs.
     pub fn times_us(&self) -> impl Iterator<Item = u64> + Clone {
         self.pictures.iter().flatten().map(|(time_us, _)| *time_us)
     }
@@ -79,7 +79,7 @@ fn spread(times_us: impl Iterator<Item = u64>) -> u64 {
 pub struct Matching<P> {
     window_us: u64,
     waiting: Vec<VecDeque<(u64, P)>>,
-    /// Whether a set needs a picture of it.
+    /// True if a set needs an image of the camera.
     takes_part: Vec<bool>,
     latest_us: Vec<Option<u64>>,
     counts: Vec<Counts>,
@@ -136,7 +136,7 @@ impl<P> Matching<P> {
         true
     }
 
-    /// Whether a set takes a picture of it.
+    /// Returns true if a set takes an image of the camera.
     pub fn needs(&self, camera: usize) -> bool {
         self.takes_part.get(camera) == Some(&true)
     }
@@ -177,12 +177,12 @@ impl<P> Matching<P> {
             .for_each(|(counts, _)| change(counts));
     }
 
-    /// What became of the pictures, camera by camera.
+    /// Returns the fate of the images, camera by camera.
     pub fn counts(&self) -> &[Counts] {
         &self.counts
     }
 
-    /// How far the latest pictures of the cameras that take part are apart, µs; `None` before each
+    /// Time between the latest images of the active cameras, µs; `None` before each
     /// has sent one.
     pub fn apart_us(&self) -> Option<u64> {
         let taking_part = self.latest_us.iter().zip(&self.takes_part);

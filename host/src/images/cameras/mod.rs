@@ -1,16 +1,15 @@
-//! Live cameras: pictures that come one by one, each on its camera's own time, put together into
-//! captures.
+//! Live cameras: images that arrive one by one, each at its camera's own time, assembled into frame
+//! sets.
 //!
 //! ```text
 //! camera -> grey -> \
-//! camera -> grey ->  matching -> Live, an iterator of captures
+//! camera -> grey ->  matching -> LiveCameras, an iterator of frame sets
 //! camera -> grey -> /
 //! ```
 //!
-//! [`grey`] turns a camera's bytes into an image, [`stamp`] tells when it was taken and [`numbers`]
-//! what the driver lost, [`matching`] finds the pictures that were taken at the same time, [`live`]
-//! runs a thread per camera. `device` is the only part that knows V4L2, and the only one that is
-//! built with the feature `camera` alone.
+//! [`grey`] turns a camera's bytes into an image, [`stamp`] converts its time stamp, [`numbers`]
+//! counts the images that the driver lost, [`matching`] finds images of the same instant, [`live`]
+//! runs a thread per camera. Only `device` depends on V4L2, and only it needs the feature `camera`.
 //!
 //! *Time* is the host's monotonic clock, in µs since the cameras were started.
 

@@ -13,11 +13,11 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// What a stamp may be ahead of its picture's arrival: nothing, but for what the reading of two
-/// clocks takes.
+/// Largest time by which a stamp may be ahead of its picture's arrival: nothing, but for what the
+/// reading of two clocks takes.
 const AHEAD: Duration = Duration::from_millis(1);
 
-/// How old a picture may be that has just arrived. None takes so long from the camera to its
+/// Largest age of an image that has just arrived. None takes so long from the camera to its
 /// driver.
 const OLDEST: Duration = Duration::from_secs(3);
 
@@ -63,7 +63,7 @@ impl Clocks {
     }
 }
 
-/// Which point of a picture its driver stamps.
+/// Point of an exposure or transfer that the driver stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Point {
     /// The start of the exposure. Cameras on USB say so too, but are stamped when the first of
@@ -73,7 +73,7 @@ pub enum Point {
     End,
 }
 
-/// What a driver says of a picture's time.
+/// Time stamp of an image by its driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamp {
     /// Time on the monotonic clock, at a point of the picture.
@@ -82,7 +82,7 @@ pub enum Stamp {
     Unknown,
 }
 
-/// Why a driver's stamps are not used.
+/// Reason why a driver's stamps are not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// They are not of the monotonic clock.
@@ -93,7 +93,7 @@ pub enum Doubt {
     Behind,
 }
 
-/// What tells a camera's moments.
+/// Source of a camera's time stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// The driver's stamps, of this point.
@@ -136,7 +136,7 @@ impl Moments {
         Self { clocks, source }
     }
 
-    /// What tells them; `None` before the first picture.
+    /// Returns the source of the time stamps; `None` before the first image.
     pub const fn source(&self) -> Option<Source> {
         self.source
     }

@@ -8,15 +8,15 @@ fn names() -> Vec<String> {
 }
 
 /// A capture of 6 x 4 px whose pixels tell camera and frame.
-fn capture(frame: u8) -> Capture {
+fn capture(frame: u8) -> FrameSet {
     let view = |camera: u8| Image {
         width: 6,
         height: 4,
         grey: (0..24).map(|i| i * 3 + camera * 80 + frame).collect(),
     };
-    Capture {
+    FrameSet {
         time_us: 0,
-        views: (0..3).map(view).collect(),
+        images: (0..3).map(view).collect(),
     }
 }
 
@@ -37,10 +37,10 @@ fn what_was_saved_comes_back() {
     let dir = saved(3);
     let folder = open(dir.path()).unwrap();
     assert_eq!(folder.names(), ["000000.png", "000001.png", "000002.png"]);
-    assert_eq!((folder.len(), folder.captures().len()), (3, 3));
-    for (frame, read) in (0..).zip(folder.captures()) {
+    assert_eq!((folder.len(), folder.frame_sets().len()), (3, 3));
+    for (frame, read) in (0..).zip(folder.frame_sets()) {
         let read = read.unwrap();
-        assert_eq!(read.views, capture(frame).views);
+        assert_eq!(read.images, capture(frame).images);
         assert_eq!(read.time_us, u64::from(frame) * 33_333);
     }
 }
@@ -88,7 +88,7 @@ fn picture_names_of_what_is_no_file_are_refused() {
     let folder = open(dir.path()).unwrap();
     assert_eq!(folder.len(), 3);
     let reasons = ["a folder", "cannot read", "a socket"];
-    for ((capture, reason), name) in folder.captures().zip(reasons).zip(folder.names()) {
+    for ((capture, reason), name) in folder.frame_sets().zip(reasons).zip(folder.names()) {
         let error = capture.unwrap_err();
         assert!(error.reason.contains(reason), "{error}");
         assert_eq!(error.file, path(name));
@@ -101,7 +101,7 @@ fn numbers_in_names_count_as_numbers() {
     for name in ["view10.png", "view9.png", "view9b.png", "other.png"] {
         for camera in names() {
             fs::create_dir_all(dir.path().join(&camera)).unwrap();
-            write(&dir.path().join(camera).join(name), &capture(0).views[0]).unwrap();
+            write(&dir.path().join(camera).join(name), &capture(0).images[0]).unwrap();
         }
     }
     let folder = open(dir.path()).unwrap();
@@ -139,11 +139,11 @@ fn a_view_that_one_camera_lacks_is_missing_and_named_to_those_who_need_all() {
         let aside = dir.path().join("aside");
         fs::rename(&lost, &aside).unwrap();
         let folder = open(dir.path()).unwrap();
-        let captures: Vec<_> = folder.captures().map(Result::unwrap).collect();
-        let mut expected = [capture(0).views, capture(1).views];
+        let captures: Vec<_> = folder.frame_sets().map(Result::unwrap).collect();
+        let mut expected = [capture(0).images, capture(1).images];
         expected[1][index] = Image::missing();
         assert_eq!(
-            [&captures[0].views, &captures[1].views],
+            [&captures[0].images, &captures[1].images],
             expected.each_ref()
         );
         assert_eq!(folder.lost("000000.png"), None);
@@ -173,7 +173,7 @@ fn a_damaged_file_spoils_only_its_own_frame() {
     for content in [&b""[..], b"not a picture", &whole[..whole.len() / 2]] {
         fs::write(&damaged, content).unwrap();
         let folder = open(dir.path()).unwrap();
-        let read: Vec<_> = folder.captures().collect();
+        let read: Vec<_> = folder.frame_sets().collect();
         assert!(read[0].is_ok() && read[2].is_ok());
         let error = read[1].as_ref().unwrap_err();
         assert_eq!(error.file, damaged);
@@ -181,7 +181,7 @@ fn a_damaged_file_spoils_only_its_own_frame() {
     }
     let folder = open(dir.path()).unwrap();
     fs::remove_file(&damaged).unwrap();
-    let error = folder.captures().nth(1).unwrap().unwrap_err();
+    let error = folder.frame_sets().nth(1).unwrap().unwrap_err();
     assert_eq!(error.file, damaged);
 }
 
@@ -189,7 +189,7 @@ fn a_damaged_file_spoils_only_its_own_frame() {
 fn an_image_of_another_size_is_refused() {
     let dir = saved(1);
     let folder = Folder::open(dir.path(), &names(), [320, 240], 1).unwrap();
-    let error = folder.captures().next().unwrap().unwrap_err();
+    let error = folder.frame_sets().next().unwrap().unwrap_err();
     assert_eq!(error.file, dir.path().join("left/000000.png"));
     assert_eq!(
         error.reason,
@@ -215,7 +215,7 @@ fn colour_jpeg_and_pgm_become_grey() {
 fn what_cannot_be_saved_is_refused() {
     let dir = TempDir::new().unwrap();
     let mut bad = capture(0);
-    bad.views[1].grey.pop();
+    bad.images[1].grey.pop();
     let error = save(dir.path(), &names(), 0, &bad).unwrap_err();
     assert_eq!(error.file, dir.path().join("middle/000000.png"));
     let error = save(dir.path(), &names()[..2], 0, &capture(0)).unwrap_err();

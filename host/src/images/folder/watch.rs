@@ -27,7 +27,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::{list, numbers_padded, read};
 use crate::error::InputError;
-use crate::images::{Capture, Image};
+use crate::images::{FrameSet, Image};
 
 /// So long a file must stay as it is.
 pub const SETTLE: Duration = Duration::from_millis(200);
@@ -109,7 +109,7 @@ pub struct Watch<T> {
 /// What a look has found.
 #[derive(Debug)]
 enum Look {
-    Capture(Capture),
+    FrameSet(FrameSet),
     Unreadable(InputError),
     Nothing,
     Over,
@@ -193,7 +193,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 Ok(capture) => {
                     self.done(key);
                     self.taken += 1;
-                    return Look::Capture(capture);
+                    return Look::FrameSet(capture);
                 }
                 Err(error) if has_waited || is_idle => {
                     self.done(key);
@@ -306,21 +306,21 @@ impl<T: FnMut(&InputError)> Watch<T> {
     }
 
     /// The capture of this name, from the cameras whose file is there.
-    fn read(&self, name: &str, files: &[Option<Seen>]) -> Result<Capture, InputError> {
+    fn read(&self, name: &str, files: &[Option<Seen>]) -> Result<FrameSet, InputError> {
         let cameras = self.cameras.iter().zip(files);
         let views = cameras.map(|(camera, seen)| match seen {
             Some(_) => read(&camera.join(name), self.size_px),
             None => Ok(Image::missing()),
         });
-        Ok(Capture {
+        Ok(FrameSet {
             time_us: self.settings.period_us.saturating_mul(self.taken),
-            views: views.collect::<Result<_, _>>()?,
+            images: views.collect::<Result<_, _>>()?,
         })
     }
 }
 
 impl<T: FnMut(&InputError)> Iterator for Watch<T> {
-    type Item = Result<Capture, InputError>;
+    type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         // Time that somebody took for the last capture is no time without captures.
@@ -337,7 +337,7 @@ impl<T: FnMut(&InputError)> Iterator for Watch<T> {
                 look
             };
             match look {
-                Ok(Look::Capture(capture)) => return Some(Ok(capture)),
+                Ok(Look::FrameSet(capture)) => return Some(Ok(capture)),
                 Ok(Look::Unreadable(error)) => return Some(Err(error)),
                 Ok(Look::Nothing) => std::thread::sleep(LOOK),
                 Ok(Look::Over) => self.over = true,

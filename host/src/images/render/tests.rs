@@ -32,7 +32,7 @@ fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> 
     let scene = Scene::new(rig, &dot_texture(), settings).unwrap();
     let point = scene.point_mm(dot_mm(), relative_mm);
     let mut worst: f64 = 0.0;
-    for (camera, eye) in rig.cameras.iter().zip(&scene.eyes) {
+    for (camera, eye) in rig.cameras.iter().zip(&scene.cameras) {
         let expected = camera.project(point);
         let mut sums = [0.0; 3];
         for (i, level) in scene.levels(eye, Pose::at(relative_mm)).enumerate() {
@@ -122,7 +122,7 @@ fn noise_has_the_claimed_sigma_and_no_bias() {
             ..SceneSettings::default()
         };
         let scene = Scene::new(&Rig::paper(), &flat(128.3), settings).unwrap();
-        for view in scene.render([0.0; 3], 0, 9).views {
+        for view in scene.render([0.0; 3], 0, 9).images {
             let count = view.grey.len() as f64;
             let error = |&g: &u8| f64::from(g) - f64::from(128.3_f32);
             let bias = view.grey.iter().map(error).sum::<f64>() / count;
@@ -142,16 +142,16 @@ fn noise_differs_between_cameras_and_seeds_and_otherwise_repeats() {
     let again = scene.render([0.0; 3], 5, 1);
     let other = scene.render([0.0; 3], 5, 2);
     assert_eq!(first.time_us, 5);
-    assert_eq!(first.views, again.views);
-    assert_ne!(first.views[0], first.views[1]);
-    assert_ne!(first.views[0], other.views[0]);
+    assert_eq!(first.images, again.images);
+    assert_ne!(first.images[0], first.images[1]);
+    assert_ne!(first.images[0], other.images[0]);
 }
 
 #[test]
 fn a_poster_behind_the_cameras_is_not_seen() {
     let scene = Scene::new(&Rig::paper(), &flat(200.0), SceneSettings::default()).unwrap();
     for z in [-850.0, -2000.0, f64::NAN] {
-        for view in scene.render([0.0, 0.0, z], 0, 1).views {
+        for view in scene.render([0.0, 0.0, z], 0, 1).images {
             assert!(view.grey.iter().all(|&g| g == 0));
         }
     }
@@ -190,7 +190,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
         ..SceneSettings::default()
     };
     let scene = Scene::new(&Rig::paper(), &texture, settings).unwrap();
-    let eye = &scene.eyes[1];
+    let eye = &scene.cameras[1];
     let levels = |x: f64| -> Vec<f64> {
         scene
             .levels(eye, Pose::at([x, 0.0, 0.0]))
@@ -213,8 +213,11 @@ fn a_small_move_changes_the_view_by_its_gradient() {
 }
 
 /// Centroid of what the first camera sees of the dot.
-fn centroid(scene: &Scene, shot: Shot) -> [f64; 2] {
-    let view = scene.shoot(&[shot; 3], 0, 1).views.remove(0);
+fn centroid(scene: &Scene, exposure: Exposure) -> [f64; 2] {
+    let view = scene
+        .render_exposures(&[exposure; 3], 0, 1)
+        .images
+        .remove(0);
     let mut sums = [0.0; 3];
     for (i, grey) in view.grey.iter().enumerate() {
         let pixel = [(i % 320) as f64, (i / 320) as f64];
@@ -246,7 +249,7 @@ fn a_turned_poster_shows_its_dot_where_the_turn_takes_it() {
         let [u, v] = dot_mm();
         let off = turn.map(|row| row[0] * u + row[1] * v);
         let point = [2.0 + off[0], -1.0 + off[1], 854.0 + off[2]];
-        let seen = centroid(&scene, Shot::of(pose, 0.0));
+        let seen = centroid(&scene, Exposure::of(pose, 0.0));
         assert_near(seen, rig.cameras[0].project(point));
     }
 }
@@ -256,8 +259,8 @@ fn a_smear_is_around_the_middle_of_the_exposure() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     let ends = [Pose::at([-6.0, 0.0, 0.0]), Pose::at([6.0, 4.0, 0.0])];
-    let middle = Shot::of(Pose::at([0.0, 2.0, 0.0]), 0.0);
-    let smeared = Shot {
+    let middle = Exposure::of(Pose::at([0.0, 2.0, 0.0]), 0.0);
+    let smeared = Exposure {
         poses: ends,
         ..middle
     };
@@ -269,7 +272,7 @@ fn what_is_looked_at_is_in_the_middle() {
     let rig = Rig::paper();
     let mut scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     scene.look_at(dot_mm());
-    let seen = centroid(&scene, Shot::of(Pose::default(), 0.0));
+    let seen = centroid(&scene, Exposure::of(Pose::default(), 0.0));
     assert_near(seen, rig.cameras[0].project([0.0, 0.0, 850.0]));
 }
 
@@ -278,13 +281,13 @@ fn gain_and_offset_change_the_light_and_not_the_noise() {
     let rig = Rig::paper();
     let texture = Texture::of_kind(TextureKind::Blobs, 3);
     let scene = Scene::new(&rig, &texture, SceneSettings::default()).unwrap();
-    let plain = Shot::of(Pose::default(), 0.0);
-    let lit = Shot {
+    let plain = Exposure::of(Pose::default(), 0.0);
+    let lit = Exposure {
         gain: 0.5,
         offset_grey: 30.0,
         ..plain
     };
-    let [a, b] = [plain, lit].map(|s| scene.shoot(&[s; 3], 0, 1).views.remove(2));
+    let [a, b] = [plain, lit].map(|s| scene.render_exposures(&[s; 3], 0, 1).images.remove(2));
     for (a, b) in a.grey.iter().zip(&b.grey) {
         assert!((f64::from(*b) - (0.5 * f64::from(*a) + 30.0)).abs() <= 0.76);
     }

@@ -8,7 +8,7 @@ use crate::random::Random;
 
 /// Radii of the leaves, texels.
 const RADIUS: [f64; 2] = [3.0, 160.0];
-/// How many times the leaves' summed area covers the poster; `exp(-8)` of it, 0.03 %, stays bare.
+/// Ratio of the leaves' summed area to the poster's; `exp(-8)` of it, 0.03 %, stays bare.
 const COVERS: f64 = 8.0;
 
 /// Grey levels of a `size * size` poster that repeats without a seam.

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 /// Gives what it is sent; ends with an error when nobody sends any more.
 struct Sent {
     name: &'static str,
-    shots: Receiver<Shot>,
+    shots: Receiver<CameraEvent>,
     sent: u64,
 }
 
@@ -16,7 +16,7 @@ impl Camera for Sent {
         self.name.into()
     }
 
-    fn shoot(&mut self) -> Result<Shot, InputError> {
+    fn next_image(&mut self) -> Result<CameraEvent, InputError> {
         let gone = |_| InputError::file(&self.path(), "unplugged");
         let shot = self.shots.recv().map_err(gone)?;
         self.sent += 1;
@@ -30,10 +30,10 @@ impl Camera for Sent {
 }
 
 struct Bench {
-    live: Live,
+    live: LiveCameras,
     stop: Arc<AtomicBool>,
     told: Receiver<String>,
-    senders: Vec<Sender<Shot>>,
+    senders: Vec<Sender<CameraEvent>>,
 }
 
 const NAMES: [&str; 3] = ["/dev/left", "/dev/middle", "/dev/right"];
@@ -55,7 +55,7 @@ fn bench_with(delay_us: i64) -> Bench {
     let window = Duration::from_millis(5);
     let (teller, told) = channel();
     let tell = move |loss: &InputError| teller.send(loss.to_string()).unwrap();
-    let live = Live::start(cameras, window, delay_us, Arc::clone(&stop), tell).unwrap();
+    let live = LiveCameras::start(cameras, window, delay_us, Arc::clone(&stop), tell).unwrap();
     Bench {
         live,
         stop,
@@ -76,7 +76,7 @@ impl Bench {
     /// A picture of `camera`, handed over `ms` after the start.
     fn send(&self, camera: usize, ms: u64, grey: u8) {
         let at = self.live.started + Duration::from_millis(ms);
-        let shot = Shot::Picture(at, image(grey));
+        let shot = CameraEvent::Image(at, image(grey));
         self.senders[camera].send(shot).unwrap();
     }
 
@@ -97,7 +97,7 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
     }
     let capture = bench.live.next().unwrap().unwrap();
     assert_eq!(capture.time_us, (304_000 / 3) - 30_000);
-    assert_eq!(capture.views, [image(0), image(1), image(2)]);
+    assert_eq!(capture.images, [image(0), image(1), image(2)]);
 }
 
 /// As with a driver that stamps the start of the exposure.
@@ -120,13 +120,13 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
         }
     }
     bench.send(1, 200, 9);
-    bench.senders[2].send(Shot::Damaged).unwrap();
-    bench.senders[2].send(Shot::Stale).unwrap();
+    bench.senders[2].send(CameraEvent::Damaged).unwrap();
+    bench.senders[2].send(CameraEvent::Stale).unwrap();
     // Handed over 20 ms after the start, so taken before it.
     bench.send(0, 20, 9);
     bench.settle([4, 4, 5]);
     let capture = bench.live.next().unwrap().unwrap();
-    assert_eq!(capture.views, [image(2), image(2), image(2)]);
+    assert_eq!(capture.images, [image(2), image(2), image(2)]);
     let tallies = bench.live.tallies();
     for (tally, arrived) in tallies.iter().zip([3, 4, 3]) {
         assert_eq!(tally.matching.arrived, arrived);
@@ -144,13 +144,13 @@ fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
         bench.send(camera, 100, 0);
     }
     let capture = bench.live.next().unwrap().unwrap();
-    assert!(capture.views.iter().all(|view| !view.is_missing()));
+    assert!(capture.images.iter().all(|view| !view.is_missing()));
     bench.senders[1] = channel().0;
     for camera in [0, 2] {
         bench.send(camera, 200, 1);
     }
     let capture = bench.live.next().unwrap().unwrap();
-    assert_eq!(capture.views, [image(1), Image::missing(), image(1)]);
+    assert_eq!(capture.images, [image(1), Image::missing(), image(1)]);
     assert_eq!(bench.told.try_recv().unwrap(), "/dev/middle: unplugged");
     bench.senders[2] = channel().0;
     let error = bench.live.next().unwrap().unwrap_err();
@@ -172,7 +172,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
     // One that sends, but nothing that can be used.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_millis(50);
-    bench.senders[1].send(Shot::Stale).unwrap();
+    bench.senders[1].send(CameraEvent::Stale).unwrap();
     bench.settle([0, 1, 0]);
     bench.send(0, 100, 0);
     bench.send(2, 100, 0);
@@ -194,7 +194,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
             for (camera, sender) in senders.iter().enumerate() {
                 let late = Duration::from_millis(33 * n + 10 * camera as u64);
                 // The bench is gone at the end.
-                let _ = sender.send(Shot::Picture(at + late, image(0)));
+                let _ = sender.send(CameraEvent::Image(at + late, image(0)));
             }
         }
     });

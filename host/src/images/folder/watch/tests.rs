@@ -73,7 +73,7 @@ impl Bench {
 #[track_caller]
 fn grey(look: Result<Look, InputError>) -> u8 {
     match look {
-        Ok(Look::Capture(capture)) => capture.views[0].grey[0],
+        Ok(Look::FrameSet(capture)) => capture.images[0].grey[0],
         other => panic!("{other:?}"),
     }
 }
@@ -146,7 +146,7 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
     }
     nothing(watch.look(bench.at(3_000)));
     match watch.look(bench.at(3_200)) {
-        Ok(Look::Capture(capture)) => assert_eq!(capture.time_us, 1_000),
+        Ok(Look::FrameSet(capture)) => assert_eq!(capture.time_us, 1_000),
         other => panic!("{other:?}"),
     }
     // Of another size, likewise.
@@ -187,7 +187,7 @@ fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
     nothing(Ok(watch.ready(bench.at(310), false)));
     nothing(watch.look(bench.at(350)));
     match watch.look(bench.at(550)) {
-        Ok(Look::Capture(capture)) => assert_eq!(capture.views[1].grey[0], 9),
+        Ok(Look::FrameSet(capture)) => assert_eq!(capture.images[1].grey[0], 9),
         other => panic!("{other:?}"),
     }
     for camera in NAMES {
@@ -259,8 +259,8 @@ fn captures_come_in_the_order_of_their_names() {
     let mut times = Vec::new();
     for expected in [9, 10, 11] {
         match watch.look(bench.at(300)) {
-            Ok(Look::Capture(capture)) => {
-                assert_eq!(capture.views[1].grey[0], expected);
+            Ok(Look::FrameSet(capture)) => {
+                assert_eq!(capture.images[1].grey[0], expected);
                 times.push(capture.time_us);
             }
             other => panic!("{other:?}"),
@@ -315,8 +315,8 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
     let bench = Bench::new();
     let mut watch = bench.watch_cameras(&TRIO, Some(10));
     let mut present = |ms| match watch.look(bench.at(ms)) {
-        Ok(Look::Capture(capture)) => {
-            let shown = capture.views.iter().map(|view| !view.is_missing());
+        Ok(Look::FrameSet(capture)) => {
+            let shown = capture.images.iter().map(|view| !view.is_missing());
             Some((capture.time_us, shown.collect::<Vec<_>>()))
         }
         Ok(_) => None,
@@ -371,7 +371,7 @@ fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
     nothing(watch.look(bench.at(2_000)));
     nothing(watch.look(bench.at(9_999)));
     match watch.look(bench.at(10_000)) {
-        Ok(Look::Capture(capture)) => assert!(capture.views[2].is_missing()),
+        Ok(Look::FrameSet(capture)) => assert!(capture.images[2].is_missing()),
         other => panic!("{other:?}"),
     }
     // Whoever waits is told for what, once.

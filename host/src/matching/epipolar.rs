@@ -1,13 +1,14 @@
-//! Likenesses along an epipolar line at the coarse level: where to look more closely.
+//! Correlation along an epipolar line at a coarse level, for the stereo search.
 
-use super::likeness::{Field, OUTSIDE, Probe};
+use super::zncc::{OUTSIDE, ZnccPatch, ZnccPlane};
 
-/// `count` places along a line that is nearly straight, each to the nearest pixel. Only every so
-/// many are asked for: a lens bends the line by far less than a pixel between them.
+/// Rounds `count` places along a nearly straight line to whole pixels. Only every 16th place is
+/// computed exactly and the others interpolated: a lens bends the line by far less than a pixel
+/// between them.
 pub(super) fn line(count: usize, place: impl Fn(usize) -> [f32; 2]) -> Vec<[i32; 2]> {
     const APART: usize = 16;
     const FAR: f32 = 8192.0;
-    // In parts of a pixel that are small enough, and whole numbers: these are the fastest to round.
+    // Fixed point with 16 fractional bits, because integers round fastest.
     const PART_BITS: u32 = 16;
     let parts = |at: [f32; 2]| at.map(|c| (c.clamp(-FAR, FAR) * (1 << PART_BITS) as f32) as i32);
     let mut line = Vec::with_capacity(count + APART);
@@ -25,26 +26,27 @@ pub(super) fn line(count: usize, place: impl Fn(usize) -> [f32; 2]) -> Vec<[i32;
     line
 }
 
-/// Likenesses along a line of places and one pixel to either side of it.
-pub(super) struct Strip {
+/// Correlations along a line of places and one pixel to either side of it.
+pub(super) struct EpipolarScores {
     line: Vec<[i32; 2]>,
-    /// Whether neighbours across the line are above and below.
+    /// True if the line is nearer to horizontal: neighbours across it are above and below.
     flat: bool,
     left: i32,
     top: i32,
     width: usize,
-    /// Row by row; [`OUTSIDE`] where nothing was asked for.
-    likeness: Vec<f32>,
+    /// Correlations, row by row; [`OUTSIDE`] away from the line.
+    zncc: Vec<f32>,
 }
 
-impl Strip {
-    pub(super) fn around(line: Vec<[i32; 2]>, field: &Field, probe: &Probe) -> Self {
-        let [columns, rows] = field.size().map(|s| s as i32);
-        // Places outside the image are known to be so without looking.
+impl EpipolarScores {
+    /// Correlates `patch` along `line`.
+    pub(super) fn around(line: Vec<[i32; 2]>, plane: &ZnccPlane, patch: &ZnccPatch) -> Self {
+        let [columns, rows] = plane.size().map(|s| s as i32);
+        // Places outside the image need no correlation.
         let inside = line
             .iter()
             .filter(|[x, y]| (0..columns).contains(x) && (0..rows).contains(y));
-        // Along the line, what lies in one row: y, first and last x.
+        // Runs of places in one row: y, first and last x.
         let mut runs: Vec<[i32; 3]> = Vec::with_capacity(4);
         for [x, y] in inside {
             match runs.last_mut() {
@@ -54,6 +56,7 @@ impl Strip {
                 _ => runs.push([*y, *x, *x]),
             }
         }
+        // Bounding box of the runs, grown by one pixel across the line.
         let least = |i: usize| runs.iter().map(|run| run[i]).min().unwrap_or(0);
         let most = |i: usize| runs.iter().map(|run| run[i]).max().unwrap_or(-1);
         let flat = most(2) - least(1) >= most(0) - least(0);
@@ -61,6 +64,7 @@ impl Strip {
         let (left, top) = (least(1) - grow_x, least(0) - grow_y);
         let width = (most(2) + grow_x - left + 1) as usize;
         let height = (most(0) + grow_y - top + 1) as usize;
+        // Span of every row of the box, which is correlated in one go.
         let mut spans = vec![[i32::MAX, i32::MIN]; height];
         for [y, first, last] in runs {
             for row in y - grow_y..=y + grow_y {
@@ -68,13 +72,13 @@ impl Strip {
                 *span = [span[0].min(first - grow_x), span[1].max(last + grow_x)];
             }
         }
-        let mut likeness = vec![OUTSIDE; width * height];
+        let mut zncc = vec![OUTSIDE; width * height];
         for (row, [first, last]) in spans.into_iter().enumerate() {
             if first <= last {
                 let start = row * width + (first - left) as usize;
-                let out = &mut likeness[start..][..(last - first + 1) as usize];
+                let out = &mut zncc[start..][..(last - first + 1) as usize];
                 let y = i64::from(top) + row as i64;
-                field.compare(probe, i64::from(first), y, out);
+                plane.correlate(patch, i64::from(first), y, out);
             }
         }
         Self {
@@ -83,7 +87,7 @@ impl Strip {
             left,
             top,
             width,
-            likeness,
+            zncc,
         }
     }
 
@@ -96,11 +100,11 @@ impl Strip {
         if column >= self.width {
             return OUTSIDE;
         }
-        let place = self.likeness.get(row * self.width + column);
-        place.copied().unwrap_or(OUTSIDE)
+        let score = self.zncc.get(row * self.width + column);
+        score.copied().unwrap_or(OUTSIDE)
     }
 
-    /// One pixel along the line and one across it.
+    /// Returns the unit vectors along the line and across it.
     fn units(&self) -> [[i32; 2]; 2] {
         if self.flat {
             [[1, 0], [0, 1]]
@@ -109,7 +113,8 @@ impl Strip {
         }
     }
 
-    /// The best of a place and its neighbours across the line. [`OUTSIDE`] if the place itself is.
+    /// Returns the best score of a place and its neighbours across the line; [`OUTSIDE`] if the
+    /// place itself is outside.
     #[inline]
     pub(super) fn best(&self, at: [i32; 2]) -> f32 {
         let [_, unit] = self.units();
@@ -123,12 +128,12 @@ impl Strip {
         }
     }
 
-    /// Adds to every place's sum what is seen there, and counts it.
+    /// Adds the score of every place to its total, and counts the cameras that see it.
     pub(super) fn add_to(&self, total: &mut [f32], seen: &mut [u8]) {
         let mut last = [i32::MIN; 2];
         let mut best = OUTSIDE;
         for ((at, total), seen) in self.line.iter().zip(total).zip(seen) {
-            // Steps are shorter than pixels.
+            // Steps are shorter than pixels, so consecutive places may be the same.
             if *at != last {
                 (last, best) = (*at, self.best(*at));
             }
@@ -139,9 +144,9 @@ impl Strip {
         }
     }
 
-    /// Where to look at full resolution, px, and the likeness there: the best place near the line's
-    /// `peak`, between the pixels. Across the line, it is where the images put it, but no more than
-    /// `tolerance_px` off the line itself.
+    /// Finds the start of the search at full resolution, px, and its score: the best place near
+    /// the line's `peak`, with sub-pixel accuracy. Across the line, it is where the images
+    /// correlate best, but at most `tolerance_px` off the line.
     pub(super) fn start(
         &self,
         peak: usize,
@@ -150,6 +155,7 @@ impl Strip {
         tolerance_px: f64,
     ) -> ([f64; 2], f32) {
         let [along, across] = self.units();
+        // Climb to the best neighbour, first across, then along the line.
         let mut at = self.line[peak];
         for unit in [across, along] {
             let [before, after] = [-1, 1].map(|by| [at[0] + by * unit[0], at[1] + by * unit[1]]);
@@ -159,6 +165,7 @@ impl Strip {
                 }
             }
         }
+        // Sub-pixel position: vertex of a parabola along and across the line.
         let here = self.at(at);
         let [along, across] = [along, across].map(|unit| {
             let [before, after] =
@@ -167,6 +174,7 @@ impl Strip {
             let rise = 0.25 * (after - before) * off as f32;
             (off, if rise.is_finite() { rise } else { 0.0 })
         });
+        // Across the line, stay within the tolerance.
         let axis = usize::from(!self.flat);
         let mut start = on_line;
         start[axis] = scale * (f64::from(at[axis]) + along.0);
@@ -176,19 +184,19 @@ impl Strip {
     }
 }
 
-/// Indices of the local maxima above `least`. Of a plateau, the first.
+/// Indices of the local maxima above `least`; of a plateau, the first.
 pub(super) fn peaks(score: &[f32], least: f32) -> Vec<usize> {
     (0..score.len())
         .filter(|&i| {
             let before = i.checked_sub(1).map_or(OUTSIDE, |b| score[b]);
             let after = score.get(i + 1).copied().unwrap_or(OUTSIDE);
-            // Half steps of a rounded position may repeat a value.
+            // Half steps of a rounded position may repeat a value: plateaus are common.
             score[i] > least && score[i] > before && score[i] >= after
         })
         .collect()
 }
 
-/// Where the parabola through a peak and its neighbours has its vertex, in steps from the peak.
+/// Vertex of the parabola through a peak and its neighbours, in steps from the peak.
 pub(super) fn vertex(score: &[f32], peak: usize) -> f64 {
     let before = peak.checked_sub(1).map_or(OUTSIDE, |b| score[b]);
     let after = score.get(peak + 1).copied().unwrap_or(OUTSIDE);

@@ -1,81 +1,82 @@
-//! What one scene point looks like to all cameras of the rig, and whether its views can be one
-//! point at all.
+//! Geometry of a rig: projections of a point into all cameras, and residuals of its matches.
 //!
-//! At one instant the normalised views of a point at inverse depth `ρ` obey, for camera `k` at
-//! `c_k`,
+//! At one instant the normalised coordinates of a point at inverse depth `ρ` obey, for camera `k`
+//! at `c_k`,
 //!
 //! ```text
 //! ξ_k = α - ρ c_k        (both axes; α is the point's direction from the rig's origin)
 //! ```
 //!
-//! Fitting `α` and `ρ` to the views leaves a residual per camera. Its part along the camera's own
-//! arm says that the disparities disagree (the paper's constraint (3): for in-line cameras the
-//! ratio of two disparities is that of the baselines, for every point); its part across the arm is
-//! the paper's vertical test (2).
+//! Fitting `α` and `ρ` to the cameras leaves a residual in each. Its part along the camera's
+//! baseline is a disagreement of disparities (the paper's constraint (3): for cameras in line, the
+//! ratio of two disparities is that of the baselines, for every point). Its part across the
+//! baseline is the paper's vertical test (2).
 
 use shared::rig::Rig;
 use shared::sums::centred;
 
-/// The rig as the matching needs it.
+/// Rig with the figures that matching needs.
 #[derive(Clone, Debug)]
-pub struct Geometry {
-    /// Cameras, image size.
+pub struct RigGeometry {
+    /// Cameras and image size.
     pub rig: Rig,
-    /// The camera nearest to the centroid of all: corners are chosen in its image.
+    /// Index of the reference camera: the one nearest to the centroid of all. Corners are chosen in
+    /// its image.
     pub reference: usize,
     /// Mean of all focal lengths, px.
     pub focal_px: f64,
     /// Largest distance of a camera from the reference camera, mm.
-    pub reach_mm: f64,
-    /// Where the cameras stand, and what their views of one point say together.
+    pub longest_baseline_mm: f64,
+    /// Positions of the cameras against their centroid, with the fit of a point.
     pub arms: centred::Geometry,
 }
 
-/// A point in space, seen from the rig's plane.
+/// Point in space, as direction and inverse depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Direction from the centroid of the cameras.
+    /// Direction from the centroid of the cameras, normalised.
     pub direction: [f64; 2],
     /// Inverse depth, 1/mm.
     pub inverse_depth: f64,
 }
 
-impl Geometry {
-    /// `None` unless the rig has at least two cameras in different places.
+impl RigGeometry {
+    /// Creates the geometry. Returns `None` unless two cameras are in different places.
     pub fn new(rig: &Rig) -> Option<Self> {
         let arms = centred::Geometry::new(rig).ok()?;
         let places = arms.arms_mm();
         let reference =
             (0..places.len()).min_by(|&a, &b| length(places[a]).total_cmp(&length(places[b])))?;
         let centre = places[reference];
-        let reach_mm = (places.iter())
+        let longest_baseline_mm = (places.iter())
             .map(|arm| length([arm[0] - centre[0], arm[1] - centre[1]]))
             .fold(0.0, f64::max);
         Some(Self {
             rig: rig.clone(),
             reference,
             focal_px: rig.mean_focal_px(),
-            reach_mm,
+            longest_baseline_mm,
             arms,
         })
     }
 
-    /// Number of cameras.
+    /// Returns the number of cameras.
     pub fn cameras(&self) -> usize {
         self.arms.cameras()
     }
 
-    /// Pixel of camera `k` to normalised coordinates.
+    /// Converts a pixel of camera `k` to normalised coordinates, without lens distortion.
     pub fn normalise(&self, k: usize, pixel: [f64; 2]) -> [f64; 2] {
         self.rig.cameras[k].normalise(pixel)
     }
 
-    /// Normalised coordinates to the pixel of camera `k`.
+    /// Converts normalised coordinates to a pixel of camera `k`.
     pub fn pixel(&self, k: usize, normalised: [f64; 2]) -> [f64; 2] {
         self.rig.cameras[k].denormalise(normalised)
     }
 
-    /// Where camera `k` sees what the reference camera sees in the normalised direction `at`, px.
+    /// Transfers a point from normalised coordinates of the reference camera to a pixel of camera
+    /// `k`.
     pub fn transfer(&self, k: usize, at: [f64; 2], inverse_depth: f64) -> [f64; 2] {
         let arms = self.arms.arms_mm();
         let (from, to) = (arms[self.reference], arms[k]);
@@ -85,10 +86,9 @@ impl Geometry {
         )
     }
 
-    /// How the reference image around `pixel` is stretched to become camera `k`'s, at constant
-    /// depth: the matrix that takes offsets in camera `k`'s image to offsets in the reference
-    /// image.
-    pub fn stretch(&self, k: usize, pixel: [f64; 2], inverse_depth: f64) -> [[f32; 2]; 2] {
+    /// Computes the affine warp between two cameras around `pixel`, at constant depth: the matrix
+    /// that takes offsets in camera `k`'s image to offsets in the reference image.
+    pub fn warp(&self, k: usize, pixel: [f64; 2], inverse_depth: f64) -> [[f32; 2]; 2] {
         let (from, to) = (&self.rig.cameras[self.reference], &self.rig.cameras[k]);
         if from.is_ideal() && to.is_ideal() {
             let ratio: [f64; 2] = core::array::from_fn(|i| from.focal_px[i] / to.focal_px[i]);
@@ -110,30 +110,30 @@ impl Geometry {
         [[d, -b], [-c, a]].map(|row| row.map(|value| (value / determinant) as f32))
     }
 
-    /// The point that fits the normalised views best.
-    pub fn fit(&self, views: &[[f64; 2]]) -> Ray {
-        let (inverse_depth, direction) = self.arms.fit(views.iter().copied());
+    /// Fits a point to one normalised position per camera, by least squares.
+    pub fn fit(&self, normalised: &[[f64; 2]]) -> Ray {
+        let (inverse_depth, direction) = self.arms.fit(normalised.iter().copied());
         Ray {
             direction,
             inverse_depth,
         }
     }
 
-    /// Where camera `k` should see `ray`, normalised.
-    pub fn view(&self, k: usize, ray: &Ray) -> [f64; 2] {
+    /// Projects a point into camera `k`, normalised.
+    pub fn project(&self, k: usize, ray: &Ray) -> [f64; 2] {
         core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms.arms_mm()[k][i])
     }
 
-    /// Constraint (3): by how much the disparities of one point's views disagree, px: the largest
-    /// residual along a camera's arm.
+    /// Largest residual along a camera's baseline, px: the paper's constraint (3), by which the
+    /// disparities of one point must agree.
     pub fn disparity_disagreement_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[0] * unit[0] + residual[1] * unit[1]
         })
     }
 
-    /// The vertical test (2): by how much one point's views lie off their epipolar lines, px: the
-    /// largest residual across a camera's arm.
+    /// Largest residual across a camera's baseline, px: the paper's vertical test (2), by which a
+    /// point must lie on its epipolar lines.
     pub fn vertical_offset_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[1] * unit[0] - residual[0] * unit[1]
@@ -152,9 +152,9 @@ impl Geometry {
         let main = across.map_or([1.0, 0.0], |a| a.map(|c| c / longest));
         (0..views.len())
             .map(|k| {
-                let expected = self.view(k, &ray);
+                let expected = self.project(k, &ray);
                 let residual = core::array::from_fn(|i| views[k][i] - expected[i]);
-                // A camera in the middle has no arm of its own to speak of.
+                // A camera in the middle has no baseline of its own.
                 let unit = if length(arms[k]) < 0.1 * longest {
                     main
                 } else {
@@ -175,15 +175,15 @@ mod tests {
     use super::*;
     use shared::rig::Camera;
 
-    fn views(geometry: &Geometry, point: [f64; 3]) -> Vec<[f64; 2]> {
+    fn views(geometry: &RigGeometry, point: [f64; 3]) -> Vec<[f64; 2]> {
         (0..geometry.cameras())
             .map(|k| geometry.normalise(k, geometry.rig.cameras[k].project(point)))
             .collect()
     }
 
     #[test]
-    fn a_true_point_passes_both_tests_and_gives_its_depth() {
-        let geometry = Geometry::new(&Rig::paper()).unwrap();
+    fn true_point_passes_tests_and_gives_depth() {
+        let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         assert_eq!(geometry.reference, 1);
         let views = views(&geometry, [30.0, -40.0, 850.0]);
         assert!((1.0 / geometry.fit(&views).inverse_depth - 850.0).abs() < 1e-6);
@@ -192,8 +192,8 @@ mod tests {
     }
 
     #[test]
-    fn wrong_matches_fail_the_test_they_break() {
-        let geometry = Geometry::new(&Rig::paper()).unwrap();
+    fn wrong_match_fails_the_test_it_breaks() {
+        let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let true_views = views(&geometry, [30.0, -40.0, 850.0]);
         // Of 3 px along x in one outer view, the fit absorbs most; half a pixel is left.
         let mut along = true_views.clone();
@@ -206,9 +206,9 @@ mod tests {
     }
 
     #[test]
-    fn the_constraint_is_the_papers() {
+    fn disparity_constraint_equals_the_papers() {
         // (x_mi - x_li)(x_rj - x_mj) = (x_ri - x_mi)(x_mj - x_lj) for two points that pass.
-        let geometry = Geometry::new(&Rig::paper()).unwrap();
+        let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let [i, j] = [[30.0, -40.0, 850.0], [-50.0, 20.0, 930.0]].map(|p| views(&geometry, p));
         let left = (i[1][0] - i[0][0]) * (j[2][0] - j[1][0]);
         let right = (i[2][0] - i[1][0]) * (j[1][0] - j[0][0]);
@@ -216,28 +216,28 @@ mod tests {
     }
 
     #[test]
-    fn the_stretch_follows_focal_lengths_and_lens() {
+    fn warp_follows_focal_lengths_and_lens() {
         let mut rig = Rig::paper();
-        let geometry = Geometry::new(&rig).unwrap();
-        let plain = geometry.stretch(0, [200.0, 60.0], 1.0 / 850.0);
+        let geometry = RigGeometry::new(&rig).unwrap();
+        let plain = geometry.warp(0, [200.0, 60.0], 1.0 / 850.0);
         assert!((f64::from(plain[0][0]) - 538.14 / 533.16).abs() < 1e-6 && plain[0][1] == 0.0);
         rig.cameras[0].distortion = [-0.2, 0.0, 0.0, 0.0, 0.0];
         rig.cameras[1].distortion = [-0.2, 0.0, 0.0, 0.0, 0.0];
-        let bent = Geometry::new(&rig)
+        let bent = RigGeometry::new(&rig)
             .unwrap()
-            .stretch(0, [200.0, 60.0], 1.0 / 850.0);
+            .warp(0, [200.0, 60.0], 1.0 / 850.0);
         assert!(bent[0][1] != 0.0 && (bent[0][0] - plain[0][0]).abs() < 0.05);
     }
 
     #[test]
-    fn rigs_without_a_baseline_are_refused() {
+    fn rig_without_baseline_is_refused() {
         let one = Camera::ideal([500.0; 2], [160.0, 120.0], [0.0; 2]);
         for count in 0..3 {
             let rig = Rig {
                 image_size_px: [320, 240],
                 cameras: (0..count).map(|_| one).collect(),
             };
-            assert!(Geometry::new(&rig).is_none());
+            assert!(RigGeometry::new(&rig).is_none());
         }
     }
 }

@@ -1,8 +1,8 @@
 use super::*;
-use crate::flow::corner::corners;
-use crate::flow::pyramid::Pyramid;
-use crate::flow::workers::Workers;
 use crate::images::{Image, Scene, SceneSettings, Texture, TextureKind};
+use crate::matching::corner::corners;
+use crate::matching::pyramid::Pyramid;
+use crate::thread_pool::ThreadPool;
 use shared::rig::{Camera, Rig};
 
 const STILL: [[f32; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
@@ -30,7 +30,7 @@ fn scene(kind: TextureKind, seed: u64, noise_grey: f64) -> Scene {
 /// What the camera sees of a poster displaced by so many px, and mm away.
 fn shot(scene: &Scene, shift: [f64; 2], away_mm: f64, seed: u64) -> Plane {
     let displaced = [shift[0] * MM_PER_PX, shift[1] * MM_PER_PX, away_mm];
-    plane(&scene.render(displaced, 0, seed).views[0])
+    plane(&scene.render(displaced, 0, seed).images[0])
 }
 
 fn plane(image: &Image) -> Plane {
@@ -43,17 +43,17 @@ fn errors(scene: &Scene, shift: [f64; 2], seed: u64) -> Vec<[f64; 2]> {
     let before = shot(scene, [0.0; 2], 0.0, 2 * seed);
     let after = shot(scene, shift, 0.0, 2 * seed + 1);
     let mut errors = Vec::new();
-    for [x, y] in corners(&before, 18, 8.0, 200, &Workers::default()) {
+    for [x, y] in corners(&before, 18, 8.0, 200, &ThreadPool::default()) {
         // Positions between pixels as well: the spatial match puts templates there.
         let at = [x as f32, y as f32].map(|c| c + 0.37 * ((x + y) % 3) as f32);
-        let Some(template) = Large::new(&before, at) else {
+        let Some(template) = FineTemplate::new(&before, at) else {
             continue;
         };
         let start = [0, 1].map(|i| at[i] + shift[i].round() as f32);
         let found = template
             .find(&after, start, STILL, 20)
             .expect("a shifted window is found");
-        assert!(found.likeness > 0.9, "{}", found.likeness);
+        assert!(found.zncc > 0.9, "{}", found.zncc);
         errors.push([0, 1].map(|i| f64::from(found.at[i] - at[i]) - shift[i]));
     }
     assert!(errors.len() > 100);
@@ -69,7 +69,7 @@ fn mean_and_rms(errors: &[[f64; 2]]) -> ([f64; 2], f64) {
 
 /// The sweep of sub-pixel phases, noise 2 grey levels. Prints the table with `--nocapture`.
 #[test]
-fn shifts_are_found_alike_at_every_phase() {
+fn shift_is_found_at_every_phase() {
     for (kind, bound) in [(TextureKind::Natural, 0.013), (TextureKind::Blobs, 0.06)] {
         let scene = scene(kind, 11, 2.0);
         let mut biases = Vec::new();
@@ -95,7 +95,7 @@ fn shifts_are_found_alike_at_every_phase() {
 
 /// Without noise what remains is the error of reading between pixels, and of steps not taken.
 #[test]
-fn reading_between_pixels_is_unbiased() {
+fn interpolation_is_unbiased() {
     let scene = scene(TextureKind::Natural, 12, 0.3);
     for phase in [0.1, 0.25, 0.4, 0.5, 0.75] {
         let (mean, rms) = mean_and_rms(&errors(&scene, [phase, 3.0 - phase], 3));
@@ -111,12 +111,12 @@ fn reading_between_pixels_is_unbiased() {
 }
 
 #[test]
-fn another_light_changes_nothing() {
+fn gain_and_offset_do_not_change_the_place() {
     let scene = scene(TextureKind::Natural, 13, 0.5);
     let before = shot(&scene, [0.0; 2], 0.0, 1);
     let mut dark = scene
         .render([1.3 * MM_PER_PX, 0.6 * MM_PER_PX, 0.0], 0, 2)
-        .views
+        .images
         .remove(0);
     for grey in &mut dark.grey {
         *grey = (0.6 * f64::from(*grey) + 20.0).round() as u8;
@@ -125,7 +125,7 @@ fn another_light_changes_nothing() {
     let mut errors = Vec::new();
     for x in (40..280).step_by(20) {
         let at = [x as f32, 120.0];
-        if let Some(template) = Large::new(&before, at) {
+        if let Some(template) = FineTemplate::new(&before, at) {
             let found = template.find(&after, at, STILL, 20).unwrap();
             errors.push([
                 f64::from(found.at[0] - at[0]) - 1.3,
@@ -138,7 +138,7 @@ fn another_light_changes_nothing() {
 }
 
 #[test]
-fn a_warped_template_finds_the_enlarged_window_without_bias() {
+fn warped_template_finds_enlarged_window() {
     let scene = scene(TextureKind::Natural, 14, 0.3);
     let before = shot(&scene, [0.0; 2], 0.0, 1);
     // 2 % nearer: everything grows by 1/0.98.
@@ -153,7 +153,7 @@ fn a_warped_template_finds_the_enlarged_window_without_bias() {
                     (at[0] - 160.0) / shrink + 160.0,
                     (at[1] - 120.0) / shrink + 120.0,
                 ];
-                let template = Large::new(&before, at);
+                let template = FineTemplate::new(&before, at);
                 let warp = [[warp, 0.0], [0.0, warp]];
                 if let Some(found) = template.and_then(|t| t.find(&after, goal, warp, 20)) {
                     errors.push([0, 1].map(|i| f64::from(found.at[i] - goal[i])));
@@ -168,14 +168,14 @@ fn a_warped_template_finds_the_enlarged_window_without_bias() {
 }
 
 #[test]
-fn windows_without_texture_or_outside_are_refused() {
+fn window_without_texture_is_refused() {
     let even = Image {
         width: 64,
         height: 64,
         grey: vec![128; 64 * 64],
     };
     let flat = plane(&even);
-    assert!(Large::new(&flat, [32.0, 32.0]).is_none());
+    assert!(FineTemplate::new(&flat, [32.0, 32.0]).is_none());
     let edge = Image {
         grey: (0..64 * 64)
             .map(|i| if i % 64 < 32 { 50 } else { 200 })
@@ -184,10 +184,10 @@ fn windows_without_texture_or_outside_are_refused() {
     };
     let edge = plane(&edge);
     assert!(
-        Large::new(&edge, [32.0, 32.0]).is_none(),
+        FineTemplate::new(&edge, [32.0, 32.0]).is_none(),
         "an edge slides along itself"
     );
     for at in [[11.9, 32.0], [32.0, 52.1], [f32::NAN, 32.0], [-5.0, 1e9]] {
-        assert!(Large::new(&edge, at).is_none());
+        assert!(FineTemplate::new(&edge, at).is_none());
     }
 }

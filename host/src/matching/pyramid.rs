@@ -1,9 +1,10 @@
-//! Filtered images at several scales.
+//! Gaussian image pyramids.
 //!
 //! Each level is the one below it, smoothed by the 5-tap binomial `[1 4 6 4 1]/16` along x and y
-//! and taken at every second pixel; the lowest is the image itself, smoothed by the same filter
-//! (the Gaussian of the paper's section 4.3, sigma 1 px). Pixel `(x, y)` of level `l` lies at
-//! `(x 2^l, y 2^l)` of the image: no half pixels.
+//! and sampled at every second pixel (J.-Y. Bouguet, *Pyramidal Implementation of the Lucas Kanade
+//! Feature Tracker*, 2000, uses `[1 2 1]/4` for this). Level 0 is the image itself, smoothed by the
+//! same filter: the Gaussian of the paper's section 4.3, sigma 1 px. Pixel `(x, y)` of level `l`
+//! lies at `(x 2^l, y 2^l)` of the image, without half pixels.
 
 use pulp::{Arch, NullaryFnOnce};
 
@@ -13,21 +14,21 @@ use crate::images::Image;
 /// row.
 const PADDING: usize = 16;
 
-/// One level: grey levels as `f32`.
+/// One pyramid level: grey levels as `f32`.
 #[derive(Clone, Debug, Default)]
 pub struct Plane {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Distance between rows in `grey`, at least `width + PADDING`.
     pub stride: usize,
-    /// Rows of `stride` values; those beyond `width` repeat the last.
+    /// Grey levels, in rows of `stride` values; those beyond `width` repeat the last.
     pub grey: Vec<f32>,
 }
 
 impl Plane {
-    /// Standard deviation of the grey levels.
+    /// Computes the standard deviation of the grey levels.
     pub fn contrast(&self) -> f64 {
         let rows = || self.grey.chunks(self.stride.max(1)).take(self.height);
         let values = || rows().flat_map(|row| &row[..self.width.min(row.len())]);
@@ -38,8 +39,8 @@ impl Plane {
     }
 }
 
-/// The filter, not yet divided by its sum. Of grey levels: the sum of 16 fits 16 bits, and so does
-/// that of 256; nothing wraps.
+/// Filters five grey levels in integers, without the division by 16. Two passes give a sum of 256
+/// grey levels at most, which fits 16 bits.
 #[inline(always)]
 fn narrow([a, b, c, d, e]: [u16; 5]) -> u16 {
     let (outer, inner) = (a.wrapping_add(e), b.wrapping_add(d));
@@ -48,13 +49,13 @@ fn narrow([a, b, c, d, e]: [u16; 5]) -> u16 {
     outer.wrapping_add(inner << 2).wrapping_add(twice)
 }
 
-/// The filter, not yet divided by its sum.
+/// Filters five values, without the division by 16.
 #[inline(always)]
 fn wide([a, b, c, d, e]: [f32; 5]) -> f32 {
     (a + e) + 4.0 * (b + d) + 6.0 * c
 }
 
-/// The filter across five rows.
+/// Filters across five rows.
 #[inline(always)]
 fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [T]) {
     let [a, b, c, d, e] = rows.map(|row| &row[..out.len()]);
@@ -63,8 +64,8 @@ fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [
     }
 }
 
-/// The filter along a row whose two first and two last values lie beyond the image, at every
-/// `STEP`th place.
+/// Filters along a row at every `STEP`th place and divides by 256. The two first and two last
+/// values of the row lie beyond the image.
 #[inline(always)]
 fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, out: &mut [f32]) {
     let count = (out.len() - 1) * STEP + 1;
@@ -75,7 +76,7 @@ fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, 
     }
 }
 
-/// A row with two repeated pixels on either side.
+/// Repeats the first and the last pixel of a row twice beyond the image.
 #[inline(always)]
 fn repeat_ends<T: Copy>(row: &mut [T]) {
     let end = row.len() - 2;
@@ -84,7 +85,7 @@ fn repeat_ends<T: Copy>(row: &mut [T]) {
     row[end..].fill(last);
 }
 
-/// The five rows around `centre`; beyond the border, the outermost.
+/// Returns the five rows around `centre`; beyond the border, the outermost row.
 #[inline(always)]
 fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usize) -> [&[T]; 5] {
     [0, 1, 2, 3, 4].map(|i| {
@@ -93,8 +94,7 @@ fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usi
     })
 }
 
-/// Row `r` of level 0. In integers: the sums of 256 grey levels fit 16 bits, and so narrow numbers
-/// are the fastest.
+/// Computes row `r` of level 0, in 16-bit integers: narrow numbers are the fastest.
 #[inline(always)]
 fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
     let (width, height) = (plane.width, plane.height);
@@ -107,7 +107,7 @@ fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
     beyond.fill(inside[width - 1]);
 }
 
-/// Row `r` of any other level.
+/// Computes row `r` of any other level.
 #[inline(always)]
 fn halve(below: &Plane, r: usize, column: &mut [f32], plane: &mut Plane) {
     let size = [below.width, below.height];
@@ -119,7 +119,7 @@ fn halve(below: &Plane, r: usize, column: &mut [f32], plane: &mut Plane) {
     beyond.fill(inside[inside.len() - 1]);
 }
 
-/// All levels at once: each row as soon as the rows it is made from are there, while they are in
+/// Computation of all levels at once: each row as soon as its source rows exist, while they are in
 /// the nearest cache.
 struct Fill<'a> {
     image: &'a Image,
@@ -134,7 +134,7 @@ impl NullaryFnOnce for Fill<'_> {
         let Self { image, levels } = self;
         let mut sums = vec![0_u16; image.width + 4];
         let mut column = vec![0.0_f32; image.width + 4];
-        // Rows that are there, level by level.
+        // Number of complete rows, per level.
         let mut done = vec![0; levels.len()];
         for r in 0..image.height {
             smooth(image, r, &mut sums, &mut levels[0]);
@@ -154,37 +154,37 @@ impl NullaryFnOnce for Fill<'_> {
 }
 
 impl Plane {
-    /// Makes room for an image of this size.
+    /// Resizes the buffer for an image of this size.
     fn resize(&mut self, width: usize, height: usize) {
         let stride = width + PADDING;
         (self.width, self.height, self.stride) = (width, height, stride);
-        // Rows may be read past the end of the last one, too.
+        // The last row, too, may be read past its end.
         self.grey.resize(stride * height + PADDING, 0.0);
     }
 
-    /// Row `r`, and what repeats its last value.
+    /// Returns row `r` and its padding.
     #[inline(always)]
     fn row_mut(&mut self, r: usize) -> (&mut [f32], &mut [f32]) {
         self.grey[r * self.stride..][..self.stride].split_at_mut(self.width)
     }
 }
 
-/// One image at all scales, the finest first.
+/// Image at several scales, the finest first.
 #[derive(Clone, Debug, Default)]
 pub struct Pyramid {
-    /// Level 0 has the image's size, each further one half of it.
+    /// Levels: level 0 has the image's size, each further one half of the size before.
     pub levels: Vec<Plane>,
 }
 
 impl Pyramid {
-    /// Filters `image` into `levels` levels. The image must not be empty.
+    /// Builds `levels` levels of `image`, which must not be empty.
     pub fn new(image: &Image, levels: usize) -> Self {
         let mut pyramid = Self::default();
         pyramid.refill(image, levels);
         pyramid
     }
 
-    /// The same in the memory of another image.
+    /// Builds the pyramid of `image` in the memory of this one. See [`Pyramid::new`].
     pub fn refill(&mut self, image: &Image, levels: usize) {
         self.levels.resize_with(levels.max(1), Plane::default);
         let [mut width, mut height] = [image.width, image.height];
@@ -202,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slope_stays_itself_at_every_level() {
+    fn slope_is_kept_at_every_level() {
         let grey = (0..64 * 48)
             .map(|i| (2 * (i % 64) + i / 64) as u8)
             .collect();
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_spreads_into_the_binomial() {
+    fn point_spreads_into_the_binomial() {
         let mut image = Image {
             width: 9,
             height: 9,
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(row(2)[4], 3.0);
     }
 
-    /// The module's definition, pixel by pixel.
+    /// Level by the module's definition, pixel by pixel.
     fn by_definition(
         width: usize,
         height: usize,
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn every_level_is_the_one_below_smoothed_at_every_second_pixel_whatever_the_size() {
+    fn levels_follow_the_definition_at_any_size() {
         for (width, height) in [(1, 1), (2, 9), (9, 2), (33, 17), (64, 47), (23, 40)] {
             let grey = (0..width * height)
                 .map(|i| (i * 7919 % 251) as u8)

@@ -1,4 +1,4 @@
-//! The arithmetic of one window, row by row in lanes.
+//! Arithmetic of one window, row by row in vector lanes.
 //!
 //! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order: the same bits on
 //! every processor, however wide its vectors. Everything is inlined into its caller, which is
@@ -8,13 +8,13 @@ use std::hint::black_box;
 
 use super::super::pyramid::Plane;
 
-/// Partial sums: one vector.
+/// Number of partial sums: one vector.
 const LANES: usize = 8;
 
-/// A window's values.
+/// Values of one window.
 pub type Grid<const N: usize, const W: usize> = [[f32; W]; N];
 
-/// A window's place in a plane.
+/// Place of a window in a plane.
 pub struct Window<'a, const N: usize, const W: usize> {
     plane: &'a Plane,
     start: usize,
@@ -22,7 +22,7 @@ pub struct Window<'a, const N: usize, const W: usize> {
 }
 
 impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
-    /// `at` must fit ([`super::Template::fits`]).
+    /// Creates the window around `at`, which must fit ([`super::Template::fits`]).
     #[inline(always)]
     pub fn around(plane: &'a Plane, at: [f32; 2]) -> Self {
         // Positive, so truncation is the floor.
@@ -41,12 +41,13 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
         &self.plane.grey[self.start + r * self.plane.stride..][..W + 3]
     }
 
-    /// Grey levels and both derivatives of the interpolated image. Columns beyond `N` are zero.
+    /// Reads grey levels and both derivatives of the interpolated image. Columns beyond `N` are
+    /// zero.
     #[inline(always)]
     pub fn read(&self, grey: &mut Grid<N, W>, along: &mut Grid<N, W>, down: &mut Grid<N, W>) {
         let (wx, sx) = (weights(self.fraction[0]), slopes(self.fraction[0]));
         let (wy, sy) = (weights(self.fraction[1]), slopes(self.fraction[1]));
-        // The last four rows, filtered along x, in a ring.
+        // Separable spline: ring buffer of the last four rows, filtered along x.
         let mut values = [[0.0_f32; W]; 4];
         let mut steeps = [[0.0_f32; W]; 4];
         for r in 0..N + 3 {
@@ -68,7 +69,7 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
         }
     }
 
-    /// Grey levels, into `out`. What is beyond column `N` has no meaning.
+    /// Reads grey levels into `out`. Values beyond column `N` have no meaning.
     #[inline(always)]
     pub fn sample(&self, out: &mut Grid<N, W>) {
         let (wx, wy) = (weights(self.fraction[0]), weights(self.fraction[1]));
@@ -87,7 +88,7 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
     }
 }
 
-/// Four-tap filter along a row.
+/// Applies a four-tap filter along a row.
 #[inline(always)]
 fn mix<const W: usize>(row: &[f32], w: &[f32; 4], out: &mut [f32; W]) {
     let row = &row[..W + 3];
@@ -96,7 +97,7 @@ fn mix<const W: usize>(row: &[f32], w: &[f32; 4], out: &mut [f32; W]) {
     }
 }
 
-/// `Σ a b` for three `b` at once. `W` is a multiple of 8, so nothing is left over.
+/// Computes `Σ a b` for three `b` at once. `W` is a multiple of 8, so no remainder is left.
 #[inline(always)]
 pub fn products<const N: usize, const W: usize>(a: &Grid<N, W>, b: [&Grid<N, W>; 3]) -> [f32; 3] {
     let [(a, _), (p, _), (q, _), (r, _)] =
@@ -112,7 +113,7 @@ pub fn products<const N: usize, const W: usize>(a: &Grid<N, W>, b: [&Grid<N, W>;
     [x, y, z].map(lanes)
 }
 
-/// `Σ a b`.
+/// Computes `Σ a b`.
 #[inline(always)]
 pub fn product<const N: usize, const W: usize>(a: &Grid<N, W>, b: &Grid<N, W>) -> f32 {
     let [(a, _), (b, _)] = [a, b].map(|grid| grid.as_flattened().as_chunks::<LANES>());
@@ -125,7 +126,7 @@ pub fn product<const N: usize, const W: usize>(a: &Grid<N, W>, b: &Grid<N, W>) -
     lanes(sum)
 }
 
-/// `Σ a` over the first `N` columns.
+/// Computes `Σ a` over the first `N` columns.
 #[inline(always)]
 pub fn total<const N: usize, const W: usize>(a: &Grid<N, W>) -> f32 {
     let inside: [f32; W] = core::array::from_fn(|c| if c < N { 1.0 } else { 0.0 });
@@ -144,7 +145,7 @@ pub fn total<const N: usize, const W: usize>(a: &Grid<N, W>) -> f32 {
     lanes(folded)
 }
 
-/// `a - mean` in the first `N` columns, zero beyond.
+/// Subtracts `mean` in the first `N` columns and sets the others to zero.
 #[inline(always)]
 pub fn centre<const N: usize, const W: usize>(a: &mut Grid<N, W>, mean: f32) {
     let inside: [f32; W] = core::array::from_fn(|c| if c < N { 1.0 } else { 0.0 });
@@ -155,10 +156,10 @@ pub fn centre<const N: usize, const W: usize>(a: &mut Grid<N, W>, mean: f32) {
     }
 }
 
-/// The sum of the partial sums.
+/// Adds the partial sums in a fixed order.
 #[inline(always)]
 fn lanes(sum: [f32; LANES]) -> f32 {
-    // Hides from the compiler what becomes of the sums: where it knew, it made vectors of two.
+    // Hides the use of the sums from the compiler, which would otherwise vectorise by two.
     let mut sum = black_box(sum);
     for width in [4, 2, 1] {
         for l in 0..width {
@@ -168,13 +169,13 @@ fn lanes(sum: [f32; LANES]) -> f32 {
     sum[0]
 }
 
-/// Of a vector.
+/// Length of a vector.
 #[inline(always)]
 pub fn length([x, y]: [f32; 2]) -> f32 {
     (x * x + y * y).sqrt()
 }
 
-/// A symmetric matrix of 2 x 2.
+/// Symmetric 2 x 2 matrix of normal equations.
 #[derive(Clone, Copy, Debug)]
 pub struct LeastSquares {
     pub xx: f32,
@@ -183,13 +184,14 @@ pub struct LeastSquares {
 }
 
 impl LeastSquares {
-    /// The smaller eigenvalue.
+    /// Computes the smaller eigenvalue.
     #[inline(always)]
     pub fn weakest(&self) -> f32 {
         let half = 0.5 * (self.xx - self.yy);
         0.5 * (self.xx + self.yy) - (half * half + self.xy * self.xy).sqrt()
     }
 
+    /// Solves the equations for a right-hand side.
     #[inline(always)]
     pub fn solve(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let determinant = self.xx * self.yy - self.xy * self.xy;
@@ -200,22 +202,22 @@ impl LeastSquares {
     }
 }
 
-/// One step of Lucas and Kanade with the roles exchanged, px: from the found window `seen`
-/// (zero-mean), which is `factor` times the zero-mean `template`, with its own gradients. These are
-/// central differences; the window's border has none. Not finite if the gradients determine no
-/// step.
+/// Computes one Lucas-Kanade step with the roles exchanged, px: from the window `seen` (zero-mean),
+/// which is `gain` times the zero-mean `template`, with the gradients of `seen`. Gradients are
+/// central differences; the window's border has none. The step is not finite if the gradients do
+/// not determine it.
 #[inline(always)]
 pub fn step_back<const N: usize, const W: usize>(
     seen: &Grid<N, W>,
     template: &Grid<N, W>,
-    factor: f32,
+    gain: f32,
 ) -> [f32; 2] {
     let half: [f32; W] = core::array::from_fn(|c| if (1..N - 1).contains(&c) { 0.5 } else { 0.0 });
     let mut sums = [[0.0_f32; LANES]; 5];
     let [xx, xy, yy, x, y] = &mut sums;
     for r in 1..N - 1 {
-        // The row with its neighbours in memory, which are not its neighbours in the window at
-        // either end.
+        // The row with its neighbours in memory. At either end these are not its neighbours in the
+        // window, but their weight is zero.
         let near = &seen.as_flattened()[r * W - 1..][..W + 2];
         let (above, below) = (&seen[r - 1], &seen[r + 1]);
         for block in 0..W / LANES {
@@ -223,7 +225,7 @@ pub fn step_back<const N: usize, const W: usize>(
                 let c = block * LANES + l;
                 let along = half[c] * (near[c + 2] - near[c]);
                 let down = half[c] * (below[c] - above[c]);
-                let rest = near[c + 1] - factor * template[r][c];
+                let rest = near[c + 1] - gain * template[r][c];
                 xx[l] += along * along;
                 xy[l] += along * down;
                 yy[l] += down * down;
@@ -236,7 +238,7 @@ pub fn step_back<const N: usize, const W: usize>(
     LeastSquares { xx, xy, yy }.solve([x, y])
 }
 
-/// Cubic B-spline: weights of the four neighbours at `t` in `[0, 1)` after the second.
+/// Weights of the cubic B-spline for the four neighbours at `t` in `[0, 1)` after the second.
 #[inline(always)]
 fn weights(t: f32) -> [f32; 4] {
     let (u, t2, t3) = (1.0 - t, t * t, t * t * t);

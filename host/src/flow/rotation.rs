@@ -1,49 +1,51 @@
-//! Whether the target turns. Sums know only displacements, so one that turns is measured wrongly:
-//! half a degree of yaw is 18 sigma.
+//! Rotation of the target. The flow sums describe only displacements, so a rotating target is
+//! measured wrongly: half a degree of yaw is 18 sigma.
 //!
-//! A target that turns by the small angle `ω` about the points' centroid displaces the point at `p`
-//! from it by `ω × p`. The midpoint model holds for every point's own displacement, so the residual
-//! that a pure displacement leaves in camera `k` is
+//! A target that rotates by the small angle `ω` about the centroid of its points displaces the
+//! point at `p` from the centroid by `ω × p`. The midpoint model holds for each point's own
+//! displacement, so the residual that a pure displacement leaves in camera `k` is
 //!
 //! ```text
 //! r_k = g ((δ + ω × p)_xy - ξ_k (δ + ω × p)_z)
 //! ```
 //!
-//! with a correction `δ` of the displacement: six unknowns, least squares. The residual's own
-//! scatter and [`super::scatter`] say how well `ω` is known.
+//! with a correction `δ` of the displacement: six unknowns, by least squares. The covariance of `ω`
+//! is that of the remaining residuals, inflated by [`super::variance_inflation`].
 
-use super::geometry::Geometry;
+use super::Correspondence;
+use crate::matching::geometry::RigGeometry;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
-use shared::sums::View;
 
-/// The 95 % quantile of χ² with three degrees of freedom: a turn beyond it is taken to be one.
+/// 95 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
 const SIGNIFICANT: f64 = 7.81;
 
-/// How the points turn between the two instants.
+/// Rotation of the points between the two instants.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turn {
-    /// About x, y and z of the cameras, degrees.
+pub struct TargetRotation {
+    /// Rotation about x, y and z of the cameras, degrees.
     pub degrees: [f64; 3],
-    /// What the displacement is off by if the turn is ignored, mm.
+    /// Error of the displacement if the rotation is ignored, mm.
     pub bias_mm: [f64; 3],
-    /// `ω' C^-1 ω`, of the order of 3 if nothing turns.
+    /// Test statistic `ω' C^-1 ω`, about 3 without a rotation.
     pub chi_squared: f64,
-    /// Root mean square residual per component that is left, as a share of what it was.
-    pub left: f64,
+    /// Ratio of the root mean square residuals with and without the rotation.
+    pub residual_share: f64,
 }
 
-impl Turn {
-    /// Of `views` (per point, per camera), all of which are used, against `displacement_mm`.
-    /// `widening` is the scatter's. `None` if the points do not determine it.
+impl TargetRotation {
+    /// Fits a rotation to the residuals of `inliers` against `displacement_mm`. `factor` is their
+    /// variance inflation factor. Returns `None` if the points do not determine a rotation.
     pub fn of(
-        geometry: &Geometry,
-        views: &[Vec<View>],
+        geometry: &RigGeometry,
+        inliers: &[Correspondence],
         displacement_mm: [f64; 3],
-        widening: f64,
+        factor: f64,
     ) -> Option<Self> {
         let arms = geometry.arms.arms_mm();
-        let points: Vec<_> = (views.iter())
-            .filter_map(|views| {
+        // Place of every point in space, mm, from its middle position in the first camera.
+        let points: Vec<_> = (inliers.iter())
+            .filter_map(|inlier| {
+                let views = &inlier.views;
                 let fit = geometry.arms.point(views)?;
                 let z = 1.0 / fit.inverse_depth;
                 let (at, arm) = (*fit.middles.first()?, arms.first()?);
@@ -53,13 +55,15 @@ impl Turn {
             .collect();
         let centroid =
             points.iter().map(|p| p.1).sum::<Vector3<f64>>() / points.len().max(1) as f64;
-        // Angles in units that make their columns as large as those of the displacement.
+        // Scale of the angles: their columns become as large as those of the displacement.
         let size = (points
             .iter()
             .map(|p| (p.1 - centroid).norm_squared())
             .sum::<f64>()
             / points.len().max(1) as f64)
             .sqrt();
+
+        // Normal equations of (δ, ω): one row per camera and axis.
         let mut normal = Matrix6::<f64>::zeros();
         let mut right = Vector6::<f64>::zeros();
         let mut before = 0.0;
@@ -83,29 +87,31 @@ impl Turn {
                 }
             }
         }
+
+        // Solution, remaining residual, and the test statistic of ω alone.
         let inverse = normal.try_inverse()?;
         let solved = inverse * right;
         let after = (before - solved.dot(&right)).max(0.0);
         let freedom = (2 * points.len() * geometry.cameras()).checked_sub(6)?;
-        let variance = widening * after / freedom.max(1) as f64;
+        let variance = factor * after / freedom.max(1) as f64;
         let omega: Vector3<f64> = solved.fixed_rows::<3>(3).into();
         let covariance: Matrix3<f64> = inverse.fixed_view::<3, 3>(3, 3) * variance;
         let chi_squared = omega.dot(&(covariance.try_inverse()? * omega));
-        let turn = Self {
+        let rotation = Self {
             degrees: [0, 1, 2].map(|i| (omega[i] / size).to_degrees()),
             bias_mm: [-solved[0], -solved[1], -solved[2]],
             chi_squared,
-            left: (after / before).sqrt(),
+            residual_share: (after / before).sqrt(),
         };
-        turn.chi_squared.is_finite().then_some(turn)
+        rotation.chi_squared.is_finite().then_some(rotation)
     }
 
-    /// Its angle, degrees.
+    /// Returns the angle of the rotation, degrees.
     pub fn angle_deg(&self) -> f64 {
         self.degrees.iter().map(|d| d * d).sum::<f64>().sqrt()
     }
 
-    /// Whether it is more than noise makes believe in 19 of 20 cases.
+    /// Returns true for a rotation that noise imitates in less than one of 20 cases.
     pub fn is_significant(&self) -> bool {
         self.chi_squared > SIGNIFICANT
     }
@@ -119,8 +125,8 @@ mod tests {
     use shared::rig::Rotation;
     use shared::sums::centred::CentredSums;
 
-    /// The turn that a poster is seen to make, and the displacement measured as if it made none.
-    fn seen(degrees: [f64; 3], moved: [f64; 3], seed: u64) -> (Turn, [f64; 3]) {
+    /// Measured rotation of a poster, and the displacement measured as if it did not rotate.
+    fn seen(degrees: [f64; 3], moved: [f64; 3], seed: u64) -> (TargetRotation, [f64; 3]) {
         let cloud = Cloud::new();
         let count = cloud.places.len() as f64;
         let middle: [f64; 3] =
@@ -131,20 +137,20 @@ mod tests {
             let turned = turn.map(|row| row[0] * off[0] + row[1] * off[1] + row[2] * off[2]);
             core::array::from_fn(|i| middle[i] + turned[i] + moved[i])
         };
-        let views = cloud.views(motion, independent(0.02, seed));
+        let points = cloud.points(motion, independent(0.02, seed));
         let mut sums = CentredSums::new(&cloud.geometry.rig).unwrap();
-        for views in &views {
-            assert!(sums.add(views));
+        for point in &points {
+            assert!(sums.add(&point.views));
         }
         let measured = midpoint::solve(&sums).unwrap().displacement_mm;
         (
-            Turn::of(&cloud.geometry, &views, measured, 1.0).unwrap(),
+            TargetRotation::of(&cloud.geometry, &points, measured, 1.0).unwrap(),
             measured,
         )
     }
 
     #[test]
-    fn a_turn_is_measured_and_so_is_what_it_spoils() {
+    fn rotation_and_its_bias_are_measured() {
         let moved = [4.0, -3.0, 5.0];
         for degrees in [
             [0.5, 0.0, 0.0],
@@ -162,15 +168,15 @@ mod tests {
                     "{degrees:?}: {mended} mm"
                 );
             }
-            assert!(turn.is_significant() && turn.chi_squared > 50.0 && turn.left < 0.9);
+            assert!(turn.is_significant() && turn.chi_squared > 50.0 && turn.residual_share < 0.9);
         }
-        // What is spoiled by half a degree of yaw is what would be believed to be motion along x.
+        // Half a degree of yaw looks like motion along x.
         let (turn, measured) = seen([0.0, 0.5, 0.0], moved, 2);
         assert!((measured[0] - moved[0]).abs() > 0.05 && turn.bias_mm[0].abs() > 0.05);
     }
 
     #[test]
-    fn noise_is_rarely_taken_for_a_turn() {
+    fn noise_is_rarely_taken_for_rotation() {
         let significant =
             (0..60).filter(|seed| seen([0.0; 3], [4.0, -3.0, 5.0], *seed).0.is_significant());
         // One in twenty: 3 of 60, and 9 is beyond three standard deviations.

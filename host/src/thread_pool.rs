@@ -1,32 +1,33 @@
-//! The same work on many items, on a few threads.
+//! Thread pool for the same work on many items.
 //!
-//! *Invariant:* results come in the order of their items, whoever has done them and when.
+//! *Invariant:* results come in the order of their items, on any number of threads.
 
 use std::sync::Arc;
 
+use rayon::ThreadPoolBuilder;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Who shares the work: the caller alone, or threads that wait for it. What one has not begun,
-/// another may take over.
+/// Runs work inline, or on a persistent work-stealing pool. Clones share the pool.
 #[derive(Clone, Debug, Default)]
-pub struct Workers(Option<Arc<ThreadPool>>);
+pub struct ThreadPool(Option<Arc<rayon::ThreadPool>>);
 
-impl Workers {
-    /// So many threads; with less than two, or if the system has none left, the caller does it all.
+impl ThreadPool {
+    /// Starts `threads` threads. With less than two, or if the system cannot start any, work runs on
+    /// the calling thread.
     pub fn new(threads: usize) -> Self {
         let pool = || ThreadPoolBuilder::new().num_threads(threads).build().ok();
         let several = (threads > 1).then(pool).flatten();
         Self(several.map(Arc::new))
     }
 
-    /// How many work.
+    /// Returns the number of threads that work.
     pub fn count(&self) -> usize {
         let pool = self.0.as_ref();
         pool.map_or(1, |pool| pool.current_num_threads())
     }
 
-    /// `work` as one of them: every [`Workers::map`] in it begins without waking anybody first.
+    /// Runs `work` on one of the threads. Every [`ThreadPool::map`] in it starts without waking the
+    /// pool first.
     pub fn run<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &self.0 {
             Some(pool) => pool.install(work),
@@ -34,7 +35,7 @@ impl Workers {
         }
     }
 
-    /// `work` on every item, in order.
+    /// Applies `work` to every item and returns the results in order.
     pub fn map<T: Send, R: Send>(
         &self,
         items: Vec<T>,
@@ -52,27 +53,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_keep_their_order_whatever_the_number_of_threads() {
+    fn results_keep_their_order_on_any_threads() {
         let items: Vec<u32> = (0..230).collect();
         let expected: Vec<u32> = items.iter().map(|i| i * i).collect();
         for threads in [0, 1, 2, 3, 22] {
-            let workers = Workers::new(threads);
-            assert_eq!(workers.count(), threads.max(1));
-            let squares = workers.map(items.clone(), |i| i * i);
+            let thread_pool = ThreadPool::new(threads);
+            assert_eq!(thread_pool.count(), threads.max(1));
+            let squares = thread_pool.map(items.clone(), |i| i * i);
             assert_eq!(squares, expected, "{threads}");
-            // Each item's work may itself be shared.
-            let sums =
-                workers.run(|| workers.map(vec![3, 5], |n| workers.map(vec![n; 4], |i| i + 1)));
+            // Work on an item may use the pool, too.
+            let sums = thread_pool
+                .run(|| thread_pool.map(vec![3, 5], |n| thread_pool.map(vec![n; 4], |i| i + 1)));
             assert_eq!(sums, [vec![4; 4], vec![6; 4]], "{threads}");
-            assert!(workers.map(Vec::new(), |i: u32| i).is_empty());
+            assert!(thread_pool.map(Vec::new(), |i: u32| i).is_empty());
         }
     }
 
     #[test]
-    fn one_alone_stays_on_the_callers_thread_and_several_do_not() {
+    fn single_thread_is_the_callers() {
         let here = std::thread::current().id();
         for (threads, alone) in [(1, true), (2, false)] {
-            let place = Workers::new(threads).run(|| std::thread::current().id());
+            let place = ThreadPool::new(threads).run(|| std::thread::current().id());
             assert_eq!(place == here, alone);
         }
     }

@@ -1,42 +1,43 @@
-//! Points worth following: where the image changes in both directions.
+//! Shi-Tomasi corners, spread over the image.
 //!
-//! Shi and Tomasi's measure: the smaller eigenvalue of the gradient matrix, summed over a 7 x 7
-//! window. Corners are its local maxima; they are taken in rounds, the best of every cell first, so
-//! that they cover the image even where it is pale.
+//! The measure is the smaller eigenvalue of the gradient matrix, summed over a 7 x 7 window (J. Shi
+//! and C. Tomasi, *Good Features to Track*, 1994). Corners are its local maxima. They are taken in
+//! rounds, the best of every cell first, so that they cover the image even where contrast is low.
+//! OpenCV's `goodFeaturesToTrack` takes the best of the whole image instead.
 
 use std::ops::Range;
 
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
-use super::workers::Workers;
+use crate::thread_pool::ThreadPool;
 
-/// Half the window the gradient matrix is summed over, px.
-const REACH: usize = 3;
-const SIDE: usize = 2 * REACH + 1;
-/// Places that are worked on from the first row to the last before the next ones to the right: the
-/// last rows' products stay in the nearest cache, however wide the image is.
+/// Radius of the window over which the gradient matrix is summed, px.
+const RADIUS: usize = 3;
+const SIDE: usize = 2 * RADIUS + 1;
+/// Width of a strip. Strips are processed one after the other from top to bottom, so that the last
+/// rows' products stay in the nearest cache, however wide the image is.
 const STRIP: usize = 320;
-/// The least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over
+/// Least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over
 /// the window) in the weakest direction, three times what noise of 2 grey levels leaves after the
 /// filter.
 const LEAST: f32 = (SIDE * SIDE) as f32;
-/// The side of a cell, px.
+/// Side of a cell, px.
 const CELL: usize = 20;
 
-/// The smaller eigenvalue, and where it is.
+/// Smaller eigenvalue of a local maximum, and its pixel.
 type Peak = (f32, [usize; 2]);
 
-/// Corners of `plane` at least `margin` px from its border and `apart` px from each other, at most
-/// `count`, the most useful first.
+/// Finds at most `count` corners of `plane`, at least `margin` px from its border and `spacing_px`
+/// from each other, the best of every part of the image first.
 pub fn corners(
     plane: &Plane,
     margin: usize,
-    apart: f64,
+    spacing_px: f64,
     count: usize,
-    workers: &Workers,
+    thread_pool: &ThreadPool,
 ) -> Vec<[usize; 2]> {
-    let margin = margin.max(REACH + 2);
+    let margin = margin.max(RADIUS + 2);
     let columns = plane.width.div_ceil(CELL);
     let mut cells = vec![Vec::new(); columns * plane.height.div_ceil(CELL)];
     let arch = Arch::new();
@@ -47,10 +48,11 @@ pub fn corners(
             rows,
         })
     };
-    for peak in workers.map(bands(plane, workers), peaks).concat() {
+    for peak in thread_pool.map(bands(plane, thread_pool), peaks).concat() {
         let (_, [x, y]) = peak;
         cells[y / CELL * columns + x / CELL].push(peak);
     }
+    // Round by round: the next best corner of every cell, the best of the round first.
     for cell in &mut cells {
         cell.sort_by(|a: &Peak, b| b.0.total_cmp(&a.0));
     }
@@ -62,7 +64,7 @@ pub fn corners(
         for (_, at) in candidates {
             let near = |other: &[usize; 2]| {
                 let square = |axis: usize| (at[axis] as f64 - other[axis] as f64).powi(2);
-                square(0) + square(1) < apart * apart
+                square(0) + square(1) < spacing_px * spacing_px
             };
             if !taken.iter().any(near) {
                 taken.push(*at);
@@ -75,20 +77,20 @@ pub fn corners(
     taken
 }
 
-/// Rows that are searched together: equal shares, but whole cells, so that no cell's peaks come in
-/// another order than from all rows at once.
-fn bands(plane: &Plane, workers: &Workers) -> Vec<Range<usize>> {
+/// Splits the rows among the threads: equal shares of whole cells, so that the peaks of a cell come
+/// in the same order on any number of threads.
+fn bands(plane: &Plane, thread_pool: &ThreadPool) -> Vec<Range<usize>> {
     let cells = plane.height.div_ceil(CELL);
-    let share = CELL * cells.div_ceil(workers.count()).max(1);
+    let share = CELL * cells.div_ceil(thread_pool.count()).max(1);
     (0..plane.height)
         .step_by(share)
         .map(|top| top..(top + share).min(plane.height))
         .collect()
 }
 
-/// Where, within these rows, the smaller eigenvalue is above [`LEAST`] and no neighbour's is
-/// higher, at least `margin` px from the border of the image; `margin` is at least [`REACH`]` + 2`.
-/// Of equal neighbours, the last counts.
+/// Search of some rows for local maxima of the smaller eigenvalue above [`LEAST`], at least
+/// `margin` px from the border of the image. `margin` is at least [`RADIUS`]` + 2`. Of equal
+/// neighbours, the last counts.
 struct Peaks<'a> {
     plane: &'a Plane,
     margin: usize,
@@ -108,7 +110,7 @@ impl NullaryFnOnce for Peaks<'_> {
         if width <= 2 * margin || first >= end {
             return found;
         }
-        // The last rows, in rings: products gx gx, gx gy, gy gy, and eigenvalues.
+        // Ring buffers of the last rows: products gx gx, gx gy, gy gy, and eigenvalues.
         let mut ring = [0; SIDE].map(|_| [0, 1, 2].map(|_| vec![0.0_f32; STRIP + 2 + SIDE - 1]));
         let mut scores = [0; 3].map(|_| vec![0.0_f32; STRIP + 2]);
         let mut sums = vec![0.0_f32; STRIP + 2 + SIDE - 1];
@@ -116,31 +118,33 @@ impl NullaryFnOnce for Peaks<'_> {
         let mut is_peak = vec![0_u8; STRIP];
         for left in (margin..width - margin).step_by(STRIP) {
             let is_peak = &mut is_peak[..STRIP.min(width - margin - left)];
-            // With one neighbour on either side, and what its window and its differences reach.
+            // One neighbour on either side, its window and its central differences.
             let places = is_peak.len() + 2;
             let inner = places + SIDE - 1;
-            let leftmost = left - (REACH + 2);
+            let leftmost = left - (RADIUS + 2);
             let row = |y: usize| &plane.grey[y * plane.stride + leftmost..][..inner + 2];
-            // With one row of places above and below.
-            for lowest in first - 1 - REACH..=end + REACH {
+            // One row of neighbours above and below.
+            for lowest in first - 1 - RADIUS..=end + RADIUS {
                 let newest = ring[lowest % SIDE]
                     .each_mut()
                     .map(|part| &mut part[..inner]);
                 products([row(lowest - 1), row(lowest), row(lowest + 1)], newest);
-                if lowest < first - 1 + REACH {
+                if lowest < first - 1 + RADIUS {
                     continue;
                 }
                 for (part, window) in windows.iter_mut().enumerate() {
                     let rows = ring.each_ref().map(|products| &products[part][..inner]);
+                    // Box filter of the gradient matrix: rows, then columns.
                     sums_of_rows(rows, &mut sums[..inner]);
                     sums_of_seven(&sums[..inner], &mut window[..places]);
                 }
-                let below = lowest - REACH;
+                let below = lowest - RADIUS;
                 let windows = windows.each_ref().map(|window| &window[..places]);
                 smaller_eigenvalues(windows, &mut scores[below % 3][..places]);
                 if below < first + 1 {
                     continue;
                 }
+                // Non-maximum suppression in 3 x 3 neighbourhoods.
                 let y = below - 1;
                 let rows = [below - 2, y, below].map(|y| &scores[y % 3][..places]);
                 mark_peaks(rows, is_peak);
@@ -159,7 +163,7 @@ impl NullaryFnOnce for Peaks<'_> {
     }
 }
 
-/// Of the matrices `[xx xy; xy yy]`.
+/// Smaller eigenvalues of the matrices `[xx xy; xy yy]`.
 #[inline(always)]
 fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
     for (((out, xx), xy), yy) in out.iter_mut().zip(xx).zip(xy).zip(yy) {
@@ -168,8 +172,7 @@ fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
     }
 }
 
-/// Flags the places of the middle row, without its first and its last, with 1 where there is a
-/// peak.
+/// Flags local maxima of the middle row with 1, without its first and last place.
 #[inline(always)]
 fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
     let count = is_peak.len();
@@ -184,7 +187,7 @@ fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
     }
 }
 
-/// Products of the central differences, without the first and the last column.
+/// Products of central differences, without the first and last column.
 #[inline(always)]
 fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut [f32]; 3]) {
     let count = xx.len();
@@ -206,7 +209,7 @@ fn sums_of_seven(values: &[f32], out: &mut [f32]) {
     sums_of_rows([0, 1, 2, 3, 4, 5, 6].map(|i| &values[i..]), out);
 }
 
-/// Sums of what [`SIDE`] rows have at the same place.
+/// Sums of [`SIDE`] rows, place by place.
 #[inline(always)]
 fn sums_of_rows(rows: [&[f32]; SIDE], out: &mut [f32]) {
     let count = out.len();
@@ -219,8 +222,8 @@ fn sums_of_rows(rows: [&[f32]; SIDE], out: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::pyramid::Pyramid;
     use crate::images::Image;
+    use crate::matching::pyramid::Pyramid;
 
     fn plane(level: impl Fn(usize, usize) -> u8) -> Plane {
         wide(120, level)
@@ -238,12 +241,12 @@ mod tests {
         Pyramid::new(&image, 1).levels.remove(0)
     }
 
-    fn corners_of(plane: &Plane, apart: f64, count: usize) -> Vec<[usize; 2]> {
-        corners(plane, 10, apart, count, &Workers::default())
+    fn corners_of(plane: &Plane, spacing_px: f64, count: usize) -> Vec<[usize; 2]> {
+        corners(plane, 10, spacing_px, count, &ThreadPool::default())
     }
 
     #[test]
-    fn a_square_has_four_corners_and_its_edges_none() {
+    fn square_has_corners_at_its_vertices_only() {
         let square = |x, y| {
             if (40..80).contains(&x) && (30..70).contains(&y) {
                 200
@@ -260,13 +263,13 @@ mod tests {
     }
 
     #[test]
-    fn an_even_image_and_a_slope_have_none() {
+    fn plain_image_and_slope_have_no_corners() {
         assert!(corners_of(&plane(|_, _| 128), 6.0, 50).is_empty());
         assert!(corners_of(&plane(|x, y| (x + y) as u8), 6.0, 50).is_empty());
     }
 
     #[test]
-    fn corners_keep_their_distance() {
+    fn corners_keep_their_spacing() {
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
         let found = corners_of(&plane(noise), 9.0, 500);
         assert!(found.len() > 20);
@@ -281,7 +284,7 @@ mod tests {
     /// A texture of equal tiles has many equal corners: the order in which they are found decides
     /// which are taken.
     #[test]
-    fn several_find_what_one_alone_finds_in_the_same_order() {
+    fn corners_are_the_same_on_any_threads() {
         let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
         // So wide that a cell lies in two strips.
@@ -289,8 +292,12 @@ mod tests {
             let alone = corners_of(&plane, 5.0, 400);
             assert!(alone.len() > 20);
             for threads in [2, 3, 5, 9] {
-                let workers = Workers::new(threads);
-                assert_eq!(corners(&plane, 10, 5.0, 400, &workers), alone, "{threads}");
+                let thread_pool = ThreadPool::new(threads);
+                assert_eq!(
+                    corners(&plane, 10, 5.0, 400, &thread_pool),
+                    alone,
+                    "{threads}"
+                );
             }
         }
     }

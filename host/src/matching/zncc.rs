@@ -1,9 +1,11 @@
-//! Zero-mean normalised cross-correlation at whole pixels of a coarse level: what the searches are
-//! made of.
+//! Zero-mean normalised cross-correlation (ZNCC) at whole pixels of a pyramid level.
 //!
 //! ```text
-//! likeness(x, y) = Σ T' I(x + i, y + j) / sqrt(Σ (I - mean)²)       T' zero-mean with Σ T'² = 1
+//! zncc(x, y) = Σ T' I(x + i, y + j) / sqrt(Σ (I - mean)²)        T' zero-mean with Σ T'² = 1
 //! ```
+//!
+//! The denominator of every window is computed once per image ([`ZnccPlane`]), so that each
+//! correlation is one sum of products. OpenCV calls the measure `TM_CCOEFF_NORMED`.
 
 use pulp::{Arch, NullaryFnOnce};
 
@@ -11,36 +13,37 @@ use super::pyramid::Plane;
 
 /// Side of the window, px of the level.
 pub const SIDE: usize = 11;
-const REACH: usize = SIDE / 2;
-/// Places that are compared together: so many that no sum waits for itself, so few that all stay in
+const RADIUS: usize = SIDE / 2;
+/// Places correlated together: enough to hide the latency of each sum, few enough to stay in
 /// registers.
 const MANY: usize = 32;
-/// The same at the end of a row.
+/// Places correlated together at the end of a row.
 const LONG: usize = 40;
-/// The same where few are left.
+/// Places correlated together where few are left.
 const SHORT: usize = 16;
-/// Places whose windows are summed together.
+/// Windows summed together.
 const BLOCK: usize = 64;
-/// The middle of the grey levels.
+/// Middle of the grey levels.
 const MIDDLE: f32 = 128.0;
-/// Likeness of a position whose window is not within the image.
+/// Score of a place whose window is not within the image.
 pub const OUTSIDE: f32 = f32::NEG_INFINITY;
-/// Windows with less contrast than this (grey levels, standard deviation) are like nothing.
+/// Least contrast of a window (standard deviation of its grey levels); below, it correlates with
+/// nothing.
 const LEAST_CONTRAST: f32 = 1.0;
 
-/// A coarse level and the contrast of every window in it.
+/// Pyramid level with the contrast of every window in it.
 #[derive(Clone, Debug, Default)]
-pub struct Field {
+pub struct ZnccPlane {
     plane: Plane,
-    /// `1 / sqrt(Σ (I - mean)²)` of the window around each pixel; 0 where there is no contrast.
+    /// `1 / sqrt(Σ (I - mean)²)` of the window around each pixel; 0 without contrast.
     inverse: Vec<f32>,
 }
 
-/// A window that is looked for: zero-mean, of unit energy.
+/// Window to look for: zero-mean, of unit energy.
 #[derive(Clone, Debug)]
-pub struct Probe([[f32; SIDE]; SIDE]);
+pub struct ZnccPatch([[f32; SIDE]; SIDE]);
 
-/// The contrast of all windows.
+/// Computation of the contrast of all windows.
 struct Contrast<'a> {
     plane: &'a Plane,
     inverse: &'a mut [f32],
@@ -54,15 +57,15 @@ impl NullaryFnOnce for Contrast<'_> {
         let Plane { width, stride, .. } = *self.plane;
         let count = (SIDE * SIDE) as f32;
         let places = width - (SIDE - 1);
-        // Σ (I - middle) and Σ (I - middle)² over the rows of the window, per column: small numbers
-        // lose little.
+        // Box filter, columns first: Σ (I - middle) and Σ (I - middle)² over the window's rows, per
+        // column. Deviations from the middle grey level are small numbers, which round little.
         let mut columns = [vec![0.0_f32; width], vec![0.0_f32; width]];
         let mut windows = [vec![0.0_f32; width], vec![0.0_f32; width]];
-        for y in REACH..self.plane.height - REACH {
+        for y in RADIUS..self.plane.height - RADIUS {
             let [sums, squares] = &mut columns;
             sums.fill(0.0);
             squares.fill(0.0);
-            for r in y - REACH..=y + REACH {
+            for r in y - RADIUS..=y + RADIUS {
                 let row = &self.plane.grey[r * stride..][..width];
                 for ((sum, square), level) in sums.iter_mut().zip(&mut *squares).zip(row) {
                     let level = level - MIDDLE;
@@ -70,10 +73,12 @@ impl NullaryFnOnce for Contrast<'_> {
                     *square += level * level;
                 }
             }
+            // Then rows: sums over the window's columns.
             for (column, window) in columns.iter().zip(&mut windows) {
                 sums_of_eleven(column, window);
             }
-            let out = &mut self.inverse[y * stride + REACH..][..places];
+            // Σ (I - mean)² = Σ I² - (Σ I)²/n.
+            let out = &mut self.inverse[y * stride + RADIUS..][..places];
             for ((out, sum), square) in out.iter_mut().zip(&windows[0]).zip(&windows[1]) {
                 let variation = square - sum * sum / count;
                 let inverse = 1.0 / variation.sqrt();
@@ -84,8 +89,8 @@ impl NullaryFnOnce for Contrast<'_> {
     }
 }
 
-/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out` are
-/// of no use.
+/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out`
+/// stay as they are.
 #[inline(always)]
 fn sums_of_eleven(values: &[f32], out: &mut [f32]) {
     const { assert!(SIDE == 11) }
@@ -108,8 +113,8 @@ fn sums_of_eleven(values: &[f32], out: &mut [f32]) {
     }
 }
 
-impl Field {
-    /// Sums up all windows of `plane`.
+impl ZnccPlane {
+    /// Computes the contrast of all windows of `plane`.
     pub fn new(plane: &Plane) -> Self {
         let mut inverse = vec![0.0_f32; plane.stride * plane.height];
         if plane.width >= SIDE && plane.height >= SIDE {
@@ -124,20 +129,21 @@ impl Field {
         }
     }
 
-    /// Columns and rows.
+    /// Returns the number of columns and of rows.
     pub fn size(&self) -> [usize; 2] {
         [self.plane.width, self.plane.height]
     }
 
-    /// Whether the window around `(x, y)` lies within the image.
-    pub fn holds(&self, x: i64, y: i64) -> bool {
-        let inside = |at: i64, size: usize| at >= REACH as i64 && at + (REACH as i64) < size as i64;
+    /// Returns true if the window around `(x, y)` lies within the image.
+    pub fn contains_window(&self, x: i64, y: i64) -> bool {
+        let inside =
+            |at: i64, size: usize| at >= RADIUS as i64 && at + (RADIUS as i64) < size as i64;
         inside(x, self.plane.width) && inside(y, self.plane.height)
     }
 
-    /// The window around `(x, y)` as a probe. `None` if it leaves the image or has no contrast.
-    pub fn probe(&self, x: i64, y: i64) -> Option<Probe> {
-        if !self.holds(x, y) {
+    /// Takes the window around `(x, y)`. Returns `None` if it leaves the image or has no contrast.
+    pub fn patch(&self, x: i64, y: i64) -> Option<ZnccPatch> {
+        if !self.contains_window(x, y) {
             return None;
         }
         let (x, y) = (x as usize, y as usize);
@@ -148,31 +154,31 @@ impl Field {
         let mut window = [[0.0; SIDE]; SIDE];
         for (r, row) in window.iter_mut().enumerate() {
             row.copy_from_slice(
-                &self.plane.grey[(y + r - REACH) * self.plane.stride + x - REACH..][..SIDE],
+                &self.plane.grey[(y + r - RADIUS) * self.plane.stride + x - RADIUS..][..SIDE],
             );
         }
         let mean = window.as_flattened().iter().sum::<f32>() / (SIDE * SIDE) as f32;
         for value in window.as_flattened_mut() {
             *value = (*value - mean) * inverse;
         }
-        Some(Probe(window))
+        Some(ZnccPatch(window))
     }
 
-    /// Likeness of `probe` at `(x, y), (x + 1, y), ...`, one per entry of `out`; [`OUTSIDE`] where
-    /// the window leaves the image.
-    pub fn compare(&self, probe: &Probe, x: i64, y: i64, out: &mut [f32]) {
+    /// Correlates `patch` with the windows around `(x, y), (x + 1, y), ...`, one per entry of
+    /// `out`; [`OUTSIDE`] where the window leaves the image.
+    pub fn correlate(&self, patch: &ZnccPatch, x: i64, y: i64, out: &mut [f32]) {
         out.fill(OUTSIDE);
-        if !self.holds(REACH as i64, y) {
+        if !self.contains_window(RADIUS as i64, y) {
             return;
         }
-        let first = x.max(REACH as i64);
-        let end = (x + out.len() as i64).min(self.plane.width as i64 - REACH as i64);
+        let first = x.max(RADIUS as i64);
+        let end = (x + out.len() as i64).min(self.plane.width as i64 - RADIUS as i64);
         if first >= end {
             return;
         }
-        Arch::new().dispatch(Compare {
-            field: self,
-            probe,
+        Arch::new().dispatch(Correlate {
+            plane: self,
+            patch,
             start: first as usize,
             y: y as usize,
             out: &mut out[(first - x) as usize..(end - x) as usize],
@@ -180,23 +186,23 @@ impl Field {
     }
 }
 
-/// The comparison of a probe with places in a row, all within the image.
-struct Compare<'a> {
-    field: &'a Field,
-    probe: &'a Probe,
+/// Correlation of a patch with consecutive places of a row, all within the image.
+struct Correlate<'a> {
+    plane: &'a ZnccPlane,
+    patch: &'a ZnccPatch,
     start: usize,
     y: usize,
     out: &'a mut [f32],
 }
 
-impl Compare<'_> {
-    /// So many places at once: enough that no sum waits for itself.
+impl Correlate<'_> {
+    /// Correlates `PLACES` consecutive places at once.
     #[inline(always)]
     fn block<const PLACES: usize>(&self, column: usize) -> [f32; PLACES] {
-        let Plane { stride, grey, .. } = &self.field.plane;
+        let Plane { stride, grey, .. } = &self.plane.plane;
         let mut sums = [0.0_f32; PLACES];
-        for (r, taps) in self.probe.0.iter().enumerate() {
-            let from = (self.y + r - REACH) * stride + column - REACH;
+        for (r, taps) in self.patch.0.iter().enumerate() {
+            let from = (self.y + r - RADIUS) * stride + column - RADIUS;
             // The padding lets the last block read on; what it computes there is dropped.
             let Some(row) = grey.get(from..from + SIDE - 1 + PLACES) else {
                 return sums;
@@ -212,12 +218,12 @@ impl Compare<'_> {
     }
 }
 
-impl NullaryFnOnce for Compare<'_> {
+impl NullaryFnOnce for Correlate<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(mut self) {
-        let inverse = &self.field.inverse[self.y * self.field.plane.stride..];
+        let inverse = &self.plane.inverse[self.y * self.plane.plane.stride..];
         let out = std::mem::take(&mut self.out);
         let mut done = 0;
         while done < out.len() {
@@ -246,11 +252,11 @@ impl NullaryFnOnce for Compare<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::pyramid::Pyramid;
     use crate::images::Image;
+    use crate::matching::pyramid::Pyramid;
     use crate::random::Random;
 
-    fn field() -> Field {
+    fn plane() -> ZnccPlane {
         let mut random = Random::new(4, 0);
         let grey = (0..60 * 40)
             .map(|_| (128.0 + 50.0 * random.gaussian()) as u8)
@@ -260,38 +266,38 @@ mod tests {
             height: 40,
             grey,
         };
-        Field::new(&Pyramid::new(&image, 1).levels[0])
+        ZnccPlane::new(&Pyramid::new(&image, 1).levels[0])
     }
 
     #[test]
-    fn a_window_is_like_itself_and_nothing_else() {
-        let field = field();
-        let probe = field.probe(30, 20).unwrap();
+    fn window_correlates_only_with_itself() {
+        let plane = plane();
+        let patch = plane.patch(30, 20).unwrap();
         let mut row = [0.0; 60];
         for y in 0..40 {
-            field.compare(&probe, 0, y, &mut row);
-            for (x, likeness) in row.iter().enumerate() {
+            plane.correlate(&patch, 0, y, &mut row);
+            for (x, zncc) in row.iter().enumerate() {
                 let outside = !(5..55).contains(&x) || !(5..35).contains(&y);
-                assert_eq!(outside, *likeness == OUTSIDE, "{x} {y}");
+                assert_eq!(outside, *zncc == OUTSIDE, "{x} {y}");
                 let here = (x, y) == (30, 20);
-                assert!(here == (*likeness > 0.999) && *likeness < 1.001);
-                assert!(here || *likeness < 0.9);
+                assert!(here == (*zncc > 0.999) && *zncc < 1.001);
+                assert!(here || *zncc < 0.9);
             }
         }
     }
 
     #[test]
-    fn parts_of_a_row_agree_with_the_whole() {
-        let field = field();
-        let probe = field.probe(12, 9).unwrap();
+    fn parts_of_a_row_equal_the_whole() {
+        let plane = plane();
+        let patch = plane.patch(12, 9).unwrap();
         let mut whole = [0.0; 70];
-        field.compare(&probe, -5, 14, &mut whole);
+        plane.correlate(&patch, -5, 14, &mut whole);
         for (from, length) in [(0, 1), (3, 9), (17, 20), (60, 10)] {
             let mut part = vec![0.0; length];
-            field.compare(&probe, from as i64 - 5, 14, &mut part);
+            plane.correlate(&patch, from as i64 - 5, 14, &mut part);
             assert_eq!(part, whole[from..from + length]);
         }
-        field.compare(&probe, 1000, 14, &mut whole);
+        plane.correlate(&patch, 1000, 14, &mut whole);
         assert!(whole.iter().all(|l| *l == OUTSIDE));
     }
 }

@@ -1,0 +1,286 @@
+//! Coverage of the reference image by inliers.
+//!
+//! Points lie where texture is. What covers a part of a plain target may have most of them, and so
+//! may the background beside it; then the inliers are not the target's. The image is therefore
+//! divided into *cells*, each tested separately:
+//!
+//! * an *inlier cell* holds an inlier, or its best corner is found within a pixel of where the
+//!   measurement predicts it;
+//! * an *outlier cell* has a best corner that is found elsewhere, but not where the measurement
+//!   predicts it;
+//! * all other cells are plain, hidden now or out of view, and unknown.
+//!
+//! If there are hardly any outlier cells, the measurement is the target's, however small the target
+//! is. Otherwise inlier cells must be most of the cells in view, unknown ones included.
+
+use std::collections::BTreeMap;
+
+use super::consensus::PointFlow;
+use super::displacement_search::DisplacementSearch;
+use super::keyframe::ActiveKeyframe;
+use super::temporal::TemporalMatcher;
+use super::{Correspondence, FlowRefusal, Measurement};
+use crate::matching::lucas_kanade::FineTemplate;
+use crate::matching::stereo::StereoMatch;
+
+/// Cells along the longer side of the image.
+const CELLS: f64 = 16.0;
+/// Pyramid level on which corners are tracked.
+const LEVEL: usize = 1;
+/// Least correlation of a tracked corner.
+const MIN_TRACKED_ZNCC: f32 = 0.75;
+/// Largest distance of a corner from its predicted place, px.
+const MAX_OFF_PX: f64 = 1.0;
+/// Least correlation, in the coarse image, of a place where a corner may be instead.
+const MIN_ELSEWHERE_ZNCC: f32 = 0.7;
+/// Depths that a corner without a match may have, as multiples of its neighbour's, the farthest
+/// first.
+const DEPTHS: [f64; 2] = [1.2, 0.85];
+/// Least share of inlier cells that is most of the image. It is a little more than half, because
+/// cells count whole although they may move only in part.
+const MOST: f64 = 0.55;
+/// Number of inlier cells per outlier cell that leaves no doubt.
+const INLIERS_PER_OUTLIER: usize = 8;
+
+/// Number of cells by their motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct InlierCoverage {
+    /// Inlier cells.
+    pub(super) inlier_cells: usize,
+    /// Outlier cells; 0 if they cannot change the decision.
+    pub(super) outlier_cells: usize,
+    /// Cells in view.
+    pub(super) visible_cells: usize,
+}
+
+impl InlierCoverage {
+    /// Counts the cells of the reference camera's image in which `search` looked.
+    pub(super) fn of(
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        search: &DisplacementSearch<'_>,
+        measurement: &Measurement,
+    ) -> Self {
+        let reference = matcher.geometry.reference;
+        let tracker = CornerTracker {
+            matcher,
+            search,
+            measurement,
+        };
+
+        // Cells that hold an inlier.
+        let grid = CellGrid::of(matcher.geometry.rig.image_size_px);
+        let cell_of = |inlier: &Correspondence| grid.cell_at(inlier.pixels[reference][0]);
+        let mut inlier_cells: Vec<usize> =
+            measurement.correspondences.iter().map(cell_of).collect();
+        inlier_cells.sort_unstable();
+        inlier_cells.dedup();
+        let mut coverage = Self {
+            inlier_cells: inlier_cells.len(),
+            outlier_cells: 0,
+            visible_cells: grid.count(),
+        };
+        if coverage.is_most() {
+            return coverage;
+        }
+
+        // The best corner of each other cell, one of known depth if there is any.
+        let mut others: BTreeMap<usize, CellCorner> = BTreeMap::new();
+        let is_other = |cell: &usize| inlier_cells.binary_search(cell).is_err();
+        for matched in keyframe.matches {
+            let cell = grid.cell_at(matched.pixels[reference]);
+            if is_other(&cell) {
+                let corner = CellCorner::matched(matched, reference);
+                others.entry(cell).or_insert(corner);
+            }
+        }
+        for at in keyframe.unmatched {
+            let cell = grid.cell_at(*at);
+            if is_other(&cell) {
+                others
+                    .entry(cell)
+                    .or_insert_with(|| tracker.unmatched_corner(*at));
+            }
+        }
+
+        // Inlier cells by a corner at its predicted place.
+        let others: Vec<CellCorner> = others.into_values().collect();
+        let is_there = |corner| tracker.is_at_prediction(corner);
+        let are_there = matcher.thread_pool.map(others.clone(), is_there);
+        coverage.inlier_cells += are_there.iter().filter(|is| **is).count();
+        let in_view = grid.centres().filter(|at| tracker.stays_in_view(*at));
+        coverage.visible_cells = in_view.count();
+        if coverage.is_most() {
+            return coverage;
+        }
+
+        // Outlier cells by a corner that is found elsewhere.
+        let lost = others.into_iter().zip(are_there);
+        let lost = lost.filter_map(|(corner, is_there)| (!is_there).then_some(corner));
+        let is_elsewhere = |corner| tracker.is_elsewhere(corner);
+        let are_elsewhere = matcher.thread_pool.map(lost.collect(), is_elsewhere);
+        coverage.outlier_cells = are_elsewhere.into_iter().filter(|is| *is).count();
+        coverage
+    }
+
+    fn is_most(self) -> bool {
+        self.inlier_cells as f64 >= MOST * self.visible_cells as f64
+    }
+
+    /// Decides whether the inliers are the target.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::Minority`] if something else moves, and the inliers are not most of the
+    /// image.
+    pub(super) fn judge(self) -> Result<(), FlowRefusal> {
+        if self.is_most() || INLIERS_PER_OUTLIER * self.outlier_cells <= self.inlier_cells {
+            return Ok(());
+        }
+        Err(FlowRefusal::Minority {
+            alike: self.inlier_cells,
+            otherwise: self.outlier_cells,
+            all: self.visible_cells,
+        })
+    }
+}
+
+/// Grid of cells over the part of the image in which corners may be.
+struct CellGrid {
+    side_px: f64,
+    columns: usize,
+    rows: usize,
+}
+
+impl CellGrid {
+    const MARGIN_PX: f64 = (FineTemplate::MARGIN + 1) as f64;
+
+    fn of(image_size_px: [u32; 2]) -> Self {
+        let [width, height] = image_size_px.map(f64::from);
+        let side_px = width.max(height) / CELLS;
+        let count = |side: f64| ((side - 2.0 * Self::MARGIN_PX) / side_px).max(1.0) as usize;
+        Self {
+            side_px,
+            columns: count(width),
+            rows: count(height),
+        }
+    }
+
+    /// Returns the cell of a pixel. The last cells of rows and columns include the remainder.
+    fn cell_at(&self, [x, y]: [f64; 2]) -> usize {
+        let index = |c: f64| ((c - Self::MARGIN_PX) / self.side_px).max(0.0) as usize;
+        index(y).min(self.rows - 1) * self.columns + index(x).min(self.columns - 1)
+    }
+
+    fn count(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        let centre = |i: usize| Self::MARGIN_PX + (i as f64 + 0.5) * self.side_px;
+        (0..self.rows).flat_map(move |y| (0..self.columns).map(move |x| [x, y].map(centre)))
+    }
+}
+
+/// Corner that represents a cell of the keyframe's image.
+#[derive(Clone, Copy, Debug)]
+struct CellCorner {
+    /// Pixel at the keyframe.
+    at: [f64; 2],
+    /// Least and largest inverse depth, 1/mm.
+    inverse_depths: [f64; 2],
+}
+
+impl CellCorner {
+    fn matched(matched: &StereoMatch, camera: usize) -> Self {
+        Self {
+            at: matched.pixels[camera],
+            inverse_depths: [matched.ray.inverse_depth; 2],
+        }
+    }
+}
+
+/// Tracker of the corners that represent cells.
+struct CornerTracker<'a> {
+    matcher: &'a TemporalMatcher<'a>,
+    search: &'a DisplacementSearch<'a>,
+    measurement: &'a Measurement,
+}
+
+impl CornerTracker<'_> {
+    /// Creates the corner of an unmatched pixel. Its depth may be that of the nearest inlier in the
+    /// image, or somewhat more or less.
+    fn unmatched_corner(&self, at: [f64; 2]) -> CellCorner {
+        let inverse_depth = self.inverse_depth_near(at);
+        CellCorner {
+            at,
+            inverse_depths: DEPTHS.map(|times| inverse_depth / times),
+        }
+    }
+
+    /// Returns the inverse depth of the inlier that is nearest in the image.
+    fn inverse_depth_near(&self, at: [f64; 2]) -> f64 {
+        let geometry = self.matcher.geometry;
+        let distance = |inlier: &&Correspondence| {
+            let [x, y] = inlier.pixels[geometry.reference][0];
+            (x - at[0]).powi(2) + (y - at[1]).powi(2)
+        };
+        let inliers = self.measurement.correspondences.iter();
+        let nearest = inliers.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.map_or(0.0, |inlier| {
+            let starts: Vec<[f64; 2]> = inlier.views.iter().map(|view| view.start).collect();
+            geometry.fit(&starts).inverse_depth
+        })
+    }
+
+    /// Predicts the pixel now of a pixel at the keyframe.
+    fn predicted(&self, at: [f64; 2], inverse_depth: f64) -> [f64; 2] {
+        let geometry = self.matcher.geometry;
+        let reference = geometry.reference;
+        let from = geometry.normalise(reference, at);
+        let to = PointFlow::predicted(from, inverse_depth, self.measurement.displacement_mm);
+        geometry.pixel(reference, to)
+    }
+
+    fn stays_in_view(&self, at: [f64; 2]) -> bool {
+        let now = &self.matcher.now[self.matcher.geometry.reference].levels[0];
+        let predicted = self.predicted(at, self.inverse_depth_near(at));
+        FineTemplate::fits(now, predicted.map(|c| c as f32))
+    }
+
+    /// Distance of a pixel from the segment of predictions between the two depths, px.
+    fn off_px(&self, corner: CellCorner, pixel: [f64; 2]) -> f64 {
+        let [far, near] = corner
+            .inverse_depths
+            .map(|inverse_depth| self.predicted(corner.at, inverse_depth));
+        let segment = [near[0] - far[0], near[1] - far[1]];
+        let to = [pixel[0] - far[0], pixel[1] - far[1]];
+        let square = segment[0] * segment[0] + segment[1] * segment[1];
+        let dot = to[0] * segment[0] + to[1] * segment[1];
+        let share = (dot / square.max(1e-9)).clamp(0.0, 1.0);
+        (to[0] - share * segment[0]).hypot(to[1] - share * segment[1])
+    }
+
+    /// Returns true if the corner is found where the measurement predicts it.
+    fn is_at_prediction(&self, corner: CellCorner) -> bool {
+        let [far, near] = corner.inverse_depths;
+        let start = self.predicted(corner.at, 0.5 * (far + near));
+        let found = self.track(corner, start);
+        found.is_some_and(|pixel| self.off_px(corner, pixel) <= MAX_OFF_PX)
+    }
+
+    /// Returns true if a corner that is not at its prediction is found anywhere else.
+    fn is_elsewhere(&self, corner: CellCorner) -> bool {
+        let best = self.search.best_match(corner.at);
+        let start = best.filter(|(_, zncc)| *zncc > MIN_ELSEWHERE_ZNCC);
+        let found = start.and_then(|(start, _)| self.track(corner, start));
+        found.is_some_and(|pixel| self.off_px(corner, pixel) > MAX_OFF_PX)
+    }
+
+    /// Tracks a corner from `start` on and returns its pixel; `None` if nothing correlates.
+    fn track(&self, corner: CellCorner, start: [f64; 2]) -> Option<[f64; 2]> {
+        let [far, near] = corner.inverse_depths;
+        let (inverse_depth, moved) = (0.5 * (far + near), self.measurement.displacement_mm);
+        let found = (self.matcher).track_corner(LEVEL, corner.at, start, inverse_depth, moved);
+        found.and_then(|(pixel, zncc)| (zncc >= MIN_TRACKED_ZNCC).then_some(pixel))
+    }
+}
