@@ -7,7 +7,7 @@
 //!
 //! One object does it all: [`Flow`]. [`Flow::set_keyframe`] chooses Shi-Tomasi corners in the
 //! reference camera and matches them in the other cameras; [`Flow::measure`] tracks them into a
-//! later [`FrameSet`](crate::images::FrameSet) with the inverse compositional Lucas-Kanade method
+//! later [`FrameSet`] with the inverse compositional Lucas-Kanade method
 //! and keeps those that move as one. The result is a [`Measurement`]: correspondences, their common
 //! displacement in mm, and its variance inflation factor.
 //!
