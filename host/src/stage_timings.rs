@@ -2,10 +2,10 @@
 //!
 //! Two pieces of work are timed:
 //!
-//! * [`with_fresh_keyframe`]: every frame set is the keyframe of the next one. Per frame set: filter
-//!   the new images, choose corners in the old ones, match them in all cameras (two stereo matches
-//!   for three cameras), track them into the new images (three temporal matches). This is the unit
-//!   in which the program is compared with others; reports call it a frame set.
+//! * [`with_fresh_keyframe`]: every frame set is the keyframe of the next one. Per frame set:
+//!   filter the new images, choose corners in the old ones, match them in all cameras (two stereo
+//!   matches for three cameras), track them into the new images (three temporal matches). This is
+//!   the unit in which the program is compared with others; reports call it a frame set.
 //! * [`with_kept_keyframe`]: the keyframe stays. Per frame set: filter and track.
 
 use std::time::{Duration, Instant};

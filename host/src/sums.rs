@@ -26,7 +26,8 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Sums over `correspondences` of the cameras of `rig`, with the variance of independent errors.
+    /// Sums over `correspondences` of the cameras of `rig`, with the variance of independent
+    /// errors.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for fewer than two cameras.

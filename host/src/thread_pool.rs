@@ -12,8 +12,8 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 pub struct ThreadPool(Option<Arc<rayon::ThreadPool>>);
 
 impl ThreadPool {
-    /// Starts `threads` threads. With less than two, or if the system cannot start any, work runs on
-    /// the calling thread.
+    /// Starts `threads` threads. With less than two, or if the system cannot start any, work runs
+    /// on the calling thread.
     pub fn new(threads: usize) -> Self {
         let pool = || ThreadPoolBuilder::new().num_threads(threads).build().ok();
         let several = (threads > 1).then(pool).flatten();
