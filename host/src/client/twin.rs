@@ -2,9 +2,8 @@
 //!
 //! A twin is an [emulated station](EmulatedStation), a [plant](Plant) at its step pins, and the
 //! [`Client`] at the other end. Commands and reports travel as the bytes that a serial port would
-//! carry; segments become port words, and the plant counts the edges that these make.
-//! Nothing here looks past the bytes
-//! and the pins, except for tests and reports.
+//! carry; segments become port words, and the plant counts the edges that these make. Nothing here looks
+//! past the bytes and the pins, except for tests and reports.
 
 use super::StationError;
 use super::conversation::Client;
