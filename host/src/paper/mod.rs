@@ -1,4 +1,4 @@
-//! Reproduction of the paper: every table and figure of it that has numbers, ours beside the
+//! Reproduction of the paper: all of its tables and figures that have numbers, ours beside the
 //! printed values.
 //!
 //! * [`validation`]: section 3, random point sets (Tables 1 and 2, Cramér-Rao bound);
