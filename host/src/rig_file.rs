@@ -241,7 +241,7 @@ fn cameras(
             if dx.hypot(dy) < LEAST_BASELINE_MM {
                 return Err(table.required("offset_mm")?.fault(format!(
                     "`{given}` is at the same place as camera `{other}`: cameras are at least \
-                     {LEAST_BASELINE_MM} mm apart"
+                     {LEAST_BASELINE_MM} mm apart, and offset_mm is in mm; is it in metres?"
                 )));
             }
         }

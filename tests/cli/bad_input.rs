@@ -4,7 +4,7 @@
 
 use std::fs;
 
-use super::Desk;
+use super::{Desk, run};
 
 /// The names in the desk's folder: a bad input must not add to them.
 fn listing(desk: &Desk) -> Vec<String> {
@@ -220,4 +220,51 @@ fn files_that_are_not_there() {
         .failed(1, &["points.csv: ", "cannot read"]);
     fs::remove_file(desk.path("rig.toml")).expect("it was there");
     desk.estimate(&[]).failed(1, &["rig.toml: ", "cannot read"]);
+}
+
+/// A rig whose offsets are multiplied by `by`.
+fn scaled_rig(folder: &std::path::Path, by: f64) {
+    let mut file = host::rig_file::RigFile::paper();
+    for camera in &mut file.rig.cameras {
+        camera.offset_mm = camera.offset_mm.map(|mm| mm * by);
+    }
+    std::fs::write(folder.join("rig.toml"), file.to_toml()).expect("it is ours");
+}
+
+#[test]
+fn rig_in_another_unit_is_doubted() {
+    let desk = Desk::new();
+    let folder = desk.folder.path();
+    let commands = [
+        &["verify", "rig.toml"][..],
+        &["estimate", "points.csv", "--rig", "rig.toml"],
+        &["convert", "rig.toml"],
+    ];
+    for (by, sign, unit) in [
+        (1e-3, "error: rig.toml:", "in metres?"),
+        (
+            0.02,
+            "warning: rig.toml: the cameras are at most 2.76 mm",
+            "in centimetres?",
+        ),
+        (
+            1e3,
+            "warning: rig.toml: the cameras are at most 138",
+            "in micrometres?",
+        ),
+    ] {
+        scaled_rig(folder, by);
+        for command in commands {
+            let said = run(folder, command).stderr;
+            assert!(
+                said.contains(sign) && said.contains(unit),
+                "{command:?}: {said}"
+            );
+        }
+    }
+    scaled_rig(folder, 1.0);
+    for command in commands {
+        let said = run(folder, command).stderr;
+        assert!(!said.contains("warning"), "{command:?}: {said}");
+    }
 }

@@ -80,6 +80,7 @@ Examples:
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
+    super::doubts::warn(&options.rig, &rig);
     let replace = Replace::Nothing.or_forced(options.force);
     let open = |path: &PathBuf| Output::open_successor(path, replace, &options.rig);
     let output = options.out.as_ref().map(open).transpose()?;

@@ -110,7 +110,9 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
 
 /// Reads the rig file and all frame sets of the folder.
 fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
-    let RigFile { names, rig, .. } = RigFile::read(&options.rig)?;
+    let rig = RigFile::read(&options.rig)?;
+    super::doubts::warn(&options.rig, &rig);
+    let RigFile { names, rig, .. } = rig;
     let folder = Folder::open(
         &options.folder,
         &names,

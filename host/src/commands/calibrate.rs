@@ -106,6 +106,19 @@ fn at_least_one(text: &str) -> Result<f64, WrongNumber> {
     }
 }
 
+/// Sides of squares of boards that are photographed, mm.
+const SQUARES_MM: std::ops::RangeInclusive<f64> = 0.2..=500.0;
+
+/// Warns of a square whose side is probably in another unit.
+fn doubt_square(square_mm: f64) {
+    let unit = match square_mm {
+        side if side < *SQUARES_MM.start() => "metres",
+        side if side > *SQUARES_MM.end() => "micrometres",
+        _ => return,
+    };
+    notice!("warning: squares of {square_mm} mm: is --square in {unit}? It is in mm");
+}
+
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     // What would be refused at the end is refused before the work.
@@ -114,6 +127,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .map(|series| series.name)
         .collect();
     let destination = options.destination.open(&names)?;
+    doubt_square(options.square);
     let board = Board {
         corners: options.board.0,
         square_mm: options.square,

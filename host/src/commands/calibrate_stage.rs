@@ -156,6 +156,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let path = options.stage.path()?;
     let (rig, text) = RigFile::read_with_text(path)?;
+    super::doubts::warn(path, &rig);
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {
         // Before the work: it would be for nothing.

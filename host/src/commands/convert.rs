@@ -84,7 +84,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     };
     let rig = match options.files.as_slice() {
         [file] if is_toml(file) => match options.offsets.first() {
-            None => RigFile::read(file)?,
+            None => RigFile::read(file).inspect(|rig| super::doubts::warn(file, rig))?,
             Some(_) => {
                 return Err(Failure::Usage(
                     "a rig file says itself where its cameras are; leave --offset out".to_owned(),
@@ -96,7 +96,13 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 "give one rig file, or YAML files alone".to_owned(),
             ));
         }
-        files => assemble(files, &options.offsets)?,
+        files => {
+            let rig = assemble(files, &options.offsets)?;
+            if let Some(first) = files.first() {
+                super::doubts::warn(first, &rig);
+            }
+            rig
+        }
     };
     if !options.destination.is_some() {
         out.write_all(rig.to_toml().as_bytes())?;

@@ -88,10 +88,12 @@ enum Method {
 impl Method {
     /// Reads the rig, refusing those the method is not made for.
     fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
-        match self {
+        let rig = match self {
             Self::Midpoint => RigFile::read(path),
             Self::ClosedForm | Self::LeastSquares => RigFile::read_in_line(path),
-        }
+        }?;
+        super::doubts::warn(path, &rig);
+        Ok(rig)
     }
 }
 

@@ -15,6 +15,7 @@ mod completions;
 mod convert;
 mod destination;
 mod diagnose;
+mod doubts;
 mod estimate;
 mod experiment;
 pub mod failure;

@@ -212,10 +212,12 @@ impl From<Estimator> for sums::Estimator {
 impl Estimator {
     /// Reads the rig, refusing those the estimator is not made for.
     fn read_rig(self, path: &std::path::Path) -> Result<RigFile, InputError> {
-        match self {
+        let rig = match self {
             Self::ClosedForm => RigFile::read_in_line(path),
             Self::Midpoint => RigFile::read(path),
-        }
+        }?;
+        super::doubts::warn(path, &rig);
+        Ok(rig)
     }
 }
 

@@ -39,7 +39,7 @@ impl RigFile {
             _ => return None,
         };
         Some(format!(
-            "the cameras are at most {widest} mm apart: {guess} offset_mm is in mm"
+            "the cameras are at most {widest:.2} mm apart: {guess} offset_mm is in mm"
         ))
     }
 

@@ -1,0 +1,13 @@
+//! Warnings of probable mistakes in a rig, by every command that measures with one.
+
+use std::path::Path;
+
+use host::notice;
+use host::rig_file::RigFile;
+
+/// Warns of wrong units and exchanged names, on standard error.
+pub fn warn(path: &Path, rig: &RigFile) {
+    for doubt in rig.doubts() {
+        notice!("warning: {}: {doubt}", path.display());
+    }
+}
