@@ -1,6 +1,6 @@
-//! The command line of Trinocular.
+//! Command line of Trinocular.
 //!
-//! `main` only turns the outcome into an exit code and one line on standard error; every command is
+//! `main` only converts the result to an exit code and one line on standard error; every command is
 //! a file under `commands`.
 
 #![deny(clippy::print_stderr, clippy::print_stdout)]
@@ -37,7 +37,7 @@ fn run() -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints help, version, or what is wrong with the arguments.
+/// Prints help, version, or the error in the arguments.
 fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
     if error.use_stderr() {

@@ -1,8 +1,8 @@
-//! Text from outside, made fit for a terminal and a log.
+//! Foreign text, escaped for a terminal or a log.
 //!
-//! File names, keys of files and the name that a station gives itself are chosen by others. Printed
-//! as they are, control characters in them move the cursor, clear the screen or forge a line of
-//! output. [`printable`] writes such characters as escapes (`\u{1b}`) and cuts what is too long.
+//! File names, keys of files and the name that a station gives itself are foreign text. Control
+//! characters in them could move the cursor, clear the screen or forge a line of output.
+//! [`printable`] writes such characters as escapes (`\u{1b}`) and cuts long text.
 //!
 //! Use it wherever a message or a table quotes foreign text:
 //!
@@ -23,8 +23,8 @@ pub const LONGEST: usize = 1_000;
 ///
 /// Control characters, separators of lines and paragraphs and all format characters of Unicode,
 /// such as those that change the direction of writing, become escapes as in Rust's string literals.
-/// All else stays, backslashes too, so that a path of Windows reads as usual; hence the result is
-/// for people and cannot be turned back. A longer text is cut and ends with `...`.
+/// All other characters stay, backslashes too, so that a Windows path reads as usual; hence the
+/// result is for people and cannot be converted back. A longer text is cut and ends with `...`.
 pub fn printable(text: impl Display) -> String {
     printable_up_to(LONGEST, text)
 }

@@ -1,8 +1,8 @@
-//! What a wrong rig costs: the error in Z of each estimator, without noise.
+//! Errors in Z that a wrong rig causes in each estimator, without noise.
 //!
-//! Points spread over what the cameras see at one depth make the paper's move of (4, 4, 1) mm. They
-//! are projected with the true principal points and rotations and estimated with the assumed ones.
-//! What is lateral in the move leaks into the closed form's Z.
+//! Points spread over the common field of view at one depth make the paper's move of (4, 4, 1) mm.
+//! They are projected with the true principal points and rotations and estimated with the assumed
+//! ones. The lateral part of the move leaks into the closed form's Z.
 
 use serde::Serialize;
 use shared::estimate::{closed_form, midpoint};
@@ -27,8 +27,8 @@ pub struct Cost {
 
 /// Errors in Z before and after an alignment.
 ///
-/// The offsets that a scene shows cause no error of the midpoint estimator: its depths and flows
-/// depend only on those that the scene does not show.
+/// The offsets that a scene shows cause no error of the midpoint estimator, because its depths and
+/// flows depend only on the offsets that the scene does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Penalty {
     /// Error with the rig file as it is.
@@ -109,7 +109,7 @@ impl Cost {
     }
 }
 
-/// Adds to `assumed` that part of the offsets of `truth` which a scene shows.
+/// Adds the part of the offsets of `truth` that a scene shows to `assumed`.
 fn visible(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Option<Rig> {
     let geometry = RigGeometry::new(assumed)?;
     let seen = truth.cameras.iter();
@@ -146,7 +146,7 @@ pub fn cost(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Cost {
     }
 }
 
-/// Correspondences of a grid of points in the common field of view.
+/// Computes the correspondences of a grid of points in the common field of view.
 fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
     const SIDE: i32 = 8;
     let Some(common) = FieldOfView::new(truth, 0.0).common(depth_mm) else {
@@ -174,7 +174,7 @@ fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
 mod tests {
     use super::*;
 
-    /// The figures behind the decision for the midpoint.
+    /// Tests the figures behind the choice of the midpoint estimator.
     #[test]
     fn a_tenth_of_a_pixel_costs_the_closed_form_far_more_than_the_midpoint() {
         let rig = Rig::paper();

@@ -11,7 +11,7 @@ const SIGNIFICANT: f64 = 5.0;
 /// Least effect of a magnification with a warning, at the image's border, px.
 const VISIBLE_PX: f64 = 0.1;
 
-/// Names and values that are no table.
+/// Returns the names and values that are not part of the table.
 pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
     let [matched, all] = found.captures;
     let mut facts = vec![

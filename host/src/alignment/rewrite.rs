@@ -1,4 +1,4 @@
-//! What an alignment found in the user's own rig file: everything else stays as it stands there,
+//! Writes an alignment into the user's own rig file. Everything else in the file stays unchanged,
 //! comments included.
 
 use std::path::Path;

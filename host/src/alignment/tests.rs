@@ -1,11 +1,11 @@
-//! Rendered scenes of known offsets: what is found, and whether sigma is true.
+//! Alignment of rendered scenes with known offsets: estimates and their sigma.
 
 use super::*;
 use crate::images::{Scene, SceneSettings, Texture};
 use crate::random::Random;
 use crate::rig_file::RigFile;
 
-/// The paper's rig with principal points that are off: what the pictures are taken with.
+/// Returns the paper's rig with shifted principal points, as the true rig of the images.
 fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
     let mut rig = Rig::paper();
     for (camera, by) in rig.cameras.iter_mut().zip(by_px) {
@@ -15,9 +15,9 @@ fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
     rig
 }
 
-/// What of these offsets can be seen in the paper's rig, with the middle camera kept: equal
-/// heights; and of the horizontal ones the part along `(h2, -h1-h2, h1)`, which is what constraint
-/// (3) is about.
+/// Returns the part of these offsets that shows in the paper's rig, with the middle camera kept:
+/// equal heights and, of the horizontal offsets, the part along `(h2, -h1-h2, h1)` by constraint
+/// (3).
 fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     let cameras = Rig::paper().cameras;
     let e = |k: usize, i: usize| by_px[k][i] / cameras[k].focal_px[i];
@@ -101,9 +101,9 @@ fn a_rig_that_is_right_stays_as_it_is() {
     assert!(z.abs() < 0.1, "{z}");
 }
 
-/// Mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent numbers
-/// leave it uncertain by 0.26. With sharp pictures and little noise the points scatter because each
-/// one's place between the pixels differs, which averages out better than noise does.
+/// Tests the mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent
+/// numbers leave it uncertain by 0.26. With sharp images and little noise the points scatter
+/// because their sub-pixel phases differ, which averages out better than noise does.
 #[test]
 fn sigma_is_true() {
     for (soft, noise_grey, least) in [(true, 2.0, 0.35), (true, 6.0, 0.35), (false, 2.0, 0.1)] {
@@ -217,7 +217,7 @@ fn a_known_depth_needs_a_flat_target() {
     );
 }
 
-/// The paper's rig with cameras that are rolled.
+/// Returns the paper's rig with rolled cameras.
 fn rolled(by_deg: [f64; 3]) -> Rig {
     let mut rig = Rig::paper();
     for (camera, by) in rig.cameras.iter_mut().zip(by_deg) {
@@ -266,8 +266,8 @@ fn a_rolled_camera_is_turned_back() {
     }
 }
 
-/// Mean square of the roll's error over its sigma, and how often a camera that is not rolled is
-/// turned.
+/// Tests the mean square of the roll's error over its sigma, and the number of times that a camera
+/// without roll is corrected.
 #[test]
 fn sigma_of_the_roll_is_true() {
     let (mut sum, mut count, mut false_alarms) = (0.0, 0, 0);

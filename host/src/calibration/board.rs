@@ -1,15 +1,14 @@
-//! The board: a chessboard's inner corners, numbered so that every camera means the same corner by
-//! the same number.
+//! Chessboard: inner corners, numbered so that every camera gives a corner the same number.
 //!
-//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the
-//! board is looked at, so its z axis goes into the board. That leaves the choice which end comes
-//! first. On a board with one even and one odd number of inner corners a half turn exchanges black
-//! and white, so the colours decide: *the square outside the first corner, diagonally across from
-//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn,
-//! a square one with even numbers after a quarter turn too: there the end nearest the top left of
-//! the image comes first, and [`super::rig`] turns the numbers of the other cameras until all
-//! agree, which it can because the cameras are nearly parallel. On a square board with odd numbers
-//! a quarter turn exchanges black and white, so the colours leave two of its four ends.
+//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down for a
+//! viewer of the board, so its z axis goes into the board. The choice of the first corner is left.
+//! On a board with one even and one odd number of inner corners a half turn exchanges black and
+//! white, so the colours decide: *the square outside the first corner, diagonally across from the
+//! board, is black.* A board with two even or two odd numbers looks the same after a half turn, a
+//! square one with even numbers after a quarter turn too. There the corner nearest the top left of
+//! the image comes first, and [`super::rig`] renumbers the corners of the other cameras until all
+//! agree; this is possible because the cameras are nearly parallel. On a square board with odd
+//! numbers a quarter turn exchanges black and white, so the colours leave two of its four corners.
 
 use std::str::FromStr;
 
@@ -84,7 +83,7 @@ impl Board {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pattern(pub [usize; 2]);
 
-/// A text that is no [`Pattern`].
+/// Error of a text that is not a [`Pattern`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not like 9x6: inner corners along the two sides, 3 to 100 each")]
 pub struct WrongPattern(String);

@@ -1,4 +1,5 @@
-//! A folder of photographs to a calibrated rig: everything the command `calibrate` does but print.
+//! Calibration of a rig from a folder of images: everything the command `calibrate` does except its
+//! output.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,9 +15,9 @@ use crate::error::InputError;
 use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
-/// Largest residual of a rig without a warning, and with a rig at all, in multiples of the worst
-/// camera's own residual. Images that were taken a hand's tremor apart are beyond the
-/// first, those of different instants far beyond the second.
+/// Largest residual of a rig without a warning, and largest residual of any rig, in multiples of
+/// the worst camera's own residual. Images taken with a trembling hand are beyond the first limit,
+/// images of different instants far beyond the second.
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
@@ -27,7 +28,8 @@ pub struct CalibrationSettings {
     pub board: Board,
     /// Half the window for refining corners, px; without, it follows the size of the squares.
     pub half_window: Option<usize>,
-    /// Images whose residual is larger than this many times the median image's are rejected.
+    /// Largest residual of an image, in multiples of the median image's; images beyond it are
+    /// rejected.
     pub outlier: f64,
 }
 
@@ -55,10 +57,10 @@ pub struct CameraResult {
     pub intrinsics: Intrinsics,
 }
 
-/// All cameras and how they stand to each other.
+/// Calibrated cameras, with their poses in the rig.
 #[derive(Clone, Debug)]
 pub struct Calibration {
-    /// The cameras; left, middle, right first.
+    /// Cameras in order; left, middle and right come first.
     pub cameras: Vec<CameraResult>,
     /// Names of the instants of `rig.instants`.
     pub instants: Vec<String>,
@@ -67,8 +69,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// The rig as a rig file holds it. None for a single camera. Only cameras with images of one
-    /// size make a rig.
+    /// Returns the rig in the form of a rig file. `None` for a single camera. Only cameras with
+    /// images of one size form a rig.
     pub fn rig_file(&self) -> Option<RigFile> {
         let lenses: Vec<_> = self
             .cameras
@@ -94,7 +96,8 @@ impl Calibration {
     /// Formats warnings about the rig for the user.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
-        /// Beyond this share of a focal length every depth is as uncertain.
+        /// Largest uncertainty of a focal length without a warning, as a share of it. Every depth
+        /// has the same relative uncertainty.
         const VAGUE: f64 = 0.01;
         let mut warnings = Vec::new();
         for CameraResult {
@@ -248,7 +251,7 @@ fn own_rms_px(cameras: &[CameraResult]) -> f64 {
     own.fold(0.01, f64::max)
 }
 
-/// A picture that is there twice says nothing new, but would count as if it did.
+/// Rejects repeated images, because a second copy adds no information but would count as if it did.
 fn reject_repeated(files: &[String], found: &mut [Result<FoundBoard, ImageRejection>]) {
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
@@ -285,7 +288,7 @@ fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// The board in one file; `size` is that of the camera's images, once one has been read.
+/// Finds the board in one file; `size` is the size of the camera's images, once one has been read.
 fn corners(
     path: &Path,
     settings: &CalibrationSettings,

@@ -1,4 +1,4 @@
-//! The map of a plane onto an image.
+//! Homographies: maps of a plane onto an image.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 

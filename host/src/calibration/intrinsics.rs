@@ -6,12 +6,12 @@
 //! been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and
 //! [`super::adjust`] does the rest with all nine parameters.
 //!
-//! *k3 is held at zero* if the lens would fold the image over with it and does not without: the
-//! board has not been far enough out to tell it, and beyond the board's reach it would do harm.
+//! *k3 is held at zero* if the lens would fold the image over with k3 and does not without it: the
+//! board was not seen far enough from the centre to determine k3, and extrapolation would do harm.
 //!
-//! *Images are rejected* for a board that is not found, for edges much more blurred than those of
-//! the other images, and for residuals much larger than those of the others: the worst first, then
-//! everything is solved again.
+//! *Images are rejected* if no board is found, if the edges are much more blurred than in the other
+//! images, or if residuals are much larger than those of the others. The worst image is rejected
+//! first, then everything is solved again.
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

@@ -1,4 +1,4 @@
-//! A camera's own nine parameters and what a pixel owes to each of them.
+//! Lens: the nine parameters of one camera, and the derivatives of a pixel by them.
 
 use nalgebra::{Matrix2x3, SMatrix, Vector3};
 use shared::rig::{Camera, Rotation};

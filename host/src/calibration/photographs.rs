@@ -1,4 +1,4 @@
-//! Which images there are: per camera and instant.
+//! List of the images to calibrate with, per camera and instant.
 //!
 //! ```text
 //! boards/left/01.png    boards/right/01.png        a folder per camera; the same name, the same instant
@@ -93,8 +93,8 @@ fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Images of several cameras in one folder. Names that do not all end in numbers are those of one
-/// camera.
+/// Groups the images of several cameras in one folder. Names that do not all end in numbers belong
+/// to one camera.
 fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let all = named(dir, names);
     let split = |stem: &str| {

@@ -1,10 +1,10 @@
-//! Where a chessboard's inner corner could be: saddles of the grey levels whose surroundings change
-//! colour four times.
+//! Candidates for a chessboard's inner corners: saddles of the grey levels whose surroundings
+//! change colour four times.
 //!
-//! A corner of four squares is a saddle: the determinant of the second derivatives is negative,
-//! wherever the board is turned. The ring test then walks a circle around each saddle. It must
-//! cross four edges, opposite ones opposite each other, so the saddle knows its two edge lines and
-//! its four colours: enough to say where its neighbours are and what they look like.
+//! A corner of four squares is a saddle: the determinant of the second derivatives is negative, for
+//! any orientation of the board. The ring test then walks a circle around each saddle. The circle
+//! must cross four edges, opposite ones opposite each other, so the saddle gets its two edge lines
+//! and its four colours: enough to predict places and colours of its neighbours.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,11 +1,11 @@
-//! Where cameras stand, in axes that suit them.
+//! Camera poses, expressed in the rig's axes.
 //!
 //! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as
-//! near to the real one as it can: the plane's x runs along the line of the cameras, or, if they
-//! are not in line, along the mean of their x axes; z is the mean of their optical axes, put at
-//! right angles to the line or, for cameras that spread in two directions, the plane's normal. What
-//! is left is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an offset
-//! along z, which nothing undoes: it is reported.
+//! near to the real one as it can. The plane's x axis runs along the line of the cameras, or, if
+//! they are not in line, along the mean of their x axes. Its z axis is the mean of their optical
+//! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's
+//! normal. The rest is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an
+//! offset along z, which is reported because nothing undoes it.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared::rig::{Camera, Rotation};
@@ -101,7 +101,7 @@ pub(super) fn numbers(motions: &[Isometry3<f64>]) -> Vec<f64> {
     along(&axes(motions), motions)
 }
 
-/// [`numbers`] along the columns of `axes`.
+/// Returns [`numbers`] along the columns of `axes`.
 fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     let stand = |motion: &Isometry3<f64>| {
         let offset = axes.transpose() * centre(motion);
@@ -115,12 +115,12 @@ fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     motions.iter().flat_map(stand).collect()
 }
 
-/// Place of the camera in the axes from which the motion starts.
+/// Returns the position of the camera in the axes from which the motion starts.
 fn centre(motion: &Isometry3<f64>) -> Vector3<f64> {
     motion.inverse_transform_vector(&-motion.translation.vector)
 }
 
-/// Axes x, y and z of the rig as columns, in the reference camera's axes.
+/// Returns the axes x, y and z of the rig as columns, in the reference camera's axes.
 fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
     let centres: Vec<Vector3<f64>> = motions.iter().map(centre).collect();
     let count = centres.len() as f64;

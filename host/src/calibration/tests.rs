@@ -1,5 +1,4 @@
-//! Known cameras look at known boards through known noise: the answers must be as near to the truth
-//! as they claim.
+//! Calibration of known cameras from known boards with known noise: errors must agree with sigma.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -19,12 +18,13 @@ const BOARD: Board = Board {
 };
 const SIZE_PX: [u32; 2] = [640, 480];
 const NOISE_PX: f64 = 0.1;
-/// Nothing is an outlier.
+/// Outlier limit that rejects nothing.
 const KEEP: f64 = f64::INFINITY;
 
 const LENS: Lens = Lens([533.0, 529.0, 331.0, 236.0, -0.2, 0.05, 1e-3, -5e-4, 0.0]);
 
-/// The board somewhere before the cameras, tilted by up to 35 degrees about any axis.
+/// Returns a random pose of the board before the cameras, tilted by up to 35 degrees about any
+/// axis.
 fn pose(random: &mut Random) -> Isometry3<f64> {
     let turn = Vector3::from_fn(|_, _| random.between(-0.6, 0.6));
     let turn = UnitQuaternion::from_scaled_axis(turn);
@@ -85,8 +85,8 @@ fn exact_corners_give_the_lens_back() {
     assert!(found.rms_px < 1e-7, "{}", found.rms_px);
 }
 
-/// Errors over their standard deviations must have mean square 1. Of 60 times nine, correlated
-/// within each run, it scatters by 0.12.
+/// Tests that errors over their standard deviations have mean square 1. Over 60 runs of nine
+/// parameters, correlated within each run, it scatters by 0.12.
 #[test]
 fn a_cameras_sigma_is_true() {
     let runs = 60;
@@ -155,8 +155,8 @@ fn images_are_rejected_by_the_stated_rules() {
     assert_eq!(found.used(), 7);
 }
 
-/// Boards in the middle of the view say little about the bend of its corners: what would fold them
-/// over is left out.
+/// Tests that k3 is left out if it would fold the image corners over. Boards in the middle of the
+/// image hardly determine the distortion there.
 #[test]
 fn a_bend_that_cannot_be_told_is_left_out() {
     let mut held = 0;
@@ -202,7 +202,7 @@ fn what_cannot_be_solved_is_refused() {
     assert!(refusal.to_string().contains("too alike"), "{refusal}");
 }
 
-/// Three cameras nearly in line and nearly parallel; motions from the middle one's axes.
+/// Returns motions of three cameras nearly in line and nearly parallel, from the middle one's axes.
 fn motions() -> Vec<Isometry3<f64>> {
     let place = |centre: [f64; 3], degrees: [f64; 3]| {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians)));
@@ -220,7 +220,7 @@ struct Bench {
     instants: Vec<Instant>,
 }
 
-/// Cameras calibrated from the same images that then place them.
+/// Calibrates cameras from the images that then determine their poses.
 fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> Bench {
     let motions = motions();
     let all: Vec<Instant> = (0..instants)
@@ -249,7 +249,7 @@ fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> 
     }
 }
 
-/// Offsets and rotations of all cameras, in a row.
+/// Returns offsets and rotations of all cameras, in a row.
 fn row(stands: &[stand::CameraPose]) -> Vec<f64> {
     let stands = stands.iter();
     stands
@@ -345,7 +345,7 @@ fn cameras_without_common_instants_are_named() {
     assert_eq!(one, rig::RigRefusal::Count(1));
 }
 
-/// On a board that looks the same after a turn, one camera may have begun at the other end.
+/// Tests a board that looks the same after a turn, where one camera begins at the other end.
 #[test]
 fn turned_numbers_are_turned_back() {
     for corners in [[7, 5], [6, 6]] {
@@ -372,7 +372,7 @@ fn turned_numbers_are_turned_back() {
     }
 }
 
-/// Motions from the first camera's axes, which are turned against those the places are given in.
+/// Returns motions from the first camera's axes, which are turned against the axes of `places_mm`.
 fn standing(places_mm: &[[f64; 3]], turns_deg: &[[f64; 3]]) -> Vec<Isometry3<f64>> {
     let motion = |(place, degrees): (&[f64; 3], &[f64; 3])| {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians)));
@@ -427,8 +427,8 @@ fn any_cameras_in_a_plane_stand_in_it() {
     }
 }
 
-/// A camera that hangs upside down is turned by 180 degrees, not by none; and a millionth of a
-/// degree is that.
+/// Tests that a camera upside down is turned by 180 degrees, not by none, and one by a millionth of
+/// a degree by that.
 #[test]
 fn half_turns_and_the_smallest_are_both_seen() {
     let turns = [[0.0; 3], [0.0, 0.0, 180.0], [1e-6, 0.0, 0.0]];

@@ -3,7 +3,7 @@
 use super::CameraRefusal;
 use crate::images::Image;
 
-/// Memory of the images seen last, and of the cameras that were frozen then.
+/// Memory of the last images, and of the cameras that were frozen then.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrozenCameras {
     fingerprints: Vec<u64>,
@@ -11,8 +11,8 @@ pub(super) struct FrozenCameras {
 }
 
 impl FrozenCameras {
-    /// Marks cameras whose image equals the one before. The same frame set seen again is judged
-    /// like the first time.
+    /// Marks cameras whose image equals the one before. The same frame set seen again gets the same
+    /// result as the first time.
     pub(super) fn judge(&mut self, refusals: &mut [Option<CameraRefusal>], fingerprints: &[u64]) {
         if self.fingerprints == fingerprints {
             for (refusal, was_frozen) in refusals.iter_mut().zip(&self.was_frozen) {
@@ -51,8 +51,8 @@ pub(super) fn mark_frozen(
     }
 }
 
-/// Computes a number that changes whenever the image does: Fowler, Noll and Vo's hash over eight
-/// bytes at a time, in four lanes.
+/// Computes a number that changes with any change of the image: Fowler, Noll and Vo's hash over
+/// eight bytes at a time, in four lanes.
 pub fn fingerprint(image: &Image) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
     let mut lanes = [0xcbf2_9ce4_8422_2325_u64; 4];

@@ -22,7 +22,7 @@ const MIN_DISPLACEMENT_ZNCC: f32 = 0.4;
 const DISTINCT_PX: f64 = 2.0;
 
 impl Flow {
-    /// [`Flow::measure`] with a frame set that was filtered before.
+    /// Does the same as [`Flow::measure`] with a frame set that is already filtered.
     ///
     /// # Errors
     /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.

@@ -55,7 +55,7 @@ pub enum FlowRefusal {
     AmbiguousDepth {
         /// Corners with several matches.
         ambiguous: usize,
-        /// Corners with one.
+        /// Corners with one match.
         matched: usize,
     },
     /// The texture repeats: several displacements explain the images.

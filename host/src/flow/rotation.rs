@@ -125,7 +125,7 @@ mod tests {
     use shared::rig::Rotation;
     use shared::sums::centred::CentredSums;
 
-    /// Measured rotation of a poster, and the displacement measured as if it did not rotate.
+    /// Measures the rotation of a poster, and the displacement as if it did not rotate.
     fn seen(degrees: [f64; 3], moved: [f64; 3], seed: u64) -> (TargetRotation, [f64; 3]) {
         let cloud = Cloud::new();
         let count = cloud.places.len() as f64;

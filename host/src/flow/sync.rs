@@ -21,15 +21,15 @@ use super::Correspondence;
 use super::active_cameras::ActiveCameras;
 use crate::matching::geometry::RigGeometry;
 
-/// Least deviation that counts, px.
+/// Least deviation that is tested, px.
 const MIN_DEVIATION_PX: f64 = 0.03;
-/// Least deviation that counts, in its standard deviations.
+/// Least deviation that is tested, in its standard deviations.
 const MIN_SIGMAS: f64 = 6.0;
 
 /// Least excess share of the motion of an unsynchronised camera.
 const MIN_SHARE: f64 = 0.025;
 
-/// Camera that saw most more, or most less, of the motion than the others.
+/// Camera with the largest excess or deficit of motion against the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnsynchronisedCamera {
     /// Index among the active cameras.

@@ -1,4 +1,4 @@
-//! From images to displacements.
+//! Flow from images to displacements.
 
 use super::*;
 use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
@@ -10,7 +10,7 @@ use shared::rig::Camera;
 use shared::sums::centred::CentredSums;
 use std::path::Path;
 
-/// The paper's Table 5.
+/// Moves of the paper's Table 5, mm.
 const MOVES: [[f64; 3]; 8] = [
     [10.0, 10.0, 0.0],
     [15.0, 15.0, 0.0],
@@ -30,18 +30,18 @@ fn estimate(rig: &Rig, measurement: &Measurement) -> Estimate {
     midpoint::solve(&sums).unwrap()
 }
 
-/// Error of the measured displacement, mm.
+/// Returns the error of the measured displacement, mm.
 fn error(rig: &Rig, measurement: &Measurement, target: [f64; 3]) -> [f64; 3] {
     let found = estimate(rig, measurement).displacement_mm;
     std::array::from_fn(|i| found[i] - target[i])
 }
 
-/// The bound of Table 5 on rendered images, mm.
+/// Returns true if an error is within the bounds on rendered images, mm.
 fn within(error: [f64; 3], xy: f64, z: f64) -> bool {
     error[0].abs() <= xy && error[1].abs() <= xy && error[2].abs() <= z
 }
 
-/// A poster of this kind, square to the cameras.
+/// Returns a poster of this kind, square to the cameras.
 fn poster(rig: &Rig, kind: TextureKind, depth_mm: f64, seed: u64) -> Scene {
     hung(rig, &Texture::of_kind(kind, seed), depth_mm, [0.0; 2])
 }
@@ -55,7 +55,7 @@ fn hung(rig: &Rig, texture: &Texture, depth_mm: f64, tilt_rad: [f64; 2]) -> Scen
     Scene::new(rig, texture, settings).unwrap()
 }
 
-/// A wall in running bond whose bricks (56 x 24 mm) differ in shade by `variety` grey levels.
+/// Draws a wall in running bond whose bricks (56 x 24 mm) differ in shade by `variety` grey levels.
 fn wall(variety: f64, seed: u64) -> Texture {
     const BRICKS: usize = 24;
     let mut random = Random::new(seed, 77);
@@ -81,7 +81,7 @@ fn wall(variety: f64, seed: u64) -> Texture {
     }
 }
 
-/// Another light on what was seen.
+/// Changes the light on a frame set.
 fn lit(mut frame_set: FrameSet, factor: f64, offset: f64) -> FrameSet {
     for grey in frame_set.images.iter_mut().flat_map(|view| &mut view.grey) {
         *grey = (factor * f64::from(*grey) + offset).round() as u8;
@@ -89,7 +89,7 @@ fn lit(mut frame_set: FrameSet, factor: f64, offset: f64) -> FrameSet {
     frame_set
 }
 
-/// A flow with the scene's undisplaced frame_set as its reference.
+/// Creates a flow with the scene's frame set at zero displacement as its keyframe.
 fn flow_with_keyframe(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, FlowRefusal> {
     let mut flow = Flow::new(rig, FlowSettings::default())?;
     flow.set_keyframe(&scene.render([0.0; 3], 0, 1000 * seed))?;
@@ -187,7 +187,7 @@ fn right_down_and_away_are_positive() {
     }
 }
 
-/// Real photographs: every pair of frame_sets, so both kinds of reference. Prints the table with
+/// Tests photographs: every pair of frame sets, so both kinds of keyframe. Prints the table with
 /// `--nocapture`.
 #[test]
 fn teddy_moves_by_the_steps_of_the_cameras() {
@@ -337,8 +337,8 @@ fn two_and_four_cameras_measure_as_well() {
     }
 }
 
-/// At 700 mm the paper's rig has 53 px of disparity: matches are found without knowing it, and none
-/// of them is wrong.
+/// Tests the paper's rig at 700 mm, with 53 px of disparity: matches need no prior, and none of
+/// them is wrong.
 #[test]
 fn matches_at_53_px_disparity_are_right() {
     let rig = Rig::paper();
@@ -392,7 +392,7 @@ fn results_are_the_same_on_any_threads() {
     }
 }
 
-/// Of the five that a rig can have, in words that name them.
+/// Tests the five cameras that a rig may have; the remark names the failed one.
 #[test]
 fn failed_camera_is_left_out_by_name() {
     let rig = Rig::paper();
@@ -446,8 +446,8 @@ fn failed_camera_is_left_out_by_name() {
     );
 }
 
-/// By so much that its points fail the test of disparities, or scatter too much to agree: not a
-/// word of that, but which camera it is.
+/// Tests a camera so late that its points fail the test of disparities, or scatter too much to
+/// agree: the result names the camera, not these symptoms.
 #[test]
 fn camera_late_by_pixels_is_left_out_by_name() {
     let rig = Rig::paper();
@@ -476,7 +476,7 @@ fn camera_late_by_pixels_is_left_out_by_name() {
     }
 }
 
-/// It froze after the reference instant: known by the frame_set before.
+/// Tests a camera that froze after the keyframe: it repeats the frame set before.
 #[test]
 fn camera_that_freezes_later_is_found() {
     let rig = Rig::paper();

@@ -1,9 +1,9 @@
 //! Smooth surface from a wrapped lattice of samples.
 //!
-//! The uniform cubic B-spline smooths what it is given by a kernel of variance 1/3 (in squared
-//! sample distances) and passes almost nothing of the lattice itself: what repeats with the samples
-//! is damped by `sinc^4`, against `sinc^2` for bilinear sampling. An image that was blurred
-//! before therefore moves without any sample-to-sample wobble.
+//! The uniform cubic B-spline smooths its input by a kernel of variance 1/3 (in squared sample
+//! distances) and passes almost nothing of the lattice itself: components that repeat with the
+//! samples are damped by `sinc^4`, against `sinc^2` for bilinear sampling. An image that was
+//! blurred before therefore moves without any sample-to-sample wobble.
 
 /// Variance that sampling by [`Surface::at`] adds to any blur, in squared sample distances.
 pub(super) const VARIANCE: f64 = 1.0 / 3.0;

@@ -1,5 +1,5 @@
-//! Posters to look at: from dead leaves, which have the statistics of natural pictures, to a
-//! perfectly periodic grid, on which every matcher that trusts appearance alone goes wrong.
+//! Textures of posters: from dead leaves, which have the statistics of natural images, to a
+//! perfectly periodic grid, on which matchers that use appearance alone fail.
 //!
 //! All posters repeat endlessly, without a seam, so no motion ever leaves them.
 
@@ -83,8 +83,8 @@ impl Texture {
         Self::drawn(clouds.iter().map(|c| 128.0 + 42.0 * c).collect())
     }
 
-    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by
-    /// slight grain.
+    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, distinguished only
+    /// by slight grain.
     pub fn bricks(seed: u64) -> Self {
         let (wide, high, mortar) = (128, 64, 10);
         let grain = noise::octaves(SIZE, &[4, 8], &mut Random::new(seed, 3));

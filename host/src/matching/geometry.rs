@@ -124,16 +124,16 @@ impl RigGeometry {
         core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms.arms_mm()[k][i])
     }
 
-    /// Largest residual along a camera's baseline, px: the paper's constraint (3), by which the
-    /// disparities of one point must agree.
+    /// Returns the largest residual along a camera's baseline, px: the paper's constraint (3), by
+    /// which the disparities of one point must agree.
     pub fn disparity_disagreement_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[0] * unit[0] + residual[1] * unit[1]
         })
     }
 
-    /// Largest residual across a camera's baseline, px: the paper's vertical test (2), by which a
-    /// point must lie on its epipolar lines.
+    /// Returns the largest residual across a camera's baseline, px: the paper's vertical test (2),
+    /// by which a point must lie on its epipolar lines.
     pub fn vertical_offset_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[1] * unit[0] - residual[0] * unit[1]

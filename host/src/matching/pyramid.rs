@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(row(2)[4], 3.0);
     }
 
-    /// Level by the module's definition, pixel by pixel.
+    /// Computes a level by the module's definition, pixel by pixel.
     fn by_definition(
         width: usize,
         height: usize,

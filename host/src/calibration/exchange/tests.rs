@@ -35,7 +35,7 @@ fn camera() -> Camera {
     }
 }
 
-/// The camera that a file describes.
+/// Returns the camera that a file describes.
 fn back(file: &CameraFile) -> Camera {
     let motion = file.motion.expect("the file says where the camera is");
     let place = motion.inverse_transform_vector(&-motion.translation.vector);
@@ -96,7 +96,7 @@ fn both_formats_give_the_camera_back() {
     }
 }
 
-/// YAML 1.1 knows `1e-5` as a text: a number has a point.
+/// Tests that a number has a decimal point, because YAML 1.1 takes `1e-5` for a text.
 #[test]
 fn small_numbers_are_written_as_numbers() {
     let text = list(&[1e-5, -2e-7, 1.5e-9, 3.0, -0.25, 1e16]);
@@ -320,7 +320,7 @@ fn member(name: &str, text: &str) -> Member {
     }
 }
 
-/// A file with these rows of R, and T.
+/// Returns a file with these rows of R, and T.
 fn turned(rows: [[f64; 3]; 3], shift: [f64; 3]) -> String {
     let rows = list(rows.as_flattened());
     let shift = list(&shift);

@@ -1,8 +1,8 @@
-//! A camera's bytes as a grey image.
+//! Conversion of a camera's bytes to a grey image.
 //!
-//! Most formats carry the luminance by itself; then it is taken as it is, studio range (16 to 235)
-//! or full: the flow knows contrasts, no absolute brightness. Red, green and blue become luminance
-//! by the weights of ITU-R BT.709, as they do for image files.
+//! Most formats carry the luminance by itself. It is taken unchanged, studio range (16 to 235) or
+//! full range, because the flow needs contrasts and no absolute brightness. Red, green and blue
+//! become luminance by the weights of ITU-R BT.709, as they do for image files.
 
 use std::sync::OnceLock;
 
@@ -21,37 +21,37 @@ pub enum Format {
     Yuyv,
     /// Pairs of pixels: `U Y V Y`.
     Uyvy,
-    /// A plane of luminance, then one of `U V` pairs.
+    /// Plane of luminance, then one of `U V` pairs.
     Nv12,
-    /// A plane of luminance, then one of `U`, then one of `V`.
+    /// Plane of luminance, then one of `U`, then one of `V`.
     Yu12,
     /// Red, green, blue.
     Rgb,
     /// Blue, green, red.
     Bgr,
-    /// A JPEG file per picture, its Huffman tables often left out.
+    /// One JPEG file per image, often without its Huffman tables.
     Mjpeg,
 }
 
 /// Reason why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
-    /// The camera handed over less than a picture.
+    /// The camera delivered less than an image.
     #[error("{given} bytes, but a picture has {needed}")]
     Short {
-        /// Bytes there are.
+        /// Number of bytes delivered.
         given: usize,
-        /// Bytes there should be.
+        /// Number of bytes needed.
         needed: usize,
     },
-    /// No JPEG, or one of another size.
+    /// The bytes are not a JPEG, or one of another size.
     #[error("{0}")]
     Jpeg(String),
 }
 
 impl Format {
-    /// Best first: what is grey already, then what holds its luminance whole, last what has been
-    /// compressed.
+    /// All formats, best first: grey formats, then those with the whole luminance, then compressed
+    /// ones.
     pub const ALL: [Self; 8] = [
         Self::Grey,
         Self::Yuyv,
@@ -63,7 +63,7 @@ impl Format {
         Self::Mjpeg,
     ];
 
-    /// V4L2's name for it.
+    /// Returns V4L2's name of the format.
     pub const fn fourcc(self) -> [u8; 4] {
         *match self {
             Self::Grey => b"GREY",
@@ -77,7 +77,8 @@ impl Format {
         }
     }
 
-    /// Bytes of one pixel in the rows that hold the luminance; `None` where there are no rows.
+    /// Returns the bytes of one pixel in the rows that hold the luminance; `None` for formats
+    /// without rows.
     const fn bytes_per_pixel(self) -> Option<usize> {
         match self {
             Self::Grey | Self::Nv12 | Self::Yu12 => Some(1),
@@ -87,11 +88,11 @@ impl Format {
         }
     }
 
-    /// The image of `width` by `height` pixels in `bytes`. Rows begin `stride` bytes apart; 0, or
-    /// less than a row needs, is taken for rows without gaps.
+    /// Converts `bytes` to an image of `width` by `height` pixels. Rows begin `stride` bytes apart;
+    /// 0, or less than a row needs, is taken for rows without gaps.
     ///
     /// # Errors
-    /// [`Unreadable`].
+    /// [`Unreadable`], with the reason.
     pub fn to_grey(
         self,
         bytes: &[u8],
@@ -154,12 +155,12 @@ fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
     })
 }
 
-/// Start of a scan, and of a segment of Huffman tables: the second bytes of their markers.
+/// Second bytes of the markers that start a scan and a segment of Huffman tables.
 const SCAN: u8 = 0xDA;
 const TABLES: u8 = 0xC4;
 
-/// The segments between a JPEG's start and its first scan: the marker's second byte, and the whole
-/// segment.
+/// Returns the segments between a JPEG's start and its first scan: the marker's second byte, and
+/// the whole segment.
 fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = bytes.get(2..).unwrap_or_default();
     std::iter::from_fn(move || {
@@ -173,7 +174,7 @@ fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     })
 }
 
-/// The JPEG with the standard's Huffman tables, which most cameras use and many leave out.
+/// Returns the JPEG with the standard's Huffman tables, which most cameras use and many leave out.
 fn with_tables(bytes: &[u8]) -> std::borrow::Cow<'_, [u8]> {
     static STANDARD: OnceLock<Vec<u8>> = OnceLock::new();
     if segments(bytes).any(|(marker, _)| marker == TABLES) {
@@ -196,7 +197,7 @@ mod tests {
     use super::*;
     use image::RgbImage;
 
-    /// Three by two pixels of different grey.
+    /// Grey levels of three by two different pixels.
     const GREY: [u8; 6] = [10, 20, 30, 200, 210, 255];
 
     fn image() -> Image {
@@ -207,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The grey image as rows of `format`; colours and gaps are filled with 99.
+    /// Returns the grey image as rows of `format`; colours and gaps are filled with 99.
     fn rows(format: Format, gap: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         for row in GREY.chunks(3) {

@@ -2,7 +2,7 @@
 //!
 //! A camera thread waits for its camera, converts the image to grey and hands it to the
 //! [matching](super::matching). A call for the next frame set returns the newest; older ones that
-//! were not called for are dropped and counted.
+//! no call has taken are dropped and counted.
 //!
 //! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
 //! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
@@ -104,9 +104,9 @@ pub struct LiveCameras {
 }
 
 impl LiveCameras {
-    /// Starts the cameras, which are in the rig's order. Images within `window` of each other are
-    /// of one instant; each was taken `delay_us` before its time stamp, or after it if that is
-    /// negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
+    /// Starts the cameras, which are in the rig's order. Images within `window` of each other
+    /// belong to one instant; each was taken `delay_us` before its time stamp, or after it if that
+    /// is negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
     /// camera is lost while others carry on.
     ///
     /// # Errors
@@ -175,7 +175,7 @@ impl LiveCameras {
             .collect()
     }
 
-    /// Reason why no frame set came within the patience.
+    /// Returns the reason why no frame set came within [`PATIENCE`].
     fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
         let waited = self.patience.as_secs();
         let silent = (state.matching.counts().iter())
@@ -238,7 +238,7 @@ impl LiveCameras {
     }
 }
 
-/// A camera's thread. Its pictures' times count from `zero`.
+/// Runs one camera's thread. The times of its images count from `zero`.
 fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {

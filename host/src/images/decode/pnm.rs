@@ -1,8 +1,8 @@
-//! How long a PNM file is at least.
+//! Least length of a PNM file.
 
 use image::codecs::pnm::{PnmHeader, PnmSubtype, SampleEncoding};
 
-/// Returns how many bytes the pixels of such a file take at least.
+/// Returns the least size of the pixels of such a file, bytes.
 pub(super) fn least_bytes(header: &PnmHeader) -> u64 {
     let [width, height] = [header.width(), header.height()].map(u64::from);
     let samples = width

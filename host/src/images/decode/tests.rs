@@ -1,17 +1,17 @@
-//! Whatever a file claims is judged first, and a file that ends too early is refused.
+//! Checks of a file's claims before decoding, and refusals of files that end too early.
 
 use super::*;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 
-/// A photograph of another program, with an APP0 segment.
+/// Image file of another program, with an APP0 segment.
 const PHOTOGRAPH: &[u8] = include_bytes!("../../../../tests/images/chessboard/left/01.jpg");
 /// A progressive colour JPEG of 48 x 40 px.
 const PROGRESSIVE: &[u8] = include_bytes!("tests/progressive.jpg");
-/// A baseline JPEG of 48 x 40 px with a picture of its own in its EXIF data.
+/// Baseline JPEG of 48 x 40 px with an image of its own in its EXIF data.
 const WITH_THUMBNAIL: &[u8] = include_bytes!("tests/thumbnail.jpg");
 
-/// A chunk of a PNG file, with its checksum.
+/// Returns a chunk of a PNG file, with its checksum.
 fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     let mut sum = !0_u32;
     for byte in name.iter().chain(content) {
@@ -24,7 +24,7 @@ fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     [&length, &name[..], content, &(!sum).to_be_bytes()].concat()
 }
 
-/// A PNG header: size, bits per sample, kind of colour.
+/// Returns a PNG header: size, bits per sample, kind of colour.
 fn header(width: u32, height: u32, kind: [u8; 2]) -> Vec<u8> {
     let size = [width.to_be_bytes(), height.to_be_bytes()].concat();
     chunk(b"IHDR", &[&size[..], &kind, &[0; 3]].concat())
@@ -34,7 +34,7 @@ fn png(chunks: &[Vec<u8>]) -> Vec<u8> {
     [&b"\x89PNG\r\n\x1a\n"[..], &chunks.concat()].concat()
 }
 
-/// A small grey PNG in one piece per chunk: signature with header, data, end.
+/// Returns a small grey PNG in one piece per chunk: signature with header, data, end.
 fn small_png() -> Vec<u8> {
     let mut file = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(&mut file);
@@ -45,7 +45,7 @@ fn small_png() -> Vec<u8> {
     file
 }
 
-/// The bytes that a zlib stream of `length` zeros has, stored.
+/// Returns a zlib stream of `length` zeros, stored.
 fn stored_zeros(length: u16) -> Vec<u8> {
     let sizes = [length.to_le_bytes(), (!length).to_le_bytes()].concat();
     let zeros = vec![0; usize::from(length)];
@@ -255,7 +255,7 @@ fn other_formats_are_refused_by_name() {
     }
 }
 
-/// The file without the last part of its compressed data, but with an end-of-image marker.
+/// Returns the file without the last part of its compressed data, but with an end-of-image marker.
 fn closed_after(file: &[u8], length: usize) -> Vec<u8> {
     let mut cut = file[..length].to_vec();
     if cut.last() == Some(&0xFF) {

@@ -1,4 +1,4 @@
-//! Faults in a folder are named by the file that has them; what was saved comes back.
+//! Errors of a folder, each with the file's name, and saved frame sets.
 
 use super::*;
 use tempfile::TempDir;
@@ -7,7 +7,7 @@ fn names() -> Vec<String> {
     ["left", "middle", "right"].map(str::to_owned).to_vec()
 }
 
-/// A capture of 6 x 4 px whose pixels tell camera and frame.
+/// Returns a frame set of 6 x 4 px whose pixels encode camera and number.
 fn capture(frame: u8) -> FrameSet {
     let view = |camera: u8| Image {
         width: 6,

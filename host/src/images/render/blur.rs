@@ -1,6 +1,6 @@
-//! Gaussian blur of a picture that repeats endlessly.
+//! Gaussian blur of an image that repeats endlessly.
 
-/// `sigma` in samples. Kernel to 4 sigma, beyond which lie 6e-5 of a Gaussian.
+/// Blurs by `sigma` samples. The kernel reaches to 4 sigma, beyond which lie 6e-5 of a Gaussian.
 pub(super) fn gaussian(width: usize, height: usize, samples: &[f32], sigma: f64) -> Vec<f32> {
     if !(sigma > 0.05) {
         return samples.to_vec();

@@ -1,13 +1,13 @@
-//! A dot on the poster appears where the camera model says, and the sensor adds what it claims.
+//! Rendered images against the camera model: the place of a dot, and the noise of the sensor.
 
 use super::*;
 use crate::images::TextureKind;
 
-/// Wide enough, 520 mm, that no camera sees the dot twice.
+/// Size of the texture: 520 mm, so wide that no camera sees the dot twice.
 const SIZE: usize = 1300;
 const DOT_TEXEL: [usize; 2] = [838, 608];
 
-/// Black, with one Gaussian dot at [`DOT_TEXEL`].
+/// Returns a black texture with one Gaussian dot at [`DOT_TEXEL`].
 fn dot_texture() -> Texture {
     let (size, sigma) = (SIZE, 3.0);
     let bell = |i: usize| {
@@ -27,7 +27,7 @@ fn dot_mm() -> [f64; 2] {
     DOT_TEXEL.map(|t| (t as f64 - (SIZE as f64 - 1.0) / 2.0) * 0.4)
 }
 
-/// Largest distance, px, between a dot's centroid in any view and its projection.
+/// Returns the largest distance between a dot's centroid in any image and its projection, px.
 fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> f64 {
     let scene = Scene::new(rig, &dot_texture(), settings).unwrap();
     let point = scene.point_mm(dot_mm(), relative_mm);
@@ -180,8 +180,8 @@ fn impossible_settings_are_refused_by_name() {
     assert_eq!(error.to_string(), "texture of 2 x 2 texels has 0");
 }
 
-/// The view is a sampled, band-limited picture: a sub-pixel move changes it as its derivative says,
-/// which fails where a renderer aliases or wobbles from texel to texel.
+/// Tests that a sub-pixel move changes the image as its derivative predicts, which fails for a
+/// renderer that aliases or wobbles from texel to texel.
 #[test]
 fn a_small_move_changes_the_view_by_its_gradient() {
     let texture = Texture::of_kind(TextureKind::Natural, 3);
@@ -212,7 +212,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     assert!((moved - 0.1).abs() < 0.004, "{moved}");
 }
 
-/// Centroid of what the first camera sees of the dot.
+/// Returns the centroid of the dot in the first camera's image.
 fn centroid(scene: &Scene, exposure: Exposure) -> [f64; 2] {
     let view = scene
         .render_exposures(&[exposure; 3], 0, 1)

@@ -1,4 +1,4 @@
-//! What is wrong with a device, and what to do about it.
+//! Errors of a device, each with a way out.
 
 use std::io;
 use std::path::Path;
@@ -8,7 +8,7 @@ use rustix::io::Errno;
 use crate::error::InputError;
 use crate::images::cameras::grey::Format;
 
-/// It cannot be opened, or is in use.
+/// Returns the error of a device that cannot be opened or is in use.
 pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
     let advice = match cause.kind() {
         io::ErrorKind::NotFound => {
@@ -28,7 +28,7 @@ pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
     InputError::file(path, advice)
 }
 
-/// It is a camera, but does not start.
+/// Returns the error of a camera that does not start.
 pub fn cannot_start(path: &Path, cause: &io::Error) -> InputError {
     match cause.kind() {
         // Two programs may open a camera, but only one may set it up.
@@ -41,7 +41,7 @@ pub fn cannot_start(path: &Path, cause: &io::Error) -> InputError {
     }
 }
 
-/// It has streamed, and does so no more.
+/// Returns the error of a camera that has stopped streaming.
 pub fn lost(path: &Path, cause: &io::Error) -> InputError {
     match Errno::from_io_error(cause) {
         Some(Errno::NODEV) => {
@@ -51,7 +51,7 @@ pub fn lost(path: &Path, cause: &io::Error) -> InputError {
     }
 }
 
-/// It has no format that is known here.
+/// Returns the error of a camera without a supported format.
 pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     let list = |names: Vec<String>| names.join(" ");
     let known = list(Format::ALL.map(|format| name(format.fourcc())).to_vec());
@@ -65,7 +65,7 @@ pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     InputError::file(path, reason)
 }
 
-/// It has no pictures of the rig's size.
+/// Returns the error of a camera without images of the rig's size.
 pub fn no_size(path: &Path, wanted_px: [u32; 2], nearest_px: [u32; 2]) -> InputError {
     let ([width, height], [nearest_width, nearest_height]) = (wanted_px, nearest_px);
     let reason = format!(
@@ -76,7 +76,7 @@ pub fn no_size(path: &Path, wanted_px: [u32; 2], nearest_px: [u32; 2]) -> InputE
     InputError::file(path, reason)
 }
 
-/// It was asked for one format and gives another.
+/// Returns the error of a camera that gives another format than the one that was set.
 pub fn other_format(path: &Path, wanted: [u8; 4], given: [u8; 4]) -> InputError {
     InputError::file(path, format!("gives {} for {}", name(given), name(wanted)))
 }

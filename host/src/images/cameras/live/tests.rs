@@ -1,10 +1,10 @@
-//! Cameras whose pictures come when the test sends them. Times are the pictures' own, so that a
-//! slow machine changes nothing.
+//! Cameras whose images come when the test sends them. The images carry their own times, so a slow
+//! machine changes nothing.
 
 use super::*;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Gives what it is sent; ends with an error when nobody sends any more.
+/// Camera that delivers the images it is sent; ends with an error when all senders are gone.
 struct Sent {
     name: &'static str,
     shots: Receiver<CameraEvent>,
@@ -23,7 +23,7 @@ impl Camera for Sent {
         Ok(shot)
     }
 
-    /// Loses one before each that it hands over.
+    /// Counts one lost image before each delivered one.
     fn lost(&self) -> u64 {
         self.sent
     }
@@ -73,14 +73,14 @@ fn image(grey: u8) -> Image {
 }
 
 impl Bench {
-    /// A picture of `camera`, handed over `ms` after the start.
+    /// Sends an image of `camera`, delivered `ms` after the start.
     fn send(&self, camera: usize, ms: u64, grey: u8) {
         let at = self.live.started + Duration::from_millis(ms);
         let shot = CameraEvent::Image(at, image(grey));
         self.senders[camera].send(shot).unwrap();
     }
 
-    /// Waits until so many shots of each camera have been looked at.
+    /// Waits until `shots` images of each camera have been processed.
     fn settle(&self, shots: [u64; 3]) {
         let seen = |tally: &Tally| tally.matching.arrived + tally.stale + tally.damaged;
         while self.live.tallies().iter().map(seen).ne(shots) {
@@ -100,7 +100,7 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
     assert_eq!(capture.images, [image(0), image(1), image(2)]);
 }
 
-/// As with a driver that stamps the start of the exposure.
+/// Tests a driver that stamps the start of the exposure.
 #[test]
 fn a_negative_delay_puts_pictures_after_their_moments() {
     let mut bench = bench_with(-8_000);

@@ -1,17 +1,17 @@
-//! The laws of matching, under cameras that jitter, drop pictures, stop, start late and run at
+//! Invariants of the matching, with cameras that jitter, drop images, stop, start late and run at
 //! other rates.
 
 use super::*;
 use proptest::prelude::*;
 
-/// Per camera: the times of its pictures, µs.
+/// Times of the images of each camera, µs.
 type Streams = Vec<Vec<u64>>;
 
-/// A picture: its camera and number.
+/// Image: its camera and number.
 type Picture = (usize, usize);
 type Run = (Vec<Set<Picture>>, Matching<Picture>);
 
-/// Pushes all pictures in the order of their times (cameras in order where equal), taking sets as
+/// Pushes all images in the order of their times (cameras in order where equal), and takes sets as
 /// they come.
 fn run(streams: &Streams, window_us: u64) -> Run {
     let mut arrivals: Vec<(u64, usize, usize)> = Vec::new();
@@ -34,7 +34,7 @@ fn deliver(cameras: usize, arrivals: &[(u64, usize, usize)], window_us: u64) -> 
     (sets, matching)
 }
 
-/// The laws that hold whatever arrives.
+/// Checks the invariants that hold for any images.
 fn assert_laws(
     streams: &Streams,
     window_us: u64,
@@ -71,13 +71,13 @@ fn assert_laws(
     Ok(())
 }
 
-/// A picture of a camera: how late it is, µs, and whether it is lost.
+/// Generates an image of a camera: its delay in µs, and true if it is lost.
 fn picture(jitter_us: u64) -> impl Strategy<Value = (u64, bool)> {
     (0..=jitter_us, prop::bool::weighted(0.15))
 }
 
-/// Cameras that are triggered together every 1,000 µs, each late by a jitter, each losing some
-/// pictures.
+/// Generates cameras that are triggered together every 1,000 µs, each with a jitter, and each
+/// losing some images.
 fn triggered(jitter_us: u64) -> impl Strategy<Value = Vec<Vec<(u64, bool)>>> {
     (2usize..=5, 1usize..40).prop_flat_map(move |(cameras, pictures)| {
         let stream = prop::collection::vec(picture(jitter_us), pictures);
@@ -109,7 +109,7 @@ proptest! {
         assert_laws(&streams, window_us, &sets, &matching)?;
     }
 
-    /// Nothing is missed: every trigger at which no camera lost its picture is a set.
+    /// Tests that every trigger at which no camera lost its image gives a set.
     #[test]
     fn every_whole_trigger_is_a_set(cameras in triggered(400)) {
         let streams: Streams = cameras.iter().map(|stream| times(stream)).collect();
@@ -124,7 +124,8 @@ proptest! {
         prop_assert_eq!(found, whole);
     }
 
-    /// Which camera's line is slower makes no difference, as long as no more than the depth waits.
+    /// Tests that the sets do not depend on the cameras' delays, as long as at most [`DEPTH`]
+    /// images wait.
     #[test]
     fn the_order_of_arrival_makes_no_difference(
         cameras in triggered(500),
@@ -142,7 +143,7 @@ proptest! {
         prop_assert_eq!(sets, others);
     }
 
-    /// The newest set is the last of those that would have come one by one.
+    /// Tests that the newest set is the last of those that single calls return.
     #[test]
     fn the_newest_overtakes_the_others(cameras in triggered(100)) {
         let streams: Streams = cameras.iter().map(|stream| times(&stream[..stream.len().min(DEPTH)])).collect();
@@ -205,7 +206,7 @@ fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
     assert!(run(&streams, 10_000).0.is_empty());
 }
 
-/// Whoever waits for a set gives up after three seconds.
+/// Tests that silence is noticed before a caller gives up after three seconds.
 #[test]
 fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
     for period_ms in [33, 100, 250, 500, 1_000] {

@@ -1,4 +1,4 @@
-//! The drivers' clock reads 1000 s when the tests' instant is taken.
+//! Time stamps, with a drivers' clock that reads 1000 s at the tests' instant.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Files that come whole, in halves, late or never. Time is an argument: nothing here waits.
+//! Files that come whole, in halves, late or never. Time is an argument, so no test waits.
 
 use super::*;
 use crate::images::Image;
