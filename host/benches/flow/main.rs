@@ -61,7 +61,8 @@ fn main() {
         beside_others(&scene, rounds);
     }
     println!(
-        "\n| this project, size | disparity px | frame set ms (least) | keyframe ms (least) | {} | points | RMS px, temporal / spatial | wrong |",
+        "\n| this project, size | disparity px | frame set ms (least) | keyframe ms (least) | {} \
+         | points | RMS px, temporal / spatial | wrong |",
         stages()
     );
     println!(
@@ -211,7 +212,8 @@ fn beside_others(scene: &Scene, rounds: usize) {
         }
     }
     println!(
-        "\n| {}: frame set, one thread | median ms (least) | least / ours | points | RMS px, temporal / spatial | wrong, temporal / spatial |",
+        "\n| {}: frame set, one thread | median ms (least) | least / ours | points | RMS px, \
+         temporal / spatial | wrong, temporal / spatial |",
         scene.name
     );
     println!("|---|---|---|---|---|---|");
@@ -320,7 +322,8 @@ fn alone(scene: &Scene, threads: usize, rounds: usize) {
     let (points, quality) = found;
     let ([width, height], [left, right]) = (scene.size_px, scene.disparity_px);
     print!(
-        "| {width} x {height}, threads: {threads} | {left:.1} / {right:.1} | {:.2} ({:.2}) | {:.2} ({:.2}) |",
+        "| {width} x {height}, threads: {threads} | {left:.1} / {right:.1} | {:.2} ({:.2}) | \
+         {:.2} ({:.2}) |",
         set.median(),
         set.least(),
         key.median(),

@@ -68,7 +68,8 @@ pub enum AlignmentRefusal {
     WrongRig,
     /// No offset within the search range explains the images.
     #[error(
-        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
+        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches \
+         agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
     )]
     NoRoughOffset {
         /// Search range, px.
@@ -91,7 +92,8 @@ pub enum AlignmentRefusal {
     },
     /// A depth was given, but the scene is not flat.
     #[error(
-        "a known depth needs a flat target, but disparities differ from a plane's by {residual_px:.2} px (root mean square)"
+        "a known depth needs a flat target, but disparities differ from a plane's by \
+         {residual_px:.2} px (root mean square)"
     )]
     NotFlat {
         /// Scatter of the disparity to the farthest camera, px.
@@ -99,7 +101,9 @@ pub enum AlignmentRefusal {
     },
     /// Only offsets beyond the search range could explain the given depth.
     #[error(
-        "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at {seen_mm:.0} mm: measure again, or raise --reach"
+        "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera \
+         `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at \
+         {seen_mm:.0} mm: measure again, or raise --reach"
     )]
     WrongDepth {
         /// Depth as given, mm.

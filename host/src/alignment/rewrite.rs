@@ -175,7 +175,12 @@ camera = [
             expected.replace("[0.0, 0.0, 0.5123]", "[1.0, 2.0, -3.0]")
         );
         // In a list in braces too; the file reads back.
-        let text = "image_size_px = [320, 240]\ncamera = [\n    { name = \"a\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },\n    { name = \"b\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [9, 0] },\n]\n";
+        let text = r#"image_size_px = [320, 240]
+camera = [
+    { name = "a", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },
+    { name = "b", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [9, 0] },
+]
+"#;
         let turned = turn(text, "b", [0.0, 0.0, 1.5]).unwrap();
         assert!(
             turned.contains("rotation_deg = [0.0, 0.0, 1.5] }"),

@@ -79,7 +79,8 @@ pub struct Solution {
 pub enum Unsolved {
     /// The images do not determine some unknown.
     #[error(
-        "the views of the board are too alike to tell lens and distance apart; tilt it more, in more directions"
+        "the views of the board are too alike to tell lens and distance apart; tilt it more, in \
+         more directions"
     )]
     Open,
     /// Some corner would lie behind a camera.

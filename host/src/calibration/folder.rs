@@ -107,7 +107,8 @@ impl Calibration {
             let used = intrinsics.used();
             if used < FEW_IMAGES {
                 warnings.push(format!(
-                    "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all directions, leave less to chance"
+                    "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all \
+                     directions, leave less to chance"
                 ));
             }
         }
@@ -119,7 +120,8 @@ impl Calibration {
             let share = (sigma[0] / value[0]).max(sigma[1] / value[1]);
             if share > VAGUE {
                 warnings.push(format!(
-                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; tilt the board more, in more directions, and let it fill the view",
+                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; \
+                     tilt the board more, in more directions, and let it fill the view",
                     100.0 * share
                 ));
             }
@@ -130,7 +132,8 @@ impl Calibration {
         {
             if !intrinsics.held.is_empty() {
                 warnings.push(format!(
-                    "{name}: {} held at 0, since the board does not reach far enough into the corners to tell",
+                    "{name}: {} held at 0, since the board does not reach far enough into the \
+                     corners to tell",
                     intrinsics.held.join(" and ")
                 ));
             }
@@ -139,7 +142,8 @@ impl Calibration {
             let own_px = own_rms_px(&self.cameras);
             if rig.rms_px > DOUBTFUL * own_px {
                 warnings.push(format!(
-                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: images of one name may not be of one instant",
+                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: \
+                     images of one name may not be of one instant",
                     rig.rms_px
                 ));
             }
@@ -181,7 +185,7 @@ pub fn calibrate(
             let seen = instants
                 .entry(instant.clone())
                 .or_insert_with(|| vec![None; series.len()]);
-            // An image that its own camera has rejected is of no use to the rig either.
+            // An image that its own camera has rejected is not used for the rig either.
             seen[index] = found
                 .ok()
                 .filter(|_| pose.is_some())
@@ -256,8 +260,11 @@ fn reject_repeated(files: &[String], found: &mut [Result<FoundBoard, ImageReject
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
         let [this, ..] = rest else { continue };
-        // Noise moves every corner: to the last bit, only the same pixels give the same places.
-        let is_same = |other: &Result<FoundBoard, ImageRejection>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        // Noise moves every corner, so only equal pixels give equal places to the last bit.
+        let is_same = |other: &Result<FoundBoard, ImageRejection>| match (other, &*this) {
+            (Ok(a), Ok(b)) => a.corners == b.corners,
+            _ => false,
+        };
         if let Some(first) = before.iter().position(is_same) {
             *this = Err(ImageRejection::Repeated(files[first].clone()));
         }
@@ -318,7 +325,8 @@ fn place(
         return Err(InputError::file(
             dir,
             format!(
-                "the images of `{}` are {w} x {h} px, those of `{}` {width} x {height} px; a rig's are all of one size",
+                "the images of `{}` are {w} x {h} px, those of `{}` {width} x {height} px; a \
+                 rig's are all of one size",
                 other.name, first.name
             ),
         ));
@@ -346,7 +354,8 @@ fn place(
         && rig.rms_px > NONSENSE * own_px
     {
         let reason = format!(
-            "the cameras contradict each other: together they are {:.3} px off, each alone at most {own_px:.3} px; images of one name must be of one instant",
+            "the cameras contradict each other: together they are {:.3} px off, each alone at \
+             most {own_px:.3} px; images of one name must be of one instant",
             rig.rms_px
         );
         return Err(InputError::file(dir, reason));
@@ -354,8 +363,11 @@ fn place(
     placed.map_err(|refusal| {
         let reason = match &refusal {
             rig::RigRefusal::Apart { camera, instants } => format!(
-                "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
-                cameras[*camera].name, cameras[reference].name, rig::LEAST_INSTANTS
+                "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the \
+                 same name, but it takes {}",
+                cameras[*camera].name,
+                cameras[reference].name,
+                rig::LEAST_INSTANTS
             ),
             other => other.to_string(),
         };

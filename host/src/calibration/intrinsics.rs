@@ -93,7 +93,8 @@ pub enum IntrinsicsRefusal {
     Unsolved(#[from] Unsolved),
     /// The solution is not plausible.
     #[error(
-        "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board are too alike; tilt it more, in more directions"
+        "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board \
+         are too alike; tilt it more, in more directions"
     )]
     Vague {
         /// Name of the parameter.

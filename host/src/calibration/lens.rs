@@ -68,8 +68,10 @@ impl Lens {
         let [r4, r6] = [r2 * r2, r2 * r2 * r2];
         #[rustfmt::skip]
         let by_lens = SMatrix::from_row_slice(&[
-            seen[0], 0.0, 1.0, 0.0, fx * x * r2, fx * x * r4, fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
-            0.0, seen[1], 0.0, 1.0, fy * y * r2, fy * y * r4, fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
+            seen[0], 0.0, 1.0, 0.0,
+            fx * x * r2, fx * x * r4, fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
+            0.0, seen[1], 0.0, 1.0,
+            fy * y * r2, fy * y * r4, fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
         ]);
         Some(Projection {
             pixel: [0, 1].map(|i| camera.focal_px[i] * seen[i] + camera.principal_px[i]),

@@ -1,8 +1,8 @@
 //! List of the images to calibrate with, per camera and instant.
 //!
 //! ```text
-//! boards/left/01.png    boards/right/01.png        a folder per camera; the same name, the same instant
-//! boards/left01.png     boards/right01.png         or all in one: the camera's name, then a number
+//! boards/left/01.png   boards/right/01.png   a folder per camera; equal names, equal instants
+//! boards/left01.png    boards/right01.png    or all in one: the camera's name, then a number
 //! ```
 //!
 //! The names' endings (`.png`, `.jpg`) do not matter.

@@ -69,7 +69,8 @@ pub enum RigRefusal {
     Count(usize),
     /// A camera has too few instants in common with the reference camera.
     #[error(
-        "camera number {camera} and the reference camera saw the board at {instants} common instants, but it takes {LEAST_INSTANTS} (files of the same name)"
+        "camera number {camera} and the reference camera saw the board at {instants} common \
+         instants, but it takes {LEAST_INSTANTS} (files of the same name)"
     )]
     Apart {
         /// Index of the camera.

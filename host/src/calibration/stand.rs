@@ -81,15 +81,16 @@ pub fn doubts(names: &[&str], stands: &[CameraPose], sigma: &[CameraPose]) -> Ve
         if z.abs() > (OUT_OF_PLANE * longest).max(2.0 * sigma) {
             let side = if z > 0.0 { "before" } else { "behind" };
             doubts.push(format!(
-                "{name} stands {:.2} mm {side} the plane of the cameras; a rig file cannot say so, and displacements err by about that over the \
-                 distance to the target",
+                "{name} stands {:.2} mm {side} the plane of the cameras; a rig file cannot say \
+                 so, and displacements err by about that over the distance to the target",
                 z.abs()
             ));
         }
         let turned = stand.rotation_deg.iter().map(|d| d * d).sum::<f64>().sqrt();
         if turned > TURNED_DEG {
             doubts.push(format!(
-                "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see less in common"
+                "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see \
+                 less in common"
             ));
         }
     }

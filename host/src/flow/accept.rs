@@ -84,7 +84,7 @@ impl Flow {
         let skewed =
             UnsynchronisedCamera::find(geometry, &inliers, displacement_mm, inflation.factor);
         let unsynchronised = skewed.filter(UnsynchronisedCamera::is_unsynchronised);
-        // A rotation cannot be told from an unsynchronised camera; that is left out first.
+        // An unsynchronised camera looks like a rotation, so it is left out first.
         if unsynchronised.is_none() {
             let rotation =
                 TargetRotation::of(geometry, &inliers, displacement_mm, inflation.factor);

@@ -46,7 +46,8 @@ impl std::fmt::Display for CameraRefusal {
                 };
                 write!(
                     f,
-                    "sees {percent:.1} % {amount} of the motion than the others: it takes its pictures {when}"
+                    "sees {percent:.1} % {amount} of the motion than the others: it takes its \
+                     pictures {when}"
                 )
             }
         }

@@ -384,7 +384,7 @@ fn results_are_the_same_on_any_threads() {
         };
         let mut flow = Flow::new(&rig, settings).unwrap();
         flow.set_keyframe(&before).unwrap();
-        // To the last bit: so many digits are printed.
+        // `{:?}` prints all digits, so the texts are equal only if all bits are.
         format!("{:?}", flow.measure(&now).unwrap())
     });
     for several in &measured[1..] {

@@ -31,7 +31,10 @@ pub const MEMORY: u64 = 512 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// The image has another size than the required one.
-    #[error("{} x {} px, but expected are {} x {} px", .given[0], .given[1], .wanted[0], .wanted[1])]
+    #[error(
+        "{} x {} px, but expected are {} x {} px",
+        .given[0], .given[1], .wanted[0], .wanted[1]
+    )]
     OtherSize {
         /// Width and height, px.
         given: [u32; 2],

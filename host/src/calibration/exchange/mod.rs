@@ -115,7 +115,8 @@ impl CameraFile {
         if let Some(flag) = root.optional("fisheye_model")?
             && flag.number()? != 0.0
         {
-            let reason = "a fisheye's coefficients mean something else: calibrate with the model k1 k2 p1 p2 k3";
+            let reason = "a fisheye's coefficients mean something else: calibrate with the model \
+                          k1 k2 p1 p2 k3";
             return Err(flag.fault(reason));
         }
         let matrix = root.required("camera_matrix")?;
@@ -263,7 +264,8 @@ pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
         let (cols, data) = (data.len() / rows, list(data));
         let _ = writeln!(
             text,
-            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]"
+            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ \
+             {data} ]"
         );
     };
     matrix("camera_matrix", 3, &matrix_of(camera));
@@ -287,8 +289,7 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let turn = camera.rotation.rows();
     let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
     let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
-    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no
-    // comment.
+    // A name in JSON's quotes, which YAML reads: otherwise `007` is a number, `a #b` has a comment.
     let name = serde_json::Value::from(name);
     let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
     let mut matrix = |name: &str, rows: usize, data: &[f64]| {

@@ -128,7 +128,9 @@ fn a_name_stays_a_name_whatever_it_looks_like() {
 fn coefficients_beyond_ours_must_be_zero() {
     let with = |data: &str, cols: usize| {
         format!(
-            "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}}\ndistortion_coefficients: {{rows: 1, cols: {cols}, data: [{data}]}}\n"
+            "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, \
+             0, 320, 0, 500, 240, 0, 0, 1]}}\ndistortion_coefficients: {{rows: 1, cols: {cols}, \
+             data: [{data}]}}\n"
         )
     };
     assert_eq!(
@@ -254,7 +256,8 @@ fn bad_values_are_refused_by_file_line_and_name() {
     );
     let plain = OPENCV.replacen("nframes: 13", "fisheye_model: 0", 1);
     assert!(parse(&plain).is_ok());
-    let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
+    let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, \
+                  data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
     refused("nframes: 13", turned, 5, "R", "not a rotation");
 }
 
@@ -325,7 +328,8 @@ fn turned(rows: [[f64; 3]; 3], shift: [f64; 3]) -> String {
     let rows = list(rows.as_flattened());
     let shift = list(&shift);
     format!(
-        "{OPENCV}R: {{rows: 3, cols: 3, data: [{rows}]}}\nT: {{rows: 3, cols: 1, data: [{shift}]}}\n"
+        "{OPENCV}R: {{rows: 3, cols: 3, data: [{rows}]}}\nT: {{rows: 3, cols: 1, data: \
+         [{shift}]}}\n"
     )
 }
 

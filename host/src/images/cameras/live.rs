@@ -191,8 +191,9 @@ impl LiveCameras {
                 let reason = match stale + damaged {
                     0 => format!("no picture for {waited} s: is the camera still there?"),
                     _ => format!(
-                        "no picture that can be used for {waited} s; so far {damaged} were damaged, and {stale} came faster than they were fetched (lower \
-                         --fps, or do less on this computer)"
+                        "no picture that can be used for {waited} s; so far {damaged} were \
+                         damaged, and {stale} came faster than they were fetched \
+                         (lower --fps, or do less on this computer)"
                     ),
                 };
                 (self.paths[camera].clone(), reason)
@@ -202,8 +203,9 @@ impl LiveCameras {
                 (
                     first.cloned().unwrap_or_default(),
                     format!(
-                        "no picture within the window of the other cameras' for {waited} s, the latest are {apart_ms:.1} ms apart: trigger the cameras \
-                         together, or raise --window"
+                        "no picture within the window of the other cameras' for {waited} s, the \
+                         latest are {apart_ms:.1} ms apart: trigger the cameras together, \
+                         or raise --window"
                     ),
                 )
             }
@@ -246,7 +248,7 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
         let mut state = shared.state();
         state.tallies[index].lost = camera.lost();
         match shot {
-            // What was taken before the start is of no use, and has no time.
+            // An image that was taken before the start has no time, and is stale.
             Ok(CameraEvent::Image(at, image)) => match at.checked_duration_since(zero) {
                 Some(since) => state.matching.push(index, micros(since), image),
                 None => state.tallies[index].stale += 1,

@@ -60,7 +60,7 @@ struct Seen {
 impl Seen {
     /// Reads the state of a file; `None` if it does not exist.
     fn now(file: &Path, since: Instant) -> Option<Self> {
-        // A link that leads nowhere is there, and cannot be read.
+        // A dangling link exists and cannot be read.
         let about = fs::metadata(file)
             .or_else(|_| fs::symlink_metadata(file))
             .ok()?;
@@ -325,11 +325,11 @@ impl<T: FnMut(&InputError)> Iterator for Watch<T> {
     type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        // Time that somebody took for the last capture is no time without captures.
+        // The time that the caller took for the last frame set does not count as idle.
         self.changed = Instant::now();
         while !self.over && !self.settings.stop.load(Relaxed) {
             let now = Instant::now();
-            // A long list takes long: not for each of the captures that wait in it.
+            // A long listing takes time, so it serves all frame sets that wait in it.
             let is_listed = self.listed.is_some_and(|listed| now - listed < LOOK);
             let look = if is_listed {
                 Ok(self.ready(now, false))

@@ -12,10 +12,12 @@ use crate::images::cameras::grey::Format;
 pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
     let advice = match cause.kind() {
         io::ErrorKind::NotFound => {
-            "no such camera: plug it in; `ls /dev/video*` shows the cameras there are, `v4l2-ctl --list-devices` which is which"
+            "no such camera: plug it in; `ls /dev/video*` shows the cameras there are, `v4l2-ctl \
+             --list-devices` which is which"
         }
         io::ErrorKind::PermissionDenied => {
-            "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then log in anew)"
+            "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then \
+             log in anew)"
         }
         io::ErrorKind::ResourceBusy => "in use: close the other program that shows its pictures",
         _ => {
@@ -34,7 +36,8 @@ pub fn cannot_start(path: &Path, cause: &io::Error) -> InputError {
         // Two programs may open a camera, but only one may set it up.
         io::ErrorKind::ResourceBusy => cannot_open(path, cause),
         io::ErrorKind::StorageFull => {
-            let reason = "its USB line is full: put the cameras on USB controllers of their own, or lower --fps";
+            let reason = "its USB line is full: put the cameras on USB controllers of their own, \
+                          or lower --fps";
             InputError::file(path, reason)
         }
         _ => InputError::io(path, "start", cause),
@@ -56,7 +59,9 @@ pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     let list = |names: Vec<String>| names.join(" ");
     let known = list(Format::ALL.map(|format| name(format.fourcc())).to_vec());
     let reason = match offered {
-        [] => "captures no video: many cameras have a second device for data about the pictures, take the first".to_owned(),
+        [] => "captures no video: many cameras have a second device for data about the pictures, \
+               take the first"
+            .to_owned(),
         offered => format!(
             "none of its formats is known here: it has {}, known are {known}",
             list(offered.iter().copied().map(name).collect())
@@ -69,8 +74,9 @@ pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
 pub fn no_size(path: &Path, wanted_px: [u32; 2], nearest_px: [u32; 2]) -> InputError {
     let ([width, height], [nearest_width, nearest_height]) = (wanted_px, nearest_px);
     let reason = format!(
-        "has no images of {width} x {height} px, as the rig file says; the nearest are {nearest_width} x {nearest_height}: calibrate the rig with images of a \
-         size the camera has (`v4l2-ctl -d {} --list-formats-ext` lists them)",
+        "has no images of {width} x {height} px, as the rig file says; the nearest are \
+         {nearest_width} x {nearest_height}: calibrate the rig with images of \
+         a size the camera has (`v4l2-ctl -d {} --list-formats-ext` lists them)",
         path.display()
     );
     InputError::file(path, reason)

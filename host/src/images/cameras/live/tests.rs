@@ -183,7 +183,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
         "{error}"
     );
 
-    // One that meets nobody while it waits: the pictures are sent by another thread.
+    // A camera without partners while the call waits: another thread sends the images.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_secs(2);
     let senders = bench.senders.clone();

@@ -146,7 +146,8 @@ proptest! {
     /// Tests that the newest set is the last of those that single calls return.
     #[test]
     fn the_newest_overtakes_the_others(cameras in triggered(100)) {
-        let streams: Streams = cameras.iter().map(|stream| times(&stream[..stream.len().min(DEPTH)])).collect();
+        let first = |stream: &Vec<_>| times(&stream[..stream.len().min(DEPTH)]);
+        let streams: Streams = cameras.iter().map(first).collect();
         let (sets, _) = run(&streams, 100);
         let mut matching = Matching::new(streams.len(), 100);
         for (camera, times) in streams.iter().enumerate() {

@@ -298,7 +298,7 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
     nothing(watch.look(bench.at(71_900)));
     assert_eq!(grey(watch.look(bench.at(72_000))), 4);
     assert!(bench.told()[0].contains("left/3.png: never came"));
-    // What comes now is too late: it is told once, the one passed over not again.
+    // A frame set that comes now is too late: it is reported once, the skipped one not again.
     bench.whole("left", "3.png", 3);
     bench.whole("left", "0.png", 0);
     bench.whole("right", "0.png", 0);
@@ -350,7 +350,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
         assert_eq!(present(ms + 1_999), None);
         assert!(present(ms + 2_000).is_some_and(|(_, shown)| shown == [true, true, false]));
     }
-    // A single picture is of no use.
+    // A single image is not a frame set.
     bench.whole("middle", "6.png", 6);
     assert_eq!(present(18_000), None);
     assert_eq!(present(20_000), None);
@@ -374,7 +374,7 @@ fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
         Ok(Look::FrameSet(capture)) => assert!(capture.images[2].is_missing()),
         other => panic!("{other:?}"),
     }
-    // Whoever waits is told for what, once.
+    // The missing camera is reported once.
     let told = bench.told();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("right: no image yet"), "{told:?}");
