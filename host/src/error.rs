@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_input_error_names_file_line_and_field() {
+    fn error_names_file_line_and_field() {
         let error = InputError::field(Path::new("points.csv"), 3, "x1", "`abc` is not a number");
         assert_eq!(
             error.to_string(),
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_text_in_an_error_is_printable() {
+    fn foreign_text_is_printable() {
         let (file, key) = (Path::new("a\x1b[2J.csv"), "k\u{202e}".repeat(1000));
         let error = InputError::field(file, 3, key, "`\u{7}` is not a number\nerror: forged");
         let text = error.to_string();

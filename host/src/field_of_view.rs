@@ -202,7 +202,7 @@ mod tests {
 
     /// Tests against random points in a box, each projected into every camera.
     #[test]
-    fn areas_and_volumes_are_those_of_the_projections() {
+    fn areas_match_random_projections() {
         let rig = Rig::paper();
         let view = FieldOfView::new(&rig, 12.0);
         let mut random = Random::new(5, 0);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_common_before_the_nearest_depth() {
+    fn nothing_common_before_nearest() {
         let view = FieldOfView::new(&Rig::paper(), 0.0);
         let (nearest, pair) = view.nearest_common();
         assert_eq!(pair, [0, 2]);
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_look_past_each_other_have_nothing_in_common() {
+    fn diverging_cameras_share_nothing() {
         let mut rig = Rig::paper();
         rig.image_size_px = [320, 30];
         rig.cameras[2].principal_px[1] = -1000.0;
@@ -254,7 +254,7 @@ mod tests {
     /// Tests outer cameras turned inwards so far that their fields of view cross before the middle
     /// camera's and part behind it.
     #[test]
-    fn views_that_cross_part_again() {
+    fn crossing_views_part_again() {
         let mut rig = Rig::paper();
         rig.cameras[0].principal_px[0] = -40.0;
         rig.cameras[2].principal_px[0] = 359.0;
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn distortion_never_makes_the_view_larger_than_it_is() {
+    fn distortion_never_overstates_view() {
         let mut rig = Rig::paper();
         for camera in &mut rig.cameras {
             camera.distortion = [-0.3, 0.1, 0.001, -0.001, 0.0];

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn file_is_read_up_to_its_limit() {
+    fn file_is_read_up_to_limit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         fs::write(&path, vec![b'x'; 2048]).unwrap();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn text_that_is_no_utf8_is_named_with_line() {
+    fn invalid_utf8_is_named_with_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         fs::write(&path, b"a\nb\xff").unwrap();
@@ -188,7 +188,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn devices_and_named_pipes_are_refused() {
+    fn devices_and_pipes_are_refused() {
         assert_eq!(
             refused(Path::new("/dev/zero")),
             "is no regular file, but a device"

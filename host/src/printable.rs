@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn control_characters_become_escapes() {
+    fn control_characters_are_escaped() {
         for (foreign, shown) in [
             ("rig.toml", "rig.toml"),
             (r"C:\rigs\two words.toml", r"C:\rigs\two words.toml"),
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn long_text_is_cut_and_says_so() {
+    fn long_text_is_marked_as_cut() {
         let exact = "x".repeat(LONGEST);
         assert_eq!(printable(&exact), exact);
         let long = "x".repeat(100 * LONGEST);

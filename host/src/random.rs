@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaussian_has_the_moments_and_tails_of_the_normal_distribution() {
+    fn gaussian_matches_normal_moments() {
         let mut random = Random::new(1, 0);
         let count = 1_000_000;
         let (mut moments, mut beyond_two, mut beyond_three) = ([0.0; 5], 0, 0);
@@ -96,7 +96,7 @@ mod tests {
 
     /// Tests the published algorithm's first numbers for seed 1234567.
     #[test]
-    fn it_is_splitmix64() {
+    fn generator_is_splitmix64() {
         let mut random = Random::seeded(1_234_567);
         let drawn: [u64; 5] = std::array::from_fn(|_| random.next_u64());
         let published = [

@@ -176,7 +176,7 @@ mod tests {
 
     /// Tests the figures behind the choice of the midpoint estimator.
     #[test]
-    fn a_tenth_of_a_pixel_costs_the_closed_form_far_more_than_the_midpoint() {
+    fn tenth_px_hurts_closed_form_most() {
         let rig = Rig::paper();
         let mut moved = rig.clone();
         moved.cameras[2].principal_px[0] += 0.1;
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_right_rig_costs_only_the_closed_forms_bias() {
+    fn true_rig_costs_only_closed_form_bias() {
         let rig = Rig::paper();
         let cost = cost(&rig, &rig, 900.0);
         assert!(cost.midpoint.unwrap().abs() < 1e-9);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_scene_shows_costs_the_midpoint_nothing() {
+    fn visible_offsets_cost_midpoint_nothing() {
         let rig = Rig::paper();
         let mut truth = rig.clone();
         truth.cameras[2].principal_px = [161.4, 119.0];
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn rigs_without_a_closed_form_have_one_penalty() {
+    fn two_camera_rig_has_no_closed_form() {
         let mut rig = Rig::paper();
         rig.cameras.pop();
         let penalty = Penalty::of(&rig, &rig, &[[0.0; 2], [0.02, 0.02]], 900.0, true);

@@ -135,7 +135,7 @@ name = \"right\"
     }
 
     #[test]
-    fn only_the_principal_points_change() {
+    fn only_principal_points_change() {
         let new = rewrite(
             RIG,
             &[("right", [158.412_34, 117.331]), ("left", [1.0, 2.5])],
@@ -149,7 +149,7 @@ name = \"right\"
     }
 
     #[test]
-    fn cameras_in_braces_are_found_too() {
+    fn cameras_in_braces_are_found() {
         let text = "\
 image_size_px = [320, 240]
 camera = [
@@ -162,7 +162,7 @@ camera = [
     }
 
     #[test]
-    fn a_rotation_is_added_or_replaced() {
+    fn rotation_is_added_or_replaced() {
         let added = turn(RIG, "left", [0.0, -0.000_01, 0.512_34]).unwrap();
         let expected = RIG.replace("154.43, 123]", "160.0, 120.0]").replace(
             "[-70.0, 0.0]\n",
@@ -192,7 +192,7 @@ camera = [
     }
 
     #[test]
-    fn what_would_be_no_rig_file_is_refused() {
+    fn invalid_rig_file_is_refused() {
         let error = rewrite(RIG, &[("right", [400.0, 117.0])]).unwrap_err();
         assert!(error.to_string().contains("outside the image"), "{error}");
         assert_eq!(error.line, Some(13));

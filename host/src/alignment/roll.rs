@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rolled_camera_sees_everything_turned() {
+    fn rolled_camera_turns_its_image() {
         let [roll, at] = [[0.02_f64, 0.0], [0.3, -0.1]];
         let mut camera = Rig::paper().cameras[0];
         camera.rotation = Rotation::from_degrees([1.0, -2.0, 0.5]);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_nothing_is_left_alone() {
+    fn insignificant_roll_is_ignored() {
         let turn = |roll_rad: f64| {
             Some(RollFit {
                 roll_rad: [roll_rad, 0.001],

@@ -71,7 +71,7 @@ fn assert_found(found: &Alignment, expected: [[f64; 2]; 3], bound_px: f64) {
 }
 
 #[test]
-fn the_papers_offsets_are_found_to_a_fiftieth_of_a_pixel() {
+fn offsets_are_found_to_a_fiftieth_px() {
     // The size of the paper's Table 4.
     let by = [[3.95, -0.29], [-7.36, 9.78], [-2.07, -0.43]];
     let scenes = [
@@ -89,7 +89,7 @@ fn the_papers_offsets_are_found_to_a_fiftieth_of_a_pixel() {
 }
 
 #[test]
-fn a_rig_that_is_right_stays_as_it_is() {
+fn aligned_rig_stays_unchanged() {
     let found = align(&captures(
         &Rig::paper(),
         &Texture::natural(5),
@@ -105,7 +105,7 @@ fn a_rig_that_is_right_stays_as_it_is() {
 /// numbers leave it uncertain by 0.26. With sharp images and little noise the points scatter
 /// because their sub-pixel phases differ, which averages out better than noise does.
 #[test]
-fn sigma_is_true() {
+fn offset_sigma_is_true() {
     for (soft, noise_grey, least) in [(true, 2.0, 0.35), (true, 6.0, 0.35), (false, 2.0, 0.1)] {
         let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0);
         for poster in 0..2 {
@@ -144,7 +144,7 @@ fn sigma_is_true() {
 }
 
 #[test]
-fn more_captures_make_it_better() {
+fn more_frame_sets_reduce_error() {
     let by = [[0.5, -2.0], [0.0, 0.0], [1.0, 3.0]];
     let settings = SceneSettings {
         noise_grey: 8.0,
@@ -164,7 +164,7 @@ fn more_captures_make_it_better() {
 }
 
 #[test]
-fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
+fn known_depth_shows_common_disparity() {
     let by = [[1.2, 0.4], [0.0, 0.0], [-0.9, -0.6]];
     let rig = shifted(by);
     let scene = Scene::new(&rig, &Texture::natural(6), tilted(850.0)).unwrap();
@@ -182,7 +182,7 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
 }
 
 #[test]
-fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
+fn wrong_known_depth_is_refused() {
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let settings = AlignmentSettings {
         depth_mm: Some(550.0),
@@ -202,7 +202,7 @@ fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
 }
 
 #[test]
-fn a_known_depth_needs_a_flat_target() {
+fn known_depth_needs_flat_target() {
     // Two captures of different depths are not one plane.
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let captures = [0.0, 100.0].map(|z| scene.render([0.0, 0.0, z], 0, 4));
@@ -227,7 +227,7 @@ fn rolled(by_deg: [f64; 3]) -> Rig {
 }
 
 #[test]
-fn a_rolled_camera_is_turned_back() {
+fn rolled_camera_is_corrected() {
     for by_deg in [[0.5, 0.0, 0.0], [-0.2, 0.0, 1.0]] {
         let found = align(&captures(
             &rolled(by_deg),
@@ -269,7 +269,7 @@ fn a_rolled_camera_is_turned_back() {
 /// Tests the mean square of the roll's error over its sigma, and the number of times that a camera
 /// without roll is corrected.
 #[test]
-fn sigma_of_the_roll_is_true() {
+fn roll_sigma_is_true() {
     let (mut sum, mut count, mut false_alarms) = (0.0, 0, 0);
     for scene in 0..10 {
         let mut random = Random::new(21, scene);
@@ -298,7 +298,7 @@ fn sigma_of_the_roll_is_true() {
 }
 
 #[test]
-fn other_rigs_are_aligned_as_far_as_they_show_it() {
+fn other_rigs_get_visible_offsets() {
     // Two cameras one above the other: only the offset across is seen, which is horizontal.
     let mut rig = Rig::paper();
     rig.cameras.pop();
@@ -322,7 +322,7 @@ fn other_rigs_are_aligned_as_far_as_they_show_it() {
 }
 
 #[test]
-fn larger_images_and_bent_lenses_are_aligned_too() {
+fn large_distorted_images_are_aligned() {
     let mut rig = Rig::paper();
     rig.image_size_px = [640, 480];
     for (camera, k1) in rig.cameras.iter_mut().zip([-0.25, -0.2, -0.3]) {
@@ -343,7 +343,7 @@ fn larger_images_and_bent_lenses_are_aligned_too() {
 }
 
 #[test]
-fn patterns_that_repeat_are_refused() {
+fn repetitive_pattern_is_refused() {
     let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
     for texture in [Texture::grid(), Texture::bricks(1)] {
         let captures = captures(&shifted(by), &texture, SceneSettings::default(), &[1]);
@@ -354,7 +354,7 @@ fn patterns_that_repeat_are_refused() {
 }
 
 #[test]
-fn pictures_that_show_nothing_are_refused() {
+fn blank_images_are_refused() {
     let blank = crate::images::Image {
         width: 320,
         height: 240,

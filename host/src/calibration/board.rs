@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_turns() {
+    fn repeated_turns_return_to_start() {
         for (board, turns) in [(board(9, 6), 2), (board(4, 4), 4)] {
             for index in 0..board.count() {
                 let step = 4 / turns;
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn symmetries_are_the_turns_that_keep_the_colours() {
+    fn symmetries_keep_colours() {
         for (columns, rows) in [(9, 6), (6, 9), (8, 6), (7, 5), (4, 4), (5, 5)] {
             let board = board(columns, rows);
             let half = colour(0, 0) == colour(columns, rows);
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_read_as_they_are_spoken() {
+    fn pattern_text_is_parsed() {
         assert_eq!("9x6".parse(), Ok(Pattern([9, 6])));
         for bad in [
             "", "9", "9x", "x6", "9x6x2", "2x6", "9x101", "-9x6", "9.0x6",

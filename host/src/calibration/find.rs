@@ -288,7 +288,7 @@ mod tests {
     /// Tests that for any orientation the first corner is one of those that a colour-preserving
     /// turn maps to it.
     #[test]
-    fn the_first_corner_is_where_the_colours_allow_it() {
+    fn first_corner_follows_colours() {
         for corners in [[7, 7], [5, 5], [6, 6], [7, 5], [7, 6]] {
             let board = Board {
                 corners,

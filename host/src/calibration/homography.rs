@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_points_give_the_map_back() {
+    fn exact_points_give_the_map() {
         let truth = Matrix3::new(1.1, 0.2, 300.0, -0.1, 0.9, 200.0, 1e-3, -5e-4, 1.0);
         let from: Vec<[f64; 2]> = (0..12)
             .map(|i| [f64::from(i % 4) * 25.0, f64::from(i / 4) * 25.0])
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn points_in_line_or_too_few_are_refused() {
+    fn degenerate_points_are_refused() {
         let line: Vec<[f64; 2]> = (0..6).map(|i| [f64::from(i), 2.0 * f64::from(i)]).collect();
         assert!(fit(&line, &line).is_none());
         assert!(fit(&line[..3], &line[..3]).is_none());

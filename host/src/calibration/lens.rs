@@ -95,7 +95,7 @@ mod tests {
     const LENS: Lens = Lens([533.0, 529.0, 160.0, 118.0, -0.28, 0.05, 1e-3, -2e-3, 0.11]);
 
     #[test]
-    fn it_is_the_cameras_projection() {
+    fn lens_projects_as_camera() {
         let point = [120.0, -90.0, 700.0];
         let seen = LENS.camera().project(point);
         let projection = LENS.project(Vector3::from(point)).unwrap();
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_finite_differences() {
+    fn derivatives_match_differences() {
         let point = Vector3::new(120.0, -90.0, 700.0);
         let at = LENS.project(point).unwrap();
         let check = |low: [f64; 2], high: [f64; 2], step: f64, column: [f64; 2]| {

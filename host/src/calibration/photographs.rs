@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_per_camera() {
+    fn folder_per_camera_is_listed() {
         let found = listed(&[
             "right/2.png",
             "left/10.png",
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn all_in_one_folder() {
+    fn single_folder_is_grouped() {
         let found = listed(&["right02.jpg", "left01.jpg", "left02.jpg", "intrinsics.yml"]);
         assert_eq!(
             found[0],
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_read_is_said() {
+    fn empty_folder_is_refused() {
         let folder = files(&["readme.txt"]);
         assert!(
             list(folder.path())

@@ -72,7 +72,7 @@ fn images(
 }
 
 #[test]
-fn exact_corners_give_the_lens_back() {
+fn exact_corners_give_the_lens() {
     let images = images(6, 0.0, &mut Random::new(1, 0));
     let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
     for (got, truth) in found.lens.0.iter().zip(LENS.0) {
@@ -88,7 +88,7 @@ fn exact_corners_give_the_lens_back() {
 /// Tests that errors over their standard deviations have mean square 1. Over 60 runs of nine
 /// parameters, correlated within each run, it scatters by 0.12.
 #[test]
-fn a_cameras_sigma_is_true() {
+fn camera_sigma_is_true() {
     let runs = 60;
     let (mut squares, mut counts) = ([0.0; PARAMETERS], [0.0; PARAMETERS]);
     let mut worst: f64 = 0.0;
@@ -125,7 +125,7 @@ fn a_cameras_sigma_is_true() {
 }
 
 #[test]
-fn images_are_rejected_by_the_stated_rules() {
+fn bad_images_are_rejected() {
     let mut random = Random::new(3, 0);
     let mut images = images(10, NOISE_PX, &mut random);
     images[2] = Err(NotFound::Nothing.into());
@@ -158,7 +158,7 @@ fn images_are_rejected_by_the_stated_rules() {
 /// Tests that k3 is left out if it would fold the image corners over. Boards in the middle of the
 /// image hardly determine the distortion there.
 #[test]
-fn a_bend_that_cannot_be_told_is_left_out() {
+fn undetermined_k3_is_left_out() {
     let mut held = 0;
     for run in 0..20 {
         let mut random = Random::new(13, run);
@@ -185,7 +185,7 @@ fn a_bend_that_cannot_be_told_is_left_out() {
 }
 
 #[test]
-fn what_cannot_be_solved_is_refused() {
+fn unsolvable_views_are_refused() {
     let mut random = Random::new(4, 0);
     let two = images(2, NOISE_PX, &mut random);
     let (refusal, verdicts) = intrinsics::calibrate(&BOARD, SIZE_PX, &two, KEEP).unwrap_err();
@@ -258,7 +258,7 @@ fn row(stands: &[stand::CameraPose]) -> Vec<f64> {
 }
 
 #[test]
-fn exact_corners_give_the_rig_back() {
+fn exact_corners_give_the_rig() {
     let bench = bench(&BOARD, 6, 0.0, &mut Random::new(5, 0));
     let solution = rig::calibrate(&BOARD, &bench.eyes, 1, &bench.instants, KEEP).unwrap();
     for (got, truth) in row(&solution.stands).iter().zip(stand::numbers(&motions())) {
@@ -276,7 +276,7 @@ fn exact_corners_give_the_rig_back() {
 }
 
 #[test]
-fn a_rigs_sigma_is_true() {
+fn rig_sigma_is_true() {
     let runs = 40;
     let truth = stand::numbers(&motions());
     let mut squares = vec![0.0; truth.len()];
@@ -308,7 +308,7 @@ fn a_rigs_sigma_is_true() {
 }
 
 #[test]
-fn a_board_that_moved_between_exposures_is_left_out() {
+fn moved_board_is_left_out() {
     let mut random = Random::new(6, 0);
     let mut bench = bench(&BOARD, 8, NOISE_PX, &mut random);
     if let Some(corners) = &mut bench.instants[3][2] {
@@ -328,7 +328,7 @@ fn a_board_that_moved_between_exposures_is_left_out() {
 }
 
 #[test]
-fn cameras_without_common_instants_are_named() {
+fn cameras_never_together_are_named() {
     let mut bench = bench(&BOARD, 6, NOISE_PX, &mut Random::new(8, 0));
     for instant in &mut bench.instants[2..] {
         instant[2] = None;
@@ -347,7 +347,7 @@ fn cameras_without_common_instants_are_named() {
 
 /// Tests a board that looks the same after a turn, where one camera begins at the other end.
 #[test]
-fn turned_numbers_are_turned_back() {
+fn turned_numbers_are_corrected() {
     for corners in [[7, 5], [6, 6]] {
         let board = Board {
             corners,
@@ -383,7 +383,7 @@ fn standing(places_mm: &[[f64; 3]], turns_deg: &[[f64; 3]]) -> Vec<Isometry3<f64
 }
 
 #[test]
-fn any_cameras_in_a_plane_stand_in_it() {
+fn coplanar_cameras_keep_their_plane() {
     let square = [
         [0.0, 0.0, 0.0],
         [60.0, 0.0, 0.0],
@@ -430,7 +430,7 @@ fn any_cameras_in_a_plane_stand_in_it() {
 /// Tests that a camera upside down is turned by 180 degrees, not by none, and one by a millionth of
 /// a degree by that.
 #[test]
-fn half_turns_and_the_smallest_are_both_seen() {
+fn half_and_tiny_turns_are_kept() {
     let turns = [[0.0; 3], [0.0, 0.0, 180.0], [1e-6, 0.0, 0.0]];
     let places = [[0.0; 3], [50.0, 0.0, 0.0], [100.0, 0.0, 0.0]];
     let stands = stand::placed(&standing(&places, &turns));
@@ -442,7 +442,7 @@ fn half_turns_and_the_smallest_are_both_seen() {
 }
 
 #[test]
-fn axes_that_fit_are_kept_and_doubts_are_named() {
+fn fitting_axes_stay_and_doubts_are_named() {
     let turns = [[0.0; 3], [0.0, 6.0, 0.0], [0.0; 3]];
     let level = standing(&[[0.0; 3], [50.0, 4.0, 0.0], [100.0, -3.0, 0.0]], &turns);
     let kept = stand::placed(&level);

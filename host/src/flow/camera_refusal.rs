@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn remarks_name_amount_and_direction_of_skew() {
+    fn remarks_name_size_of_skew() {
         let late = CameraRefusal::Unsynchronised { share: 0.05 };
         assert!(late.to_string().contains("5.0 % more") && late.to_string().contains("later"));
         let early = CameraRefusal::Unsynchronised { share: -0.05 };

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn repeated_image_is_frozen_only_if_another_changes() {
+    fn repeat_is_frozen_only_if_others_change() {
         let frozen = [Some(CameraRefusal::Frozen), None, None];
         assert_eq!(marked(&[1, 2, 3], &[1, 9, 8]), frozen);
         assert_eq!(marked(&[1, 2, 3], &[1, 2, 3]), [None; 3]);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_and_returned_images_are_no_change() {
+    fn missing_images_are_no_change() {
         let mut refusals = [None, None, Some(CameraRefusal::Missing)];
         mark_frozen(&mut refusals, &[1, 2, 0], &[1, 2, 3]);
         assert_eq!(refusals, [None, None, Some(CameraRefusal::Missing)]);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn frame_set_seen_twice_is_judged_alike_twice() {
+    fn repeated_frame_set_gets_same_result() {
         let mut memory = FrozenCameras::default();
         let mut judged = |fingerprints: &[u64]| {
             let mut refusals = [None; 3];
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn any_pixel_changes_the_fingerprint() {
+    fn any_pixel_changes_fingerprint() {
         let first = Image {
             width: 7,
             height: 5,

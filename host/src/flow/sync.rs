@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn unsynchronised_camera_is_found_by_index() {
+    fn unsynchronised_camera_is_found() {
         for camera in 0..3 {
             for share in [0.06, -0.06] {
                 let found = judged(Some((camera, share)), 5).unwrap();
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn one_percent_of_skew_only_inflates_sigma() {
+    fn small_skew_only_inflates_sigma() {
         let found = judged(Some((0, 0.012)), 6).unwrap();
         assert!(
             !found.is_unsynchronised() && found.variance_inflation > 2.0,
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn synchronised_cameras_are_not_suspected() {
+    fn synchronised_cameras_pass() {
         assert!((0..40).all(|seed| judged(None, seed).is_none()));
     }
 }

@@ -98,7 +98,7 @@ fn flow_with_keyframe(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, FlowR
 
 /// Prints the table with `--nocapture`.
 #[test]
-fn table_5_moves_are_measured_to_20_um() {
+fn table_5_is_measured_to_20_um() {
     let rig = Rig::paper();
     // Clouds have a tenth of the leaves' gradients: noise alone is 0.03 mm in z.
     for (kind, z) in [(TextureKind::Natural, 0.05), (TextureKind::Blobs, 0.12)] {
@@ -125,7 +125,7 @@ fn table_5_moves_are_measured_to_20_um() {
 }
 
 #[test]
-fn repetitive_texture_is_measured_or_refused() {
+fn repetition_is_measured_or_refused() {
     let rig = Rig::paper();
     let mut outcomes = [0; 2];
     let varieties = [0.0, 4.0, 15.0, 40.0].map(Some);
@@ -170,7 +170,7 @@ fn repetitive_texture_is_measured_or_refused() {
 }
 
 #[test]
-fn right_down_and_away_are_positive() {
+fn right_down_away_are_positive() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 21);
     let mut flow = flow_with_keyframe(&rig, &scene, 21).unwrap();
@@ -190,7 +190,7 @@ fn right_down_and_away_are_positive() {
 /// Tests photographs: every pair of frame sets, so both kinds of keyframe. Prints the table with
 /// `--nocapture`.
 #[test]
-fn teddy_moves_by_the_steps_of_the_cameras() {
+fn teddy_moves_by_camera_steps() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/images/teddy");
     let file = RigFile::read(&folder.join("rig.toml")).unwrap();
     let rig = &file.rig;
@@ -220,7 +220,7 @@ fn teddy_moves_by_the_steps_of_the_cameras() {
 }
 
 #[test]
-fn light_and_a_hand_do_not_change_the_result() {
+fn light_and_hand_change_nothing() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 22);
     let mut flow = flow_with_keyframe(&rig, &scene, 22).unwrap();
@@ -243,7 +243,7 @@ fn light_and_a_hand_do_not_change_the_result() {
 }
 
 #[test]
-fn unusable_frame_sets_are_refused_by_name() {
+fn unusable_frame_set_is_refused() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 24);
     let still = scene.render([0.0; 3], 0, 1);
@@ -299,7 +299,7 @@ fn unusable_frame_sets_are_refused_by_name() {
 }
 
 #[test]
-fn two_and_four_cameras_measure_as_well() {
+fn two_and_four_cameras_measure() {
     let camera = |x, y| Camera::ideal([530.0, 528.0], [160.0, 120.0], [x, y]);
     let pair = [camera(0.0, 0.0), camera(90.0, 0.0)];
     let square = [
@@ -340,7 +340,7 @@ fn two_and_four_cameras_measure_as_well() {
 /// Tests the paper's rig at 700 mm, with 53 px of disparity: matches need no prior, and none of
 /// them is wrong.
 #[test]
-fn matches_at_53_px_disparity_are_right() {
+fn matches_at_53_px_are_right() {
     let rig = Rig::paper();
     let target = [9.0, -6.0, 3.0];
     for (seed, kind) in (40..).zip([TextureKind::Natural, TextureKind::Blobs]) {
@@ -373,7 +373,7 @@ fn matches_at_53_px_disparity_are_right() {
 }
 
 #[test]
-fn results_are_the_same_on_any_threads() {
+fn threads_do_not_change_results() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 41);
     let [before, now] = [([0.0; 3], 1), ([6.0, 4.0, -3.0], 2)].map(|(t, s)| scene.render(t, 0, s));
@@ -394,7 +394,7 @@ fn results_are_the_same_on_any_threads() {
 
 /// Tests the five cameras that a rig may have; the remark names the failed one.
 #[test]
-fn failed_camera_is_left_out_by_name() {
+fn failed_camera_is_left_out() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 42);
     let names = ["left", "middle", "right"].map(String::from);
@@ -449,7 +449,7 @@ fn failed_camera_is_left_out_by_name() {
 /// Tests a camera so late that its points fail the test of disparities, or scatter too much to
 /// agree: the result names the camera, not these symptoms.
 #[test]
-fn camera_late_by_pixels_is_left_out_by_name() {
+fn late_camera_is_left_out() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 44);
     let mut flow = flow_with_keyframe(&rig, &scene, 44).unwrap();
@@ -478,7 +478,7 @@ fn camera_late_by_pixels_is_left_out_by_name() {
 
 /// Tests a camera that froze after the keyframe: it repeats the frame set before.
 #[test]
-fn camera_that_freezes_later_is_found() {
+fn later_frozen_camera_is_found() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 43);
     let mut flow = flow_with_keyframe(&rig, &scene, 43).unwrap();

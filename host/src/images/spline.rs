@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_sum_to_one_and_keep_the_place() {
+    fn weights_sum_to_one() {
         for i in 0..100 {
             let t = i as f32 / 100.0;
             let w = weights(t);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_repeats_in_both_directions() {
+    fn surface_repeats_both_ways() {
         let samples: Vec<f32> = (0..35).map(|i| (i * i % 17) as f32).collect();
         let surface = Surface::new(5, 7, &samples);
         for (x, y) in [(0.3, 0.6), (4.9, 6.9), (2.0, 3.5)] {

@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_is_grey_within_range_with_contrast_and_no_seam() {
+    fn kinds_have_contrast_and_no_seam() {
         for kind in TextureKind::ALL {
             let t = Texture::of_kind(kind, 5);
             assert_eq!(t.grey.len(), t.width * t.height);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_keeps_its_pixels() {
+    fn photograph_keeps_its_pixels() {
         let image = Image {
             width: 3,
             height: 2,
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_make_the_poster() {
+    fn seed_determines_the_poster() {
         for kind in [TextureKind::Natural, TextureKind::Blobs] {
             assert!(Texture::of_kind(kind, 1) == Texture::of_kind(kind, 1));
             assert!(Texture::of_kind(kind, 1) != Texture::of_kind(kind, 2));

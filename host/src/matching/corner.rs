@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn square_has_corners_at_its_vertices_only() {
+    fn square_has_four_corners() {
         let square = |x, y| {
             if (40..80).contains(&x) && (30..70).contains(&y) {
                 200
@@ -284,7 +284,7 @@ mod tests {
     /// Tests a texture of equal tiles, which has many equal corners: their order decides which of
     /// them are chosen.
     #[test]
-    fn corners_are_the_same_on_any_threads() {
+    fn threads_do_not_change_corners() {
         let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
         // So wide that a cell lies in two strips.

@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn true_point_passes_tests_and_gives_depth() {
+    fn true_point_passes_with_depth() {
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         assert_eq!(geometry.reference, 1);
         let views = views(&geometry, [30.0, -40.0, 850.0]);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_match_fails_the_test_it_breaks() {
+    fn wrong_match_fails_its_test() {
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let true_views = views(&geometry, [30.0, -40.0, 850.0]);
         // Of 3 px along x in one outer view, the fit absorbs most; half a pixel is left.
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn disparity_constraint_equals_the_papers() {
+    fn constraint_equals_the_papers() {
         // (x_mi - x_li)(x_rj - x_mj) = (x_ri - x_mi)(x_mj - x_lj) for two points that pass.
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let [i, j] = [[30.0, -40.0, 850.0], [-50.0, 20.0, 930.0]].map(|p| views(&geometry, p));

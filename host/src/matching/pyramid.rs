@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn point_spreads_into_the_binomial() {
+    fn point_spreads_as_binomial() {
         let mut image = Image {
             width: 9,
             height: 9,
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_follow_the_definition_at_any_size() {
+    fn levels_follow_definition() {
         for (width, height) in [(1, 1), (2, 9), (9, 2), (33, 17), (64, 47), (23, 40)] {
             let grey = (0..width * height)
                 .map(|i| (i * 7919 % 251) as u8)

@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn window_correlates_only_with_itself() {
+    fn window_correlates_with_itself() {
         let plane = plane();
         let patch = plane.patch(30, 20).unwrap();
         let mut row = [0.0; 60];
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_row_equal_the_whole() {
+    fn row_parts_equal_the_whole() {
         let plane = plane();
         let patch = plane.patch(12, 9).unwrap();
         let mut whole = [0.0; 70];

@@ -72,7 +72,7 @@ fn assert_same(found: &Camera, expected: &Camera) {
 }
 
 #[test]
-fn opencvs_own_file_is_read() {
+fn opencv_file_is_read() {
     let file = parse(OPENCV).unwrap();
     assert_eq!(file.image_size_px, [640, 480]);
     assert_eq!(file.lens.0[0], 535.915_733_961_632);
@@ -82,7 +82,7 @@ fn opencvs_own_file_is_read() {
 }
 
 #[test]
-fn both_formats_give_the_camera_back() {
+fn both_formats_round_trip() {
     let rig = Rig {
         image_size_px: [320, 240],
         cameras: [camera(), Rig::paper().cameras[2]].into_iter().collect(),
@@ -98,7 +98,7 @@ fn both_formats_give_the_camera_back() {
 
 /// Tests that a number has a decimal point, because YAML 1.1 takes `1e-5` for a text.
 #[test]
-fn small_numbers_are_written_as_numbers() {
+fn small_numbers_keep_a_point() {
     let text = list(&[1e-5, -2e-7, 1.5e-9, 3.0, -0.25, 1e16]);
     assert_eq!(text, "1.0e-5, -2.0e-7, 1.5e-9, 3.0, -0.25, 1.0e16");
     let mut rig = Rig::paper();
@@ -111,7 +111,7 @@ fn small_numbers_are_written_as_numbers() {
 }
 
 #[test]
-fn a_name_stays_a_name_whatever_it_looks_like() {
+fn names_like_numbers_stay_names() {
     let rig = Rig::paper();
     for name in [
         "left", "007", "yes", "- q", "a #b", "it's", "größe", "a \"b\"",
@@ -125,7 +125,7 @@ fn a_name_stays_a_name_whatever_it_looks_like() {
 }
 
 #[test]
-fn coefficients_beyond_ours_must_be_zero() {
+fn unknown_coefficients_must_be_zero() {
     let with = |data: &str, cols: usize| {
         format!(
             "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, \
@@ -155,7 +155,7 @@ fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
 }
 
 #[test]
-fn bad_values_are_refused_by_file_line_and_name() {
+fn bad_values_are_refused_by_line() {
     refused(
         "image_width: 640",
         "image_width: x",
@@ -262,7 +262,7 @@ fn bad_values_are_refused_by_file_line_and_name() {
 }
 
 #[test]
-fn what_is_no_such_file_is_refused() {
+fn other_files_are_refused() {
     for (text, reason) in [
         ("", "empty"),
         ("%YAML:1.0\n---\n", "names with values"),
@@ -294,7 +294,7 @@ fn long_file_is_read_in_linear_time() {
 }
 
 #[test]
-fn value_that_is_too_long_is_refused_in_short() {
+fn long_value_is_shortened_in_error() {
     let long = "9".repeat(100_000);
     let (number, key) = (
         format!("image_width: {long}x"),
@@ -346,7 +346,7 @@ fn blamed(members: &[Member], file: &str, field: Option<&str>, reason: &str) {
 }
 
 #[test]
-fn broken_rule_of_a_rig_is_blamed_on_its_file() {
+fn broken_rule_names_its_file() {
     let straight = |name: &str, x: f64| member(name, &turned(STRAIGHT, [-x, 0.0, 0.0]));
     let [left, right] = [straight("left", 0.0), straight("right", 80.0)];
     assert!(assemble(&[left.clone(), right.clone()]).is_ok());
@@ -396,7 +396,7 @@ fn broken_rule_of_a_rig_is_blamed_on_its_file() {
 }
 
 #[test]
-fn shift_beyond_all_measure_is_refused() {
+fn huge_shift_is_refused() {
     for shift in [[1e9, 0.0, 0.0], [0.0, 0.0, -1e300]] {
         let error = parse(&turned(STRAIGHT, shift)).unwrap_err();
         assert_eq!(error.field.as_deref(), Some("T"), "{error}");

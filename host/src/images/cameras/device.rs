@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_camera_is_refused_by_name_with_what_to_do() {
+    fn other_devices_are_refused() {
         let text = refusal(Path::new("/dev/video-of-nobody"));
         assert!(
             text.starts_with("/dev/video-of-nobody: no such camera: plug it in"),
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_are_what_their_flags_say() {
+    fn stamps_follow_their_flags() {
         let of = |flags, sec, usec| {
             stamp(&Metadata {
                 flags,

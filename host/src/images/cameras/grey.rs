@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn every_layout_gives_its_luminance_with_and_without_gaps() {
+    fn layouts_give_luminance() {
         for format in Format::ALL {
             let Some(per_pixel) = format.bytes_per_pixel() else {
                 continue;
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_weigh_as_in_image_files() {
+    fn colours_weigh_as_in_files() {
         let colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [12, 200, 77]];
         for [r, g, b] in colours {
             let file = RgbImage::from_pixel(1, 1, image::Rgb([r, g, b]));
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn jpegs_are_read_with_and_without_their_huffman_tables() {
+    fn jpeg_without_tables_is_read() {
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i % 64 * 3) as u8).collect();
         let mut file = Vec::new();
         JpegEncoder::new_with_quality(&mut file, 95)

@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_pictures_also_where_the_count_starts_anew() {
+    fn gaps_are_counted_across_the_wrap() {
         assert_eq!(lost(&[]), 0);
         // What was before the first is not known.
         assert_eq!(lost(&[7, 8, 9]), 0);
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_that_does_not_count_or_counts_anew_loses_nothing() {
+    fn restarted_count_loses_nothing() {
         assert_eq!(lost(&[0, 0, 0, 0]), 0);
         assert_eq!(lost(&[500, 501, 0, 1, 2]), 0);
         assert_eq!(lost(&[500, 503, 0, 1, 3]), 3);

@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panic_of_a_decoder_is_caught() {
+    fn panic_of_decoder_is_caught() {
         assert_eq!(caught(|| 7), Some(7));
         assert_eq!(caught(|| -> u8 { panic!("a decoder's") }), None);
         assert!(!IS_QUIET.get());

@@ -58,7 +58,7 @@ fn refusal(bytes: &[u8]) -> Refusal {
 }
 
 #[test]
-fn claimed_size_is_judged_before_decoding() {
+fn claimed_size_is_checked_first() {
     let huge = png(&[header(400_000, 400_000, [8, 0]), chunk(b"IEND", b"")]);
     assert_eq!(refusal(&huge), Refusal::TooLarge(400_000, 400_000));
     assert_eq!(
@@ -80,7 +80,7 @@ fn claimed_size_is_judged_before_decoding() {
 }
 
 #[test]
-fn picture_of_no_pixels_is_refused() {
+fn empty_image_is_refused() {
     assert_eq!(refusal(b"P5 0 1 255\n"), Refusal::Empty(0, 1));
     assert_eq!(refusal(b"P5 1 0 255\n"), Refusal::Empty(1, 0));
     let empty = png(&[header(0, 7, [8, 0]), chunk(b"IEND", b"")]);
@@ -95,7 +95,7 @@ fn picture_of_no_pixels_is_refused() {
 }
 
 #[test]
-fn file_too_short_for_its_size_is_refused() {
+fn too_short_file_is_refused() {
     let short = Refusal::CutOff("it is too short for a picture of its size");
     for head in [
         "P5 6000 6000 255\n",
@@ -124,7 +124,7 @@ fn file_too_short_for_its_size_is_refused() {
 }
 
 #[test]
-fn memory_is_judged_before_decoding() {
+fn memory_is_checked_first() {
     let file = small_png();
     for (extra, fits) in [(0, true), (MEMORY, false)] {
         let judge = Judge {
@@ -144,7 +144,7 @@ fn memory_is_judged_before_decoding() {
 }
 
 #[test]
-fn metadata_of_a_png_are_not_read() {
+fn png_metadata_is_not_read() {
     let plain = small_png();
     // Behind signature and header, and before the end.
     let (head, tail) = plain.split_at(8 + 25);
@@ -192,7 +192,7 @@ fn whole_but_not_cut(file: &[u8], size_px: [u32; 2]) {
 }
 
 #[test]
-fn jpeg_cut_off_anywhere_is_refused() {
+fn truncated_jpeg_is_refused() {
     whole_but_not_cut(PHOTOGRAPH, [640, 480]);
     whole_but_not_cut(PROGRESSIVE, [48, 40]);
     whole_but_not_cut(WITH_THUMBNAIL, [48, 40]);
@@ -205,7 +205,7 @@ fn jpeg_cut_off_anywhere_is_refused() {
 }
 
 #[test]
-fn jpeg_cut_off_before_the_next_is_refused() {
+fn jpeg_cut_before_another_is_refused() {
     let half = &PHOTOGRAPH[..PHOTOGRAPH.len() / 2];
     for rest in [PHOTOGRAPH, &[0; 40_000]] {
         let file = [half, rest].concat();
@@ -217,7 +217,7 @@ fn jpeg_cut_off_before_the_next_is_refused() {
 }
 
 #[test]
-fn jpeg_of_endless_scans_is_refused() {
+fn endless_jpeg_scans_are_refused() {
     let scan = PROGRESSIVE
         .windows(2)
         .rposition(|pair| pair == [0xFF, 0xDA])
@@ -232,7 +232,7 @@ fn jpeg_of_endless_scans_is_refused() {
 }
 
 #[test]
-fn png_and_pnm_cut_off_anywhere_are_refused() {
+fn truncated_png_and_pnm_are_refused() {
     let png = small_png();
     for length in 0..png.len() {
         assert!(decode(&png[..length], None).is_err(), "{length}");
@@ -245,7 +245,7 @@ fn png_and_pnm_cut_off_anywhere_are_refused() {
 }
 
 #[test]
-fn other_formats_are_refused_by_name() {
+fn other_formats_are_refused() {
     for bytes in [&b""[..], b"GIF89a", b"text", b"BM", b"II*\0"] {
         assert!(
             refusal(bytes)
@@ -265,7 +265,7 @@ fn closed_after(file: &[u8], length: usize) -> Vec<u8> {
 }
 
 #[test]
-fn jpeg_closed_before_its_last_block_is_refused() {
+fn jpeg_without_last_block_is_refused() {
     let mut grey = Vec::new();
     let pixels: Vec<u8> = (0..40 * 48).map(|i| (i * i % 251) as u8).collect();
     JpegEncoder::new_with_quality(&mut grey, 95)
@@ -286,7 +286,7 @@ fn jpeg_closed_before_its_last_block_is_refused() {
 }
 
 #[test]
-fn jpeg_that_lost_its_middle_is_refused() {
+fn jpeg_without_middle_is_refused() {
     for file in [PHOTOGRAPH, PROGRESSIVE, WITH_THUMBNAIL] {
         for lost in [file.len() / 10, file.len() / 4] {
             let end = file.len() * 9 / 10;
@@ -297,7 +297,7 @@ fn jpeg_that_lost_its_middle_is_refused() {
 }
 
 #[test]
-fn jpeg_without_its_last_scans_is_refused() {
+fn jpeg_without_last_scans_is_refused() {
     let scans = PROGRESSIVE.windows(2).enumerate();
     let scans = scans.filter(|(_, pair)| *pair == [0xFF, 0xDA]);
     let starts: Vec<usize> = scans.map(|(at, _)| at).collect();
@@ -309,7 +309,7 @@ fn jpeg_without_its_last_scans_is_refused() {
 }
 
 #[test]
-fn unread_kind_of_jpeg_is_named() {
+fn unread_jpeg_kind_is_named() {
     for (marker, kind) in [
         (0xC9, "arithmetic-coded"),
         (0xCA, "arithmetic"),

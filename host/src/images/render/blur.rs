@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_becomes_a_bell_of_the_asked_width_around_itself() {
+    fn point_becomes_gaussian() {
         let (width, height, sigma) = (64, 50, 3.0);
         let mut point = vec![0.0; width * height];
         point[20 * width + 30] = 1.0;
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn blur_wraps_and_takes_kernels_wider_than_the_picture() {
+    fn wide_kernel_wraps() {
         let blurred = gaussian(3, 2, &[6.0, 0.0, 0.0, 0.0, 0.0, 0.0], 10.0);
         assert!(
             blurred.iter().all(|v| (v - 1.0).abs() < 1e-4),

@@ -110,7 +110,7 @@ fn interpolation_is_unbiased() {
 }
 
 #[test]
-fn gain_and_offset_do_not_change_the_place() {
+fn gain_does_not_move_the_window() {
     let scene = scene(TextureKind::Natural, 13, 0.5);
     let before = shot(&scene, [0.0; 2], 0.0, 1);
     let mut dark = scene
@@ -167,7 +167,7 @@ fn warped_template_finds_enlarged_window() {
 }
 
 #[test]
-fn window_without_texture_is_refused() {
+fn textureless_window_is_refused() {
     let even = Image {
         width: 64,
         height: 64,

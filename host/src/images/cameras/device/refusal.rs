@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_refusal_names_the_device_and_what_to_do() {
+    fn refusals_name_device_and_way_out() {
         let device = Path::new("/dev/video0");
         let denied = cannot_open(device, &io::ErrorKind::PermissionDenied.into());
         assert!(denied.reason.contains("group"), "{denied}");

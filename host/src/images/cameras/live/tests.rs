@@ -90,7 +90,7 @@ impl Bench {
 }
 
 #[test]
-fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay() {
+fn capture_time_is_mean_less_delay() {
     let mut bench = bench();
     for (camera, ms) in [(0, 100), (1, 103), (2, 101)] {
         bench.send(camera, ms, camera as u8);
@@ -102,7 +102,7 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
 
 /// Tests a driver that stamps the start of the exposure.
 #[test]
-fn a_negative_delay_puts_pictures_after_their_moments() {
+fn negative_delay_adds_to_stamp() {
     let mut bench = bench_with(-8_000);
     for camera in 0..3 {
         bench.send(camera, 100, 0);
@@ -112,7 +112,7 @@ fn a_negative_delay_puts_pictures_after_their_moments() {
 }
 
 #[test]
-fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
+fn newest_set_is_given_and_the_rest_counted() {
     let mut bench = bench();
     for (n, ms) in [100, 133, 167].into_iter().enumerate() {
         for camera in 0..3 {
@@ -138,7 +138,7 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
 }
 
 #[test]
-fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
+fn second_failed_camera_ends_the_run() {
     let mut bench = bench();
     for camera in 0..3 {
         bench.send(camera, 100, 0);
@@ -160,7 +160,7 @@ fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
 }
 
 #[test]
-fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
+fn silent_or_distant_cameras_are_named() {
     let mut bench = bench();
     bench.live.patience = Duration::from_millis(50);
     bench.send(0, 100, 0);
@@ -208,7 +208,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
 }
 
 #[test]
-fn a_stop_ends_the_captures() {
+fn stop_ends_frame_sets() {
     let mut bench = bench();
     bench.stop.store(true, Relaxed);
     assert!(bench.live.next().is_none());

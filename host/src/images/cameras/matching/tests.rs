@@ -97,7 +97,7 @@ fn times(stream: &[(u64, bool)]) -> Vec<u64> {
 
 proptest! {
     #[test]
-    fn laws_hold_for_any_times(
+    fn invariants_hold_for_any_times(
         gaps in prop::collection::vec(prop::collection::vec(1u64..3_000, 0..30), 2..6),
         starts in prop::collection::vec(0u64..5_000, 6),
         window_us in 0u64..2_000,
@@ -111,7 +111,7 @@ proptest! {
 
     /// Tests that every trigger at which no camera lost its image gives a set.
     #[test]
-    fn every_whole_trigger_is_a_set(cameras in triggered(400)) {
+    fn whole_trigger_is_a_set(cameras in triggered(400)) {
         let streams: Streams = cameras.iter().map(|stream| times(stream)).collect();
         let (sets, matching) = run(&streams, 400);
         assert_laws(&streams, 400, &sets, &matching)?;
@@ -127,7 +127,7 @@ proptest! {
     /// Tests that the sets do not depend on the cameras' delays, as long as at most [`DEPTH`]
     /// images wait.
     #[test]
-    fn the_order_of_arrival_makes_no_difference(
+    fn arrival_order_changes_nothing(
         cameras in triggered(500),
         delays in prop::collection::vec(0u64..6_000, 5),
     ) {
@@ -145,7 +145,7 @@ proptest! {
 
     /// Tests that the newest set is the last of those that single calls return.
     #[test]
-    fn the_newest_overtakes_the_others(cameras in triggered(100)) {
+    fn newest_set_overtakes_others(cameras in triggered(100)) {
         let first = |stream: &Vec<_>| times(&stream[..stream.len().min(DEPTH)]);
         let streams: Streams = cameras.iter().map(first).collect();
         let (sets, _) = run(&streams, 100);
@@ -171,7 +171,7 @@ fn every(period_us: u64, from_us: u64, count: u64) -> Vec<u64> {
 }
 
 #[test]
-fn of_two_cameras_one_that_stops_ends_the_sets_and_the_other_piles_up_no_further() {
+fn single_camera_makes_no_set_and_stays_bounded() {
     let streams = vec![every(100, 0, 50), every(100, 5, 20)];
     let (sets, matching) = run(&streams, 10);
     assert_eq!(sets.len(), 20);
@@ -184,7 +184,7 @@ fn of_two_cameras_one_that_stops_ends_the_sets_and_the_other_piles_up_no_further
 }
 
 #[test]
-fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
+fn stopped_camera_is_left_out_until_it_returns() {
     let every = |from_ms: u64, count| every(100_000, 1_000 * from_ms, count);
     let mut streams = vec![every(0, 50), every(3, 50), every(5, 20)];
     let without = |sets: &[Set<Picture>]| {
@@ -209,7 +209,7 @@ fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
 
 /// Tests that silence is noticed before a caller gives up after three seconds.
 #[test]
-fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
+fn silence_is_noticed_at_one_image_per_second() {
     for period_ms in [33, 100, 250, 500, 1_000] {
         let every = |count| every(1_000 * period_ms, 0, count);
         let streams = vec![every(20), every(20), every(10)];
@@ -239,7 +239,7 @@ fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
 }
 
 #[test]
-fn a_camera_that_only_pauses_is_waited_for() {
+fn pausing_camera_is_awaited() {
     let mut streams = vec![every(33_333, 0, 60), every(33_333, 0, 60)];
     streams.push(
         streams[0]
@@ -254,7 +254,7 @@ fn a_camera_that_only_pauses_is_waited_for() {
 }
 
 #[test]
-fn no_fewer_than_two_are_left() {
+fn two_cameras_are_always_left() {
     let mut matching = Matching::new(3, 10);
     assert!(matching.leave_out(1) && !matching.leave_out(0) && !matching.leave_out(2));
     for camera in [0, 2] {
@@ -268,7 +268,7 @@ fn no_fewer_than_two_are_left() {
 }
 
 #[test]
-fn a_camera_that_starts_late_finds_its_partners_at_once() {
+fn late_camera_finds_partners_at_once() {
     let streams = vec![every(100, 0, 30), every(100, 1_402, 16)];
     let (sets, matching) = run(&streams, 5);
     assert_eq!(sets.len(), 16);
@@ -278,7 +278,7 @@ fn a_camera_that_starts_late_finds_its_partners_at_once() {
 }
 
 #[test]
-fn of_a_faster_camera_the_nearest_picture_is_taken() {
+fn faster_camera_gives_its_nearest_image() {
     // Three times as fast, and 12 off: of 988, 1021, 1054 the first is nearest to 1000.
     let streams = vec![every(100, 1_000, 10), every(33, 988, 29)];
     let (sets, matching) = run(&streams, 16);
@@ -293,7 +293,7 @@ fn of_a_faster_camera_the_nearest_picture_is_taken() {
 }
 
 #[test]
-fn cameras_that_are_never_near_make_no_set() {
+fn distant_cameras_make_no_set() {
     let streams = vec![every(100, 0, 40), every(100, 50, 40)];
     let (sets, matching) = run(&streams, 49);
     assert!(sets.is_empty());
@@ -302,7 +302,7 @@ fn cameras_that_are_never_near_make_no_set() {
 }
 
 #[test]
-fn pictures_out_of_order_are_counted_and_not_used() {
+fn disordered_images_are_not_used() {
     let mut matching = Matching::new(2, 10);
     for time_us in [100, 100, 90, 200] {
         matching.push(0, time_us, time_us);

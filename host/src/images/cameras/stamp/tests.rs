@@ -19,7 +19,7 @@ fn stamp(time: Duration) -> Stamp {
 }
 
 #[test]
-fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
+fn late_fetch_keeps_stamp() {
     let (mut moments, now) = moments();
     assert_eq!(moments.source(), None);
     for (taken, fetched, was_awaited) in [(0, 0, true), (33, 40, true), (66, 1900, false)] {
@@ -36,7 +36,7 @@ fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
 }
 
 #[test]
-fn a_driver_that_is_not_believed_once_is_never_again() {
+fn doubted_driver_stays_doubted() {
     let far = Stamp::Monotonic(Duration::MAX, Point::End);
     let cases = [
         (Stamp::Unknown, Doubt::OtherClock),
@@ -65,7 +65,7 @@ fn a_driver_that_is_not_believed_once_is_never_again() {
 }
 
 #[test]
-fn pictures_that_lay_there_while_the_program_was_held_up_are_no_fault_of_the_driver() {
+fn queued_images_keep_driver_trusted() {
     let (mut moments, now) = moments();
     assert!(moments.of(stamp(NOW), now, true).is_some());
     let resumed = now + ms(60_000);
@@ -77,7 +77,7 @@ fn pictures_that_lay_there_while_the_program_was_held_up_are_no_fault_of_the_dri
 }
 
 #[test]
-fn clocks_that_run_alike_are_paired() {
+fn paired_clocks_convert_times() {
     let zero = Instant::now();
     let clocks = Clocks::read(|| NOW + zero.elapsed());
     let back = clocks.instant(NOW).unwrap();
@@ -89,7 +89,7 @@ fn clocks_that_run_alike_are_paired() {
 }
 
 #[test]
-fn what_tells_the_moments_is_said_in_words() {
+fn source_is_described_in_words() {
     let text = |source: Source| source.to_string();
     assert!(text(Source::Driver(Point::End)).ends_with("of their end"));
     assert!(text(Source::Driver(Point::Start)).ends_with("of their start"));

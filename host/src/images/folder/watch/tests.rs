@@ -92,7 +92,7 @@ fn nothing(look: Result<Look, InputError>) {
 }
 
 #[test]
-fn a_capture_is_given_when_all_its_files_have_settled() {
+fn settled_frame_set_is_given() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     nothing(watch.look(bench.at(0)));
@@ -109,7 +109,7 @@ fn a_capture_is_given_when_all_its_files_have_settled() {
 }
 
 #[test]
-fn a_file_that_still_grows_is_not_read() {
+fn growing_file_is_not_read() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for camera in NAMES {
@@ -131,7 +131,7 @@ fn a_file_that_still_grows_is_not_read() {
 }
 
 #[test]
-fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
+fn truncated_file_is_named() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     bench.whole("left", "1.png", 7);
@@ -164,7 +164,7 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
 }
 
 #[test]
-fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
+fn changed_file_is_not_given() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for (name, grey) in [("1.png", 1), ("2.png", 2), ("3.png", 3)] {
@@ -199,7 +199,7 @@ fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
 }
 
 #[test]
-fn a_long_list_is_made_once_for_the_captures_in_it() {
+fn long_folder_is_listed_once() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for n in 0..30 {
@@ -216,7 +216,7 @@ fn a_long_list_is_made_once_for_the_captures_in_it() {
 }
 
 #[test]
-fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() {
+fn removed_frame_sets_are_forgotten() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for n in 0..20 {
@@ -247,7 +247,7 @@ fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() 
 }
 
 #[test]
-fn captures_come_in_the_order_of_their_names() {
+fn frame_sets_come_in_name_order() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for name in ["view10.png", "view9.png", "view11.png"] {
@@ -270,7 +270,7 @@ fn captures_come_in_the_order_of_their_names() {
 }
 
 #[test]
-fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
+fn incomplete_set_is_skipped_after_patience() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     bench.whole("left", "1.png", 1);
@@ -310,7 +310,7 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
 }
 
 #[test]
-fn a_camera_that_falls_silent_is_carried_on_without() {
+fn silent_camera_is_left_out() {
     const TRIO: [&str; 3] = ["left", "middle", "right"];
     let bench = Bench::new();
     let mut watch = bench.watch_cameras(&TRIO, Some(10));
@@ -360,7 +360,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
 }
 
 #[test]
-fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
+fn unheard_camera_is_awaited() {
     let bench = Bench::new();
     let mut watch = bench.watch_cameras(&["left", "middle", "right"], Some(10));
     bench.whole("left", "1.png", 1);
@@ -381,7 +381,7 @@ fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
 }
 
 #[test]
-fn the_end_comes_when_nothing_has_come_for_long_enough() {
+fn idle_folder_ends() {
     let bench = Bench::new();
     let mut watch = bench.watch(Some(10));
     for camera in NAMES {
@@ -398,7 +398,7 @@ fn the_end_comes_when_nothing_has_come_for_long_enough() {
 }
 
 #[test]
-fn hidden_files_and_folders_that_are_made_later_are_no_trouble() {
+fn hidden_files_and_late_folders_are_accepted() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     nothing(watch.look(bench.at(0)));
@@ -416,7 +416,7 @@ fn hidden_files_and_folders_that_are_made_later_are_no_trouble() {
 }
 
 #[test]
-fn a_stop_ends_it() {
+fn stop_ends_the_watch() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     watch.settings.stop.store(true, Relaxed);
