@@ -89,7 +89,7 @@ impl FieldOfView {
     /// Computes the area at `depth_mm` that at least `count` cameras see, mm².
     pub fn area_seen_by(&self, count: usize, depth_mm: f64) -> f64 {
         let views: Vec<Rectangle> = self.at(depth_mm).collect();
-        // Between neighbouring edges every camera sees all or nothing.
+        // Between neighbouring edges, each camera sees all or nothing.
         let edges = [0, 1].map(|i| {
             let mut edges: Vec<f64> = views.iter().flat_map(|v| [v.low[i], v.high[i]]).collect();
             edges.sort_by(f64::total_cmp);
@@ -110,7 +110,7 @@ impl FieldOfView {
 
     /// Computes the volume between two depths that at least `count` cameras see, mm³.
     pub fn volume_seen_by(&self, count: usize, [near, far]: [f64; 2]) -> f64 {
-        // Simpson's rule, which is exact but for the strips in which two edges change places.
+        // Simpson's rule is exact except for strips in which two edges change places.
         const STRIPS: u32 = 500;
         let strip = (far - near) / f64::from(STRIPS);
         let area = |at: f64| self.area_seen_by(count, near + at * strip);
@@ -290,7 +290,7 @@ mod tests {
             let [x, y] = [0, 1].map(|i| common.low[i] + share * (common.high[i] - common.low[i]));
             let [low, high] = [common.low, common.high];
             for [x, y] in [[x, low[1]], [x, high[1]], [low[0], y], [high[0], y]] {
-                // A hair inwards: the border itself is a matter of rounding.
+                // Slightly inwards, because the border itself depends on rounding.
                 let inwards = |at: f64, i: usize| at + 1e-3 * (0.5 * (low[i] + high[i]) - at);
                 assert_eq!(sees(&rig, 5.0, [inwards(x, 0), inwards(y, 1), 900.0]), 3);
             }

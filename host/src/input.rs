@@ -127,7 +127,7 @@ fn unfit(path: &Path, about: &fs::Metadata) -> Option<&'static str> {
     {
         use std::os::unix::fs::FileTypeExt as _;
         let kind = about.file_type();
-        // A pipe without a name has no path of its own: its link in /dev/fd leads nowhere.
+        // A pipe without a name has no path of its own; its link in /dev/fd is dangling.
         let has_name = || !path.starts_with("/dev/") && fs::canonicalize(path).is_ok();
         if kind.is_fifo() && has_name() {
             return Some("a named pipe");

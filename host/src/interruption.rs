@@ -101,7 +101,7 @@ pub(crate) struct Hold(());
 impl Hold {
     pub fn new() -> Self {
         let mut state = state();
-        // Where the system allows no handler, a signal ends the program as before.
+        // If the system refuses the handler, a signal ends the program by default.
         let _ = state.install();
         state.holds += 1;
         Self(())
@@ -146,7 +146,7 @@ fn came(signal: i32) {
         return system::end(signal);
     }
     if state.flag.is_none() && state.holds == 0 {
-        // With the lock, so that no file is begun meanwhile.
+        // Ends while holding the lock, so that no file is begun meanwhile.
         return system::end(signal);
     }
     if let Some(flag) = &state.flag {

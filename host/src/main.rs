@@ -32,7 +32,7 @@ fn run() -> Result<ExitCode, Failure> {
     };
     let mut out = io::stdout().lock();
     commands::run(arguments, &mut out)?;
-    // What is still in the buffer may be what does not fit the disk.
+    // The buffered rest may be the part that does not fit the disk.
     out.flush()?;
     Ok(ExitCode::SUCCESS)
 }
@@ -41,7 +41,7 @@ fn run() -> Result<ExitCode, Failure> {
 fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
     if error.use_stderr() {
-        // The exit code says it all if standard error cannot be written.
+        // If standard error cannot be written, the exit code must suffice.
         return Ok(ExitCode::from(2));
     }
     printed?;

@@ -25,6 +25,6 @@ macro_rules! notice {
 pub fn write(message: Arguments<'_>) {
     let mut line = printable_up_to(LONGEST, message);
     line.push('\n');
-    // There is no other place to say that it failed.
+    // A failure cannot be reported elsewhere.
     let _ = io::stderr().write_all(line.as_bytes());
 }

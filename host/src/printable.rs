@@ -35,7 +35,7 @@ pub fn printable_up_to(longest: usize, text: impl Display) -> String {
         text: String::new(),
         left: longest,
     };
-    // An error says that the text was cut: formatting it further would be for nothing.
+    // An error means that the text was cut, so formatting stops there.
     if write!(kept, "{text}").is_err() {
         kept.text.push_str("...");
     }

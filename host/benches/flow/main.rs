@@ -39,7 +39,7 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 
 fn main() {
     let arguments = std::env::args().skip(1);
-    // `cargo test --benches` does not say `--bench`: one round shows that everything runs.
+    // `cargo test --benches` does not pass `--bench`; then one round shows that everything runs.
     let mut rounds = 1;
     for argument in arguments {
         rounds = argument
@@ -113,7 +113,7 @@ impl Times {
     }
 }
 
-/// This project's flow on a scene.
+/// Tracker of this project with a scene.
 struct Ours {
     flow: Flow,
     frame_sets: [FrameSet; 2],

@@ -263,7 +263,7 @@ impl<'a> Regression<'a> {
                 *right += row * (*weight * *value);
             }
         }
-        // Points on a line say nothing about one of the slopes: then there are none.
+        // Points on a line do not determine one of the slopes; then both are zero.
         self.inverse = normal
             .try_inverse()
             .unwrap_or_else(|| Matrix3::from_diagonal(&Vector3::new(1.0 / total, 0.0, 0.0)));

@@ -206,7 +206,7 @@ mod tests {
         assert!(cost(&shown, &rig, 900.0).midpoint.unwrap().abs() < 1e-9);
         assert!(cost(&truth, &rig, 900.0).midpoint.unwrap().abs() > 0.5);
         assert!(cost(&shown, &rig, 900.0).closed_form.unwrap().abs() > 50.0);
-        // What is seen of the rest is nothing.
+        // The visible part of the rest is zero.
         let rest = visible(&truth, &shown, 900.0).unwrap();
         for (a, b) in rest.cameras.iter().zip(&shown.cameras) {
             assert!((a.principal_px[0] - b.principal_px[0]).abs() < 1e-9);

@@ -174,7 +174,7 @@ camera = [
             replaced,
             expected.replace("[0.0, 0.0, 0.5123]", "[1.0, 2.0, -3.0]")
         );
-        // In a list in braces too; the file reads back.
+        // Cameras in an inline list; the result can be read again.
         let text = r#"image_size_px = [320, 240]
 camera = [
     { name = "a", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },

@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(undone(&rig, &small, &mut rolls), None);
         let turned = undone(&rig, &[turn(0.002), None, turn(-0.003_1)], &mut rolls).unwrap();
         assert_eq!(rolls, [0.0, 0.0, -0.003_1]);
-        // Once turned, it is turned to the end.
+        // A camera that was corrected once is corrected further by smaller rolls.
         let rest = undone(&turned, &small, &mut rolls).unwrap();
         assert!(rolls[0] == 0.0 && (rolls[2] + 0.006).abs() < 1e-12);
         assert_eq!(rest.cameras[0], rig.cameras[0]);

@@ -35,7 +35,7 @@ fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
 fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<FrameSet> {
     let scene = Scene::new(rig, texture, settings).unwrap();
     let render = |seed: &u64| {
-        // Somewhere else each time, as captures of a bench are.
+        // A different place each time, like frame sets of a bench.
         let mut random = Random::new(*seed, 9);
         let at = [30.0, 30.0, 40.0].map(|most| random.between(-most, most));
         scene.render(at, 0, *seed)
@@ -169,8 +169,7 @@ fn known_depth_shows_common_disparity() {
     let rig = shifted(by);
     let scene = Scene::new(&rig, &Texture::natural(6), tilted(850.0)).unwrap();
     let capture = [scene.render([0.0; 3], 0, 4)];
-    // The distance on the middle camera's axis, which meets the poster where it meets the world's
-    // axis.
+    // Distance on the middle camera's axis, which meets the poster on the world's z axis.
     let settings = AlignmentSettings {
         depth_mm: Some(850.0),
         ..AlignmentSettings::default()
@@ -203,7 +202,7 @@ fn wrong_known_depth_is_refused() {
 
 #[test]
 fn known_depth_needs_flat_target() {
-    // Two captures of different depths are not one plane.
+    // Two frame sets of different depths are not one plane.
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let captures = [0.0, 100.0].map(|z| scene.render([0.0, 0.0, z], 0, 4));
     let settings = AlignmentSettings {
@@ -254,7 +253,7 @@ fn rolled_camera_is_corrected() {
             assert!(turned[0].abs() + turned[1].abs() < 1e-9);
             assert!((turned[2] - by_deg).abs() < 4.0 * sigma, "{turned:?}");
         }
-        // What is left is a rig that has nothing more to correct.
+        // The corrected rig needs no further correction.
         assert_found(&found, [[0.0; 2]; 3], 0.02);
         let facts = present::facts(&found);
         let told = facts.iter().any(|(name, text)| {
@@ -299,7 +298,7 @@ fn roll_sigma_is_true() {
 
 #[test]
 fn other_rigs_get_visible_offsets() {
-    // Two cameras one above the other: only the offset across is seen, which is horizontal.
+    // Two cameras one above the other show only the offset across, which is horizontal.
     let mut rig = Rig::paper();
     rig.cameras.pop();
     rig.cameras[0].offset_mm = [0.0, -60.0];

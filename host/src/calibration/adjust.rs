@@ -174,7 +174,7 @@ impl Bundle {
                 }
                 _ => {
                     damping *= 10.0;
-                    // No way down is left: the squares are as small as rounding lets them be.
+                    // No step decreases the sum: it is minimal up to rounding.
                     if damping > MOST_DAMPING {
                         break;
                     }

@@ -84,8 +84,8 @@ pub fn find(
                     let blur_px = blur::of_edges(image, board, &corners);
                     return Ok(FoundBoard { corners, blur_px });
                 }
-                // Part of a larger board would do for one camera, but which part is anybody's
-                // guess.
+                // Part of a larger board would suffice for one camera, but its place in the board
+                // is unknown.
                 Err(reason) if is_larger(reason, board) => return Err(reason),
                 Err(reason) if grid.len() > most => {
                     most = grid.len();
@@ -193,8 +193,8 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         0 => size == [columns, rows],
         _ => size == [rows, columns],
     };
-    // Whether the square outside the first corner is black, as told by any corner: opposite squares
-    // are alike, neighbours are not, and a quarter turn takes one square to its neighbour.
+    // True if the square outside the first corner is black, by the colours at any corner: opposite
+    // squares are alike, neighbours are not, and a quarter turn takes one square to its neighbour.
     let begins_black = |quarters: usize| {
         grid.iter().all(|(cell, member)| {
             let (c, r) = turned(quarters, *cell);
@@ -269,7 +269,7 @@ mod tests {
             let [x, y] = [i % 300, i / 300].map(|n| n as f64 - MIDDLE_PX);
             let at = [x * cos + y * sin, y * cos - x * sin];
             let [u, v] = [0, 1].map(|k| at[k] / SIDE_PX + sides[k] / 2.0);
-            // Edges as soft as a lens makes them, border and all else white.
+            // Edges as soft as with a lens; border and background white.
             let edge = |a: f64| {
                 let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
                 sign * ((a - a.round()) * SIDE_PX / 0.8).tanh()

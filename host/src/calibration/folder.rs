@@ -225,7 +225,7 @@ fn calibrate_camera(
         .map(|(_, path)| file_name(path))
         .collect();
     reject_repeated(&files, &mut found);
-    // No readable image at all is the same as too few of them.
+    // No readable image counts as too few images.
     let image_size_px = size.unwrap_or_default();
     let intrinsics =
         intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
@@ -251,7 +251,7 @@ fn calibrate_camera(
 /// Returns the largest residual of a camera on its own, px.
 fn own_rms_px(cameras: &[CameraResult]) -> f64 {
     let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
-    // Corners without any error at all are no measure.
+    // Exact corners have zero residual, which cannot serve as a scale.
     own.fold(0.01, f64::max)
 }
 

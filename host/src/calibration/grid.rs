@@ -45,7 +45,7 @@ pub fn grids(plane: &Plane, saddles: &[Saddle], least: usize) -> Vec<Grid> {
             continue;
         }
         let grid = even(grow(plane, saddles, seed));
-        // What did not grow here may still belong to a grid that grows from a better seed.
+        // Saddles that joined no grid here may join one that grows from a better seed.
         if grid.len() >= least {
             used.extend(grid.values().map(|member| member.saddle));
             found.push(grid);
@@ -219,7 +219,7 @@ impl Way<'_> {
 
 /// Orders and orients the edges like `axes`; `None` if they do not fit.
 fn matching(edges: [f64; 2], axes: [f64; 2]) -> Option<[f64; 2]> {
-    // Of an edge's two directions the one nearer the axis.
+    // The direction of an edge that is nearer to the axis.
     let along = |edge: f64, axis: f64| {
         let turn = wrap(edge - axis);
         axis + if turn.abs() > PI / 2.0 {

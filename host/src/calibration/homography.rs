@@ -25,7 +25,7 @@ pub fn fit(from: &[[f64; 2]], to: &[[f64; 2]]) -> Option<Matrix3<f64>> {
     }
     let eigen = normal.symmetric_eigen();
     let least = eigen.eigenvalues.imin();
-    // With two directions free there is no one answer.
+    // With two free directions the solution is not unique.
     let free = eigen
         .eigenvalues
         .iter()

@@ -55,7 +55,7 @@ impl Lens {
         let (x, y) = (point_mm.x / depth, point_mm.y / depth);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        // By the square of the radius.
+        // Derivative by the square of the radius.
         let bend = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
         let seen = [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),

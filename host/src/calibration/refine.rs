@@ -49,7 +49,7 @@ pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
             }
         }
         let determinant = a * c - b * b;
-        // A single edge leaves the direction along it open.
+        // A single edge leaves the position along it undetermined.
         if !(determinant > 1e-3 * (a + c) * (a + c) / 4.0) {
             return None;
         }

@@ -68,7 +68,8 @@ pub fn saddles(plane: &Plane) -> Vec<Saddle> {
         .collect()
 }
 
-/// Response of a saddle: minus the determinant of the Hessian, over steps of two pixels.
+/// Computes the response of a saddle: minus the determinant of the Hessian, over steps of two
+/// pixels.
 fn response(plane: &Plane) -> Vec<f32> {
     let mut out = vec![0.0; plane.width * plane.height];
     for y in 2..plane.height.saturating_sub(2) {

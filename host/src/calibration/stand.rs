@@ -32,8 +32,8 @@ impl CameraPose {
     /// Returns the camera of a plane rig with this pose and lens.
     pub fn camera(&self, lens: &Lens) -> Camera {
         let [x, y, _] = self.offset_mm;
-        // What rounding has left beside the axis is cut off at the picometre: cameras in line are
-        // in line.
+        // Rounding errors beside the axis are cut off at the picometre, so that cameras in line
+        // stay in line.
         let offset_mm = [x, y].map(|offset| (offset * 1e9).round() / 1e9 + 0.0);
         Camera {
             offset_mm,

@@ -96,7 +96,7 @@ fn camera_sigma_is_true() {
         let images = images(12, NOISE_PX, &mut Random::new(7, run));
         let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
         for (i, sigma) in found.sigma().into_iter().enumerate() {
-            // In some runs k3 is held, at what it is in truth.
+            // In some runs k3 is held at zero, its true value.
             if sigma > 0.0 {
                 let error = (found.lens.0[i] - LENS.0[i]) / sigma;
                 squares[i] += error * error;
@@ -130,7 +130,7 @@ fn bad_images_are_rejected() {
     let mut images = images(10, NOISE_PX, &mut random);
     images[2] = Err(NotFound::Nothing.into());
     images[4].as_mut().unwrap().blur_px = 2.5;
-    // One corner has slipped to the neighbouring square's border.
+    // One corner lies on the neighbouring square's border.
     images[6].as_mut().unwrap().corners[10][0] += 8.0;
     let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, 3.0).unwrap();
     for (index, verdict) in found.verdicts.iter().enumerate() {
@@ -191,7 +191,7 @@ fn unsolvable_views_are_refused() {
     let (refusal, verdicts) = intrinsics::calibrate(&BOARD, SIZE_PX, &two, KEEP).unwrap_err();
     assert!(refusal.to_string().contains("2 of 2 images"), "{refusal}");
     assert_eq!(verdicts.len(), 2);
-    // Boards that face the camera squarely say nothing about its focal length.
+    // Boards parallel to the image do not determine its focal length.
     let square = |random: &mut Random| {
         let place = Vector3::new(-100.0, -60.0, random.between(400.0, 500.0));
         let motion = Isometry3::from_parts(place.into(), UnitQuaternion::identity());
@@ -264,7 +264,7 @@ fn exact_corners_give_the_rig() {
     for (got, truth) in row(&solution.stands).iter().zip(stand::numbers(&motions())) {
         assert!((got - truth).abs() < 1e-6, "{solution:?}");
     }
-    // What the chosen axes promise: the line of the cameras is level on the whole, the middle
+    // Properties of the chosen axes: the line of the cameras is level on average, and the middle
     // camera is the origin.
     let [left, middle, right] = [0, 1, 2].map(|k| solution.stands[k].offset_mm);
     assert_eq!(middle, [0.0; 3]);
@@ -411,8 +411,8 @@ fn coplanar_cameras_keep_their_plane() {
                 (x.hypot(y) - place[0].hypot(place[1])).abs() < 1e-9,
                 "{stands:?}"
             );
-            // A line of cameras becomes the x axis if it is near to it; other axes are the cameras'
-            // own, within what these are turned.
+            // A line of cameras near the x axis becomes the x axis; other axes are the mean of the
+            // cameras' own, within their rotations.
             let expected = if is_level {
                 [place[0].hypot(place[1]), 0.0]
             } else {

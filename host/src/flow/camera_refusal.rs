@@ -103,7 +103,7 @@ mod tests {
             None,
         ];
         assert_eq!(found, expected);
-        // All are in the dark: nothing is wrong with any single one.
+        // In the dark, no single camera is at fault.
         let images = [image(1), image(2), image(3)];
         assert_eq!(unusable(&images, &[0.4, 0.5, 0.6]), [None; 3]);
         assert_eq!(unusable(&images, &[0.0; 3]), [None; 3]);

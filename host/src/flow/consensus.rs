@@ -213,7 +213,7 @@ fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Weighted least squares. Returns `None` if the points do not determine a displacement.
+/// Solves the weighted least squares. Returns `None` if the points do not determine a displacement.
 fn least_squares<'a>(point_flows: impl Iterator<Item = (&'a PointFlow, f64)>) -> Option<[f64; 3]> {
     // Normal equations of Tx, Ty and Tz. Tx and Ty are not coupled, so Tz comes by elimination.
     let (mut n, mut sx, mut sy, mut sr) = (0.0, 0.0, 0.0, 0.0);

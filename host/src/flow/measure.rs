@@ -49,7 +49,7 @@ impl Flow {
         {
             *refusal = Some(CameraRefusal::Unsynchronised { share });
             let without = self.track_with(keyframe, &refusals, now, observer);
-            // If both are refused, the refusal with all cameras tells more.
+            // If both are refused, the refusal with all cameras is the more precise one.
             result = (without.and_then(|tracking| tracking.result))
                 .map_err(|refusal| result.err().unwrap_or(refusal));
         }

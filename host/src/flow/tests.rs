@@ -180,7 +180,7 @@ fn right_down_away_are_positive() {
         let measurement = flow.measure(&scene.render(target, 0, 5)).unwrap();
         let found = estimate(&rig, &measurement).displacement_mm;
         assert!((found[axis] - 6.0).abs() < 0.05, "{axis}: {found:?}");
-        // And back.
+        // Back to the keyframe.
         let measurement = flow.measure(&scene.render([0.0; 3], 0, 6)).unwrap();
         let found = estimate(&rig, &measurement).displacement_mm;
         assert!(found.iter().all(|t| t.abs() < 0.05), "{axis}: {found:?}");
@@ -226,7 +226,7 @@ fn light_and_hand_change_nothing() {
     let mut flow = flow_with_keyframe(&rig, &scene, 22).unwrap();
     let target = [8.0, -5.0, 2.0];
     let mut now = lit(scene.render(target, 0, 5), 0.7, 15.0);
-    // Another texture, nearer and moving otherwise, over a third of every image.
+    // Another texture, nearer and with a different motion, over a third of every image.
     let other = poster(&rig, TextureKind::Blobs, 700.0, 23);
     let hand = other.render([-9.0, 3.0, 0.0], 0, 7);
     for (view, hand) in now.images.iter_mut().zip(&hand.images) {
@@ -403,7 +403,7 @@ fn failed_camera_is_left_out() {
     let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
     flow.set_keyframe(&before).unwrap();
     for (k, name) in names.iter().enumerate() {
-        // Each its own noise: a picture that comes again is a frozen one.
+        // Each image has its own noise, because a repeated image is frozen.
         let mut seed = 10 * (k as u64 + 1);
         let [mut missing, mut dark, mut frozen] = [(); 3].map(|()| {
             seed += 1;
@@ -430,14 +430,14 @@ fn failed_camera_is_left_out() {
             assert!(within(error, 0.02, 0.08), "{name} {word}: {error:?}");
         }
     }
-    // A reference without the camera serves as well, also when it is back.
+    // A keyframe without the camera serves as well, even after the camera is back.
     let mut reference = scene.render([0.0; 3], 0, 3);
     reference.images[1].grey.fill(3);
     flow.set_keyframe(&reference).unwrap();
     let measurement = flow.measure(&scene.render(target, 0, 50)).unwrap();
     assert_eq!(measurement.cameras, [0, 2]);
     assert!(within(error(&rig, &measurement, target), 0.02, 0.08));
-    // One alone measures nothing.
+    // A single camera cannot measure.
     let mut one = scene.render(target, 0, 51);
     one.images[0] = crate::images::Image::missing();
     assert_eq!(

@@ -157,7 +157,7 @@ impl Judge<'_> {
     /// Decodes if the memory suffices.
     fn decode(&self, mut decoder: impl ImageDecoder) -> Result<Image, Refusal> {
         let (width, height) = decoder.dimensions();
-        // The picture that is decoded is the one that was judged.
+        // The decoded image is the one that was checked.
         self.size([width, height], |_| 0)?;
         let pixels = u64::from(width) * u64::from(height);
         let file = self.bytes.len() as u64;

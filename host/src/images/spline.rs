@@ -66,8 +66,8 @@ impl Surface {
     fn split(x: f64, count: usize) -> (usize, [f32; 4]) {
         let whole = x.floor();
         let turns = (whole / count as f64).floor();
-        // Not finite or beyond 2^53, `x` has no place on the axis; the cast then gives some index
-        // in range.
+        // A value that is not finite or beyond 2^53 has no place on the axis; the cast then gives
+        // an index in range.
         let index = (whole - turns * count as f64) as usize;
         (index.min(count - 1), weights((x - whole) as f32))
     }

@@ -206,7 +206,7 @@ mod tests {
             let sigma = (t.grey.iter().map(square).sum::<f64>() / count).sqrt();
             assert!((80.0..200.0).contains(&mean), "{kind}: mean {mean}");
             assert!((30.0..90.0).contains(&sigma), "{kind}: sigma {sigma}");
-            // Across the seam the picture changes no more than between other neighbouring columns.
+            // Across the seam the image changes no more than between other neighbouring columns.
             let change = |a: usize, b: usize| -> f32 {
                 let row = |y| t.grey[y * t.width + a] - t.grey[y * t.width + b];
                 (0..t.height).map(|y| f32::abs(row(y))).sum()

@@ -20,10 +20,11 @@ const ENDING: [i32; 15] = [
 /// Calls `came` with each signal that comes from now on, in a thread of its own.
 pub(super) fn install(came: fn(i32)) -> io::Result<()> {
     let mut signals = Signals::new(ENDING)?;
-    // Only taken: the write that passed the limit then fails with an error, as on a full disk.
+    // Caught without effect: the write beyond the limit then fails with an error, as on a full
+    // disk.
     signals.add_signal(SIGXFSZ)?;
     for signal in others() {
-        // Some C libraries keep one of them for themselves.
+        // Some C libraries reserve one of them.
         let _ = signals.add_signal(signal);
     }
     let wait = move || {
@@ -59,7 +60,7 @@ pub(super) fn suspends(signal: i32) -> bool {
 pub(super) fn end(signal: i32) {
     let is_done = emulate_default_handler(signal).is_ok();
     if !(is_done && suspends(signal)) {
-        // As a shell reports a program that a signal has ended.
+        // Exit code by which shells report a program that a signal has ended.
         std::process::exit(128 + signal);
     }
 }

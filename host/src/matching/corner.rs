@@ -287,7 +287,7 @@ mod tests {
     fn threads_do_not_change_corners() {
         let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
-        // So wide that a cell lies in two strips.
+        // An image so wide that a cell lies in two strips.
         for plane in [wide(STRIP + 60, tiles), wide(STRIP + 60, noise)] {
             let alone = corners_of(&plane, 5.0, 400);
             assert!(alone.len() > 20);

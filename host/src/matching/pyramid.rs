@@ -273,7 +273,7 @@ mod tests {
                 grey,
             };
             let mut pyramid = Pyramid::default();
-            // Whatever the memory held before.
+            // Old content of the memory must not matter.
             pyramid.refill(
                 &Image {
                     width: 40,

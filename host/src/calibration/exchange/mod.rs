@@ -110,8 +110,8 @@ impl CameraFile {
             );
             return Err(model.fault(reason));
         }
-        // OpenCV's own calibration program says so; the four coefficients alone look like k1 k2 p1
-        // p2.
+        // OpenCV's own calibration program marks fisheyes; the four coefficients alone look like k1
+        // k2 p1 p2.
         if let Some(flag) = root.optional("fisheye_model")?
             && flag.number()? != 0.0
         {
@@ -239,7 +239,7 @@ fn check_distance(field: &Node<'_>, place_mm: &Vector3<f64>) -> Result<(), Input
 }
 
 fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
-    // From the camera's axes to the rig's: the other way round than ours.
+    // From the camera's axes to the rig's: the inverse of this program's rotation.
     let turn = rotation(turn)?.inverse();
     let [fx, _, _, x, _, fy, _, y, _, _, _, z] = numbers(projection)?;
     if !(fx > 0.0 && fy > 0.0) {

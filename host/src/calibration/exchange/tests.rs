@@ -390,7 +390,7 @@ fn broken_rule_names_its_file() {
         Some("R"),
         "rotation_deg",
     );
-    // Whose axes have no mean.
+    // Opposite axes have no mean.
     let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 5.0]));
     blamed(&[left, back], "left.yml", Some("R"), "no axes of a rig");
 }

@@ -65,7 +65,7 @@ impl<'a> Document<'a> {
     /// Reads the file's first document and keeps the values under `known` names.
     pub fn parse(file: &'a Path, text: &'a str, known: &[&str]) -> Result<Self, InputError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        // What is left of the line is empty or a comment, so lines keep their numbers.
+        // The rest of the line is empty or a comment, so lines keep their numbers.
         let text = text.strip_prefix("%YAML:1.0").unwrap_or(text);
         let mut reader = Reader {
             file,

@@ -75,7 +75,7 @@ impl V4l2 {
         let refused = |cause: io::Error| refusal::cannot_start(path, &cause);
         let (format, stride) = set_format(path, &device, size_px)?;
         let interval = Fraction::new(1000, (frames_per_s * 1000.0).round() as u32);
-        // A rate that cannot be had is no reason not to look: the pictures bring their own times.
+        // A camera without this rate is used at its own rate, because the images carry their times.
         let _ = device.set_params(&Parameters::new(interval));
         Ok(Self {
             path: path.to_owned(),
@@ -102,7 +102,7 @@ impl V4l2 {
             .handle()
             .poll(PollFlags::IN.bits().cast_signed(), wait_ms)
         {
-            // By a signal, Ctrl-C for one.
+            // Interrupted by a signal, such as Ctrl-C.
             Err(cause) if cause.kind() == io::ErrorKind::Interrupted => Ok(false),
             ready => Ok(ready? > 0),
         }
@@ -197,7 +197,7 @@ fn known(path: &Path, device: &Device) -> Result<Vec<Format>, InputError> {
         return Ok(known);
     }
     Err(match device.format() {
-        // Every device of V4L2 knows the question, if only to say that it has no such thing.
+        // Every V4L2 device answers this request, if only with an error.
         Err(cause) if offered.is_empty() && cause.kind() != io::ErrorKind::InvalidInput => {
             refusal::cannot_open(path, &cause)
         }

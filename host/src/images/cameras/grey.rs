@@ -119,7 +119,7 @@ impl Format {
             _ => |pixel| pixel.first().copied().unwrap_or(0),
         };
         let mut grey = Vec::with_capacity(width * height);
-        // Rows of no bytes have no beginnings.
+        // Rows without bytes have no starts.
         for row in bytes.chunks(stride.max(1)).take(height) {
             let pixels = row.chunks_exact(per_pixel).take(width);
             grey.extend(pixels.map(luminance));
@@ -134,12 +134,12 @@ impl Format {
 
 fn bt709([red, green, blue]: [u8; 3]) -> u8 {
     let [r, g, b] = [red, green, blue].map(u32::from);
-    // The weights' sum is 10000: no more than 255 comes out.
+    // The weights add up to 10,000, so the result is at most 255.
     ((2126 * r + 7152 * g + 722 * b) / 10_000) as u8
 }
 
 fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
-    // What begins otherwise is another format to the common reader.
+    // Bytes with another start would be another format to the decoder.
     if !bytes.starts_with(&[0xFF, 0xD8]) {
         return Err(Unreadable::Jpeg("no JPEG".to_owned()));
     }
@@ -181,7 +181,7 @@ fn with_tables(bytes: &[u8]) -> std::borrow::Cow<'_, [u8]> {
         return bytes.into();
     }
     let standard = STANDARD.get_or_init(|| {
-        // An encoder that does not count its codes writes them.
+        // An encoder without optimised codes writes the standard tables.
         let mut file = Vec::new();
         let encoded = JpegEncoder::new(&mut file).encode(&[0; 3], 1, 1, ExtendedColorType::Rgb8);
         let tables = segments(&file).filter(|(marker, _)| *marker == TABLES && encoded.is_ok());
@@ -237,7 +237,7 @@ mod tests {
                 let stride = if gap == 0 { 0 } else { 3 * per_pixel + gap };
                 let grey = format.to_grey(&bytes, [3, 2], stride);
                 assert_eq!(grey, Ok(image()), "{format:?} {gap}");
-                // The last row's gap need not be there, and planes of colour may follow.
+                // The last row's gap may be missing, and planes of colour may follow.
                 let short = &bytes[..bytes.len() - gap];
                 assert_eq!(format.to_grey(short, [3, 2], stride), Ok(image()));
                 let long = [&bytes[..], &[1, 2, 3]].concat();

@@ -116,7 +116,7 @@ impl<P> Matching<P> {
             self.counts[camera].unmatched += 1;
         }
         self.waiting[camera].push_back((time_us, picture));
-        // A single one may have come a little sooner than its partners.
+        // A single image may have come a little sooner than its partners.
         if self.waiting[camera].len() > 1 {
             self.leave_out_silent(time_us);
         }
@@ -194,14 +194,14 @@ impl<P> Matching<P> {
 
     fn next(&mut self) -> Option<Set<P>> {
         loop {
-            // Of each camera that takes part its first picture: camera and time.
+            // First image of each active camera: camera and time.
             let heads = (0..self.waiting.len()).filter(|camera| self.takes_part[*camera]);
             let heads = heads.map(|camera| Some((camera, self.waiting[camera].front()?.0)));
             let heads: Vec<(usize, u64)> = heads.collect::<Option<_>>()?;
             let (earliest, _) = heads.iter().min_by_key(|(_, time)| *time)?;
             let apart = spread(heads.iter().map(|(_, time)| *time));
-            // Every picture still to come of the other cameras is later than theirs that wait: the
-            // earliest gets no nearer partners.
+            // Every later image of the other cameras is newer than their waiting ones, so the
+            // earliest image gets no closer partners.
             if apart > self.window_us || self.successor_is_nearer(&heads, *earliest, apart) {
                 self.waiting[*earliest].pop_front();
                 self.counts[*earliest].unmatched += 1;

@@ -42,7 +42,7 @@ mod tests {
     #[test]
     fn gaps_are_counted_across_the_wrap() {
         assert_eq!(lost(&[]), 0);
-        // What was before the first is not known.
+        // Losses before the first image are unknown.
         assert_eq!(lost(&[7, 8, 9]), 0);
         assert_eq!(lost(&[7, 9, 10, 14]), 4);
         assert_eq!(lost(&[u32::MAX - 1, u32::MAX, 0, 1]), 0);

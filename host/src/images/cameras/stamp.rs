@@ -153,8 +153,8 @@ impl Moments {
             Stamp::Monotonic(time, point) => match self.clocks.instant(time) {
                 Some(at) if at > arrived + AHEAD => Err(Doubt::Ahead),
                 Some(at) if arrived.saturating_duration_since(at) <= OLDEST => Ok((at, point)),
-                // It may have lain there for as long as the program was held up: no time to go by,
-                // and no fault of the driver.
+                // The image may have been ready for as long as the program was delayed: its time is
+                // unknown, and the driver is not at fault.
                 _ if !was_awaited => return None,
                 _ => Err(Doubt::Behind),
             },

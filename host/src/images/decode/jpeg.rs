@@ -54,7 +54,7 @@ impl Frame {
     /// coefficients come together.
     fn least_data(&self) -> u64 {
         let bits = if self.is_progressive { 1 } else { 2 };
-        // A single component's blocks end with the picture, not with the unit.
+        // The blocks of a single component end with the image, not with the unit.
         (self.blocks() / 4).max(1) * bits / BLOCK
     }
 
@@ -85,7 +85,7 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
         }
         match marker {
             0xD9 if scans > 0 => break,
-            // Another file begins.
+            // Start of another file.
             0xD8 => return Err(NO_END),
             0x01 | 0xD0..=0xD9 => continue,
             _ => {}
@@ -94,7 +94,7 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
         rest = &rest[segment.len()..];
         match marker {
             0xDA => scans += 1,
-            // Tables stand among the frames' numbers.
+            // Markers of tables lie between those of frames.
             0xC4 | 0xC8 | 0xCC => {}
             0xC0..=0xCF if frame.is_some() => {
                 return Err(Refusal::Malformed("two frames in one file".to_owned()));
@@ -119,7 +119,7 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
 
 /// Returns the number of bytes before the next marker, and the marker's second byte.
 fn next_marker(rest: &[u8]) -> Result<(usize, u8), Refusal> {
-    // A zero behind it makes 0xFF data, another 0xFF makes it a filling.
+    // A zero after 0xFF makes it data, another 0xFF makes it padding.
     let pairs = rest.windows(2).enumerate();
     let mut markers = pairs.filter(|(_, pair)| pair[0] == 0xFF && !matches!(pair[1], 0 | 0xFF));
     let found = markers.next().map(|(at, pair)| (at, pair[1]));

@@ -21,7 +21,7 @@ pub(super) fn caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
         }));
     });
     let before = IS_QUIET.replace(true);
-    // A decoder owns all that it changes, and none of it is used after a panic.
+    // A decoder owns all state that it changes, and none of it is used after a panic.
     let outcome = catch_unwind(AssertUnwindSafe(decode));
     IS_QUIET.set(before);
     outcome.ok()

@@ -19,7 +19,7 @@ type Chunk<'a> = (&'a [u8], &'a [u8], &'a [u8]);
 /// [`Refusal`] if the file ends before its last chunk, or the palette is malformed.
 pub(super) fn without_metadata(file: &[u8]) -> Result<Cow<'_, [u8]>, Refusal> {
     let mut rest = file.get(SIGNATURE..).unwrap_or_default();
-    // What has been kept stands at the beginning of the file until the first chunk is dropped.
+    // Until the first chunk is dropped, the kept chunks are the start of the file.
     let mut kept = SIGNATURE;
     let mut copy: Option<Vec<u8>> = None;
     loop {

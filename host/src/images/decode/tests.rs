@@ -137,7 +137,7 @@ fn memory_is_checked_first() {
         assert_eq!(outcome.is_ok(), fits, "{outcome:?}");
         assert_eq!(matches!(outcome, Err(Refusal::TooMuchMemory(_))), !fits);
     }
-    // All coefficients of a progressive picture are kept: three blocks for each 8 x 8 px.
+    // All coefficients of a progressive image are kept: three blocks for each 8 x 8 px.
     let frame = jpeg::frame(PROGRESSIVE).unwrap();
     assert_eq!(frame.coefficient_bytes(), 3 * 48 * 40 * 2);
     assert_eq!(jpeg::frame(PHOTOGRAPH).unwrap().coefficient_bytes(), 0);
@@ -146,7 +146,7 @@ fn memory_is_checked_first() {
 #[test]
 fn png_metadata_is_not_read() {
     let plain = small_png();
-    // Behind signature and header, and before the end.
+    // After signature and header, and before the end.
     let (head, tail) = plain.split_at(8 + 25);
     let wrong = chunk(b"iCCP", b"profile\0\0no deflate stream");
     let text = chunk(b"zTXt", b"key\0\0no deflate stream");

@@ -263,7 +263,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
         let mut done = HashSet::new();
         let mut has_changed = false;
         for (index, camera) in self.cameras.iter().enumerate() {
-            // The writer may not have made it yet.
+            // The writer may not have made the folder yet.
             let names = if camera.is_dir() {
                 list(camera)?
             } else {
@@ -282,7 +282,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                     done.insert(key.1);
                     continue;
                 }
-                // A file that is gone again was not meant for us.
+                // A file that is gone again was temporary.
                 let Some(seen) = Seen::now(&camera.join(&key.1), now) else {
                     continue;
                 };

@@ -11,7 +11,7 @@ pub(super) fn gaussian(width: usize, height: usize, samples: &[f32], sigma: f64)
     let mut line = Vec::with_capacity(width + 2 * reach);
     for row in samples.chunks_exact(width) {
         line.clear();
-        // The row, wrapped by the kernel's reach at both ends.
+        // Row, extended by the kernel's half width at both ends.
         line.extend((0..width + 2 * reach).map(|x| row[(x + width * reach - reach) % width]));
         across.extend(line.windows(kernel.len()).map(|taps| {
             let product = |(a, b): (&f32, &f32)| a * b;

@@ -199,8 +199,7 @@ fn small_move_follows_gradient() {
     };
     let mm_per_px = 850.0 / 538.14;
     let (before, after) = (levels(-0.05 * mm_per_px), levels(0.05 * mm_per_px));
-    // Least squares for the move, Lucas and Kanade's, from spectral-quality gradients of a
-    // half-pixel step.
+    // Least squares for the move (Lucas and Kanade), from gradients of a half-pixel step.
     let (left, right) = (levels(0.25 * mm_per_px), levels(-0.25 * mm_per_px));
     let (mut gradient_square, mut gradient_change) = (0.0, 0.0);
     for i in 0..before.len() {

@@ -122,7 +122,7 @@ fn newest_set_is_given_and_the_rest_counted() {
     bench.send(1, 200, 9);
     bench.senders[2].send(CameraEvent::Damaged).unwrap();
     bench.senders[2].send(CameraEvent::Stale).unwrap();
-    // Handed over 20 ms after the start, so taken before it.
+    // Delivered 20 ms after the start, so taken before it.
     bench.send(0, 20, 9);
     bench.settle([4, 4, 5]);
     let capture = bench.live.next().unwrap().unwrap();
@@ -169,7 +169,7 @@ fn silent_or_distant_cameras_are_named() {
     let error = bench.live.next().unwrap().unwrap_err().to_string();
     assert!(error.starts_with("/dev/middle: no picture for"), "{error}");
 
-    // One that sends, but nothing that can be used.
+    // A camera that sends only unusable images.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_millis(50);
     bench.senders[1].send(CameraEvent::Stale).unwrap();
@@ -193,7 +193,7 @@ fn silent_or_distant_cameras_are_named() {
             std::thread::sleep(Duration::from_millis(100));
             for (camera, sender) in senders.iter().enumerate() {
                 let late = Duration::from_millis(33 * n + 10 * camera as u64);
-                // The bench is gone at the end.
+                // The bench may be gone at the end.
                 let _ = sender.send(CameraEvent::Image(at + late, image(0)));
             }
         }

@@ -177,7 +177,7 @@ fn single_camera_makes_no_set_and_stays_bounded() {
     assert_eq!(sets.len(), 20);
     assert_eq!(matching.counts()[0].unmatched, (30 - DEPTH) as u64);
     assert_eq!(matching.apart_us(), Some(4_900 - 1_905));
-    // It comes back, and so do the sets.
+    // The camera comes back, and so do the sets.
     let mut back = streams;
     back[1].extend(every(100, 4_005, 10));
     assert_eq!(run(&back, 10).0.len(), 30);
@@ -192,17 +192,17 @@ fn stopped_camera_is_left_out_until_it_returns() {
         two.count()
     };
     let (sets, matching) = run(&streams, 10_000);
-    // It is noticed before a picture of the others is given up.
+    // The silence is noticed before an image of the others is dropped.
     assert_eq!((sets.len(), without(&sets)), (50, 30));
     assert_eq!(matching.counts().iter().map(|c| c.unmatched).max(), Some(0));
     assert_eq!(matching.apart_us(), Some(3_000));
     assert!(!matching.needs(2));
     streams[2].extend(every(4_005, 10));
     let (sets, matching) = run(&streams, 10_000);
-    // Its first one comes when the others' have made their set.
+    // Its first image comes after the others' images have made their set.
     assert_eq!((sets.len(), without(&sets)), (50, 21));
     assert!(matching.needs(2));
-    // One that has not sent anything yet may be slow to start.
+    // A camera that has not sent any image may be slow to start.
     streams[2].clear();
     assert!(run(&streams, 10_000).0.is_empty());
 }
@@ -216,7 +216,7 @@ fn silence_is_noticed_at_one_image_per_second() {
         let (sets, _) = run(&streams, 1_000);
         let whole = sets.iter().filter(|set| set.pictures[2].is_some());
         assert_eq!(whole.count(), 10, "{period_ms}");
-        // Until then the others' pictures wait.
+        // Until then the others' images wait.
         let mut matching = Matching::new(3, 1_000);
         matching.push(2, 0, 2);
         let mut noticed_ms = None;
@@ -262,7 +262,7 @@ fn two_cameras_are_always_left() {
     }
     let set = matching.take().expect("two are enough");
     assert_eq!(set.pictures, [Some((100, 0)), None, Some((100, 2))]);
-    // It comes back, and another may go.
+    // The camera comes back, and another one may stop.
     matching.push(1, 200, 1);
     assert!(matching.take().is_none() && matching.leave_out(0));
 }
@@ -279,7 +279,7 @@ fn late_camera_finds_partners_at_once() {
 
 #[test]
 fn faster_camera_gives_its_nearest_image() {
-    // Three times as fast, and 12 off: of 988, 1021, 1054 the first is nearest to 1000.
+    // Three times as fast, with an offset of 12: of 988, 1021, 1054 the first is nearest to 1000.
     let streams = vec![every(100, 1_000, 10), every(33, 988, 29)];
     let (sets, matching) = run(&streams, 16);
     assert_eq!(sets.len(), 10, "{sets:?}");
@@ -319,7 +319,7 @@ fn disordered_images_are_not_used() {
     matching.push(1, 205, 205);
     take(&mut matching, [200, 205]);
     assert_eq!(matching.counts()[0].disordered, 2);
-    // Of a camera that there is not.
+    // An image of a camera that does not exist.
     matching.push(7, 300, 300);
     assert_eq!(matching.counts().len(), 2);
     assert_eq!(Matching::<()>::new(3, 10).apart_us(), None);

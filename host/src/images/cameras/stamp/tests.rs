@@ -27,7 +27,7 @@ fn late_fetch_keeps_stamp() {
         assert_eq!(at, Some(now + ms(taken)));
         assert_eq!(moments.source(), Some(Source::Driver(Point::End)));
     }
-    // Also of before the clocks were read.
+    // A time before the clocks were read.
     let at = moments.of(stamp(NOW - ms(20)), now, true);
     assert_eq!(at, Some(now - ms(20)));
     let start = Stamp::Monotonic(NOW + ms(99), Point::Start);
@@ -52,11 +52,11 @@ fn doubted_driver_stays_doubted() {
         assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
         let next = now + ms(80);
         assert_eq!(moments.of(stamp(NOW + ms(70)), next, true), Some(next));
-        // One that lay there came at an unknown time.
+        // An image that was ready before the wait has no known time.
         assert_eq!(moments.of(stamp(NOW + ms(90)), now + ms(100), false), None);
         assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
     }
-    // Within what two readings of a clock may differ, and just not too old.
+    // Within the error of two clock readings, and just below the largest age.
     for time in [NOW + ms(51), NOW - ms(2950)] {
         let (mut moments, now) = moments();
         assert!(moments.of(stamp(time), now + ms(50), true).is_some());
@@ -81,7 +81,7 @@ fn paired_clocks_convert_times() {
     let zero = Instant::now();
     let clocks = Clocks::read(|| NOW + zero.elapsed());
     let back = clocks.instant(NOW).unwrap();
-    // Either side of it: no reading can have been farther off than it took.
+    // On either side of zero: the error of a reading is at most its duration.
     let apart = back.max(zero).duration_since(back.min(zero));
     assert!(apart <= zero.elapsed(), "{apart:?}");
     assert_eq!(clocks.instant(NOW + ms(5)), Some(back + ms(5)));

@@ -87,7 +87,7 @@ impl<'a> Bits<'a> {
                     self.at += 2;
                     0xFF
                 }
-                // A marker follows, perhaps behind filling.
+                // A marker follows, perhaps after padding.
                 (Some(0xFF), _) | (None, _) => return,
                 (Some(byte), _) => {
                     self.at += 1;
@@ -113,7 +113,7 @@ impl<'a> Bits<'a> {
         if self.count < LONGEST as u32 {
             self.fill();
         }
-        // Behind the end there are zeros; what is made of them is refused as too short.
+        // Zeros follow the end; codes made of them are refused as too short.
         let next = match self.count.checked_sub(LONGEST as u32) {
             Some(spare) => (self.buffer >> spare) as u32 & 0xFFFF,
             None => ((self.buffer << (LONGEST as u32 - self.count)) & 0xFFFF) as u32,

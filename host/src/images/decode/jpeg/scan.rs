@@ -354,7 +354,7 @@ impl Walk<'_> {
             if length > 0 {
                 self.bits.take(1)?;
             }
-            // Over the run of zeros; each coefficient known before has one bit.
+            // Skips the run of zeros; each known nonzero coefficient has one bit.
             while k <= self.band.last {
                 if *nonzero >> k & 1 == 1 {
                     self.bits.take(1)?;

@@ -46,7 +46,7 @@ impl Bench {
     }
 
     fn at(&self, ms: u64) -> Instant {
-        // Behind the moment at which the watch was opened, whenever that was.
+        // Later than the opening of the watch in any case.
         self.start + Duration::from_secs(1_000) + Duration::from_millis(ms)
     }
 
@@ -103,7 +103,7 @@ fn settled_frame_set_is_given() {
     nothing(watch.look(bench.at(1_000)));
     nothing(watch.look(bench.at(1_199)));
     assert_eq!(grey(watch.look(bench.at(1_200))), 7);
-    // Once.
+    // Reported once.
     nothing(watch.look(bench.at(9_000)));
     assert!(bench.told().is_empty());
 }
@@ -116,8 +116,8 @@ fn growing_file_is_not_read() {
         bench.whole(camera, "1.png", 7);
     }
     let whole = fs::read(bench.path("right", "1.png")).unwrap();
-    // Written byte by byte with pauses shorter and longer than the settling time: what is cut off
-    // is never given, and is no error yet. The last 12 bytes of a PNG only say that it ends.
+    // Written byte by byte with pauses shorter and longer than the settling time: a truncated file
+    // is never given, and is not an error yet. The last 12 bytes of a PNG only mark its end.
     for (step, length) in (1..whole.len() - 16).step_by(9).enumerate() {
         fs::write(bench.path("right", "1.png"), &whole[..length]).unwrap();
         let ms = 1_000 * step as u64;
@@ -140,7 +140,7 @@ fn truncated_file_is_named() {
     nothing(watch.look(bench.at(1_999)));
     let error = unreadable(watch.look(bench.at(2_000)));
     assert_eq!(error.file, bench.path("right", "1.png"));
-    // Once, and the next has its own time.
+    // Reported once, and the next file has its own time.
     for camera in NAMES {
         bench.whole(camera, "2.png", 2);
     }
@@ -149,7 +149,7 @@ fn truncated_file_is_named() {
         Ok(Look::FrameSet(capture)) => assert_eq!(capture.time_us, 1_000),
         other => panic!("{other:?}"),
     }
-    // Of another size, likewise.
+    // The same for an image of another size.
     let bench = Bench::new();
     let mut watch = bench.watch(Some(1));
     watch.size_px = [9, 8];
@@ -174,7 +174,7 @@ fn changed_file_is_not_given() {
     }
     nothing(watch.look(bench.at(0)));
     watch.list(bench.at(300)).unwrap();
-    // Readable, but not what had settled; and one that is gone.
+    // A readable file that has changed after it settled, and one that is gone.
     let path = bench.path("right", "1.png");
     bench.whole("right", "1.png", 9);
     let later = SystemTime::now() + Duration::from_secs(7);
@@ -232,7 +232,7 @@ fn removed_frame_sets_are_forgotten() {
         }
         assert!(watch.done.len() <= 2, "{:?}", watch.done);
     }
-    // The last, and one of before, come once more.
+    // The last file and an earlier one come once more.
     for name in ["19.png", "7.png"] {
         nothing(watch.look(bench.at(30_000)));
         for camera in NAMES {
@@ -275,7 +275,7 @@ fn incomplete_set_is_skipped_after_patience() {
     let mut watch = bench.watch(None);
     bench.whole("left", "1.png", 1);
     nothing(watch.look(bench.at(0)));
-    // Without another capture behind it there is no hurry.
+    // Without a later frame set, an incomplete one waits without limit.
     nothing(watch.look(bench.at(60_000)));
     for camera in NAMES {
         bench.whole(camera, "2.png", 2);
@@ -289,7 +289,7 @@ fn incomplete_set_is_skipped_after_patience() {
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("right/1.png: never came"), "{told:?}");
 
-    // Two behind each other: the first waits its two seconds, then the second comes at once.
+    // Two incomplete frame sets: the first waits its two seconds, then the second comes at once.
     bench.whole("right", "3.png", 3);
     for camera in NAMES {
         bench.whole(camera, "4.png", 4);
@@ -322,7 +322,7 @@ fn silent_camera_is_left_out() {
         Ok(_) => None,
         Err(error) => panic!("{error}"),
     };
-    // Nothing of the third camera yet: its files may be copied last.
+    // No image of the third camera yet: its files may be copied last.
     bench.whole("left", "1.png", 1);
     bench.whole("middle", "1.png", 1);
     assert_eq!(present(0), None);
@@ -330,7 +330,7 @@ fn silent_camera_is_left_out() {
     bench.whole("right", "1.png", 1);
     assert_eq!(present(9_100), None);
     assert_eq!(present(9_300), Some((0, vec![true; 3])));
-    // It leaves one out and goes on.
+    // The camera misses one frame set and goes on.
     for camera in ["left", "middle"] {
         bench.whole(camera, "2.png", 2);
     }
@@ -341,8 +341,8 @@ fn silent_camera_is_left_out() {
     assert_eq!(present(11_900), None);
     assert_eq!(present(12_000), Some((1_000, vec![true, true, false])));
     assert_eq!(present(12_000), Some((2_000, vec![true; 3])));
-    // It is gone: the next waits for it until it has been silent for two seconds, and so does every
-    // other.
+    // The camera is gone: the next frame set waits until the camera has been silent for two
+    // seconds, later ones likewise.
     for (name, ms) in [("4.png", 12_500), ("5.png", 15_000)] {
         bench.whole("left", name, 4);
         bench.whole("middle", name, 4);
