@@ -12,7 +12,7 @@
 //!   the order in which images of different cameras arrive.
 //!
 //! A camera has *fallen silent* if its latest image is [`SILENCE_US`] older than another camera's,
-//! and two or more images of that camera wait. Until its next image, sets are made without it, as
+//! and two or more images of the other one wait. Until its next image, sets are made without it, as
 //! long as two cameras are left. The sets wait for a camera that has sent no image yet.
 
 use std::collections::VecDeque;
