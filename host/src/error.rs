@@ -1,4 +1,4 @@
-//! Faults in files that the user gave.
+//! Errors in files that the user gave.
 
 use std::error::Error;
 use std::fmt;
@@ -7,28 +7,28 @@ use std::path::{Path, PathBuf};
 
 use crate::printable::{printable, printable_up_to};
 
-/// Characters of a field's name and of a reason that are printed.
+/// Largest number of characters of a field's name and of a reason that are printed.
 const LONGEST_FIELD: usize = 120;
 const LONGEST_REASON: usize = 4_000;
 
-/// A fault in a file the user gave: where it is and what is wrong there.
+/// Error in a file that the user gave, with its place and reason.
 ///
-/// Reads `FILE:LINE: field `NAME`: reason`; line and field are left out where there is none (a file
-/// that does not exist has no line).
+/// Formatted as `FILE:LINE: field `NAME`: reason`. Line and field are left out if there are none,
+/// as for a file that does not exist.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputError {
-    /// The file or folder at fault.
+    /// File or folder with the error.
     pub file: PathBuf,
     /// Line in that file, counted from 1.
     pub line: Option<usize>,
     /// Column or key at fault, such as `x1` or `camera[1].focal_px[0]`.
     pub field: Option<String>,
-    /// What is wrong, and what would be right.
+    /// Reason: the error, and the values that are allowed.
     pub reason: String,
 }
 
 impl InputError {
-    /// A fault of the file as a whole.
+    /// Creates an error of the file as a whole.
     pub fn file(file: &Path, reason: impl Into<String>) -> Self {
         Self {
             file: file.to_owned(),
@@ -38,7 +38,7 @@ impl InputError {
         }
     }
 
-    /// A fault of one line, counted from 1.
+    /// Creates an error of one line, counted from 1.
     pub fn line(file: &Path, line: usize, reason: impl Into<String>) -> Self {
         Self {
             line: Some(line),
@@ -46,7 +46,7 @@ impl InputError {
         }
     }
 
-    /// A fault of one field in one line, counted from 1.
+    /// Creates an error of one field in one line, counted from 1.
     pub fn field(
         file: &Path,
         line: usize,
@@ -59,14 +59,14 @@ impl InputError {
         }
     }
 
-    /// The operating system would not let us read or write the file.
+    /// Creates an error of the operating system on reading or writing the file.
     pub fn io(file: &Path, action: &str, cause: &io::Error) -> Self {
         Self::file(file, format!("cannot {action}: {cause}"))
     }
 }
 
-/// Names of files and what is in them come from others: they are printed without control
-/// characters, and not at any length.
+/// Formats the error without control characters and with limited length, because names of files and
+/// their content are foreign text.
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&printable(self.file.display()))?;
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_input_error_names_file_line_and_field() {
+    fn error_names_file_line_and_field() {
         let error = InputError::field(Path::new("points.csv"), 3, "x1", "`abc` is not a number");
         assert_eq!(
             error.to_string(),
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_text_in_an_error_is_printable() {
+    fn foreign_text_is_printable() {
         let (file, key) = (Path::new("a\x1b[2J.csv"), "k\u{202e}".repeat(1000));
         let error = InputError::field(file, 3, key, "`\u{7}` is not a number\nerror: forged");
         let text = error.to_string();

@@ -1,13 +1,13 @@
-//! What the cameras of a rig see at a depth, and together between two.
+//! Fields of view of a rig's cameras: at one depth, and the space between two depths.
 //!
 //! A camera without lens distortion sees the rectangle `c + Z [ξ_low, ξ_high]` at depth `Z`. With
-//! distortion the border is bent; the largest rectangle within is taken, which understates the view
-//! a little. All cameras look the same way, so every question about several of them is one about
-//! rectangles with parallel sides.
+//! distortion the border is bent; the largest rectangle within it is used, which understates the
+//! field of view a little. All cameras are parallel, so the common fields of view are intersections
+//! of rectangles with parallel sides.
 
 use shared::rig::{Camera, Rig};
 
-/// An upright rectangle at one depth: mm right and down of the rig's origin, or dimensionless
+/// Upright rectangle at one depth, in mm right and down of the rig's origin, or of dimensionless
 /// directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
@@ -18,18 +18,18 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// Width and height.
+    /// Returns width and height.
     pub fn sides(&self) -> [f64; 2] {
         [0, 1].map(|i| self.high[i] - self.low[i])
     }
 
-    /// Width times height.
+    /// Returns the area.
     pub fn area(&self) -> f64 {
         let [width, height] = self.sides();
         width * height
     }
 
-    /// The four corners and the middle.
+    /// Returns the four corners and the middle.
     pub fn corners_and_middle(&self) -> [[f64; 2]; 5] {
         let Self { low, high } = *self;
         let middle = [0, 1].map(|i| 0.5 * (low[i] + high[i]));
@@ -41,16 +41,16 @@ impl Rectangle {
     }
 }
 
-/// The fields of view of a rig's cameras.
+/// Fields of view of a rig's cameras.
 #[derive(Clone, Debug)]
 pub struct FieldOfView {
-    /// Per camera: where it stands, mm, and the directions it sees.
+    /// Position in mm and directions in view, per camera.
     cameras: Vec<([f64; 2], Rectangle)>,
 }
 
 impl FieldOfView {
-    /// Of every camera of `rig`, without `margin_px` along the border of its image: what is tracked
-    /// needs a window around it.
+    /// Creates the fields of view of all cameras of `rig`, without `margin_px` along the border of
+    /// each image, because tracking needs a window around each point.
     pub fn new(rig: &Rig, margin_px: f64) -> Self {
         let cameras = rig.cameras.iter();
         Self {
@@ -70,7 +70,7 @@ impl FieldOfView {
         })
     }
 
-    /// What all cameras see at `depth_mm`, mm. `None` where they have nothing in common.
+    /// Returns the common field of view of all cameras at `depth_mm`, mm; `None` if there is none.
     pub fn common(&self, depth_mm: f64) -> Option<Rectangle> {
         let everything = Rectangle {
             low: [f64::NEG_INFINITY; 2],
@@ -86,10 +86,10 @@ impl FieldOfView {
         is_open.then_some(common)
     }
 
-    /// Area at `depth_mm` that at least `count` cameras see, mm².
+    /// Computes the area at `depth_mm` that at least `count` cameras see, mm².
     pub fn area_seen_by(&self, count: usize, depth_mm: f64) -> f64 {
         let views: Vec<Rectangle> = self.at(depth_mm).collect();
-        // Between neighbouring edges every camera sees all or nothing.
+        // Between neighbouring edges, each camera sees all or nothing.
         let edges = [0, 1].map(|i| {
             let mut edges: Vec<f64> = views.iter().flat_map(|v| [v.low[i], v.high[i]]).collect();
             edges.sort_by(f64::total_cmp);
@@ -108,9 +108,9 @@ impl FieldOfView {
         area
     }
 
-    /// Space between two depths that at least `count` cameras see, mm³.
+    /// Computes the volume between two depths that at least `count` cameras see, mm³.
     pub fn volume_seen_by(&self, count: usize, [near, far]: [f64; 2]) -> f64 {
-        // Simpson's rule, which is exact but for the strips in which two edges change places.
+        // Simpson's rule is exact except for strips in which two edges change places.
         const STRIPS: u32 = 500;
         let strip = (far - near) / f64::from(STRIPS);
         let area = |at: f64| self.area_seen_by(count, near + at * strip);
@@ -120,8 +120,8 @@ impl FieldOfView {
             .sum()
     }
 
-    /// The depth beyond which all cameras have something in common, mm (infinite if they never
-    /// have), and the two that it depends on.
+    /// Returns the depth from which on all cameras have a common field of view, mm (infinite if
+    /// they never have one), and the two cameras that determine it.
     pub fn nearest_common(&self) -> (f64, [usize; 2]) {
         let mut nearest = (0.0, [0, 0]);
         for (a, (from, view)) in self.cameras.iter().enumerate() {
@@ -143,8 +143,9 @@ impl FieldOfView {
         nearest
     }
 
-    /// The depth up to which all cameras have something in common, mm, and the two that it depends
-    /// on: those whose views cross and part again. Infinite if none do.
+    /// Returns the depth up to which all cameras have a common field of view, mm, and the two
+    /// cameras that determine it: those whose fields of view cross and part again. Infinite if none
+    /// do.
     pub fn farthest_common(&self) -> (f64, [usize; 2]) {
         let mut farthest = (f64::INFINITY, [0, 0]);
         for (a, (from, view)) in self.cameras.iter().enumerate() {
@@ -161,7 +162,7 @@ impl FieldOfView {
     }
 }
 
-/// The largest rectangle of directions within a camera's image.
+/// Returns the largest rectangle of directions within a camera's image.
 fn directions(camera: &Camera, size_px: [u32; 2], margin_px: f64) -> Rectangle {
     const STEPS: u32 = 32;
     let [right, bottom] = size_px.map(|side| f64::from(side) - 1.0 - margin_px);
@@ -199,9 +200,9 @@ mod tests {
         rig.cameras.iter().filter(inside).count()
     }
 
-    /// Points thrown at random into a box, each projected into every camera.
+    /// Tests against random points in a box, each projected into every camera.
     #[test]
-    fn areas_and_volumes_are_those_of_the_projections() {
+    fn areas_match_random_projections() {
         let rig = Rig::paper();
         let view = FieldOfView::new(&rig, 12.0);
         let mut random = Random::new(5, 0);
@@ -228,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_common_before_the_nearest_depth() {
+    fn nothing_common_before_nearest() {
         let view = FieldOfView::new(&Rig::paper(), 0.0);
         let (nearest, pair) = view.nearest_common();
         assert_eq!(pair, [0, 2]);
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_look_past_each_other_have_nothing_in_common() {
+    fn diverging_cameras_share_nothing() {
         let mut rig = Rig::paper();
         rig.image_size_px = [320, 30];
         rig.cameras[2].principal_px[1] = -1000.0;
@@ -250,10 +251,10 @@ mod tests {
         assert_eq!(view.area_seen_by(3, 1000.0), 0.0);
     }
 
-    /// The outer cameras look inwards so far that their views cross before the middle one and part
-    /// behind.
+    /// Tests outer cameras turned inwards so far that their fields of view cross before the middle
+    /// camera's and part behind it.
     #[test]
-    fn views_that_cross_part_again() {
+    fn crossing_views_part_again() {
         let mut rig = Rig::paper();
         rig.cameras[0].principal_px[0] = -40.0;
         rig.cameras[2].principal_px[0] = 359.0;
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn distortion_never_makes_the_view_larger_than_it_is() {
+    fn distortion_never_overstates_view() {
         let mut rig = Rig::paper();
         for camera in &mut rig.cameras {
             camera.distortion = [-0.3, 0.1, 0.001, -0.001, 0.0];
@@ -289,7 +290,7 @@ mod tests {
             let [x, y] = [0, 1].map(|i| common.low[i] + share * (common.high[i] - common.low[i]));
             let [low, high] = [common.low, common.high];
             for [x, y] in [[x, low[1]], [x, high[1]], [low[0], y], [high[0], y]] {
-                // A hair inwards: the border itself is a matter of rounding.
+                // Slightly inwards, because the border itself depends on rounding.
                 let inwards = |at: f64, i: usize| at + 1e-3 * (0.5 * (low[i] + high[i]) - at);
                 assert_eq!(sees(&rig, 5.0, [inwards(x, 0), inwards(y, 1), 900.0]), 3);
             }

@@ -1,9 +1,8 @@
-//! Files that the user names to be read: never more than a stated number of bytes, and never from a
-//! device.
+//! Reading of files that the user names: at most a stated number of bytes, and never from a device.
 //!
-//! A regular file is read, and so is the pipe of a process substitution (`<(command)`) or of
-//! `/dev/stdin`. Directories, devices and named pipes are refused before they are opened: to open a
-//! named pipe waits for its writer, which may never come.
+//! Regular files and pipes of a process substitution (`<(command)`) or of `/dev/stdin` are read.
+//! Directories, devices and named pipes are refused before they are opened, because opening a named
+//! pipe waits for its writer, which may never come.
 
 use std::collections::HashSet;
 use std::fs::{self, File};
@@ -13,25 +12,26 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::error::InputError;
 
-/// How long a kind of file may be.
+/// Largest length of a kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limit {
-    /// What the file is, with its article: `a rig file`.
+    /// Kind of file, with its article: `a rig file`.
     pub what: &'static str,
-    /// Bytes it has at most.
+    /// Largest length, bytes.
     pub bytes: u64,
 }
 
-/// Files that are remembered as inputs at most; a recording may have more.
+/// Largest number of files that are remembered as inputs; a recording may have more.
 const MOST_REMEMBERED: usize = 100_000;
 
-/// The regular files that this program has read.
+/// Regular files that this program has read.
 static READ: Mutex<Option<HashSet<Identity>>> = Mutex::new(None);
 
-/// A file whatever its name: device, number, and when it was made, because a number is used again.
+/// Identity of a file, independent of its name: device, number, and time of creation, because a
+/// number is used again.
 #[cfg(unix)]
 pub(crate) type Identity = (u64, u64, Option<std::time::SystemTime>);
-/// A file whatever its name.
+/// Identity of a file.
 #[cfg(not(unix))]
 pub(crate) type Identity = std::path::PathBuf;
 
@@ -64,7 +64,7 @@ fn remember(path: &Path) {
 /// Reads the file at `path`.
 ///
 /// # Errors
-/// If it cannot be read, is no regular file, or is longer than `limit`.
+/// [`InputError`] if the file cannot be read, is not a regular file, or is longer than `limit`.
 pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     let unreadable = |cause| InputError::io(path, "read", &cause);
     let about = fs::metadata(path).map_err(unreadable)?;
@@ -93,7 +93,7 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
 /// Reads the text file at `path`.
 ///
 /// # Errors
-/// As [`bytes`], and with the line of what is not UTF-8.
+/// Those of [`bytes`], and an [`InputError`] with the line of the first bytes that are not UTF-8.
 pub fn text(path: &Path, limit: Limit) -> Result<String, InputError> {
     String::from_utf8(bytes(path, limit)?).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
@@ -118,7 +118,7 @@ fn too_long(path: &Path, limit: Limit) -> InputError {
     )
 }
 
-/// What the path leads to, if that is not to be read.
+/// Returns the kind of file that the path leads to, if this kind must not be read.
 fn unfit(path: &Path, about: &fs::Metadata) -> Option<&'static str> {
     if about.is_dir() {
         return Some("a folder");
@@ -127,7 +127,7 @@ fn unfit(path: &Path, about: &fs::Metadata) -> Option<&'static str> {
     {
         use std::os::unix::fs::FileTypeExt as _;
         let kind = about.file_type();
-        // A pipe without a name has no path of its own: its link in /dev/fd leads nowhere.
+        // A pipe without a name has no path of its own; its link in /dev/fd is dangling.
         let has_name = || !path.starts_with("/dev/") && fs::canonicalize(path).is_ok();
         if kind.is_fifo() && has_name() {
             return Some("a named pipe");
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn file_is_read_up_to_its_limit() {
+    fn file_is_read_up_to_limit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         fs::write(&path, vec![b'x'; 2048]).unwrap();
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn text_that_is_no_utf8_is_named_with_line() {
+    fn invalid_utf8_is_named_with_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         fs::write(&path, b"a\nb\xff").unwrap();
@@ -188,7 +188,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn devices_and_named_pipes_are_refused() {
+    fn devices_and_pipes_are_refused() {
         assert_eq!(
             refused(Path::new("/dev/zero")),
             "is no regular file, but a device"

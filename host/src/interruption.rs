@@ -14,8 +14,8 @@
 //! | SIGKILL, SIGSEGV, SIGILL, SIGFPE | the program ends at once, and with it the heartbeat: the station ramps down with fault 0 |
 //! | SIGSTOP, SIGTTIN, SIGTTOU | the program stands still, and with it the heartbeat: the same; the run ends with that fault when it is continued |
 //!
-//! Without a station and without a watcher, signals do what they do to any program, but not while
-//! files are written ([`Hold`]).
+//! Without a station and without a watcher, signals have their default effect, except while files
+//! are written ([`Hold`]).
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,11 +26,11 @@ use std::time::{Duration, Instant};
 #[cfg_attr(not(unix), path = "interruption/other.rs")]
 mod system;
 
-/// Signals this close together are one wish: a shell and the system may both tell of a closed
-/// terminal, and `timeout` signals a program and then its group.
+/// Time within which several signals count as one request: a shell and the system may both report a
+/// closed terminal, and `timeout` signals a program and then its group.
 const ONE_WISH: Duration = Duration::from_millis(100);
 
-/// How long a second signal waits for files that are being written.
+/// Longest wait of a second signal for files that are being written.
 const WRITING_PATIENCE: Duration = Duration::from_secs(2);
 
 /// Exit code after the second signal: the station may still be in motion.
@@ -46,16 +46,16 @@ static STATE: Mutex<State> = Mutex::new(State {
 });
 
 struct State {
-    /// Set by the first signal; `None` while nothing watches.
+    /// Flag that the first signal sets; `None` while nothing watches.
     flag: Option<Arc<AtomicBool>>,
     is_installed: bool,
-    /// Living [`Hold`]s.
+    /// Number of living [`Hold`]s.
     holds: usize,
-    /// Living [`Awake`]s.
+    /// Number of living [`Awake`]s.
     lines: usize,
-    /// When the first signal came.
+    /// Time of the first signal.
     first: Option<Instant>,
-    /// The signal that came during a hold and has had no effect yet.
+    /// Signal that came during a hold and has had no effect yet.
     held: Option<i32>,
 }
 
@@ -75,24 +75,25 @@ impl State {
     }
 }
 
-/// Watches for signals from now on, if it does not yet; returns the flag that the first one sets.
+/// Watches for signals from now on, if it does not yet; returns the flag that the first signal
+/// sets.
 ///
 /// # Errors
-/// If the system refuses the handler.
+/// [`io::Error`] if the system refuses the handler.
 pub fn watch() -> io::Result<Arc<AtomicBool>> {
     let mut state = state();
     state.install()?;
     Ok(Arc::clone(state.flag.get_or_insert_default()))
 }
 
-/// Returns true if a signal has come since the program watches for them.
+/// Returns true if a signal has come since the program started to watch for signals.
 pub fn is_requested() -> bool {
     let state = state();
     let flag = state.flag.as_ref();
     flag.is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
-/// Delays the end of the program by a signal while it lives, because otherwise temporary files
+/// Delay of the end of the program by a signal, while the value lives. Without it temporary files
 /// would stay, or old and new files side by side.
 #[derive(Debug)]
 pub(crate) struct Hold(());
@@ -100,7 +101,7 @@ pub(crate) struct Hold(());
 impl Hold {
     pub fn new() -> Self {
         let mut state = state();
-        // Where the system allows no handler, a signal ends the program as before.
+        // If the system refuses the handler, a signal ends the program by default.
         let _ = state.install();
         state.holds += 1;
         Self(())
@@ -120,7 +121,7 @@ impl Drop for Hold {
     }
 }
 
-/// Makes Ctrl-Z end the program as Ctrl-C does while it lives.
+/// Guard that makes Ctrl-Z end the program as Ctrl-C does, while the value lives.
 #[derive(Debug)]
 pub(crate) struct Awake(());
 
@@ -137,7 +138,7 @@ impl Drop for Awake {
     }
 }
 
-/// A signal has come. Runs in the thread that waits for signals, not in a signal handler.
+/// Handles a signal, in the thread that waits for signals, not in a signal handler.
 fn came(signal: i32) {
     let mut state = state();
     if system::suspends(signal) && state.lines == 0 {
@@ -145,7 +146,7 @@ fn came(signal: i32) {
         return system::end(signal);
     }
     if state.flag.is_none() && state.holds == 0 {
-        // With the lock, so that no file is begun meanwhile.
+        // Ends while holding the lock, so that no file is begun meanwhile.
         return system::end(signal);
     }
     if let Some(flag) = &state.flag {

@@ -1,6 +1,6 @@
-//! The command line of Trinocular.
+//! Command line of Trinocular.
 //!
-//! `main` only turns the outcome into an exit code and one line on standard error; every command is
+//! `main` only converts the result to an exit code and one line on standard error; every command is
 //! a file under `commands`.
 
 #![deny(clippy::print_stderr, clippy::print_stdout)]
@@ -32,16 +32,16 @@ fn run() -> Result<ExitCode, Failure> {
     };
     let mut out = io::stdout().lock();
     commands::run(arguments, &mut out)?;
-    // What is still in the buffer may be what does not fit the disk.
+    // The buffered rest may be the part that does not fit the disk.
     out.flush()?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints help, version, or what is wrong with the arguments.
+/// Prints help, version, or the error in the arguments.
 fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
     if error.use_stderr() {
-        // The exit code says it all if standard error cannot be written.
+        // If standard error cannot be written, the exit code must suffice.
         return Ok(ExitCode::from(2));
     }
     printed?;

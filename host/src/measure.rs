@@ -1,4 +1,4 @@
-//! From the images of one instant to flow sums.
+//! Measurement from the images of one instant to flow sums.
 
 use crate::flow::{self, Flow, Measurement};
 use crate::images::FrameSet;
@@ -6,7 +6,7 @@ use crate::sums::Sums;
 use shared::estimate;
 use shared::rig::Rig;
 
-/// A reason why images give no flow sums.
+/// Reason why images give no flow sums.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeasureRefusal {
     /// The images show no displacement from the keyframe.
@@ -20,10 +20,11 @@ pub enum MeasureRefusal {
     NothingSeen,
 }
 
-/// Measures `capture` against the keyframe of `flow`; returns the correspondences and their sums.
+/// Measures `capture` against the keyframe of `flow` and returns the correspondences and their
+/// sums.
 ///
 /// # Errors
-/// [`MeasureRefusal`] with the stage that refused.
+/// [`MeasureRefusal`], with the stage that refused.
 pub fn measure(
     flow: &mut Flow,
     rig: &Rig,

@@ -1,7 +1,7 @@
-//! Messages for people, on standard error: the only place of this program that writes there.
+//! Messages for people on standard error. No other module writes there.
 //!
-//! Standard error may be closed, full, or a pipe without a reader. `eprintln!` panics then, and a
-//! panic in mid-run ends a motion. A message that cannot be written is lost instead; what it tells
+//! Standard error may be closed, full, or a pipe without a reader. `eprintln!` then panics, and a
+//! panic in mid-run ends a motion. This module drops a message that cannot be written; its content
 //! is also in the exit code or in the next report.
 
 use crate::printable::printable_up_to;
@@ -25,6 +25,6 @@ macro_rules! notice {
 pub fn write(message: Arguments<'_>) {
     let mut line = printable_up_to(LONGEST, message);
     line.push('\n');
-    // There is no other place to say that it failed.
+    // A failure cannot be reported elsewhere.
     let _ = io::stderr().write_all(line.as_bytes());
 }

@@ -1,8 +1,8 @@
-//! Text from outside, made fit for a terminal and a log.
+//! Foreign text, escaped for a terminal or a log.
 //!
-//! File names, keys of files and the name that a station gives itself are chosen by others. Printed
-//! as they are, control characters in them move the cursor, clear the screen or forge a line of
-//! output. [`printable`] writes such characters as escapes (`\u{1b}`) and cuts what is too long.
+//! File names, keys of files and the name that a station gives itself are foreign text. Control
+//! characters in them could move the cursor, clear the screen or forge a line of output.
+//! [`printable`] writes such characters as escapes (`\u{1b}`) and cuts long text.
 //!
 //! Use it wherever a message or a table quotes foreign text:
 //!
@@ -23,8 +23,8 @@ pub const LONGEST: usize = 1_000;
 ///
 /// Control characters, separators of lines and paragraphs and all format characters of Unicode,
 /// such as those that change the direction of writing, become escapes as in Rust's string literals.
-/// All else stays, backslashes too, so that a path of Windows reads as usual; hence the result is
-/// for people and cannot be turned back. A longer text is cut and ends with `...`.
+/// All other characters stay, backslashes too, so that a Windows path reads as usual; hence the
+/// result is for people and cannot be converted back. A longer text is cut and ends with `...`.
 pub fn printable(text: impl Display) -> String {
     printable_up_to(LONGEST, text)
 }
@@ -35,7 +35,7 @@ pub fn printable_up_to(longest: usize, text: impl Display) -> String {
         text: String::new(),
         left: longest,
     };
-    // An error says that the text was cut: formatting it further would be for nothing.
+    // An error means that the text was cut, so formatting stops there.
     if write!(kept, "{text}").is_err() {
         kept.text.push_str("...");
     }
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn control_characters_become_escapes() {
+    fn control_characters_are_escaped() {
         for (foreign, shown) in [
             ("rig.toml", "rig.toml"),
             (r"C:\rigs\two words.toml", r"C:\rigs\two words.toml"),
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn long_text_is_cut_and_says_so() {
+    fn long_text_is_marked_as_cut() {
         let exact = "x".repeat(LONGEST);
         assert_eq!(printable(&exact), exact);
         let long = "x".repeat(100 * LONGEST);

@@ -1,23 +1,23 @@
-//! Seeded randomness, the same on every machine: the only generator of the program and of its
+//! Seeded random numbers, the same on every machine: the only generator of the program and of its
 //! tests.
 
-/// Steele, Lea and Flood's splitmix64: a counter and a bit mixer. Any seed is a good seed.
+/// Splitmix64 of Steele, Lea and Flood: a counter and a bit mixer. Any seed is a good seed.
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,
-    /// The second of the last pair of Gaussian numbers, if not yet used.
+    /// Second of the last pair of Gaussian numbers, if not yet used.
     spare: Option<f64>,
 }
 
 impl Random {
-    /// The stream number `stream` of `seed`. Streams of one seed share no visible relation.
+    /// Creates stream number `stream` of `seed`. Streams of one seed share no visible relation.
     pub fn new(seed: u64, stream: u64) -> Self {
         let start = Self::seeded(seed).next_u64();
         Self::seeded(start ^ stream.wrapping_mul(0xd1b5_4a32_d192_ed03))
     }
 
-    /// The algorithm's own sequence for `seed`, where no streams are needed. Sequences of
-    /// neighbouring seeds share no visible relation.
+    /// Creates the algorithm's own sequence for `seed`, for callers that need no streams. Sequences
+    /// of neighbouring seeds share no visible relation.
     pub const fn seeded(seed: u64) -> Self {
         Self {
             state: seed,
@@ -25,7 +25,7 @@ impl Random {
         }
     }
 
-    /// Sixty-four even bits.
+    /// Returns 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.state;
@@ -34,23 +34,23 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Evenly spread in 0 <= x < 1, in steps of 2^-53.
+    /// Returns a number uniformly distributed in 0 <= x < 1, in steps of 2^-53.
     pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Evenly spread in `low..high`.
+    /// Returns a number uniformly distributed in `low..high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// An index below `count`; 0 if that is 0.
+    /// Returns an index below `count`; 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
-    /// Mean 0, standard deviation 1, by Marsaglia's polar method: exact, and needs neither sine nor
-    /// cosine.
+    /// Returns a number of the normal distribution with mean 0 and standard deviation 1, by
+    /// Marsaglia's polar method: exact, and needs neither sine nor cosine.
     pub fn gaussian(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaussian_has_the_moments_and_tails_of_the_normal_distribution() {
+    fn gaussian_matches_normal_moments() {
         let mut random = Random::new(1, 0);
         let count = 1_000_000;
         let (mut moments, mut beyond_two, mut beyond_three) = ([0.0; 5], 0, 0);
@@ -94,9 +94,9 @@ mod tests {
         assert!((f64::from(beyond_three) / 1e6 - 0.0027).abs() < 0.0003);
     }
 
-    /// The published algorithm's first numbers for seed 1234567.
+    /// Tests the published algorithm's first numbers for seed 1234567.
     #[test]
-    fn it_is_splitmix64() {
+    fn generator_is_splitmix64() {
         let mut random = Random::seeded(1_234_567);
         let drawn: [u64; 5] = std::array::from_fn(|_| random.next_u64());
         let published = [

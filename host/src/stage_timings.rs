@@ -77,7 +77,7 @@ pub fn with_fresh_keyframe(
         let measurement = flow.measure_filtered(&filtered, &mut timings)?;
         Ok((measurement, filtered))
     })?;
-    // The way back to this thread counts.
+    // The switch back to this thread is part of the stage.
     timings.stage_done(PipelineStage::Consensus);
     Ok(FreshKeyframe {
         measurement,

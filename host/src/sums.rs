@@ -26,8 +26,8 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Sums over `correspondences` of the cameras of `rig`, with the variance of independent
-    /// errors.
+    /// Computes the sums over `correspondences` of the cameras of `rig`, with the variance of
+    /// independent errors.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for fewer than two cameras.
@@ -43,8 +43,8 @@ impl Sums {
         Ok(Self { centred, pairs })
     }
 
-    /// Sums over the inliers of a measurement, given the whole rig, with the measured variance
-    /// inflation.
+    /// Computes the sums over the inliers of a measurement, given the whole rig, with the measured
+    /// variance inflation.
     ///
     /// # Errors
     /// [`Refusal::WrongRig`] for fewer than two cameras.

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_keep_their_order_on_any_threads() {
+    fn threads_keep_result_order() {
         let items: Vec<u32> = (0..230).collect();
         let expected: Vec<u32> = items.iter().map(|i| i * i).collect();
         for threads in [0, 1, 2, 3, 22] {

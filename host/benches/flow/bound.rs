@@ -1,10 +1,10 @@
-//! What accuracy the noise allows.
+//! Accuracy that the noise allows.
 
 use crate::scene::{Scene, WINDOW_PX};
 
-/// The least root mean square error that any unbiased estimate of a window's displacement between
-/// two images can have (Cramér and Rao), px, over windows of [`WINDOW_PX`] around `points`: with
-/// `g` the gradients of the images without noise, and noise of variance `v` in both,
+/// Least root mean square error, px, that any unbiased estimate of a window's displacement between
+/// two images can have (Cramér and Rao), over windows of [`WINDOW_PX`] around `points`. With the
+/// gradients `g` of the images without noise, and noise of variance `v` in both:
 ///
 /// ```text
 /// E |error|² >= 2 v trace((Σ g g^T)^-1)
@@ -16,7 +16,7 @@ pub struct Bound {
 }
 
 impl Bound {
-    /// Adds windows of the middle camera's image before.
+    /// Adds windows of the middle camera's first image.
     pub fn add(&mut self, scene: &Scene, points: impl Iterator<Item = [f64; 2]>) {
         let [along, down] = scene.gradients();
         let width = scene.size_px[0];
@@ -37,7 +37,7 @@ impl Bound {
         }
     }
 
-    /// px.
+    /// Returns the bound, px.
     pub fn rms_px(&self) -> f64 {
         (self.squares / self.count as f64).sqrt()
     }

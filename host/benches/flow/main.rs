@@ -1,9 +1,9 @@
-//! The flow's speed and accuracy beside those of optical-flow-lk, imageproc and OpenCV, on images
+//! Speed and accuracy of the flow beside those of optical-flow-lk, imageproc and OpenCV, on images
 //! whose true flow is known.
 //!
 //! `cargo bench -p host [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has `cv2`. All
-//! take turns, round by round, so that whatever else the machine does hits all of them; the least
-//! time is the one to compare.
+//! programs take turns, round by round, so that other load of the machine affects all of them
+//! alike. Compare the least times.
 
 mod accuracy;
 mod bound;
@@ -23,12 +23,12 @@ use peers::OpticalFlowLk;
 use scene::Scene;
 
 const CORNERS: usize = 200;
-/// What this project promises on these scenes.
+/// Largest root mean square error that this project promises on these scenes, px.
 const MOST_RMS_PX: f64 = 0.017;
 /// Disparities of the paper's rig at 700 mm.
 const PAPER_PX: [f64; 2] = [53.33, -51.81];
 const REPETITIONS: usize = 15;
-/// Accuracy is the mean over so many scenes; the first is the one that is timed.
+/// Flows of the scenes, px. Accuracy is the mean over all scenes; only the first is timed.
 const FLOWS_PX: [[f64; 2]; 5] = [
     [3.37, -2.21],
     [-4.62, 0.87],
@@ -39,7 +39,7 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 
 fn main() {
     let arguments = std::env::args().skip(1);
-    // `cargo test --benches` does not say `--bench`: one round shows that everything runs.
+    // `cargo test --benches` does not pass `--bench`; then one round shows that everything runs.
     let mut rounds = 1;
     for argument in arguments {
         rounds = argument
@@ -61,7 +61,8 @@ fn main() {
         beside_others(&scene, rounds);
     }
     println!(
-        "\n| this project, size | disparity px | frame set ms (least) | keyframe ms (least) | {} | points | RMS px, temporal / spatial | wrong |",
+        "\n| this project, size | disparity px | frame set ms (least) | keyframe ms (least) | {} \
+         | points | RMS px, temporal / spatial | wrong |",
         stages()
     );
     println!(
@@ -90,7 +91,7 @@ fn stages() -> String {
     PipelineStage::ALL.map(PipelineStage::name).join(" | ")
 }
 
-/// Times of one way to do it, ms.
+/// Times of one program, ms.
 #[derive(Default)]
 struct Times(Vec<f64>);
 
@@ -112,7 +113,7 @@ impl Times {
     }
 }
 
-/// This project's flow on a scene.
+/// Tracker of this project with a scene.
 struct Ours {
     flow: Flow,
     frame_sets: [FrameSet; 2],
@@ -142,7 +143,8 @@ impl Ours {
         with_fresh_keyframe(&mut self.flow, before, &self.frame_sets[1]).expect("a textured scene")
     }
 
-    /// Adds accuracy and count of its points, and returns where the middle camera sees them before.
+    /// Adds accuracy and count of the points, and returns their places in the middle camera's first
+    /// image.
     fn quality(
         &mut self,
         scene: &Scene,
@@ -210,7 +212,8 @@ fn beside_others(scene: &Scene, rounds: usize) {
         }
     }
     println!(
-        "\n| {}: frame set, one thread | median ms (least) | least / ours | points | RMS px, temporal / spatial | wrong, temporal / spatial |",
+        "\n| {}: frame set, one thread | median ms (least) | least / ours | points | RMS px, \
+         temporal / spatial | wrong, temporal / spatial |",
         scene.name
     );
     println!("|---|---|---|---|---|---|");
@@ -319,7 +322,8 @@ fn alone(scene: &Scene, threads: usize, rounds: usize) {
     let (points, quality) = found;
     let ([width, height], [left, right]) = (scene.size_px, scene.disparity_px);
     print!(
-        "| {width} x {height}, threads: {threads} | {left:.1} / {right:.1} | {:.2} ({:.2}) | {:.2} ({:.2}) |",
+        "| {width} x {height}, threads: {threads} | {left:.1} / {right:.1} | {:.2} ({:.2}) | \
+         {:.2} ({:.2}) |",
         set.median(),
         set.least(),
         key.median(),

@@ -1,4 +1,4 @@
-//! OpenCV's frame set, by a Python process beside this one, if there is one that has OpenCV.
+//! OpenCV's frame set, computed by a Python process if one with OpenCV is installed.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -18,7 +18,8 @@ pub struct OpenCv {
 }
 
 impl OpenCv {
-    /// `None` if `$PYTHON` (or `python3`) does not exist or has no OpenCV.
+    /// Starts the process. Returns `None` if `$PYTHON` (or `python3`) does not exist or has no
+    /// OpenCV.
     pub fn start(scene: &Scene, frame_sets: &[FrameSet; 2], corners: usize) -> Option<Self> {
         let images = tempfile::tempdir().ok()?;
         let names = ["left", "middle", "right"].map(String::from);
@@ -58,7 +59,7 @@ impl OpenCv {
         serde_json::from_str(&line).ok()
     }
 
-    /// Times of so many repetitions, ms.
+    /// Returns the times of `repetitions` runs, ms.
     pub fn times_ms(&mut self, repetitions: usize) -> Option<Vec<f64>> {
         writeln!(self.input, "{repetitions}").ok()?;
         let answer = self.answer()?;
@@ -69,7 +70,8 @@ impl OpenCv {
             .collect()
     }
 
-    /// `{"points": .., "temporal": {"wrong": .., "right": .., "rms_px": ..}, "spatial": {..}}`
+    /// Returns the accuracy: `{"points": .., "temporal": {"wrong": .., "right": .., "rms_px": ..},
+    /// "spatial": {..}}`
     pub fn quality(&mut self) -> Option<Value> {
         writeln!(self.input).ok()?;
         self.answer()
@@ -78,13 +80,13 @@ impl OpenCv {
 
 impl Drop for OpenCv {
     fn drop(&mut self) {
-        // It may have ended already.
+        // The process may have ended already.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-/// Adds an answer of [`OpenCv::quality`] to points and accuracy.
+/// Adds an answer of [`OpenCv::quality`] to the number of points and the accuracy.
 pub fn add(answer: &Value, (points, quality): &mut (usize, Quality)) -> Option<()> {
     let count = |value: &Value| value.as_u64().map(|n| n as usize);
     *points += count(&answer["points"])?;

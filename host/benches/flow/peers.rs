@@ -1,4 +1,4 @@
-//! The same frame set by other crates.
+//! Frame sets tracked by other crates.
 
 use host::images::{FrameSet, Image};
 use host::matching::pyramid::Pyramid;
@@ -15,13 +15,13 @@ const PARAMS: TrackParams = TrackParams {
     min_eigen_threshold: optical_flow_lk::DEFAULT_MIN_EIGEN_THRESHOLD,
 };
 
-/// The crate's own type.
+/// Converts an image to the crate's own type.
 pub fn gray(image: &Image) -> GrayImage {
     let (width, height) = (image.width as u32, image.height as u32);
     GrayImage::from_raw(width, height, image.grey.clone()).expect("as many pixels as its size says")
 }
 
-/// This project's filter, in 8 bits.
+/// Applies this project's filter and converts to 8 bits.
 fn smooth(image: &Image) -> GrayImage {
     let plane = Pyramid::new(image, 1).levels.remove(0);
     let level = |x: u32, y: u32| plane.grey[y as usize * plane.stride + x as usize];
@@ -30,8 +30,8 @@ fn smooth(image: &Image) -> GrayImage {
     })
 }
 
-/// optical-flow-lk's frame set on filtered images: left, middle, right at both instants. It has no
-/// filter of its own.
+/// Frame set of optical-flow-lk on filtered images: left, middle, right at both instants. The crate
+/// has no filter of its own.
 pub struct OpticalFlowLk {
     images: [Vec<GrayImage>; 2],
     corners: usize,
@@ -40,7 +40,7 @@ pub struct OpticalFlowLk {
     spatial: TrackerContext,
 }
 
-/// Per camera, positions at one instant and whether they are to be trusted.
+/// Positions of one camera at one instant, each with a flag that is true if the tracker trusts it.
 type Tracked = Vec<((f32, f32), bool)>;
 
 impl OpticalFlowLk {
@@ -57,15 +57,14 @@ impl OpticalFlowLk {
         }
     }
 
-    /// What was done at the instant before: the temporal contexts keep the pyramids of those
-    /// images.
+    /// Tracks the first instant, because the temporal contexts keep the pyramids of its images.
     pub fn prepare(&mut self) {
         for (context, image) in self.temporal.iter_mut().zip(&self.images[0]) {
             context.advance(image, LEVELS);
         }
     }
 
-    /// The frame set; per camera, where the points are before and now.
+    /// Tracks the frame set. Returns the points of each camera at both instants.
     pub fn run(&mut self) -> [[Tracked; 3]; 2] {
         let [before, now] = &self.images;
         let corners = self.detector.detect(&before[1], 0.01, 7);
@@ -123,7 +122,7 @@ impl OpticalFlowLk {
     }
 }
 
-/// imageproc's Gaussian of the same width on three images.
+/// Applies imageproc's Gaussian of the same width to three images.
 pub fn imageproc_filters(images: &[GrayImage]) -> Vec<GrayImage> {
     images
         .iter()
@@ -131,7 +130,7 @@ pub fn imageproc_filters(images: &[GrayImage]) -> Vec<GrayImage> {
         .collect()
 }
 
-/// This project's filter on three images.
+/// Applies this project's filter to three images.
 pub fn our_filters(frame_set: &FrameSet) -> Vec<Pyramid> {
     frame_set
         .images

@@ -9,28 +9,28 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use shared::rig::{Camera, Rig};
 
-/// What is in front of the cameras, and how it moves.
+/// Pattern in front of the cameras, with its motion.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub name: &'static str,
     pub size_px: [usize; 2],
-    /// By how much the left and the right camera's images are shifted, px.
+    /// Shift of the left and of the right camera's image, px.
     pub disparity_px: [f64; 2],
-    /// From one frame_set to the next, px.
+    /// Shift from one frame set to the next, px.
     pub flow_px: [f64; 2],
-    /// Standard deviation, grey levels.
+    /// Standard deviation of the noise, grey levels.
     pub noise_grey: f64,
     pub seed: u64,
 }
 
-/// Side of the windows that all look for, px.
+/// Side of the windows that all programs track, px.
 pub const WINDOW_PX: usize = 21;
 
 const FOCAL_PX: f64 = 533.32;
 const DEPTH_MM: f64 = 700.0;
 
 impl Scene {
-    /// Parallel cameras that see these disparities at [`DEPTH_MM`].
+    /// Returns a rig of parallel cameras that see these disparities at [`DEPTH_MM`].
     pub fn rig(&self) -> Rig {
         let centre = self.size_px.map(|s| (s as f64 - 1.0) / 2.0);
         let camera = |shift: f64| {
@@ -44,7 +44,7 @@ impl Scene {
         }
     }
 
-    /// Two frame sets: left, middle, right, then the same moved by the flow.
+    /// Returns two frame sets: left, middle, right, then the same moved by the flow.
     pub fn frame_sets(&self) -> [FrameSet; 2] {
         let spectrum = Spectrum::noise(side(self.size_px), self.seed);
         let mut noise = Random::new(self.seed, 1);
@@ -61,13 +61,14 @@ impl Scene {
         })
     }
 
-    /// Whether a position, and the window around it, is within the image.
+    /// Returns true if a position and the window around it lie within the image.
     pub fn holds(&self, at: [f64; 2]) -> bool {
         let margin = WINDOW_PX.div_ceil(2) as f64;
         (at.iter().zip(self.size_px)).all(|(at, size)| *at > margin && *at < size as f64 - margin)
     }
 
-    /// Of the middle camera's image before, without noise, along x and y: grey levels per px.
+    /// Computes the gradients along x and y of the middle camera's first image without noise, grey
+    /// levels per px.
     pub fn gradients(&self) -> [Vec<f64>; 2] {
         let spectrum = Spectrum::noise(side(self.size_px), self.seed);
         [0, 1].map(|axis| {
@@ -76,7 +77,7 @@ impl Scene {
         })
     }
 
-    /// The part of the pattern that is in view.
+    /// Returns the part of the pattern that is in view.
     fn part(&self, pattern: &[f64]) -> impl Iterator<Item = f64> {
         let [width, height] = self.size_px;
         let n = side(self.size_px);
@@ -85,7 +86,7 @@ impl Scene {
         (0..width * height).map(move |i| pattern[place(i)])
     }
 
-    /// A part of the pattern, with noise, in 8 bits.
+    /// Returns a part of the pattern, with noise, in 8 bits.
     fn photograph(&self, pattern: &[f64], noise: &mut Random) -> Image {
         let [width, height] = self.size_px;
         let grey = (self.part(pattern))
@@ -99,20 +100,20 @@ impl Scene {
     }
 }
 
-/// Side of the periodic pattern, px.
+/// Returns the side of the periodic pattern, px.
 fn side(size_px: [usize; 2]) -> usize {
     (size_px[0] + size_px[0] / 2).next_power_of_two()
 }
 
-/// A periodic pattern's spectrum, column by column.
+/// Spectrum of a periodic pattern, column by column.
 struct Spectrum {
     n: usize,
     values: Vec<Complex<f64>>,
 }
 
 impl Spectrum {
-    /// White noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard deviation 40
-    /// grey levels.
+    /// Creates white noise blurred to 1.2, 3 and 8 px, added 1 : 1 : 0.8, mean 128, standard
+    /// deviation 40 grey levels.
     fn noise(n: usize, seed: u64) -> Self {
         let mut random = Random::new(seed, 0);
         let mut sum = vec![Complex::default(); n * n];
@@ -139,13 +140,13 @@ impl Spectrum {
         Self { n, values: sum }
     }
 
-    /// The pattern, moved.
+    /// Returns the pattern, shifted.
     fn moved(&self, [x, y]: [f64; 2]) -> Vec<f64> {
         self.filtered(|[u, v]| Complex::cis(-TAU * (u * x + v * y)))
     }
 
-    /// The pattern, with each pair of frequencies along x and y (cycles per px) multiplied by its
-    /// `response`.
+    /// Returns the pattern with each pair of frequencies along x and y (cycles per px) multiplied
+    /// by its `response`.
     fn filtered(&self, response: impl Fn([f64; 2]) -> Complex<f64>) -> Vec<f64> {
         let n = self.n;
         let mut values = self.values.clone();
@@ -159,14 +160,14 @@ impl Spectrum {
     }
 }
 
-/// Without the mean, which is left out of the pattern anyway.
+/// Computes the standard deviation of the pattern. The mean is left out, as in the pattern.
 fn deviation(spectrum: &[Complex<f64>], n: usize) -> f64 {
     let power: f64 = spectrum[1..].iter().map(Complex::norm_sqr).sum();
     power.sqrt() / (n * n) as f64
 }
 
-/// Cycles per px; none at the Nyquist frequency, where a shift has no meaning and the blur has left
-/// nothing.
+/// Returns the frequency in cycles per px: zero at the Nyquist frequency, where a shift has no
+/// meaning and the blur leaves no signal.
 fn frequency(index: usize, n: usize) -> f64 {
     let signed = if index < n / 2 {
         index as f64
@@ -176,7 +177,7 @@ fn frequency(index: usize, n: usize) -> f64 {
     signed / n as f64
 }
 
-/// Both axes, transposing the raster. The inverse is not divided by n².
+/// Transforms both axes, transposing the raster. The inverse is not divided by n².
 fn transform(values: &mut Vec<Complex<f64>>, n: usize, inverse: bool) {
     let mut planner = FftPlanner::new();
     let fft = if inverse {

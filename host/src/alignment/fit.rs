@@ -12,10 +12,10 @@ use shared::rig::Rig;
 use super::AlignmentRefusal;
 use crate::matching::geometry::RigGeometry;
 
-/// Scene point in all cameras.
+/// Scene point, seen by all cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Pixels as seen, in the rig's order.
+    /// Pixels as seen by each camera, in the rig's order.
     pub pixels: Vec<[f64; 2]>,
 }
 
@@ -82,8 +82,8 @@ pub struct Fit {
     pub median_depth_mm: f64,
 }
 
-/// Error of a mean over many points that no scatter shows, px: matching errs alike where images are
-/// alike, and repeated frame sets of one scene repeat it.
+/// Error of a mean over many points that no scatter shows, px. Matching errs alike where images are
+/// alike, and repeated frame sets of one scene repeat the error.
 const COMMON_PX: f64 = 0.001;
 
 /// Limit of the biweight, in scatters: residuals beyond it have no weight.
@@ -92,8 +92,8 @@ const TUKEY: f64 = 4.685;
 /// Largest scatter of disparities about a plane's that is still a flat target, px.
 const FLAT_PX: f64 = 0.5;
 
-/// Corrects `rig` until its points have no mean residual. `overlap` is the
-/// variance inflation factor of a mean over overlapping windows.
+/// Corrects `rig` until its points have no mean residual. `overlap` is the variance inflation
+/// factor of a mean over overlapping windows.
 ///
 /// # Errors
 /// [`AlignmentRefusal::WrongRig`]; [`AlignmentRefusal::NotFlat`] with a known depth.
@@ -154,8 +154,8 @@ pub fn corrected(rig: &Rig, reference: usize, components: &[f64]) -> Rig {
     rig
 }
 
-/// Difference of the true and the measured inverse depth of a flat target on the reference camera's
-/// axis, 1/mm, with its standard deviation.
+/// Computes the difference of the true and the measured inverse depth of a flat target on the
+/// reference camera's axis, 1/mm, with its standard deviation.
 fn depth_miss(
     geometry: &RigGeometry,
     points: &[Point],
@@ -218,13 +218,14 @@ impl<'a> Regression<'a> {
         sample.components[c] - self.planes[c].dot(&self.row(sample))
     }
 
-    /// Standard deviation of a component, from its median size.
+    /// Returns the standard deviation of a component, from its median size.
     fn scatter(&self, c: usize) -> f64 {
         let sizes = self.samples.iter().map(|s| self.residual(s, c).abs());
         (1.4826 * median(sizes.collect())).max(1e-12)
     }
 
-    /// A point's worst residual in units of the rejection limit, and which component it is.
+    /// Returns a point's worst residual in units of the rejection limit, and the index of its
+    /// component.
     fn worst(&self, sample: &Sample, scatters: &[f64]) -> (f64, usize) {
         let sizes = scatters.iter().enumerate();
         sizes
@@ -262,7 +263,7 @@ impl<'a> Regression<'a> {
                 *right += row * (*weight * *value);
             }
         }
-        // Points on a line say nothing about one of the slopes: then there are none.
+        // Points on a line do not determine one of the slopes; then both are zero.
         self.inverse = normal
             .try_inverse()
             .unwrap_or_else(|| Matrix3::from_diagonal(&Vector3::new(1.0 / total, 0.0, 0.0)));
@@ -273,8 +274,8 @@ impl<'a> Regression<'a> {
         self.planes.iter().map(|plane| plane[0]).collect()
     }
 
-    /// Variance of one component per unit of the inverse normal matrix, as of an M-estimator:
-    /// `Σ ψ² / (Σ ψ')²` (Huber 1964).
+    /// Computes the variance of one component per unit of the inverse normal matrix, as of an
+    /// M-estimator: `Σ ψ² / (Σ ψ')²` (Huber 1964).
     fn variance(&self, c: usize, overlap: f64) -> f64 {
         let scatters = self.scatters();
         let (mut squares, mut slope, mut total) = (0.0, 0.0, 0.0);
@@ -294,7 +295,7 @@ impl<'a> Regression<'a> {
         overlap * freedom * squares / (slope * slope) * total
     }
 
-    /// Value on the reference camera's axis, with its standard deviation.
+    /// Returns the value on the reference camera's axis, with its standard deviation.
     fn at_axis(&self, c: usize, overlap: f64) -> (f64, f64) {
         let row = Vector3::new(1.0, -self.centre[0], -self.centre[1]);
         let spread = row.dot(&(self.inverse * row));
@@ -304,7 +305,7 @@ impl<'a> Regression<'a> {
         )
     }
 
-    /// Assembles the result. `along` is the standard deviation of the inverse depth if that was
+    /// Assembles the result. `along` is the standard deviation of the inverse depth if it was
     /// corrected.
     fn finish(&self, geometry: &RigGeometry, overlap: f64, along: Option<f64>) -> Fit {
         let cameras = &geometry.rig.cameras;
@@ -336,8 +337,8 @@ impl<'a> Regression<'a> {
         }
     }
 
-    /// Roll and magnification from the slopes across the line of cameras. `first` is the camera's x
-    /// component.
+    /// Computes roll and magnification from the slopes across the line of cameras. `first` is the
+    /// index of the camera's x component.
     fn turn(&self, first: usize, [lx, ly]: [f64; 2], overlap: f64) -> RollFit {
         let (x, y) = (&self.planes[first], &self.planes[first + 1]);
         let across = y * lx - x * ly;
@@ -357,7 +358,7 @@ impl<'a> Regression<'a> {
     }
 }
 
-/// Direction of the line on which all cameras are, if there is one.
+/// Returns the direction of the line of the cameras; `None` if they are not in line.
 fn line(geometry: &RigGeometry) -> Option<[f64; 2]> {
     let cameras = &geometry.rig.cameras;
     let reference = cameras[geometry.reference].offset_mm;
@@ -381,7 +382,7 @@ fn line(geometry: &RigGeometry) -> Option<[f64; 2]> {
         .then_some(unit)
 }
 
-/// Median; 0 of no values.
+/// Returns the median, or 0 if there are no values.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;

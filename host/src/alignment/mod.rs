@@ -14,8 +14,7 @@
 //! * a shift in proportion to the cameras' places, which is a common error of all disparities: the
 //!   correction changes no depth. With a flat target at a known distance it is found too.
 //!
-//! In a scene of one depth, cameras that stand elsewhere than `offset_mm` says look like offsets
-//! too.
+//! In a scene of one depth, cameras that are not at their stated `offset_mm` look like offsets too.
 //!
 //! Cameras in line also show their roll against each other, up to a degree or so; beyond, too few
 //! windows match. A significant roll goes into the corrected rig's rotations ([`roll`]).
@@ -69,7 +68,8 @@ pub enum AlignmentRefusal {
     WrongRig,
     /// No offset within the search range explains the images.
     #[error(
-        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
+        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches \
+         agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
     )]
     NoRoughOffset {
         /// Search range, px.
@@ -92,7 +92,8 @@ pub enum AlignmentRefusal {
     },
     /// A depth was given, but the scene is not flat.
     #[error(
-        "a known depth needs a flat target, but disparities differ from a plane's by {residual_px:.2} px (root mean square)"
+        "a known depth needs a flat target, but disparities differ from a plane's by \
+         {residual_px:.2} px (root mean square)"
     )]
     NotFlat {
         /// Scatter of the disparity to the farthest camera, px.
@@ -100,7 +101,9 @@ pub enum AlignmentRefusal {
     },
     /// Only offsets beyond the search range could explain the given depth.
     #[error(
-        "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at {seen_mm:.0} mm: measure again, or raise --reach"
+        "a target at {depth_mm} mm would need an offset of {offset_px:.1} px in camera \
+         `{camera}`, more than the {reach_px} px of --reach; without --depth it is seen at \
+         {seen_mm:.0} mm: measure again, or raise --reach"
     )]
     WrongDepth {
         /// Depth as given, mm.
@@ -127,11 +130,11 @@ pub struct Datum {
     pub sigma_px: [f64; 2],
     /// New principal point, px.
     pub principal_px: [f64; 2],
-    /// Roll against the reference camera beyond what the rig file says, degrees, positive clockwise
-    /// as seen in the image, and its standard deviation; only for rigs in line.
+    /// Roll against the reference camera in excess of the rig file's rotation, degrees, positive
+    /// clockwise as seen in the image, and its standard deviation; only for rigs in line.
     pub roll_deg: Option<[f64; 2]>,
-    /// New `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be
-    /// zero ([`roll::SIGNIFICANT`]): then the old one stays.
+    /// New `rotation_deg` of the rig file, which undoes the roll; `None` if the roll may be zero
+    /// ([`roll::SIGNIFICANT`]), so that the old rotation stays.
     pub rotation_deg: Option<[f64; 3]>,
     /// Magnification across the line of cameras against the reference camera, per cent, and its
     /// standard deviation; only for rigs in line.
@@ -167,23 +170,23 @@ pub struct Alignment {
 /// Least number of points.
 const LEAST_POINTS: usize = 20;
 
-/// Tolerance of the first matching, px: as far off as the rough offsets may be.
+/// Tolerance of the first matching, px: the largest error of the rough offsets.
 const FIRST_TOLERANCE_PX: f64 = 3.0;
 
-/// Tolerance of the later matchings, in scatters of the one before, and its least value, px. It is
+/// Tolerance of later matchings, in scatters of the matching before, and its least value, px. It is
 /// wider than the noise, so that a rolled camera is not cut to its middle rows.
 const SECOND_TOLERANCE: f64 = 6.0;
 const LEAST_TOLERANCE_PX: f64 = 0.5;
 
-/// Number of times that a rig with rolled cameras is corrected and matched anew, because a roll of
-/// degrees shows in the middle of the image first.
+/// Number of times that a rig with rolled cameras is corrected and matched again, because a roll of
+/// some degrees first shows only in the middle of the image.
 const TURNS: usize = 3;
 
 impl Alignment {
     /// Aligns the rig of `file` by frame sets of a scene.
     ///
     /// # Errors
-    /// [`AlignmentRefusal`], with what was found.
+    /// [`AlignmentRefusal`], with the figures found.
     pub fn of(
         file: &RigFile,
         frame_sets: &[FrameSet],
@@ -240,7 +243,7 @@ impl Alignment {
     }
 }
 
-/// Median distance of the points by the rig's own disparities, mm.
+/// Computes the median distance of the points by the rig's own disparities, mm.
 fn seen_mm(
     rig: &Rig,
     frame_sets: &[FrameSet],
@@ -333,7 +336,7 @@ fn matched(
 }
 
 impl Refined {
-    /// Standard deviation of each camera's offset, px.
+    /// Returns the standard deviation of each camera's offset, px.
     fn sigma_px(&self) -> Vec<[f64; 2]> {
         let cameras = self.rig.cameras.iter().zip(&self.fit.sigma);
         cameras
@@ -341,13 +344,13 @@ impl Refined {
             .collect()
     }
 
-    /// Tolerance of the next matching, px.
+    /// Returns the tolerance of the next matching, px.
     fn tolerance_px(&self) -> f64 {
         (SECOND_TOLERANCE * self.scatter_px).clamp(LEAST_TOLERANCE_PX, FIRST_TOLERANCE_PX)
     }
 
     /// Assembles the alignment of camera `k`. `turned_rad` is the roll that has been corrected; the
-    /// roll that the fit still shows adds to it.
+    /// roll that the fit still shows is added to it.
     fn datum(&self, k: usize, file: &RigFile, turned_rad: f64) -> Datum {
         let (before, now) = (&file.rig.cameras[k], &self.rig.cameras[k]);
         let turn = self.fit.turns.get(k).copied().flatten();

@@ -1,8 +1,8 @@
-//! What a wrong rig costs: the error in Z of each estimator, without noise.
+//! Errors in Z that a wrong rig causes in each estimator, without noise.
 //!
-//! Points spread over what the cameras see at one depth make the paper's move of (4, 4, 1) mm. They
-//! are projected with the true principal points and rotations and estimated with the assumed ones.
-//! What is lateral in the move leaks into the closed form's Z.
+//! Points spread over the common field of view at one depth make the paper's move of (4, 4, 1) mm.
+//! They are projected with the true principal points and rotations and estimated with the assumed
+//! ones. The lateral part of the move leaks into the closed form's Z.
 
 use serde::Serialize;
 use shared::estimate::{closed_form, midpoint};
@@ -27,8 +27,8 @@ pub struct Cost {
 
 /// Errors in Z before and after an alignment.
 ///
-/// The offsets that a scene shows cause no error of the midpoint estimator: its depths and flows
-/// depend only on those that the scene does not show.
+/// The offsets that a scene shows cause no error of the midpoint estimator, because its depths and
+/// flows depend only on the offsets that the scene does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Penalty {
     /// Error with the rig file as it is.
@@ -109,7 +109,7 @@ impl Cost {
     }
 }
 
-/// Adds to `assumed` that part of the offsets of `truth` which a scene shows.
+/// Adds the part of the offsets of `truth` that a scene shows to `assumed`.
 fn visible(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Option<Rig> {
     let geometry = RigGeometry::new(assumed)?;
     let seen = truth.cameras.iter();
@@ -146,7 +146,7 @@ pub fn cost(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Cost {
     }
 }
 
-/// Correspondences of a grid of points in the common field of view.
+/// Computes the correspondences of a grid of points in the common field of view.
 fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
     const SIDE: i32 = 8;
     let Some(common) = FieldOfView::new(truth, 0.0).common(depth_mm) else {
@@ -174,9 +174,9 @@ fn frame(truth: &Rig, assumed: &Rig, depth_mm: f64) -> Vec<Vec<PointView>> {
 mod tests {
     use super::*;
 
-    /// The figures behind the decision for the midpoint.
+    /// Tests the figures behind the choice of the midpoint estimator.
     #[test]
-    fn a_tenth_of_a_pixel_costs_the_closed_form_far_more_than_the_midpoint() {
+    fn tenth_px_hurts_closed_form_most() {
         let rig = Rig::paper();
         let mut moved = rig.clone();
         moved.cameras[2].principal_px[0] += 0.1;
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_right_rig_costs_only_the_closed_forms_bias() {
+    fn true_rig_costs_only_closed_form_bias() {
         let rig = Rig::paper();
         let cost = cost(&rig, &rig, 900.0);
         assert!(cost.midpoint.unwrap().abs() < 1e-9);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_scene_shows_costs_the_midpoint_nothing() {
+    fn visible_offsets_cost_midpoint_nothing() {
         let rig = Rig::paper();
         let mut truth = rig.clone();
         truth.cameras[2].principal_px = [161.4, 119.0];
@@ -206,7 +206,7 @@ mod tests {
         assert!(cost(&shown, &rig, 900.0).midpoint.unwrap().abs() < 1e-9);
         assert!(cost(&truth, &rig, 900.0).midpoint.unwrap().abs() > 0.5);
         assert!(cost(&shown, &rig, 900.0).closed_form.unwrap().abs() > 50.0);
-        // What is seen of the rest is nothing.
+        // The visible part of the rest is zero.
         let rest = visible(&truth, &shown, 900.0).unwrap();
         for (a, b) in rest.cameras.iter().zip(&shown.cameras) {
             assert!((a.principal_px[0] - b.principal_px[0]).abs() < 1e-9);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn rigs_without_a_closed_form_have_one_penalty() {
+    fn two_camera_rig_has_no_closed_form() {
         let mut rig = Rig::paper();
         rig.cameras.pop();
         let penalty = Penalty::of(&rig, &rig, &[[0.0; 2], [0.02, 0.02]], 900.0, true);

@@ -11,7 +11,7 @@ const SIGNIFICANT: f64 = 5.0;
 /// Least effect of a magnification with a warning, at the image's border, px.
 const VISIBLE_PX: f64 = 0.1;
 
-/// Names and values that are no table.
+/// Returns the names and values that are not part of the table.
 pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
     let [matched, all] = found.captures;
     let mut facts = vec![
@@ -72,7 +72,9 @@ fn unseen(found: &Alignment) -> String {
         );
     }
     format!(
-        "a common shift of all images ({} keeps its principal point), and a common error of all disparities: 0.1 px of it costs {:.2} % of Z, the midpoint's too (a flat target at a known --depth shows it)",
+        "a common shift of all images ({} keeps its principal point), and a common error of all \
+         disparities: 0.1 px of it costs {:.2} % of Z, the midpoint's too (a flat target at a \
+         known --depth shows it)",
         found.reference, found.penalty.unseen_percent
     )
 }
@@ -84,7 +86,8 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
     let worst = worst.fold(0.0, f64::max);
     if worst > GOAL_PX {
         warnings.push(format!(
-            "sigma {worst:.3} px is above {GOAL_PX} px: take more captures, of a scene with finer texture all over the image"
+            "sigma {worst:.3} px is above {GOAL_PX} px: take more captures, of a scene with finer \
+             texture all over the image"
         ));
     }
     let half = found.rig.image_size_px.map(|side| 0.5 * f64::from(side));
@@ -96,7 +99,8 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
         let scaled = camera.scale_percent.map(|scale| scale.map(|s| 0.01 * s));
         if let Some([scale, sigma]) = scaled.filter(|scale| visible(*scale)) {
             warnings.push(format!(
-                "{} magnifies {:.3} ± {:.3} % {} than {} across the line of cameras: {:.2} px at the image's corners, check focal_px, and that the cameras are parallel",
+                "{} magnifies {:.3} ± {:.3} % {} than {} across the line of cameras: {:.2} px at \
+                 the image's corners, check focal_px, and that the cameras are parallel",
                 camera.name,
                 100.0 * scale.abs(),
                 100.0 * sigma,

@@ -1,4 +1,4 @@
-//! What an alignment found in the user's own rig file: everything else stays as it stands there,
+//! Writes an alignment into the user's own rig file. Everything else in the file stays unchanged,
 //! comments included.
 
 use std::path::Path;
@@ -135,7 +135,7 @@ name = \"right\"
     }
 
     #[test]
-    fn only_the_principal_points_change() {
+    fn only_principal_points_change() {
         let new = rewrite(
             RIG,
             &[("right", [158.412_34, 117.331]), ("left", [1.0, 2.5])],
@@ -149,7 +149,7 @@ name = \"right\"
     }
 
     #[test]
-    fn cameras_in_braces_are_found_too() {
+    fn cameras_in_braces_are_found() {
         let text = "\
 image_size_px = [320, 240]
 camera = [
@@ -162,7 +162,7 @@ camera = [
     }
 
     #[test]
-    fn a_rotation_is_added_or_replaced() {
+    fn rotation_is_added_or_replaced() {
         let added = turn(RIG, "left", [0.0, -0.000_01, 0.512_34]).unwrap();
         let expected = RIG.replace("154.43, 123]", "160.0, 120.0]").replace(
             "[-70.0, 0.0]\n",
@@ -174,8 +174,13 @@ camera = [
             replaced,
             expected.replace("[0.0, 0.0, 0.5123]", "[1.0, 2.0, -3.0]")
         );
-        // In a list in braces too; the file reads back.
-        let text = "image_size_px = [320, 240]\ncamera = [\n    { name = \"a\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },\n    { name = \"b\", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [9, 0] },\n]\n";
+        // Cameras in an inline list; the result can be read again.
+        let text = r#"image_size_px = [320, 240]
+camera = [
+    { name = "a", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [0, 0] },
+    { name = "b", focal_px = [500, 500], principal_px = [160, 120], offset_mm = [9, 0] },
+]
+"#;
         let turned = turn(text, "b", [0.0, 0.0, 1.5]).unwrap();
         assert!(
             turned.contains("rotation_deg = [0.0, 0.0, 1.5] }"),
@@ -187,7 +192,7 @@ camera = [
     }
 
     #[test]
-    fn what_would_be_no_rig_file_is_refused() {
+    fn invalid_rig_file_is_refused() {
         let error = rewrite(RIG, &[("right", [400.0, 117.0])]).unwrap_err();
         assert!(error.to_string().contains("outside the image"), "{error}");
         assert_eq!(error.line, Some(13));

@@ -1,27 +1,27 @@
-//! Cameras that are rolled about their own axes: what the slopes of the residuals show, and how a
-//! rig is turned to undo it.
+//! Roll of cameras about their own axes: estimate from the slopes of the residuals, and correction
+//! of the rig.
 //!
-//! A camera that is rolled by `φ` sees at `R_z(φ) x` what it would see at `x`, so the residual
-//! across the line of cameras grows along the line, by `φ` per unit. The rig file's `rotation_deg`
-//! undoes it exactly: with the camera's rotation `R` so far, the new one is `R R_z(φ)`.
+//! A camera that is rolled by `φ` sees a point at `R_z(φ) x` instead of `x`, so the residual across
+//! the line of cameras grows along the line, by `φ` per unit. The rig file's `rotation_deg` undoes
+//! the roll exactly: with the camera's rotation `R` so far, the new one is `R R_z(φ)`.
 //!
-//! Only the roll against the reference camera shows. One that is common to all cameras turns the
-//! rig's axes and no view against another.
+//! Only the roll against the reference camera shows. A roll that is common to all cameras rotates
+//! the rig's axes, but no camera against another.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::rig::{Camera, Rig, Rotation};
 
 use super::fit::RollFit;
 
-/// Least significant roll, in standard deviations: by chance, one camera in 370 is corrected, by as
-/// little as can be measured.
+/// Least significant roll, in standard deviations. By chance, one camera in 370 is corrected, by
+/// the smallest roll that can be measured.
 pub const SIGNIFICANT: f64 = 3.0;
 
 /// Least further roll of a camera that was corrected before, in standard deviations. The first
-/// matching may have missed the ends of its rows.
+/// matching may have missed the ends of the image rows.
 const SETTLED: f64 = 0.5;
 
-/// Correction of a camera's roll, rad; `None` if the roll may be zero.
+/// Returns the correction of a camera's roll, rad; `None` if the roll may be zero.
 fn to_undo(turn: Option<RollFit>, turned_rad: f64) -> Option<f64> {
     let [roll_rad, sigma] = turn?.roll_rad;
     let limit = if turned_rad == 0.0 {
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rolled_camera_sees_everything_turned() {
+    fn rolled_camera_turns_its_image() {
         let [roll, at] = [[0.02_f64, 0.0], [0.3, -0.1]];
         let mut camera = Rig::paper().cameras[0];
         camera.rotation = Rotation::from_degrees([1.0, -2.0, 0.5]);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_nothing_is_left_alone() {
+    fn insignificant_roll_is_ignored() {
         let turn = |roll_rad: f64| {
             Some(RollFit {
                 roll_rad: [roll_rad, 0.001],
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(undone(&rig, &small, &mut rolls), None);
         let turned = undone(&rig, &[turn(0.002), None, turn(-0.003_1)], &mut rolls).unwrap();
         assert_eq!(rolls, [0.0, 0.0, -0.003_1]);
-        // Once turned, it is turned to the end.
+        // A camera that was corrected once is corrected further by smaller rolls.
         let rest = undone(&turned, &small, &mut rolls).unwrap();
         assert!(rolls[0] == 0.0 && (rolls[2] + 0.006).abs() < 1e-12);
         assert_eq!(rest.cameras[0], rig.cameras[0]);

@@ -1,5 +1,5 @@
 //! Rough offsets of many pixels, to about one pixel: corners are searched in a wide band around
-//! their epipolar lines, and the offset with most votes wins.
+//! their epipolar lines, and the offset with the most votes wins.
 
 use shared::rig::Rig;
 
@@ -67,7 +67,7 @@ pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, A
 }
 
 /// Matches corners of the reference image in every other camera, each at the best correlation
-/// within reach of its epipolar line.
+/// within the search range around its epipolar line.
 fn matches(
     geometry: &RigGeometry,
     frame_set: &FrameSet,

@@ -1,11 +1,11 @@
-//! Rendered scenes of known offsets: what is found, and whether sigma is true.
+//! Alignment of rendered scenes with known offsets: estimates and their sigma.
 
 use super::*;
 use crate::images::{Scene, SceneSettings, Texture};
 use crate::random::Random;
 use crate::rig_file::RigFile;
 
-/// The paper's rig with principal points that are off: what the pictures are taken with.
+/// Returns the paper's rig with shifted principal points, as the true rig of the images.
 fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
     let mut rig = Rig::paper();
     for (camera, by) in rig.cameras.iter_mut().zip(by_px) {
@@ -15,9 +15,9 @@ fn shifted(by_px: [[f64; 2]; 3]) -> Rig {
     rig
 }
 
-/// What of these offsets can be seen in the paper's rig, with the middle camera kept: equal
-/// heights; and of the horizontal ones the part along `(h2, -h1-h2, h1)`, which is what constraint
-/// (3) is about.
+/// Returns the part of these offsets that shows in the paper's rig, with the middle camera kept:
+/// equal heights and, of the horizontal offsets, the part along `(h2, -h1-h2, h1)` by constraint
+/// (3).
 fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     let cameras = Rig::paper().cameras;
     let e = |k: usize, i: usize| by_px[k][i] / cameras[k].focal_px[i];
@@ -35,7 +35,7 @@ fn visible(by_px: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
 fn captures(rig: &Rig, texture: &Texture, settings: SceneSettings, seeds: &[u64]) -> Vec<FrameSet> {
     let scene = Scene::new(rig, texture, settings).unwrap();
     let render = |seed: &u64| {
-        // Somewhere else each time, as captures of a bench are.
+        // A different place each time, like frame sets of a bench.
         let mut random = Random::new(*seed, 9);
         let at = [30.0, 30.0, 40.0].map(|most| random.between(-most, most));
         scene.render(at, 0, *seed)
@@ -71,7 +71,7 @@ fn assert_found(found: &Alignment, expected: [[f64; 2]; 3], bound_px: f64) {
 }
 
 #[test]
-fn the_papers_offsets_are_found_to_a_fiftieth_of_a_pixel() {
+fn offsets_are_found_to_a_fiftieth_px() {
     // The size of the paper's Table 4.
     let by = [[3.95, -0.29], [-7.36, 9.78], [-2.07, -0.43]];
     let scenes = [
@@ -89,7 +89,7 @@ fn the_papers_offsets_are_found_to_a_fiftieth_of_a_pixel() {
 }
 
 #[test]
-fn a_rig_that_is_right_stays_as_it_is() {
+fn aligned_rig_stays_unchanged() {
     let found = align(&captures(
         &Rig::paper(),
         &Texture::natural(5),
@@ -101,11 +101,11 @@ fn a_rig_that_is_right_stays_as_it_is() {
     assert!(z.abs() < 0.1, "{z}");
 }
 
-/// Mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent numbers
-/// leave it uncertain by 0.26. With sharp pictures and little noise the points scatter because each
-/// one's place between the pixels differs, which averages out better than noise does.
+/// Tests the mean square of error over sigma: 1 if sigma is right. Ten scenes of three independent
+/// numbers leave it uncertain by 0.26. With sharp images and little noise the points scatter
+/// because their sub-pixel phases differ, which averages out better than noise does.
 #[test]
-fn sigma_is_true() {
+fn offset_sigma_is_true() {
     for (soft, noise_grey, least) in [(true, 2.0, 0.35), (true, 6.0, 0.35), (false, 2.0, 0.1)] {
         let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0);
         for poster in 0..2 {
@@ -144,7 +144,7 @@ fn sigma_is_true() {
 }
 
 #[test]
-fn more_captures_make_it_better() {
+fn more_frame_sets_reduce_error() {
     let by = [[0.5, -2.0], [0.0, 0.0], [1.0, 3.0]];
     let settings = SceneSettings {
         noise_grey: 8.0,
@@ -164,13 +164,12 @@ fn more_captures_make_it_better() {
 }
 
 #[test]
-fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
+fn known_depth_shows_common_disparity() {
     let by = [[1.2, 0.4], [0.0, 0.0], [-0.9, -0.6]];
     let rig = shifted(by);
     let scene = Scene::new(&rig, &Texture::natural(6), tilted(850.0)).unwrap();
     let capture = [scene.render([0.0; 3], 0, 4)];
-    // The distance on the middle camera's axis, which meets the poster where it meets the world's
-    // axis.
+    // Distance on the middle camera's axis, which meets the poster on the world's z axis.
     let settings = AlignmentSettings {
         depth_mm: Some(850.0),
         ..AlignmentSettings::default()
@@ -182,7 +181,7 @@ fn a_flat_target_at_a_known_distance_shows_all_but_the_common_shift() {
 }
 
 #[test]
-fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
+fn wrong_known_depth_is_refused() {
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let settings = AlignmentSettings {
         depth_mm: Some(550.0),
@@ -202,8 +201,8 @@ fn a_known_depth_that_is_wrong_is_refused_with_the_one_that_is_seen() {
 }
 
 #[test]
-fn a_known_depth_needs_a_flat_target() {
-    // Two captures of different depths are not one plane.
+fn known_depth_needs_flat_target() {
+    // Two frame sets of different depths are not one plane.
     let scene = Scene::new(&Rig::paper(), &Texture::natural(6), tilted(850.0)).unwrap();
     let captures = [0.0, 100.0].map(|z| scene.render([0.0, 0.0, z], 0, 4));
     let settings = AlignmentSettings {
@@ -217,7 +216,7 @@ fn a_known_depth_needs_a_flat_target() {
     );
 }
 
-/// The paper's rig with cameras that are rolled.
+/// Returns the paper's rig with rolled cameras.
 fn rolled(by_deg: [f64; 3]) -> Rig {
     let mut rig = Rig::paper();
     for (camera, by) in rig.cameras.iter_mut().zip(by_deg) {
@@ -227,7 +226,7 @@ fn rolled(by_deg: [f64; 3]) -> Rig {
 }
 
 #[test]
-fn a_rolled_camera_is_turned_back() {
+fn rolled_camera_is_corrected() {
     for by_deg in [[0.5, 0.0, 0.0], [-0.2, 0.0, 1.0]] {
         let found = align(&captures(
             &rolled(by_deg),
@@ -254,7 +253,7 @@ fn a_rolled_camera_is_turned_back() {
             assert!(turned[0].abs() + turned[1].abs() < 1e-9);
             assert!((turned[2] - by_deg).abs() < 4.0 * sigma, "{turned:?}");
         }
-        // What is left is a rig that has nothing more to correct.
+        // The corrected rig needs no further correction.
         assert_found(&found, [[0.0; 2]; 3], 0.02);
         let facts = present::facts(&found);
         let told = facts.iter().any(|(name, text)| {
@@ -266,10 +265,10 @@ fn a_rolled_camera_is_turned_back() {
     }
 }
 
-/// Mean square of the roll's error over its sigma, and how often a camera that is not rolled is
-/// turned.
+/// Tests the mean square of the roll's error over its sigma, and the number of times that a camera
+/// without roll is corrected.
 #[test]
-fn sigma_of_the_roll_is_true() {
+fn roll_sigma_is_true() {
     let (mut sum, mut count, mut false_alarms) = (0.0, 0, 0);
     for scene in 0..10 {
         let mut random = Random::new(21, scene);
@@ -298,8 +297,8 @@ fn sigma_of_the_roll_is_true() {
 }
 
 #[test]
-fn other_rigs_are_aligned_as_far_as_they_show_it() {
-    // Two cameras one above the other: only the offset across is seen, which is horizontal.
+fn other_rigs_get_visible_offsets() {
+    // Two cameras one above the other show only the offset across, which is horizontal.
     let mut rig = Rig::paper();
     rig.cameras.pop();
     rig.cameras[0].offset_mm = [0.0, -60.0];
@@ -322,7 +321,7 @@ fn other_rigs_are_aligned_as_far_as_they_show_it() {
 }
 
 #[test]
-fn larger_images_and_bent_lenses_are_aligned_too() {
+fn large_distorted_images_are_aligned() {
     let mut rig = Rig::paper();
     rig.image_size_px = [640, 480];
     for (camera, k1) in rig.cameras.iter_mut().zip([-0.25, -0.2, -0.3]) {
@@ -343,7 +342,7 @@ fn larger_images_and_bent_lenses_are_aligned_too() {
 }
 
 #[test]
-fn patterns_that_repeat_are_refused() {
+fn repetitive_pattern_is_refused() {
     let by = [[1.0, -3.0], [0.0; 2], [0.5, 2.0]];
     for texture in [Texture::grid(), Texture::bricks(1)] {
         let captures = captures(&shifted(by), &texture, SceneSettings::default(), &[1]);
@@ -354,7 +353,7 @@ fn patterns_that_repeat_are_refused() {
 }
 
 #[test]
-fn pictures_that_show_nothing_are_refused() {
+fn blank_images_are_refused() {
     let blank = crate::images::Image {
         width: 320,
         height: 240,

@@ -1,21 +1,20 @@
-//! Bundle adjustment: lenses, places of the cameras and places of the board that leave the least
-//! squares of residuals in px.
+//! Bundle adjustment: lenses, camera poses and board poses with the least squares of residuals in
+//! px.
 //!
-//! Unknown are, per camera `k`, its [`Lens`] (9) and the motion from the reference camera's axes to
-//! its own (6); per view, the motion from the board's axes to the reference camera's (6). Motions
-//! change by a small rotation before the rotation they have and a shift after it:
-//! `R <- exp(δ) R, t <- t + ε`. Views know nothing of each other, so they are eliminated one by one
-//! (Schur's complement), which leaves 15 unknowns per camera, of which the caller says which are
-//! free:
+//! Unknowns are, per camera `k`, its [`Lens`] (9) and the motion from the reference camera's axes
+//! to its own (6); per view, the motion from the board's axes to the reference camera's (6).
+//! Motions change by a small rotation before their rotation and a shift after it: `R <- exp(δ) R, t
+//! <- t + ε`. Views are independent of each other, so they are eliminated one by one (Schur's
+//! complement), which leaves 15 unknowns per camera. The caller states which of them are free:
 //!
 //! ```text
 //! [U  W] [c]   [a]
 //! [Wᵀ V] [v] = [b]      (U - W V⁻¹ Wᵀ) c = a - W V⁻¹ b
 //! ```
 //!
-//! Levenberg's and Marquardt's damping `V + λ diag V`, `U + λ diag U` leads there from afar. At the
-//! solution `σ² (U - W V⁻¹ Wᵀ)⁻¹` is the covariance of the cameras' unknowns whatever the views
-//! are.
+//! The damping of Levenberg and Marquardt, `V + λ diag V` and `U + λ diag U`, makes it converge
+//! from a distant start. At the solution `σ² (U - W V⁻¹ Wᵀ)⁻¹` is the covariance of the cameras'
+//! unknowns for any views.
 
 use nalgebra::{
     DMatrix, DVector, Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3,
@@ -57,8 +56,8 @@ pub struct Bundle {
     pub board_mm: Vec<[f64; 2]>,
     /// Lens of each camera.
     pub lenses: Vec<Lens>,
-    /// Motion from the reference camera's axes to those of each camera. The reference camera's is
-    /// the identity.
+    /// Motion from the reference camera's axes to those of each camera. The motion of the reference
+    /// camera is the identity.
     pub motions: Vec<Isometry3<f64>>,
     /// Poses of the board.
     pub views: Vec<BoardView>,
@@ -80,7 +79,8 @@ pub struct Solution {
 pub enum Unsolved {
     /// The images do not determine some unknown.
     #[error(
-        "the views of the board are too alike to tell lens and distance apart; tilt it more, in more directions"
+        "the views of the board are too alike to tell lens and distance apart; tilt it more, in \
+         more directions"
     )]
     Open,
     /// Some corner would lie behind a camera.
@@ -174,7 +174,7 @@ impl Bundle {
                 }
                 _ => {
                     damping *= 10.0;
-                    // No way down is left: the squares are as small as rounding lets them be.
+                    // No step decreases the sum: it is minimal up to rounding.
                     if damping > MOST_DAMPING {
                         break;
                     }

@@ -1,8 +1,8 @@
-//! How sharp a board's edges are.
+//! Blur of a board's edges.
 //!
-//! An edge between two grey levels that differ by `D`, blurred by a Gaussian, rises by at most
-//! `D / (sqrt(2 π) σ)` per pixel. Of the edges along each of the board's two directions the median
-//! counts; of the two medians the larger, because motion blurs one direction only.
+//! An edge between two grey levels that differ by `D`, blurred by a Gaussian, rises by at most `D /
+//! (sqrt(2 π) σ)` per pixel. The result is the larger of two medians, one over the edges along each
+//! of the board's directions, because motion blurs one direction only.
 
 use super::board::Board;
 use crate::images::Image;
@@ -41,7 +41,7 @@ pub fn of_edges(image: &Image, board: &Board, corners: &[[f64; 2]]) -> f64 {
     median(along).max(median(down))
 }
 
-/// Samples across the middle of the edge from `a` to `b`, in the direction in which `aside` lies.
+/// Samples across the middle of the edge from `a` to `b`, towards the side of `aside`.
 fn of_edge(image: &Image, a: [f64; 2], b: [f64; 2], aside: [f64; 2]) -> Option<f64> {
     let way = [b[0] - a[0], b[1] - a[1]];
     let length = way[0].hypot(way[1]);
@@ -81,7 +81,7 @@ fn grey(image: &Image, at: [f64; 2]) -> f64 {
     (1.0 - fy) * upper + fy * lower
 }
 
-/// Median; 0 of no values.
+/// Returns the median, or 0 if there are no values.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {

@@ -1,15 +1,14 @@
-//! The board: a chessboard's inner corners, numbered so that every camera means the same corner by
-//! the same number.
+//! Chessboard: inner corners, numbered so that every camera gives a corner the same number.
 //!
-//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down as the
-//! board is looked at, so its z axis goes into the board. That leaves the choice which end comes
-//! first. On a board with one even and one odd number of inner corners a half turn exchanges black
-//! and white, so the colours decide: *the square outside the first corner, diagonally across from
-//! the board, is black.* A board with two even or two odd numbers looks the same after a half turn,
-//! a square one with even numbers after a quarter turn too: there the end nearest the top left of
-//! the image comes first, and [`super::rig`] turns the numbers of the other cameras until all
-//! agree, which it can because the cameras are nearly parallel. On a square board with odd numbers
-//! a quarter turn exchanges black and white, so the colours leave two of its four ends.
+//! Corner `c + r * columns` lies at `(c, r, 0)` squares. Columns go right and rows down for a
+//! viewer of the board, so its z axis goes into the board. The choice of the first corner is left.
+//! On a board with one even and one odd number of inner corners a half turn exchanges black and
+//! white, so the colours decide: *the square outside the first corner, diagonally across from the
+//! board, is black.* A board with two even or two odd numbers looks the same after a half turn, a
+//! square one with even numbers after a quarter turn too. There the corner nearest the top left of
+//! the image comes first, and [`super::rig`] renumbers the corners of the other cameras until all
+//! agree; this is possible because the cameras are nearly parallel. On a square board with odd
+//! numbers a quarter turn exchanges black and white, so the colours leave two of its four corners.
 
 use std::str::FromStr;
 
@@ -84,7 +83,7 @@ impl Board {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pattern(pub [usize; 2]);
 
-/// A text that is no [`Pattern`].
+/// Error of a text that is not a [`Pattern`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not like 9x6: inner corners along the two sides, 3 to 100 each")]
 pub struct WrongPattern(String);
@@ -118,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_turns() {
+    fn repeated_turns_return_to_start() {
         for (board, turns) in [(board(9, 6), 2), (board(4, 4), 4)] {
             for index in 0..board.count() {
                 let step = 4 / turns;
@@ -137,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn symmetries_are_the_turns_that_keep_the_colours() {
+    fn symmetries_keep_colours() {
         for (columns, rows) in [(9, 6), (6, 9), (8, 6), (7, 5), (4, 4), (5, 5)] {
             let board = board(columns, rows);
             let half = colour(0, 0) == colour(columns, rows);
@@ -153,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_read_as_they_are_spoken() {
+    fn pattern_text_is_parsed() {
         assert_eq!("9x6".parse(), Ok(Pattern([9, 6])));
         for bad in [
             "", "9", "9x", "x6", "9x6x2", "2x6", "9x101", "-9x6", "9.0x6",

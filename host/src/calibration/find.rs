@@ -1,4 +1,4 @@
-//! A board's corners in an image: saddles, grid, names, sub-pixel places.
+//! Search of a board's corners in an image: saddles, grid, names, sub-pixel places.
 
 use std::fmt;
 
@@ -40,7 +40,7 @@ pub enum NotFound {
     Nothing,
     /// The image shows a chessboard, or part of one, with this many corners along its sides.
     Other([usize; 2]),
-    /// This number of the board's corners is hidden or unclear.
+    /// Reason for a board with hidden or unclear corners, with their number.
     Hidden(usize),
 }
 
@@ -84,8 +84,8 @@ pub fn find(
                     let blur_px = blur::of_edges(image, board, &corners);
                     return Ok(FoundBoard { corners, blur_px });
                 }
-                // Part of a larger board would do for one camera, but which part is anybody's
-                // guess.
+                // Part of a larger board would suffice for one camera, but its place in the board
+                // is unknown.
                 Err(reason) if is_larger(reason, board) => return Err(reason),
                 Err(reason) if grid.len() > most => {
                     most = grid.len();
@@ -152,8 +152,8 @@ fn bound(grid: &Grid, axis: usize) -> (i32, i32) {
     (along().min().unwrap_or(0), along().max().unwrap_or(0))
 }
 
-/// Removes outermost lines that are nearly empty: where the board's border meets something dark,
-/// the grid may continue by a saddle or two.
+/// Removes outermost lines that are nearly empty: if the board's border adjoins something dark, the
+/// grid may continue by a saddle or two.
 fn trimmed(grid: &Grid) -> Grid {
     let mut grid = grid.clone();
     loop {
@@ -193,8 +193,8 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         0 => size == [columns, rows],
         _ => size == [rows, columns],
     };
-    // Whether the square outside the first corner is black, as told by any corner: opposite squares
-    // are alike, neighbours are not, and a quarter turn takes one square to its neighbour.
+    // True if the square outside the first corner is black, by the colours at any corner: opposite
+    // squares are alike, neighbours are not, and a quarter turn takes one square to its neighbour.
     let begins_black = |quarters: usize| {
         grid.iter().all(|(cell, member)| {
             let (c, r) = turned(quarters, *cell);
@@ -227,8 +227,8 @@ fn name(board: &Board, grid: &Grid) -> Result<Vec<(usize, [f64; 2])>, NotFound> 
         .collect())
 }
 
-/// Distance of a corner from the nearest edge that is not its own, px: the smallest height of the
-/// squares around it.
+/// Returns the distance of a corner from the nearest edge that is not its own, px: the smallest
+/// height of the squares around it.
 fn room_px(board: &Board, corners: &[[f64; 2]], index: usize) -> f64 {
     let [columns, rows] = board.corners;
     let (c, r) = (index % columns, index / columns);
@@ -260,7 +260,8 @@ mod tests {
     const SIDE_PX: f64 = 20.0;
     const MIDDLE_PX: f64 = 150.0;
 
-    /// A board turned clockwise about the middle of the image, black outside its first corner.
+    /// Draws a board turned clockwise about the middle of the image, black outside its first
+    /// corner.
     fn drawn(board: &Board, turn_deg: f64) -> Image {
         let (sin, cos) = turn_deg.to_radians().sin_cos();
         let sides = board.corners.map(|n| n as f64 + 1.0);
@@ -268,7 +269,7 @@ mod tests {
             let [x, y] = [i % 300, i / 300].map(|n| n as f64 - MIDDLE_PX);
             let at = [x * cos + y * sin, y * cos - x * sin];
             let [u, v] = [0, 1].map(|k| at[k] / SIDE_PX + sides[k] / 2.0);
-            // Edges as soft as a lens makes them, border and all else white.
+            // Edges as soft as with a lens; border and background white.
             let edge = |a: f64| {
                 let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
                 sign * ((a - a.round()) * SIDE_PX / 0.8).tanh()
@@ -284,10 +285,10 @@ mod tests {
         }
     }
 
-    /// However the board is turned, the first corner is one of those that a turn which keeps the
-    /// colours leads to.
+    /// Tests that for any orientation the first corner is one of those that a colour-preserving
+    /// turn maps to it.
     #[test]
-    fn the_first_corner_is_where_the_colours_allow_it() {
+    fn first_corner_follows_colours() {
         for corners in [[7, 7], [5, 5], [6, 6], [7, 5], [7, 6]] {
             let board = Board {
                 corners,

@@ -1,4 +1,5 @@
-//! A folder of photographs to a calibrated rig: everything the command `calibrate` does but print.
+//! Calibration of a rig from a folder of images: everything the command `calibrate` does except its
+//! output.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,9 +15,9 @@ use crate::error::InputError;
 use crate::images::folder::read_any;
 use crate::rig_file::{RigFile, TRINOCULAR};
 
-/// Largest residual of a rig without a warning, and with a rig at all, in multiples of the worst
-/// camera's own residual. Images that were taken a hand's tremor apart are beyond the
-/// first, those of different instants far beyond the second.
+/// Largest residual of a rig without a warning, and largest residual of any rig, in multiples of
+/// the worst camera's own residual. Images taken with a trembling hand are beyond the first limit,
+/// images of different instants far beyond the second.
 const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
@@ -27,7 +28,8 @@ pub struct CalibrationSettings {
     pub board: Board,
     /// Half the window for refining corners, px; without, it follows the size of the squares.
     pub half_window: Option<usize>,
-    /// Images whose residual is larger than this many times the median image's are rejected.
+    /// Largest residual of an image, in multiples of the median image's; images beyond it are
+    /// rejected.
     pub outlier: f64,
 }
 
@@ -55,10 +57,10 @@ pub struct CameraResult {
     pub intrinsics: Intrinsics,
 }
 
-/// All cameras and how they stand to each other.
+/// Calibrated cameras, with their poses in the rig.
 #[derive(Clone, Debug)]
 pub struct Calibration {
-    /// The cameras; left, middle, right first.
+    /// Cameras in order; left, middle and right come first.
     pub cameras: Vec<CameraResult>,
     /// Names of the instants of `rig.instants`.
     pub instants: Vec<String>,
@@ -67,8 +69,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// The rig as a rig file holds it. None for a single camera. Only cameras with images of one
-    /// size make a rig.
+    /// Returns the rig in the form of a rig file. `None` for a single camera. Only cameras with
+    /// images of one size form a rig.
     pub fn rig_file(&self) -> Option<RigFile> {
         let lenses: Vec<_> = self
             .cameras
@@ -94,7 +96,8 @@ impl Calibration {
     /// Formats warnings about the rig for the user.
     pub fn warnings(&self) -> Vec<String> {
         const FEW_IMAGES: usize = 8;
-        /// Beyond this share of a focal length every depth is as uncertain.
+        /// Largest uncertainty of a focal length without a warning, as a share of it. Every depth
+        /// has the same relative uncertainty.
         const VAGUE: f64 = 0.01;
         let mut warnings = Vec::new();
         for CameraResult {
@@ -104,7 +107,8 @@ impl Calibration {
             let used = intrinsics.used();
             if used < FEW_IMAGES {
                 warnings.push(format!(
-                    "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all directions, leave less to chance"
+                    "{name}: {used} images are few; {FEW_IMAGES} or more, the board tilted in all \
+                     directions, leave less to chance"
                 ));
             }
         }
@@ -116,7 +120,8 @@ impl Calibration {
             let share = (sigma[0] / value[0]).max(sigma[1] / value[1]);
             if share > VAGUE {
                 warnings.push(format!(
-                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; tilt the board more, in more directions, and let it fill the view",
+                    "{name}: the focal lengths are known to {:.1} % only, and depths no better; \
+                     tilt the board more, in more directions, and let it fill the view",
                     100.0 * share
                 ));
             }
@@ -127,7 +132,8 @@ impl Calibration {
         {
             if !intrinsics.held.is_empty() {
                 warnings.push(format!(
-                    "{name}: {} held at 0, since the board does not reach far enough into the corners to tell",
+                    "{name}: {} held at 0, since the board does not reach far enough into the \
+                     corners to tell",
                     intrinsics.held.join(" and ")
                 ));
             }
@@ -136,7 +142,8 @@ impl Calibration {
             let own_px = own_rms_px(&self.cameras);
             if rig.rms_px > DOUBTFUL * own_px {
                 warnings.push(format!(
-                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: images of one name may not be of one instant",
+                    "together the cameras are {:.3} px off, each alone at most {own_px:.3} px: \
+                     images of one name may not be of one instant",
                     rig.rms_px
                 ));
             }
@@ -178,7 +185,7 @@ pub fn calibrate(
             let seen = instants
                 .entry(instant.clone())
                 .or_insert_with(|| vec![None; series.len()]);
-            // An image that its own camera has rejected is of no use to the rig either.
+            // An image that its own camera has rejected is not used for the rig either.
             seen[index] = found
                 .ok()
                 .filter(|_| pose.is_some())
@@ -218,7 +225,7 @@ fn calibrate_camera(
         .map(|(_, path)| file_name(path))
         .collect();
     reject_repeated(&files, &mut found);
-    // No readable image at all is the same as too few of them.
+    // No readable image counts as too few images.
     let image_size_px = size.unwrap_or_default();
     let intrinsics =
         intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
@@ -244,17 +251,20 @@ fn calibrate_camera(
 /// Returns the largest residual of a camera on its own, px.
 fn own_rms_px(cameras: &[CameraResult]) -> f64 {
     let own = cameras.iter().map(|camera| camera.intrinsics.rms_px);
-    // Corners without any error at all are no measure.
+    // Exact corners have zero residual, which cannot serve as a scale.
     own.fold(0.01, f64::max)
 }
 
-/// A picture that is there twice says nothing new, but would count as if it did.
+/// Rejects repeated images, because a second copy adds no information but would count as if it did.
 fn reject_repeated(files: &[String], found: &mut [Result<FoundBoard, ImageRejection>]) {
     for index in 1..found.len() {
         let (before, rest) = found.split_at_mut(index);
         let [this, ..] = rest else { continue };
-        // Noise moves every corner: to the last bit, only the same pixels give the same places.
-        let is_same = |other: &Result<FoundBoard, ImageRejection>| matches!((other, &*this), (Ok(a), Ok(b)) if a.corners == b.corners);
+        // Noise moves every corner, so only equal pixels give equal places to the last bit.
+        let is_same = |other: &Result<FoundBoard, ImageRejection>| match (other, &*this) {
+            (Ok(a), Ok(b)) => a.corners == b.corners,
+            _ => false,
+        };
         if let Some(first) = before.iter().position(is_same) {
             *this = Err(ImageRejection::Repeated(files[first].clone()));
         }
@@ -285,7 +295,7 @@ fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// The board in one file; `size` is that of the camera's images, once one has been read.
+/// Finds the board in one file; `size` is the size of the camera's images, once one has been read.
 fn corners(
     path: &Path,
     settings: &CalibrationSettings,
@@ -315,7 +325,8 @@ fn place(
         return Err(InputError::file(
             dir,
             format!(
-                "the images of `{}` are {w} x {h} px, those of `{}` {width} x {height} px; a rig's are all of one size",
+                "the images of `{}` are {w} x {h} px, those of `{}` {width} x {height} px; a \
+                 rig's are all of one size",
                 other.name, first.name
             ),
         ));
@@ -343,7 +354,8 @@ fn place(
         && rig.rms_px > NONSENSE * own_px
     {
         let reason = format!(
-            "the cameras contradict each other: together they are {:.3} px off, each alone at most {own_px:.3} px; images of one name must be of one instant",
+            "the cameras contradict each other: together they are {:.3} px off, each alone at \
+             most {own_px:.3} px; images of one name must be of one instant",
             rig.rms_px
         );
         return Err(InputError::file(dir, reason));
@@ -351,8 +363,11 @@ fn place(
     placed.map_err(|refusal| {
         let reason = match &refusal {
             rig::RigRefusal::Apart { camera, instants } => format!(
-                "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the same name, but it takes {}",
-                cameras[*camera].name, cameras[reference].name, rig::LEAST_INSTANTS
+                "cameras `{}` and `{}` both saw the board in {instants} pairs of images of the \
+                 same name, but it takes {}",
+                cameras[*camera].name,
+                cameras[reference].name,
+                rig::LEAST_INSTANTS
             ),
             other => other.to_string(),
         };

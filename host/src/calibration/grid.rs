@@ -1,9 +1,9 @@
-//! Saddles that are the corners of one chessboard.
+//! Grids of saddles that are the corners of one chessboard.
 //!
-//! From a seed the grid grows along the edge lines: the neighbour in a direction is the nearest
-//! saddle there whose edges run the same way, whose colours are exchanged, and to which an edge of
-//! one sign leads all the way. The last condition is what keeps patterns apart that only look alike
-//! from afar: two squares further on the sign has changed.
+//! From a seed the grid grows along the edge lines. The neighbour in a direction is the nearest
+//! saddle whose edges run the same way, whose colours are exchanged, and to which an edge of
+//! constant sign leads. The last condition excludes patterns that look alike only in part: two
+//! squares further on, the sign has changed.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::PI;
@@ -45,7 +45,7 @@ pub fn grids(plane: &Plane, saddles: &[Saddle], least: usize) -> Vec<Grid> {
             continue;
         }
         let grid = even(grow(plane, saddles, seed));
-        // What did not grow here may still belong to a grid that grows from a better seed.
+        // Saddles that joined no grid here may join one that grows from a better seed.
         if grid.len() >= least {
             used.extend(grid.values().map(|member| member.saddle));
             found.push(grid);
@@ -219,7 +219,7 @@ impl Way<'_> {
 
 /// Orders and orients the edges like `axes`; `None` if they do not fit.
 fn matching(edges: [f64; 2], axes: [f64; 2]) -> Option<[f64; 2]> {
-    // Of an edge's two directions the one nearer the axis.
+    // The direction of an edge that is nearer to the axis.
     let along = |edge: f64, axis: f64| {
         let turn = wrap(edge - axis);
         axis + if turn.abs() > PI / 2.0 {
@@ -239,7 +239,7 @@ fn wrap(angle: f64) -> f64 {
     angle - 2.0 * PI * (angle / (2.0 * PI)).round()
 }
 
-/// Distance of two pixels.
+/// Returns the distance of two pixels.
 pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }

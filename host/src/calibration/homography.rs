@@ -1,4 +1,4 @@
-//! The map of a plane onto an image.
+//! Homographies: maps of a plane onto an image.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -25,7 +25,7 @@ pub fn fit(from: &[[f64; 2]], to: &[[f64; 2]]) -> Option<Matrix3<f64>> {
     }
     let eigen = normal.symmetric_eigen();
     let least = eigen.eigenvalues.imin();
-    // With two directions free there is no one answer.
+    // With two free directions the solution is not unique.
     let free = eigen
         .eigenvalues
         .iter()
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_points_give_the_map_back() {
+    fn exact_points_give_the_map() {
         let truth = Matrix3::new(1.1, 0.2, 300.0, -0.1, 0.9, 200.0, 1e-3, -5e-4, 1.0);
         let from: Vec<[f64; 2]> = (0..12)
             .map(|i| [f64::from(i % 4) * 25.0, f64::from(i / 4) * 25.0])
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn points_in_line_or_too_few_are_refused() {
+    fn degenerate_points_are_refused() {
         let line: Vec<[f64; 2]> = (0..6).map(|i| [f64::from(i), 2.0 * f64::from(i)]).collect();
         assert!(fit(&line, &line).is_none());
         assert!(fit(&line[..3], &line[..3]).is_none());

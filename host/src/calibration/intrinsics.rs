@@ -6,12 +6,12 @@
 //! been taken out. That is linear in `1/fx²` and `1/fy²`; poses follow from `H`, and
 //! [`super::adjust`] does the rest with all nine parameters.
 //!
-//! *k3 is held at zero* if the lens would fold the image over with it and does not without: the
-//! board has not been far enough out to tell it, and beyond the board's reach it would do harm.
+//! *k3 is held at zero* if the lens would fold the image over with k3 and does not without it: the
+//! board was not seen far enough from the centre to determine k3, and extrapolation would do harm.
 //!
-//! *Images are rejected* for a board that is not found, for edges much more blurred than those of
-//! the other images, and for residuals much larger than those of the others: the worst first, then
-//! everything is solved again.
+//! *Images are rejected* if no board is found, if the edges are much more blurred than in the other
+//! images, or if residuals are much larger than those of the others. The worst image is rejected
+//! first, then everything is solved again.
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -93,7 +93,8 @@ pub enum IntrinsicsRefusal {
     Unsolved(#[from] Unsolved),
     /// The solution is not plausible.
     #[error(
-        "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board are too alike; tilt it more, in more directions"
+        "{name} comes out as {value} with a standard deviation of {sigma}: the views of the board \
+         are too alike; tilt it more, in more directions"
     )]
     Vague {
         /// Name of the parameter.
@@ -158,7 +159,7 @@ pub fn calibrate(
         let Some((index, rms_px)) = worst else {
             let lens = bundle.lenses[0];
             if !is_last && !can_undistort(&lens.camera(), size_px) {
-                // Without k3; and if that does not help, with it after all.
+                // First without k3, then with it if that does not help.
                 is_last = model == 1;
                 model = 1 - model;
                 continue;
@@ -264,10 +265,11 @@ fn solve(
     Ok((bundle, covariance))
 }
 
-/// Initial focal lengths by the two constraints per image of Zhang (2000), without distortion.
+/// Computes initial focal lengths by the two constraints per image of Zhang (2000), without
+/// distortion.
 fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Option<Lens> {
     let middle = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
-    // To the order of 1, so that both conditions weigh alike.
+    // Scaled to the order of 1, so that both conditions have equal weights.
     let scale = middle[0] + middle[1];
     let (mut aa, mut ab, mut bb, mut ac, mut bc) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for corners in images {
@@ -299,8 +301,8 @@ fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Opt
         (bb * ac - ab * bc) / determinant,
         (aa * bc - ab * ac) / determinant,
     ];
-    // Boards tilted about one axis only leave one of the two open, noise may turn its sign: then
-    // both are taken for equal.
+    // Boards tilted about one axis only leave one of the two undetermined, and noise may turn its
+    // sign; then both are set equal.
     let equal = (ac + bc) / (aa + 2.0 * ab + bb);
     let inverse = if separate.iter().all(|s| *s > 0.0) {
         separate
@@ -314,12 +316,13 @@ fn initial_lens(board: &Board, size_px: [u32; 2], images: &[&[[f64; 2]]]) -> Opt
     ]))
 }
 
-/// Initial pose of the board in a camera's axes, from the homography of the undistorted corners.
+/// Computes the initial pose of the board in a camera's axes, from the homography of the
+/// undistorted corners.
 pub fn pose(board: &Board, lens: &Lens, corners: &[[f64; 2]]) -> Option<Isometry3<f64>> {
     let camera = lens.camera();
     let seen: Vec<[f64; 2]> = corners.iter().map(|c| camera.normalise(*c)).collect();
     let h = homography::fit(&board.points_mm(), &seen)?;
-    // The board lies before the camera.
+    // The board lies in front of the camera.
     let sign = if h[(2, 2)] > 0.0 { 1.0 } else { -1.0 };
     let scale = sign * 2.0 / (h.column(0).norm() + h.column(1).norm());
     let (u, v, t) = (

@@ -1,4 +1,4 @@
-//! A camera's own nine parameters and what a pixel owes to each of them.
+//! Lens: the nine parameters of one camera, and the derivatives of a pixel by them.
 
 use nalgebra::{Matrix2x3, SMatrix, Vector3};
 use shared::rig::{Camera, Rotation};
@@ -55,7 +55,7 @@ impl Lens {
         let (x, y) = (point_mm.x / depth, point_mm.y / depth);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        // By the square of the radius.
+        // Derivative by the square of the radius.
         let bend = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
         let seen = [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
@@ -68,8 +68,10 @@ impl Lens {
         let [r4, r6] = [r2 * r2, r2 * r2 * r2];
         #[rustfmt::skip]
         let by_lens = SMatrix::from_row_slice(&[
-            seen[0], 0.0, 1.0, 0.0, fx * x * r2, fx * x * r4, fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
-            0.0, seen[1], 0.0, 1.0, fy * y * r2, fy * y * r4, fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
+            seen[0], 0.0, 1.0, 0.0,
+            fx * x * r2, fx * x * r4, fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
+            0.0, seen[1], 0.0, 1.0,
+            fy * y * r2, fy * y * r4, fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
         ]);
         Some(Projection {
             pixel: [0, 1].map(|i| camera.focal_px[i] * seen[i] + camera.principal_px[i]),
@@ -93,7 +95,7 @@ mod tests {
     const LENS: Lens = Lens([533.0, 529.0, 160.0, 118.0, -0.28, 0.05, 1e-3, -2e-3, 0.11]);
 
     #[test]
-    fn it_is_the_cameras_projection() {
+    fn lens_projects_as_camera() {
         let point = [120.0, -90.0, 700.0];
         let seen = LENS.camera().project(point);
         let projection = LENS.project(Vector3::from(point)).unwrap();
@@ -103,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_finite_differences() {
+    fn derivatives_match_differences() {
         let point = Vector3::new(120.0, -90.0, 700.0);
         let at = LENS.project(point).unwrap();
         let check = |low: [f64; 2], high: [f64; 2], step: f64, column: [f64; 2]| {

@@ -1,8 +1,8 @@
-//! Which images there are: per camera and instant.
+//! List of the images to calibrate with, per camera and instant.
 //!
 //! ```text
-//! boards/left/01.png    boards/right/01.png        a folder per camera; the same name, the same instant
-//! boards/left01.png     boards/right01.png         or all in one: the camera's name, then a number
+//! boards/left/01.png   boards/right/01.png   a folder per camera; equal names, equal instants
+//! boards/left01.png    boards/right01.png    or all in one: the camera's name, then a number
 //! ```
 //!
 //! The names' endings (`.png`, `.jpg`) do not matter.
@@ -93,8 +93,8 @@ fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Images of several cameras in one folder. Names that do not all end in numbers are those of one
-/// camera.
+/// Groups the images of several cameras in one folder. Names that do not all end in numbers belong
+/// to one camera.
 fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let all = named(dir, names);
     let split = |stem: &str| {
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_per_camera() {
+    fn folder_per_camera_is_listed() {
         let found = listed(&[
             "right/2.png",
             "left/10.png",
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn all_in_one_folder() {
+    fn single_folder_is_grouped() {
         let found = listed(&["right02.jpg", "left01.jpg", "left02.jpg", "intrinsics.yml"]);
         assert_eq!(
             found[0],
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_read_is_said() {
+    fn empty_folder_is_refused() {
         let folder = files(&["readme.txt"]);
         assert!(
             list(folder.path())

@@ -1,7 +1,7 @@
-//! A corner to a few hundredths of a pixel.
+//! Refinement of a corner to a few hundredths of a pixel.
 //!
 //! At a corner `q` every edge points to it: the gradient `g` at a place `p` is either zero or at
-//! right angles to `p - q`. So `q` is where, over a window with weights `w`,
+//! right angles to `p - q`. So `q` solves, over a window with weights `w`,
 //!
 //! ```text
 //! Σ w g gᵀ q = Σ w g gᵀ p
@@ -9,8 +9,8 @@
 //!
 //! (Förstner and Gülch 1987; OpenCV's `cornerSubPix` solves the same equations with the same
 //! weights), iterated because the window moves with `q`. The window must see the four squares
-//! around the corner and nothing else: a border or a neighbour's edge within it draws the result
-//! away, by whole pixels at worst.
+//! around the corner and nothing else: a border or a neighbour's edge within it biases the result,
+//! by whole pixels at worst.
 
 use crate::images::Image;
 
@@ -49,7 +49,7 @@ pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
             }
         }
         let determinant = a * c - b * b;
-        // A single edge leaves the direction along it open.
+        // A single edge leaves the position along it undetermined.
         if !(determinant > 1e-3 * (a + c) * (a + c) / 4.0) {
             return None;
         }

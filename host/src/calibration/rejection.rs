@@ -1,8 +1,8 @@
-//! Reasons why images and instants take no part in a calibration.
+//! Reasons for which images and instants are left out of a calibration.
 
 use super::find::NotFound;
 
-/// Reason why an image takes no part.
+/// Reason why an image is left out.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ImageRejection {
     /// The file cannot be read.
@@ -16,7 +16,7 @@ pub enum ImageRejection {
     Size {
         /// Width and height, px.
         found: [u32; 2],
-        /// Those of the first image, px.
+        /// Width and height of the first image, px.
         first: [u32; 2],
     },
     /// The image does not show the whole board.
@@ -30,7 +30,7 @@ pub enum ImageRejection {
     Blurred {
         /// Width of the edges, px.
         blur_px: f64,
-        /// That of the median image, px.
+        /// Width of the median image's edges, px.
         median_px: f64,
     },
     /// The residual is much larger than those of the other images.
@@ -41,15 +41,15 @@ pub enum ImageRejection {
     Residual {
         /// Root mean square residual, px.
         rms_px: f64,
-        /// That of the median image, px.
+        /// Residual of the median image, px.
         median_px: f64,
     },
 }
 
-/// Reason why an instant takes no part in placing the cameras.
+/// Reason why an instant is left out of the solution of the camera poses.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InstantRejection {
-    /// One camera alone says nothing of its place.
+    /// Only one camera saw the board, which does not determine its pose.
     #[error("fewer than two cameras have a usable image")]
     FewImages,
     /// The cameras do not see the board in one place.
@@ -61,7 +61,7 @@ pub enum InstantRejection {
     Residual {
         /// Root mean square residual, px.
         rms_px: f64,
-        /// That of the median instant, px.
+        /// Residual of the median instant, px.
         median_px: f64,
     },
 }

@@ -1,15 +1,17 @@
-//! The rig from boards that several cameras saw at the same instant.
+//! Rig from boards that several cameras saw at the same instant.
 //!
-//! Each camera's own calibration says where the board was before it; two cameras that saw the same
-//! board thus know how they stand to each other. The medians of all such answers are the start of a
-//! bundle adjustment over the cameras' places and the board's, with lenses held as calibrated: they
-//! used every image of their camera, this uses the simultaneous ones.
+//! Each camera's own calibration gives the pose of the board; two cameras that saw the same board
+//! thus determine their relative pose. The medians of all these estimates are the start of a bundle
+//! adjustment over the poses of the cameras and of the board. The lenses are held as calibrated,
+//! because they used every image of their camera and this adjustment uses only the simultaneous
+//! ones.
 //!
-//! *Sigma* has two parts, which do not correlate (a lens's error comes from residuals that no place
-//! of the board could take up, those of the rig from residuals that it did): the scatter of this
-//! adjustment, and the lenses' covariance through the response of the places to the lenses.
+//! *Sigma* has two uncorrelated parts: the scatter of this adjustment, and the lenses' covariance
+//! through the response of the poses to the lenses. They do not correlate, because a lens's error
+//! comes from residuals that no pose of the board could absorb, and the rig's error from residuals
+//! that it did.
 //!
-//! The result stands in axes of its own: [`super::stand`].
+//! The result is expressed in axes of its own ([`super::stand`]).
 
 use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
 use shared::rig::{MAX_CAMERAS, Rig};
@@ -49,13 +51,13 @@ pub struct RigSolution {
     /// Standard deviations of the poses.
     pub sigma: Vec<CameraPose>,
     /// Standard deviations of the rotation of the rig's axes against all cameras together, about x,
-    /// y and z, degrees. Displacements are rotated by as much. The one about y is the largest by
-    /// far: it depends on the cameras' offsets along z, which boards seen from the front hardly
-    /// determine.
+    /// y and z, degrees. Displacements are rotated by as much. The rotation about y is the least
+    /// certain by far, because it depends on the cameras' offsets along z, which boards seen from
+    /// the front hardly determine.
     pub axes_sigma_deg: [f64; 3],
     /// Root mean square residual over all used images, px.
     pub rms_px: f64,
-    /// Per instant: the root mean square residual in px, or why it was not used.
+    /// Root mean square residual in px of each instant, or the reason why it was left out.
     pub instants: Vec<Result<f64, InstantRejection>>,
 }
 
@@ -67,7 +69,8 @@ pub enum RigRefusal {
     Count(usize),
     /// A camera has too few instants in common with the reference camera.
     #[error(
-        "camera number {camera} and the reference camera saw the board at {instants} common instants, but it takes {LEAST_INSTANTS} (files of the same name)"
+        "camera number {camera} and the reference camera saw the board at {instants} common \
+         instants, but it takes {LEAST_INSTANTS} (files of the same name)"
     )]
     Apart {
         /// Index of the camera.
@@ -207,9 +210,9 @@ struct Sighting {
     pose: Isometry3<f64>,
 }
 
-/// All cameras' sightings, the corners numbered alike: on boards that look the same after a turn,
-/// each camera's numbers are turned so that its view of the board is turned least against the first
-/// one's.
+/// Computes all cameras' sightings with the same numbering of the corners. On boards that look the
+/// same after a turn, each camera's corners are renumbered so that its view of the board is turned
+/// least against the first camera's.
 fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighting> {
     let mut all: Vec<Sighting> = Vec::new();
     for (camera, (eye, corners)) in eyes.iter().zip(instant).enumerate() {
@@ -235,8 +238,8 @@ fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighti
     all
 }
 
-/// Initial motions from the reference camera's axes to each camera's: medians over the instants
-/// that both saw.
+/// Computes initial motions from the reference camera's axes to each camera's: medians over the
+/// instants that both saw.
 fn initial_motions(
     count: usize,
     reference: usize,
@@ -272,7 +275,8 @@ fn initial_motions(
     (0..count).map(motion).collect()
 }
 
-/// A view whose board is where its first camera says; the adjustment asks the others.
+/// Returns a view whose board has the pose seen by its first camera; the adjustment uses the other
+/// cameras too.
 fn view(motions: &[Isometry3<f64>], sightings: Vec<Sighting>) -> Option<BoardView> {
     let first = sightings.first()?;
     let pose = motions[first.camera].inverse() * first.pose;
@@ -297,9 +301,9 @@ fn through_lenses(response: &DMatrix<f64>, eyes: &[RigCamera]) -> DMatrix<f64> {
     sum
 }
 
-/// Covariance of [`numbers`], from that of all motions but the reference's.
+/// Computes the covariance of [`numbers`] from that of all motions but the reference camera's.
 fn spread(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix<f64>) -> DMatrix<f64> {
-    /// Far above rounding, far below any curvature: mm and rad.
+    /// Step of the numerical derivatives, mm and rad: far above rounding, far below any curvature.
     const STEP: f64 = 1e-6;
     let others: Vec<usize> = (0..motions.len()).filter(|k| *k != reference).collect();
     let slopes: Vec<Vec<f64>> = (0..6 * others.len())
@@ -323,7 +327,7 @@ fn spread(motions: &[Isometry3<f64>], reference: usize, covariance: &DMatrix<f64
     &slopes * covariance * slopes.transpose()
 }
 
-/// Variance of the mean, over the cameras, of one of the six numbers of a camera.
+/// Computes the variance of the mean, over the cameras, of one of the six numbers of a camera.
 fn of_mean(spread: &DMatrix<f64>, number: usize) -> f64 {
     let cameras = spread.nrows() / 6;
     let pairs = (0..cameras).flat_map(|j| (0..cameras).map(move |k| [j, k]));

@@ -1,10 +1,10 @@
-//! Where a chessboard's inner corner could be: saddles of the grey levels whose surroundings change
-//! colour four times.
+//! Candidates for a chessboard's inner corners: saddles of the grey levels whose surroundings
+//! change colour four times.
 //!
-//! A corner of four squares is a saddle: the determinant of the second derivatives is negative,
-//! wherever the board is turned. The ring test then walks a circle around each saddle. It must
-//! cross four edges, opposite ones opposite each other, so the saddle knows its two edge lines and
-//! its four colours: enough to say where its neighbours are and what they look like.
+//! A corner of four squares is a saddle: the determinant of the second derivatives is negative, for
+//! any orientation of the board. The ring test then walks a circle around each saddle. The circle
+//! must cross four edges, opposite ones opposite each other, so the saddle gets its two edge lines
+//! and its four colours: enough to predict places and colours of its neighbours.
 
 use std::f64::consts::{PI, TAU};
 
@@ -68,7 +68,8 @@ pub fn saddles(plane: &Plane) -> Vec<Saddle> {
         .collect()
 }
 
-/// Response of a saddle: minus the determinant of the Hessian, over steps of two pixels.
+/// Computes the response of a saddle: minus the determinant of the Hessian, over steps of two
+/// pixels.
 fn response(plane: &Plane) -> Vec<f32> {
     let mut out = vec![0.0; plane.width * plane.height];
     for y in 2..plane.height.saturating_sub(2) {

@@ -1,11 +1,11 @@
-//! Where cameras stand, in axes that suit them.
+//! Camera poses, expressed in the rig's axes.
 //!
 //! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as
-//! near to the real one as it can: the plane's x runs along the line of the cameras, or, if they
-//! are not in line, along the mean of their x axes; z is the mean of their optical axes, put at
-//! right angles to the line or, for cameras that spread in two directions, the plane's normal. What
-//! is left is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an offset
-//! along z, which nothing undoes: it is reported.
+//! near to the real one as it can. The plane's x axis runs along the line of the cameras, or, if
+//! they are not in line, along the mean of their x axes. Its z axis is the mean of their optical
+//! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's
+//! normal. The rest is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an
+//! offset along z, which is reported because nothing undoes it.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared::rig::{Camera, Rotation};
@@ -32,8 +32,8 @@ impl CameraPose {
     /// Returns the camera of a plane rig with this pose and lens.
     pub fn camera(&self, lens: &Lens) -> Camera {
         let [x, y, _] = self.offset_mm;
-        // What rounding has left beside the axis is cut off at the picometre: cameras in line are
-        // in line.
+        // Rounding errors beside the axis are cut off at the picometre, so that cameras in line
+        // stay in line.
         let offset_mm = [x, y].map(|offset| (offset * 1e9).round() / 1e9 + 0.0);
         Camera {
             offset_mm,
@@ -81,15 +81,16 @@ pub fn doubts(names: &[&str], stands: &[CameraPose], sigma: &[CameraPose]) -> Ve
         if z.abs() > (OUT_OF_PLANE * longest).max(2.0 * sigma) {
             let side = if z > 0.0 { "before" } else { "behind" };
             doubts.push(format!(
-                "{name} stands {:.2} mm {side} the plane of the cameras; a rig file cannot say so, and displacements err by about that over the \
-                 distance to the target",
+                "{name} stands {:.2} mm {side} the plane of the cameras; a rig file cannot say \
+                 so, and displacements err by about that over the distance to the target",
                 z.abs()
             ));
         }
         let turned = stand.rotation_deg.iter().map(|d| d * d).sum::<f64>().sqrt();
         if turned > TURNED_DEG {
             doubts.push(format!(
-                "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see less in common"
+                "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see \
+                 less in common"
             ));
         }
     }
@@ -101,7 +102,7 @@ pub(super) fn numbers(motions: &[Isometry3<f64>]) -> Vec<f64> {
     along(&axes(motions), motions)
 }
 
-/// [`numbers`] along the columns of `axes`.
+/// Returns [`numbers`] along the columns of `axes`.
 fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     let stand = |motion: &Isometry3<f64>| {
         let offset = axes.transpose() * centre(motion);
@@ -115,12 +116,12 @@ fn along(axes: &Matrix3<f64>, motions: &[Isometry3<f64>]) -> Vec<f64> {
     motions.iter().flat_map(stand).collect()
 }
 
-/// Place of the camera in the axes from which the motion starts.
+/// Returns the position of the camera in the axes from which the motion starts.
 fn centre(motion: &Isometry3<f64>) -> Vector3<f64> {
     motion.inverse_transform_vector(&-motion.translation.vector)
 }
 
-/// Axes x, y and z of the rig as columns, in the reference camera's axes.
+/// Returns the axes x, y and z of the rig as columns, in the reference camera's axes.
 fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
     let centres: Vec<Vector3<f64>> = motions.iter().map(centre).collect();
     let count = centres.len() as f64;

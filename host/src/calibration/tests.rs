@@ -1,5 +1,4 @@
-//! Known cameras look at known boards through known noise: the answers must be as near to the truth
-//! as they claim.
+//! Calibration of known cameras from known boards with known noise: errors must agree with sigma.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -19,12 +18,13 @@ const BOARD: Board = Board {
 };
 const SIZE_PX: [u32; 2] = [640, 480];
 const NOISE_PX: f64 = 0.1;
-/// Nothing is an outlier.
+/// Outlier limit that rejects nothing.
 const KEEP: f64 = f64::INFINITY;
 
 const LENS: Lens = Lens([533.0, 529.0, 331.0, 236.0, -0.2, 0.05, 1e-3, -5e-4, 0.0]);
 
-/// The board somewhere before the cameras, tilted by up to 35 degrees about any axis.
+/// Returns a random pose of the board before the cameras, tilted by up to 35 degrees about any
+/// axis.
 fn pose(random: &mut Random) -> Isometry3<f64> {
     let turn = Vector3::from_fn(|_, _| random.between(-0.6, 0.6));
     let turn = UnitQuaternion::from_scaled_axis(turn);
@@ -72,7 +72,7 @@ fn images(
 }
 
 #[test]
-fn exact_corners_give_the_lens_back() {
+fn exact_corners_give_the_lens() {
     let images = images(6, 0.0, &mut Random::new(1, 0));
     let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
     for (got, truth) in found.lens.0.iter().zip(LENS.0) {
@@ -85,10 +85,10 @@ fn exact_corners_give_the_lens_back() {
     assert!(found.rms_px < 1e-7, "{}", found.rms_px);
 }
 
-/// Errors over their standard deviations must have mean square 1. Of 60 times nine, correlated
-/// within each run, it scatters by 0.12.
+/// Tests that errors over their standard deviations have mean square 1. Over 60 runs of nine
+/// parameters, correlated within each run, it scatters by 0.12.
 #[test]
-fn a_cameras_sigma_is_true() {
+fn camera_sigma_is_true() {
     let runs = 60;
     let (mut squares, mut counts) = ([0.0; PARAMETERS], [0.0; PARAMETERS]);
     let mut worst: f64 = 0.0;
@@ -96,7 +96,7 @@ fn a_cameras_sigma_is_true() {
         let images = images(12, NOISE_PX, &mut Random::new(7, run));
         let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, KEEP).unwrap();
         for (i, sigma) in found.sigma().into_iter().enumerate() {
-            // In some runs k3 is held, at what it is in truth.
+            // In some runs k3 is held at zero, its true value.
             if sigma > 0.0 {
                 let error = (found.lens.0[i] - LENS.0[i]) / sigma;
                 squares[i] += error * error;
@@ -125,12 +125,12 @@ fn a_cameras_sigma_is_true() {
 }
 
 #[test]
-fn images_are_rejected_by_the_stated_rules() {
+fn bad_images_are_rejected() {
     let mut random = Random::new(3, 0);
     let mut images = images(10, NOISE_PX, &mut random);
     images[2] = Err(NotFound::Nothing.into());
     images[4].as_mut().unwrap().blur_px = 2.5;
-    // One corner has slipped to the neighbouring square's border.
+    // One corner lies on the neighbouring square's border.
     images[6].as_mut().unwrap().corners[10][0] += 8.0;
     let found = intrinsics::calibrate(&BOARD, SIZE_PX, &images, 3.0).unwrap();
     for (index, verdict) in found.verdicts.iter().enumerate() {
@@ -155,10 +155,10 @@ fn images_are_rejected_by_the_stated_rules() {
     assert_eq!(found.used(), 7);
 }
 
-/// Boards in the middle of the view say little about the bend of its corners: what would fold them
-/// over is left out.
+/// Tests that k3 is left out if it would fold the image corners over. Boards in the middle of the
+/// image hardly determine the distortion there.
 #[test]
-fn a_bend_that_cannot_be_told_is_left_out() {
+fn undetermined_k3_is_left_out() {
     let mut held = 0;
     for run in 0..20 {
         let mut random = Random::new(13, run);
@@ -185,13 +185,13 @@ fn a_bend_that_cannot_be_told_is_left_out() {
 }
 
 #[test]
-fn what_cannot_be_solved_is_refused() {
+fn unsolvable_views_are_refused() {
     let mut random = Random::new(4, 0);
     let two = images(2, NOISE_PX, &mut random);
     let (refusal, verdicts) = intrinsics::calibrate(&BOARD, SIZE_PX, &two, KEEP).unwrap_err();
     assert!(refusal.to_string().contains("2 of 2 images"), "{refusal}");
     assert_eq!(verdicts.len(), 2);
-    // Boards that face the camera squarely say nothing about its focal length.
+    // Boards parallel to the image do not determine its focal length.
     let square = |random: &mut Random| {
         let place = Vector3::new(-100.0, -60.0, random.between(400.0, 500.0));
         let motion = Isometry3::from_parts(place.into(), UnitQuaternion::identity());
@@ -202,7 +202,7 @@ fn what_cannot_be_solved_is_refused() {
     assert!(refusal.to_string().contains("too alike"), "{refusal}");
 }
 
-/// Three cameras nearly in line and nearly parallel; motions from the middle one's axes.
+/// Returns motions of three cameras nearly in line and nearly parallel, from the middle one's axes.
 fn motions() -> Vec<Isometry3<f64>> {
     let place = |centre: [f64; 3], degrees: [f64; 3]| {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians)));
@@ -220,7 +220,7 @@ struct Bench {
     instants: Vec<Instant>,
 }
 
-/// Cameras calibrated from the same images that then place them.
+/// Calibrates cameras from the images that then determine their poses.
 fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> Bench {
     let motions = motions();
     let all: Vec<Instant> = (0..instants)
@@ -249,7 +249,7 @@ fn bench(board: &Board, instants: usize, noise_px: f64, random: &mut Random) -> 
     }
 }
 
-/// Offsets and rotations of all cameras, in a row.
+/// Returns offsets and rotations of all cameras, in a row.
 fn row(stands: &[stand::CameraPose]) -> Vec<f64> {
     let stands = stands.iter();
     stands
@@ -258,13 +258,13 @@ fn row(stands: &[stand::CameraPose]) -> Vec<f64> {
 }
 
 #[test]
-fn exact_corners_give_the_rig_back() {
+fn exact_corners_give_the_rig() {
     let bench = bench(&BOARD, 6, 0.0, &mut Random::new(5, 0));
     let solution = rig::calibrate(&BOARD, &bench.eyes, 1, &bench.instants, KEEP).unwrap();
     for (got, truth) in row(&solution.stands).iter().zip(stand::numbers(&motions())) {
         assert!((got - truth).abs() < 1e-6, "{solution:?}");
     }
-    // What the chosen axes promise: the line of the cameras is level on the whole, the middle
+    // Properties of the chosen axes: the line of the cameras is level on average, and the middle
     // camera is the origin.
     let [left, middle, right] = [0, 1, 2].map(|k| solution.stands[k].offset_mm);
     assert_eq!(middle, [0.0; 3]);
@@ -276,7 +276,7 @@ fn exact_corners_give_the_rig_back() {
 }
 
 #[test]
-fn a_rigs_sigma_is_true() {
+fn rig_sigma_is_true() {
     let runs = 40;
     let truth = stand::numbers(&motions());
     let mut squares = vec![0.0; truth.len()];
@@ -308,7 +308,7 @@ fn a_rigs_sigma_is_true() {
 }
 
 #[test]
-fn a_board_that_moved_between_exposures_is_left_out() {
+fn moved_board_is_left_out() {
     let mut random = Random::new(6, 0);
     let mut bench = bench(&BOARD, 8, NOISE_PX, &mut random);
     if let Some(corners) = &mut bench.instants[3][2] {
@@ -328,7 +328,7 @@ fn a_board_that_moved_between_exposures_is_left_out() {
 }
 
 #[test]
-fn cameras_without_common_instants_are_named() {
+fn cameras_never_together_are_named() {
     let mut bench = bench(&BOARD, 6, NOISE_PX, &mut Random::new(8, 0));
     for instant in &mut bench.instants[2..] {
         instant[2] = None;
@@ -345,9 +345,9 @@ fn cameras_without_common_instants_are_named() {
     assert_eq!(one, rig::RigRefusal::Count(1));
 }
 
-/// On a board that looks the same after a turn, one camera may have begun at the other end.
+/// Tests a board that looks the same after a turn, where one camera begins at the other end.
 #[test]
-fn turned_numbers_are_turned_back() {
+fn turned_numbers_are_corrected() {
     for corners in [[7, 5], [6, 6]] {
         let board = Board {
             corners,
@@ -372,7 +372,7 @@ fn turned_numbers_are_turned_back() {
     }
 }
 
-/// Motions from the first camera's axes, which are turned against those the places are given in.
+/// Returns motions from the first camera's axes, which are turned against the axes of `places_mm`.
 fn standing(places_mm: &[[f64; 3]], turns_deg: &[[f64; 3]]) -> Vec<Isometry3<f64>> {
     let motion = |(place, degrees): (&[f64; 3], &[f64; 3])| {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians)));
@@ -383,7 +383,7 @@ fn standing(places_mm: &[[f64; 3]], turns_deg: &[[f64; 3]]) -> Vec<Isometry3<f64
 }
 
 #[test]
-fn any_cameras_in_a_plane_stand_in_it() {
+fn coplanar_cameras_keep_their_plane() {
     let square = [
         [0.0, 0.0, 0.0],
         [60.0, 0.0, 0.0],
@@ -411,8 +411,8 @@ fn any_cameras_in_a_plane_stand_in_it() {
                 (x.hypot(y) - place[0].hypot(place[1])).abs() < 1e-9,
                 "{stands:?}"
             );
-            // A line of cameras becomes the x axis if it is near to it; other axes are the cameras'
-            // own, within what these are turned.
+            // A line of cameras near the x axis becomes the x axis; other axes are the mean of the
+            // cameras' own, within their rotations.
             let expected = if is_level {
                 [place[0].hypot(place[1]), 0.0]
             } else {
@@ -427,10 +427,10 @@ fn any_cameras_in_a_plane_stand_in_it() {
     }
 }
 
-/// A camera that hangs upside down is turned by 180 degrees, not by none; and a millionth of a
-/// degree is that.
+/// Tests that a camera upside down is turned by 180 degrees, not by none, and one by a millionth of
+/// a degree by that.
 #[test]
-fn half_turns_and_the_smallest_are_both_seen() {
+fn half_and_tiny_turns_are_kept() {
     let turns = [[0.0; 3], [0.0, 0.0, 180.0], [1e-6, 0.0, 0.0]];
     let places = [[0.0; 3], [50.0, 0.0, 0.0], [100.0, 0.0, 0.0]];
     let stands = stand::placed(&standing(&places, &turns));
@@ -442,7 +442,7 @@ fn half_turns_and_the_smallest_are_both_seen() {
 }
 
 #[test]
-fn axes_that_fit_are_kept_and_doubts_are_named() {
+fn fitting_axes_stay_and_doubts_are_named() {
     let turns = [[0.0; 3], [0.0, 6.0, 0.0], [0.0; 3]];
     let level = standing(&[[0.0; 3], [50.0, 4.0, 0.0], [100.0, -3.0, 0.0]], &turns);
     let kept = stand::placed(&level);

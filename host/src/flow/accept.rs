@@ -84,7 +84,7 @@ impl Flow {
         let skewed =
             UnsynchronisedCamera::find(geometry, &inliers, displacement_mm, inflation.factor);
         let unsynchronised = skewed.filter(UnsynchronisedCamera::is_unsynchronised);
-        // A rotation cannot be told from an unsynchronised camera; that is left out first.
+        // An unsynchronised camera looks like a rotation, so it is left out first.
         if unsynchronised.is_none() {
             let rotation =
                 TargetRotation::of(geometry, &inliers, displacement_mm, inflation.factor);
@@ -154,8 +154,8 @@ impl Flow {
     }
 }
 
-/// Factor by which the variance, already inflated by `factor`, must grow to contain a bias, in the
-/// axis where that is most.
+/// Computes the factor by which the variance, already inflated by `factor`, must grow to contain a
+/// bias, on the axis with the largest factor.
 fn bias_inflation(estimate: &Estimate, factor: f64, bias_mm: [f64; 3]) -> f64 {
     let of_axis = |i: usize| bias_mm[i].powi(2) / (factor * estimate.covariance_mm2[i][i]);
     1.0 + (0..3).map(of_axis).fold(0.0, f64::max)

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn active_cameras_are_two_apart_or_none() {
+    fn active_cameras_need_a_baseline() {
         let rig = Rig::paper();
         let active = ActiveCameras::of(&rig, |k| k != 1).unwrap();
         assert_eq!(active.cameras, [0, 2]);

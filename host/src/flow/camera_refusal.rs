@@ -46,7 +46,8 @@ impl std::fmt::Display for CameraRefusal {
                 };
                 write!(
                     f,
-                    "sees {percent:.1} % {amount} of the motion than the others: it takes its pictures {when}"
+                    "sees {percent:.1} % {amount} of the motion than the others: it takes its \
+                     pictures {when}"
                 )
             }
         }
@@ -102,7 +103,7 @@ mod tests {
             None,
         ];
         assert_eq!(found, expected);
-        // All are in the dark: nothing is wrong with any single one.
+        // In the dark, no single camera is at fault.
         let images = [image(1), image(2), image(3)];
         assert_eq!(unusable(&images, &[0.4, 0.5, 0.6]), [None; 3]);
         assert_eq!(unusable(&images, &[0.0; 3]), [None; 3]);
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn remarks_name_amount_and_direction_of_skew() {
+    fn remarks_name_size_of_skew() {
         let late = CameraRefusal::Unsynchronised { share: 0.05 };
         assert!(late.to_string().contains("5.0 % more") && late.to_string().contains("later"));
         let early = CameraRefusal::Unsynchronised { share: -0.05 };

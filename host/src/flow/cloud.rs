@@ -37,8 +37,8 @@ impl Cloud {
         }
     }
 
-    /// Correspondences of points that move as `motion` of camera index and place says, with errors
-    /// `noise_px` of camera and point.
+    /// Returns correspondences of points that move by `motion` of camera index and place, with
+    /// errors `noise_px` of camera and point.
     pub fn points(
         &self,
         motion: impl Fn(usize, [f64; 3]) -> [f64; 3],
@@ -58,7 +58,7 @@ impl Cloud {
     }
 }
 
-/// Noise that is independent between points and cameras.
+/// Returns noise that is independent between points and cameras.
 pub fn independent(sigma_px: f64, seed: u64) -> impl FnMut(usize, usize) -> [f64; 2] {
     let mut random = Random::seeded(seed);
     move |_, _| [(); 2].map(|()| sigma_px * random.gaussian())

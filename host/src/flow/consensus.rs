@@ -93,7 +93,7 @@ impl Consensus {
         f64::from(2 * self.observations)
     }
 
-    /// Keeps the inliers of the points that the consensus was made of.
+    /// Keeps the inliers of `points`, the points of this consensus.
     pub fn inliers_of(&self, points: Vec<Correspondence>) -> Vec<Correspondence> {
         let points = points.into_iter().zip(&self.inliers);
         points
@@ -102,8 +102,8 @@ impl Consensus {
     }
 }
 
-/// Residual of a point's views against `displacement_mm`: root mean square over cameras and axes,
-/// px. Infinite for a point that is not in front of the cameras (no fit).
+/// Computes the residual of a point's views against `displacement_mm`: root mean square over
+/// cameras and axes, px. Infinite for a point that is not in front of the cameras (no fit).
 fn residual_px(
     geometry: &RigGeometry,
     views: &[View],
@@ -121,7 +121,7 @@ fn residual_px(
     geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt()
 }
 
-/// Midpoint estimate from the inliers, and the number of its observations.
+/// Computes the midpoint estimate from the inliers, and the number of its observations.
 fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<(Estimate, u32)> {
     let mut sums = CentredSums::new(rig).ok()?;
     for (point, _) in points.iter().zip(inliers).filter(|(_, is)| **is) {
@@ -151,7 +151,8 @@ impl PointFlow {
         ]
     }
 
-    /// Distance between the position now and the one that the displacement predicts, normalised.
+    /// Returns the distance between the position now and the one that the displacement predicts,
+    /// normalised.
     pub fn residual(&self, displacement_mm: [f64; 3]) -> f64 {
         let expected = Self::predicted(self.before, self.inverse_depth, displacement_mm);
         let off = [self.now[0] - expected[0], self.now[1] - expected[1]];
@@ -179,9 +180,9 @@ pub fn fit(point_flows: &[PointFlow], start_mm: [f64; 3], least: f64) -> Option<
 /// of 1e-9.
 const PAIRS: u64 = 48;
 
-/// Least median of squares: of the start and of the displacements that random pairs determine, the
-/// one with the smallest median residual. Reweighting alone, started between two motions, may
-/// converge to a blend of both.
+/// Returns the displacement with the least median of squares, among the start and the displacements
+/// that random pairs determine. Reweighting alone, started between two motions, may converge to a
+/// blend of both.
 fn least_median(point_flows: &[PointFlow], start_mm: [f64; 3]) -> Option<[f64; 3]> {
     let mut best = (median_residual(point_flows, start_mm)?, start_mm);
     let mut random = Random::seeded(0);
@@ -203,7 +204,7 @@ fn median_residual(point_flows: &[PointFlow], displacement_mm: [f64; 3]) -> Opti
     median(&mut point_flows.iter().map(residual).collect::<Vec<f64>>())
 }
 
-/// Median; of an even number of values, the larger of the middle two.
+/// Returns the median; of an even number of values, the larger of the middle two.
 fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
@@ -212,7 +213,7 @@ fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Weighted least squares. Returns `None` if the points do not determine a displacement.
+/// Solves the weighted least squares. Returns `None` if the points do not determine a displacement.
 fn least_squares<'a>(point_flows: impl Iterator<Item = (&'a PointFlow, f64)>) -> Option<[f64; 3]> {
     // Normal equations of Tx, Ty and Tz. Tx and Ty are not coupled, so Tz comes by elimination.
     let (mut n, mut sx, mut sy, mut sr) = (0.0, 0.0, 0.0, 0.0);

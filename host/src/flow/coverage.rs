@@ -1,8 +1,8 @@
 //! Coverage of the reference image by inliers.
 //!
-//! Points lie where texture is. What covers a part of a plain target may have most of them, and so
-//! may the background beside it; then the inliers are not the target's. The image is therefore
-//! divided into *cells*, each tested separately:
+//! Points lie only on texture. An object that hides part of a plain target may have most of the
+//! points, and so may the background beside the target; then the inliers are not the target's. The
+//! image is therefore divided into *cells*, each tested separately:
 //!
 //! * an *inlier cell* holds an inlier, or its best corner is found within a pixel of where the
 //!   measurement predicts it;
@@ -36,10 +36,10 @@ const MIN_ELSEWHERE_ZNCC: f32 = 0.7;
 /// Depths that a corner without a match may have, as multiples of its neighbour's, the farthest
 /// first.
 const DEPTHS: [f64; 2] = [1.2, 0.85];
-/// Least share of inlier cells that is most of the image. It is a little more than half, because
-/// cells count whole although they may move only in part.
+/// Least share of inlier cells that counts as most of the image. It is a little more than half,
+/// because cells count whole although they may move only in part.
 const MOST: f64 = 0.55;
-/// Number of inlier cells per outlier cell that leaves no doubt.
+/// Number of inlier cells per outlier cell at which the inliers are accepted without further tests.
 const INLIERS_PER_OUTLIER: usize = 8;
 
 /// Number of cells by their motion.
@@ -247,7 +247,7 @@ impl CornerTracker<'_> {
         FineTemplate::fits(now, predicted.map(|c| c as f32))
     }
 
-    /// Distance of a pixel from the segment of predictions between the two depths, px.
+    /// Returns the distance of a pixel from the segment of predictions between the two depths, px.
     fn off_px(&self, corner: CellCorner, pixel: [f64; 2]) -> f64 {
         let [far, near] = corner
             .inverse_depths

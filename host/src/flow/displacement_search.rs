@@ -69,7 +69,7 @@ fn vote(zncc: f32) -> u32 {
     }
 }
 
-/// DisplacementGrid of displacements along x and y, mm.
+/// Grid of displacements along x and y, mm.
 struct DisplacementGrid {
     side: usize,
     first: f64,
@@ -175,7 +175,7 @@ impl DisplacementSearch<'_> {
         Some(([0, 1].map(|i| at[i] + moved[i]), most))
     }
 
-    /// Correlation maps of the first points with contrast.
+    /// Computes correlation maps of the first points with contrast.
     fn voters(&self, matches: &[StereoMatch]) -> Vec<Voter> {
         let reference = self.geometry.reference;
         let side = 2 * self.range + 1;
@@ -203,8 +203,8 @@ impl DisplacementSearch<'_> {
             .map(textured.take(MAX_VOTERS).collect(), voter)
     }
 
-    /// Mean zncc of the voters at the places that each displacement of the grid predicts, row by
-    /// row; [`OUTSIDE`] if half of the places are out of view.
+    /// Computes the mean zncc of the voters at the places that each displacement of the grid
+    /// predicts, row by row; [`OUTSIDE`] if half of the places are out of view.
     fn scores(&self, voters: &[Voter], grid: &DisplacementGrid, tz: f64, focal: f64) -> Vec<f32> {
         let side = 2 * self.range + 1;
         let middle = self.range as f64 + 0.5;
@@ -262,7 +262,7 @@ impl DisplacementSearch<'_> {
     }
 }
 
-/// Indices of local maxima of a square raster, away from its border.
+/// Returns the indices of local maxima of a square raster, away from its border.
 fn local_peaks(plane: &[f32], side: usize) -> Vec<usize> {
     let mut found = Vec::new();
     for y in 1..side.saturating_sub(1) {

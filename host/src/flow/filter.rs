@@ -6,7 +6,7 @@ use super::{Flow, FlowRefusal, PipelineStage, StageObserver};
 use crate::images::{FrameSet, Image};
 use crate::matching::pyramid::{Plane, Pyramid};
 
-/// Pyramids of a frame set's images, one per camera: everything that needs no other frame set.
+/// Pyramids of a frame set's images, one per camera. They need no other frame set.
 #[derive(Clone, Debug)]
 pub struct FilteredFrameSet {
     pub(super) pyramids: Vec<Pyramid>,
@@ -29,7 +29,7 @@ impl Flow {
         self.filter_observed(frame_set, &mut ())
     }
 
-    /// [`Flow::filter`], with an observer of its only stage.
+    /// Does the same as [`Flow::filter`], with an observer of its only stage.
     ///
     /// # Errors
     /// [`FlowRefusal::WrongViews`] or [`FlowRefusal::WrongSize`] if number or size of the images

@@ -3,7 +3,7 @@
 use super::CameraRefusal;
 use crate::images::Image;
 
-/// Memory of the images seen last, and of the cameras that were frozen then.
+/// Memory of the last images, and of the cameras that were frozen then.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrozenCameras {
     fingerprints: Vec<u64>,
@@ -11,8 +11,8 @@ pub(super) struct FrozenCameras {
 }
 
 impl FrozenCameras {
-    /// Marks cameras whose image equals the one before. The same frame set seen again is judged
-    /// like the first time.
+    /// Marks cameras whose image equals the one before. The same frame set seen again gets the same
+    /// result as the first time.
     pub(super) fn judge(&mut self, refusals: &mut [Option<CameraRefusal>], fingerprints: &[u64]) {
         if self.fingerprints == fingerprints {
             for (refusal, was_frozen) in refusals.iter_mut().zip(&self.was_frozen) {
@@ -51,8 +51,8 @@ pub(super) fn mark_frozen(
     }
 }
 
-/// Computes a number that changes whenever the image does: Fowler, Noll and Vo's hash over eight
-/// bytes at a time, in four lanes.
+/// Computes a number that changes with any change of the image: Fowler, Noll and Vo's hash over
+/// eight bytes at a time, in four lanes.
 pub fn fingerprint(image: &Image) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
     let mut lanes = [0xcbf2_9ce4_8422_2325_u64; 4];
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn repeated_image_is_frozen_only_if_another_changes() {
+    fn repeat_is_frozen_only_if_others_change() {
         let frozen = [Some(CameraRefusal::Frozen), None, None];
         assert_eq!(marked(&[1, 2, 3], &[1, 9, 8]), frozen);
         assert_eq!(marked(&[1, 2, 3], &[1, 2, 3]), [None; 3]);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_and_returned_images_are_no_change() {
+    fn missing_images_are_no_change() {
         let mut refusals = [None, None, Some(CameraRefusal::Missing)];
         mark_frozen(&mut refusals, &[1, 2, 0], &[1, 2, 3]);
         assert_eq!(refusals, [None, None, Some(CameraRefusal::Missing)]);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn frame_set_seen_twice_is_judged_alike_twice() {
+    fn repeated_frame_set_gets_same_result() {
         let mut memory = FrozenCameras::default();
         let mut judged = |fingerprints: &[u64]| {
             let mut refusals = [None; 3];
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn any_pixel_changes_the_fingerprint() {
+    fn any_pixel_changes_fingerprint() {
         let first = Image {
             width: 7,
             height: 5,

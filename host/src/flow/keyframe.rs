@@ -32,7 +32,7 @@ pub(super) struct Keyframe {
     pub(super) rejected: RejectCounts,
 }
 
-/// Keyframe as the cameras see it that are active now, which may be fewer than at the keyframe.
+/// Keyframe as seen by the cameras that are active now, which may be fewer than at the keyframe.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ActiveKeyframe<'a> {
     /// Cameras that take part now. All fields but `pyramids` cover only these.
@@ -90,8 +90,8 @@ impl Keyframe {
 }
 
 impl Flow {
-    /// [`Flow::set_keyframe`] with a frame set that was filtered before, for instance by the last
-    /// measurement.
+    /// Does the same as [`Flow::set_keyframe`] with a frame set that is already filtered, for
+    /// instance by the last measurement.
     ///
     /// # Errors
     /// [`FlowRefusal`] if the points cannot be matched; there is no keyframe then.

@@ -22,7 +22,7 @@ const MIN_DISPLACEMENT_ZNCC: f32 = 0.4;
 const DISTINCT_PX: f64 = 2.0;
 
 impl Flow {
-    /// [`Flow::measure`] with a frame set that was filtered before.
+    /// Does the same as [`Flow::measure`] with a frame set that is already filtered.
     ///
     /// # Errors
     /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
@@ -49,7 +49,7 @@ impl Flow {
         {
             *refusal = Some(CameraRefusal::Unsynchronised { share });
             let without = self.track_with(keyframe, &refusals, now, observer);
-            // If both are refused, the refusal with all cameras tells more.
+            // If both are refused, the refusal with all cameras is the more precise one.
             result = (without.and_then(|tracking| tracking.result))
                 .map_err(|refusal| result.err().unwrap_or(refusal));
         }

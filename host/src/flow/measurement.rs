@@ -40,7 +40,7 @@ impl Correspondence {
     }
 }
 
-/// Displacement of the target since the keyframe, with the points it was measured by.
+/// Displacement of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
 pub struct Measurement {
     /// Inliers: points that passed every test and move as one.

@@ -5,11 +5,11 @@
 //! frame set -> pyramids -> displacement search -> tracking -> consensus -> Measurement
 //! ```
 //!
-//! One object does it all: [`Flow`]. [`Flow::set_keyframe`] chooses Shi-Tomasi corners in the
-//! reference camera and matches them in the other cameras; [`Flow::measure`] tracks them into a
-//! later [`FrameSet`] with the inverse compositional Lucas-Kanade method
-//! and keeps those that move as one. The result is a [`Measurement`]: correspondences, their common
-//! displacement in mm, and its variance inflation factor.
+//! [`Flow`] does all steps. [`Flow::set_keyframe`] chooses Shi-Tomasi corners in the reference
+//! camera and matches them in the other cameras; [`Flow::measure`] tracks them into a later
+//! [`FrameSet`] with the inverse compositional Lucas-Kanade method and keeps those that move as
+//! one. The result is a [`Measurement`]: correspondences, their common displacement in mm, and its
+//! variance inflation factor.
 //!
 //! A monocular tracker (OpenCV's `calcOpticalFlowPyrLK`) needs a good start for every point. Here
 //! the depth of every point is known from the stereo match, so one displacement with three
@@ -88,9 +88,9 @@ pub use refusal::FlowRefusal;
 pub use settings::FlowSettings;
 pub use stage::{PipelineStage, StageObserver};
 
-/// Tracker of one target: a keyframe and everything that is measured against it.
+/// Tracker of one target: a keyframe, and the measurements against it.
 ///
-/// All state is in these fields: the keyframe, the images seen last (a camera that repeats one is
+/// All state is in these fields: the keyframe, the last images (a camera that repeats one is
 /// frozen), buffers for reuse and the threads that share the work. A clone has its own state and
 /// shares the threads.
 #[derive(Clone, Debug)]
@@ -119,7 +119,7 @@ impl Flow {
         })
     }
 
-    /// Threads that share the work of this tracker.
+    /// Returns the threads that share the work of this tracker.
     pub fn thread_pool(&self) -> &ThreadPool {
         &self.thread_pool
     }
@@ -146,7 +146,7 @@ impl Flow {
         self.measure_observed(frame_set, &mut ())
     }
 
-    /// [`Flow::measure`], with an observer of the pipeline's stages.
+    /// Does the same as [`Flow::measure`], with an observer of the pipeline's stages.
     ///
     /// # Errors
     /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
@@ -168,12 +168,12 @@ impl Flow {
         measurement
     }
 
-    /// Pyramid level of the stereo search: the first at most 240 px wide.
+    /// Returns the pyramid level of the stereo search: the first at most 240 px wide.
     fn spatial_level(&self) -> usize {
         level_at_most(self.geometry.rig.image_size_px[0] as usize, 240).max(1)
     }
 
-    /// Pyramid level of the displacement search: the first at most 120 px wide.
+    /// Returns the pyramid level of the displacement search: the first at most 120 px wide.
     fn temporal_level(&self) -> usize {
         level_at_most(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
     }

@@ -16,7 +16,10 @@ pub enum FlowRefusal {
         cameras: usize,
     },
     /// The size of an image is not that of the rig file.
-    #[error("view {camera} is {}x{} px, the rig's images are {}x{}", found[0], found[1], rig[0], rig[1])]
+    #[error(
+        "view {camera} is {}x{} px, the rig's images are {}x{}",
+        found[0], found[1], rig[0], rig[1]
+    )]
     WrongSize {
         /// Index of the camera.
         camera: usize,
@@ -50,17 +53,19 @@ pub enum FlowRefusal {
     },
     /// The texture repeats along the epipolar lines: depth is ambiguous.
     #[error(
-        "ambiguous: the texture repeats, {ambiguous} corners match at several depths and {matched} at one"
+        "ambiguous: the texture repeats, {ambiguous} corners match at several depths and \
+         {matched} at one"
     )]
     AmbiguousDepth {
         /// Corners with several matches.
         ambiguous: usize,
-        /// Corners with one.
+        /// Corners with one match.
         matched: usize,
     },
     /// The texture repeats: several displacements explain the images.
     #[error(
-        "ambiguous: the texture repeats, displacements of {first:.1?} mm and {second:.1?} mm explain the images alike"
+        "ambiguous: the texture repeats, displacements of {first:.1?} mm and {second:.1?} mm \
+         explain the images alike"
     )]
     AmbiguousMotion {
         /// Best displacement, mm.
@@ -85,14 +90,15 @@ pub enum FlowRefusal {
         least: usize,
     },
     /// Too few cameras give usable images.
-    #[error("cameras that give pictures of use: {left}; two in different places are the least")]
+    #[error("cameras with usable images: {left}; two in different places are the least")]
     FewCameras {
         /// Number of cameras with a usable image.
         left: usize,
     },
     /// The target rotates, and flow sums describe only displacements.
     #[error(
-        "the target has turned by {:.2}, {:.2}, {:.2} degrees about x, y, z: only displacements are measured",
+        "the target has turned by {:.2}, {:.2}, {:.2} degrees about x, y, z: only displacements \
+         are measured",
         degrees[0], degrees[1], degrees[2]
     )]
     Turned {
@@ -101,7 +107,8 @@ pub enum FlowRefusal {
     },
     /// The points do not move as one.
     #[error(
-        "no agreement: {agree} of {expected} points in view move alike, half are the least (median residual {median_px:.2} px)"
+        "no agreement: {agree} of {expected} points in view move alike, half are the least \
+         (median residual {median_px:.2} px)"
     )]
     NoAgreement {
         /// Number of inliers.
@@ -114,7 +121,9 @@ pub enum FlowRefusal {
     /// The inliers move as one, but other parts of the image move differently, and the inliers
     /// are not most of it.
     #[error(
-        "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} otherwise: is it the target that moves, or what covers it or stands behind it? Half of the picture is the least then"
+        "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} \
+         otherwise: is it the target that moves, or what covers it or stands behind it? Half of \
+         the picture is the least then"
     )]
     Minority {
         /// Cells of the reference image that move as measured.

@@ -125,7 +125,7 @@ mod tests {
     use shared::rig::Rotation;
     use shared::sums::centred::CentredSums;
 
-    /// Measured rotation of a poster, and the displacement measured as if it did not rotate.
+    /// Measures the rotation of a poster, and the displacement as if it did not rotate.
     fn seen(degrees: [f64; 3], moved: [f64; 3], seed: u64) -> (TargetRotation, [f64; 3]) {
         let cloud = Cloud::new();
         let count = cloud.places.len() as f64;
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn rotation_and_its_bias_are_measured() {
+    fn rotation_and_bias_are_measured() {
         let moved = [4.0, -3.0, 5.0];
         for degrees in [
             [0.5, 0.0, 0.0],
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_rarely_taken_for_rotation() {
+    fn noise_rarely_looks_like_rotation() {
         let significant =
             (0..60).filter(|seed| seen([0.0; 3], [4.0, -3.0, 5.0], *seed).0.is_significant());
         // One in twenty: 3 of 60, and 9 is beyond three standard deviations.

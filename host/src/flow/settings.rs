@@ -15,15 +15,15 @@ pub struct FlowSettings {
     pub matching: MatchSettings,
     /// Largest motion of a point between the keyframe and now, in widths of the image.
     pub search_range: f64,
-    /// Least limit of an inlier's residual, px. Points within it are inliers even if most are
-    /// nearer.
+    /// Least limit of an inlier's residual, px. Points within it are inliers even if most points
+    /// have smaller residuals.
     pub min_inlier_px: f64,
     /// Largest median residual of a consensus, px.
     pub max_median_residual_px: f64,
     /// Least number of corners, matches, tracked points and inliers.
     pub min_points: usize,
-    /// Largest rotation of the target, degrees. Below it, sigma grows with what the rotation may
-    /// have spoiled.
+    /// Largest rotation of the target, degrees. Below it, sigma grows by the possible error that
+    /// the rotation causes.
     pub max_rotation_deg: f64,
     /// Number of threads that share the work, at least 1. Results do not depend on it.
     pub threads: usize,

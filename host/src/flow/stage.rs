@@ -28,7 +28,7 @@ impl PipelineStage {
         Self::Consensus,
     ];
 
-    /// Name in lower case, as `bench flow` prints it.
+    /// Returns the name in lower case, as `bench flow` prints it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Filter => "filter",

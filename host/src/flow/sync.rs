@@ -21,15 +21,15 @@ use super::Correspondence;
 use super::active_cameras::ActiveCameras;
 use crate::matching::geometry::RigGeometry;
 
-/// Least deviation that counts, px.
+/// Least deviation that is tested, px.
 const MIN_DEVIATION_PX: f64 = 0.03;
-/// Least deviation that counts, in its standard deviations.
+/// Least deviation that is tested, in its standard deviations.
 const MIN_SIGMAS: f64 = 6.0;
 
 /// Least excess share of the motion of an unsynchronised camera.
 const MIN_SHARE: f64 = 0.025;
 
-/// Camera that saw most more, or most less, of the motion than the others.
+/// Camera with the largest excess or deficit of motion against the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnsynchronisedCamera {
     /// Index among the active cameras.
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn unsynchronised_camera_is_found_by_index() {
+    fn unsynchronised_camera_is_found() {
         for camera in 0..3 {
             for share in [0.06, -0.06] {
                 let found = judged(Some((camera, share)), 5).unwrap();
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn one_percent_of_skew_only_inflates_sigma() {
+    fn small_skew_only_inflates_sigma() {
         let found = judged(Some((0, 0.012)), 6).unwrap();
         assert!(
             !found.is_unsynchronised() && found.variance_inflation > 2.0,
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn synchronised_cameras_are_not_suspected() {
+    fn synchronised_cameras_pass() {
         assert!((0..40).all(|seed| judged(None, seed).is_none()));
     }
 }

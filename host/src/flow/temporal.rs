@@ -198,8 +198,9 @@ impl TemporalMatcher<'_> {
     }
 }
 
-/// Warp of a template by the change of depth: by `Tz` nearer (negative), a point is seen larger,
-/// so the template's offsets shrink by depth now over depth before.
+/// Returns the warp of a template by the change of depth. A point that is nearer by `Tz` (negative)
+/// is seen larger, so the template's offsets shrink by the ratio of the depth now to the depth
+/// before.
 fn magnification(inverse_depth: f64, displacement_mm: [f64; 3]) -> [[f32; 2]; 2] {
     let factor = (1.0 + inverse_depth * displacement_mm[2]) as f32;
     [[factor, 0.0], [0.0, factor]]

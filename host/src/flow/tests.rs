@@ -1,4 +1,4 @@
-//! From images to displacements.
+//! Flow from images to displacements.
 
 use super::*;
 use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
@@ -10,7 +10,7 @@ use shared::rig::Camera;
 use shared::sums::centred::CentredSums;
 use std::path::Path;
 
-/// The paper's Table 5.
+/// Moves of the paper's Table 5, mm.
 const MOVES: [[f64; 3]; 8] = [
     [10.0, 10.0, 0.0],
     [15.0, 15.0, 0.0],
@@ -30,18 +30,18 @@ fn estimate(rig: &Rig, measurement: &Measurement) -> Estimate {
     midpoint::solve(&sums).unwrap()
 }
 
-/// Error of the measured displacement, mm.
+/// Returns the error of the measured displacement, mm.
 fn error(rig: &Rig, measurement: &Measurement, target: [f64; 3]) -> [f64; 3] {
     let found = estimate(rig, measurement).displacement_mm;
     std::array::from_fn(|i| found[i] - target[i])
 }
 
-/// The bound of Table 5 on rendered images, mm.
+/// Returns true if an error is within the bounds on rendered images, mm.
 fn within(error: [f64; 3], xy: f64, z: f64) -> bool {
     error[0].abs() <= xy && error[1].abs() <= xy && error[2].abs() <= z
 }
 
-/// A poster of this kind, square to the cameras.
+/// Returns a poster of this kind, square to the cameras.
 fn poster(rig: &Rig, kind: TextureKind, depth_mm: f64, seed: u64) -> Scene {
     hung(rig, &Texture::of_kind(kind, seed), depth_mm, [0.0; 2])
 }
@@ -55,7 +55,7 @@ fn hung(rig: &Rig, texture: &Texture, depth_mm: f64, tilt_rad: [f64; 2]) -> Scen
     Scene::new(rig, texture, settings).unwrap()
 }
 
-/// A wall in running bond whose bricks (56 x 24 mm) differ in shade by `variety` grey levels.
+/// Draws a wall in running bond whose bricks (56 x 24 mm) differ in shade by `variety` grey levels.
 fn wall(variety: f64, seed: u64) -> Texture {
     const BRICKS: usize = 24;
     let mut random = Random::new(seed, 77);
@@ -81,7 +81,7 @@ fn wall(variety: f64, seed: u64) -> Texture {
     }
 }
 
-/// Another light on what was seen.
+/// Changes the light on a frame set.
 fn lit(mut frame_set: FrameSet, factor: f64, offset: f64) -> FrameSet {
     for grey in frame_set.images.iter_mut().flat_map(|view| &mut view.grey) {
         *grey = (factor * f64::from(*grey) + offset).round() as u8;
@@ -89,7 +89,7 @@ fn lit(mut frame_set: FrameSet, factor: f64, offset: f64) -> FrameSet {
     frame_set
 }
 
-/// A flow with the scene's undisplaced frame_set as its reference.
+/// Creates a flow with the scene's frame set at zero displacement as its keyframe.
 fn flow_with_keyframe(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, FlowRefusal> {
     let mut flow = Flow::new(rig, FlowSettings::default())?;
     flow.set_keyframe(&scene.render([0.0; 3], 0, 1000 * seed))?;
@@ -98,7 +98,7 @@ fn flow_with_keyframe(rig: &Rig, scene: &Scene, seed: u64) -> Result<Flow, FlowR
 
 /// Prints the table with `--nocapture`.
 #[test]
-fn table_5_moves_are_measured_to_20_um() {
+fn table_5_is_measured_to_20_um() {
     let rig = Rig::paper();
     // Clouds have a tenth of the leaves' gradients: noise alone is 0.03 mm in z.
     for (kind, z) in [(TextureKind::Natural, 0.05), (TextureKind::Blobs, 0.12)] {
@@ -125,7 +125,7 @@ fn table_5_moves_are_measured_to_20_um() {
 }
 
 #[test]
-fn repetitive_texture_is_measured_or_refused() {
+fn repetition_is_measured_or_refused() {
     let rig = Rig::paper();
     let mut outcomes = [0; 2];
     let varieties = [0.0, 4.0, 15.0, 40.0].map(Some);
@@ -170,7 +170,7 @@ fn repetitive_texture_is_measured_or_refused() {
 }
 
 #[test]
-fn right_down_and_away_are_positive() {
+fn right_down_away_are_positive() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 21);
     let mut flow = flow_with_keyframe(&rig, &scene, 21).unwrap();
@@ -180,17 +180,17 @@ fn right_down_and_away_are_positive() {
         let measurement = flow.measure(&scene.render(target, 0, 5)).unwrap();
         let found = estimate(&rig, &measurement).displacement_mm;
         assert!((found[axis] - 6.0).abs() < 0.05, "{axis}: {found:?}");
-        // And back.
+        // Back to the keyframe.
         let measurement = flow.measure(&scene.render([0.0; 3], 0, 6)).unwrap();
         let found = estimate(&rig, &measurement).displacement_mm;
         assert!(found.iter().all(|t| t.abs() < 0.05), "{axis}: {found:?}");
     }
 }
 
-/// Real photographs: every pair of frame_sets, so both kinds of reference. Prints the table with
+/// Tests photographs: every pair of frame sets, so both kinds of keyframe. Prints the table with
 /// `--nocapture`.
 #[test]
-fn teddy_moves_by_the_steps_of_the_cameras() {
+fn teddy_moves_by_camera_steps() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/images/teddy");
     let file = RigFile::read(&folder.join("rig.toml")).unwrap();
     let rig = &file.rig;
@@ -220,13 +220,13 @@ fn teddy_moves_by_the_steps_of_the_cameras() {
 }
 
 #[test]
-fn light_and_a_hand_do_not_change_the_result() {
+fn light_and_hand_change_nothing() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 22);
     let mut flow = flow_with_keyframe(&rig, &scene, 22).unwrap();
     let target = [8.0, -5.0, 2.0];
     let mut now = lit(scene.render(target, 0, 5), 0.7, 15.0);
-    // Another texture, nearer and moving otherwise, over a third of every image.
+    // Another texture, nearer and with a different motion, over a third of every image.
     let other = poster(&rig, TextureKind::Blobs, 700.0, 23);
     let hand = other.render([-9.0, 3.0, 0.0], 0, 7);
     for (view, hand) in now.images.iter_mut().zip(&hand.images) {
@@ -243,7 +243,7 @@ fn light_and_a_hand_do_not_change_the_result() {
 }
 
 #[test]
-fn unusable_frame_sets_are_refused_by_name() {
+fn unusable_frame_set_is_refused() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 24);
     let still = scene.render([0.0; 3], 0, 1);
@@ -299,7 +299,7 @@ fn unusable_frame_sets_are_refused_by_name() {
 }
 
 #[test]
-fn two_and_four_cameras_measure_as_well() {
+fn two_and_four_cameras_measure() {
     let camera = |x, y| Camera::ideal([530.0, 528.0], [160.0, 120.0], [x, y]);
     let pair = [camera(0.0, 0.0), camera(90.0, 0.0)];
     let square = [
@@ -337,10 +337,10 @@ fn two_and_four_cameras_measure_as_well() {
     }
 }
 
-/// At 700 mm the paper's rig has 53 px of disparity: matches are found without knowing it, and none
-/// of them is wrong.
+/// Tests the paper's rig at 700 mm, with 53 px of disparity: matches need no prior, and none of
+/// them is wrong.
 #[test]
-fn matches_at_53_px_disparity_are_right() {
+fn matches_at_53_px_are_right() {
     let rig = Rig::paper();
     let target = [9.0, -6.0, 3.0];
     for (seed, kind) in (40..).zip([TextureKind::Natural, TextureKind::Blobs]) {
@@ -373,7 +373,7 @@ fn matches_at_53_px_disparity_are_right() {
 }
 
 #[test]
-fn results_are_the_same_on_any_threads() {
+fn threads_do_not_change_results() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 41);
     let [before, now] = [([0.0; 3], 1), ([6.0, 4.0, -3.0], 2)].map(|(t, s)| scene.render(t, 0, s));
@@ -384,7 +384,7 @@ fn results_are_the_same_on_any_threads() {
         };
         let mut flow = Flow::new(&rig, settings).unwrap();
         flow.set_keyframe(&before).unwrap();
-        // To the last bit: so many digits are printed.
+        // `{:?}` prints all digits, so the texts are equal only if all bits are.
         format!("{:?}", flow.measure(&now).unwrap())
     });
     for several in &measured[1..] {
@@ -392,9 +392,9 @@ fn results_are_the_same_on_any_threads() {
     }
 }
 
-/// Of the five that a rig can have, in words that name them.
+/// Tests the five cameras that a rig may have; the remark names the failed one.
 #[test]
-fn failed_camera_is_left_out_by_name() {
+fn failed_camera_is_left_out() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 42);
     let names = ["left", "middle", "right"].map(String::from);
@@ -403,7 +403,7 @@ fn failed_camera_is_left_out_by_name() {
     let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
     flow.set_keyframe(&before).unwrap();
     for (k, name) in names.iter().enumerate() {
-        // Each its own noise: a picture that comes again is a frozen one.
+        // Each image has its own noise, because a repeated image is frozen.
         let mut seed = 10 * (k as u64 + 1);
         let [mut missing, mut dark, mut frozen] = [(); 3].map(|()| {
             seed += 1;
@@ -430,14 +430,14 @@ fn failed_camera_is_left_out_by_name() {
             assert!(within(error, 0.02, 0.08), "{name} {word}: {error:?}");
         }
     }
-    // A reference without the camera serves as well, also when it is back.
+    // A keyframe without the camera serves as well, even after the camera is back.
     let mut reference = scene.render([0.0; 3], 0, 3);
     reference.images[1].grey.fill(3);
     flow.set_keyframe(&reference).unwrap();
     let measurement = flow.measure(&scene.render(target, 0, 50)).unwrap();
     assert_eq!(measurement.cameras, [0, 2]);
     assert!(within(error(&rig, &measurement, target), 0.02, 0.08));
-    // One alone measures nothing.
+    // A single camera cannot measure.
     let mut one = scene.render(target, 0, 51);
     one.images[0] = crate::images::Image::missing();
     assert_eq!(
@@ -446,10 +446,10 @@ fn failed_camera_is_left_out_by_name() {
     );
 }
 
-/// By so much that its points fail the test of disparities, or scatter too much to agree: not a
-/// word of that, but which camera it is.
+/// Tests a camera so late that its points fail the test of disparities, or scatter too much to
+/// agree: the result names the camera, not these symptoms.
 #[test]
-fn camera_late_by_pixels_is_left_out_by_name() {
+fn late_camera_is_left_out() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 44);
     let mut flow = flow_with_keyframe(&rig, &scene, 44).unwrap();
@@ -476,9 +476,9 @@ fn camera_late_by_pixels_is_left_out_by_name() {
     }
 }
 
-/// It froze after the reference instant: known by the frame_set before.
+/// Tests a camera that froze after the keyframe: it repeats the frame set before.
 #[test]
-fn camera_that_freezes_later_is_found() {
+fn later_frozen_camera_is_found() {
     let rig = Rig::paper();
     let scene = poster(&rig, TextureKind::Natural, 850.0, 43);
     let mut flow = flow_with_keyframe(&rig, &scene, 43).unwrap();

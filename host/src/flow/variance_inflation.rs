@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn independent_errors_are_not_inflated() {
+    fn independent_errors_do_not_inflate() {
         let cloud = Cloud::new();
         for seed in 0..5 {
             let points = cloud.points(moved, independent(0.02, seed));
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn shared_noise_inflates_as_windows_overlap() {
+    fn shared_noise_inflates_by_overlap() {
         let cloud = Cloud::new();
         for seed in 0..5 {
             // Each point's error is the mean of the noise in its window, one number per pixel,
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_shared_by_cameras_inflate_threefold() {
+    fn shared_camera_errors_inflate_threefold() {
         let cloud = Cloud::new();
         let mut random = Random::seeded(3);
         let common: Vec<[f64; 2]> = (0..cloud.places.len())
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_residuals_are_taken_for_noise() {
+    fn missing_residuals_count_as_noise() {
         let cloud = Cloud::new();
         let points = cloud.points(|_, place| place, |_, _| [0.0; 2]);
         let inflation = VarianceInflation::of(&cloud.geometry, &points, [0.0; 3]);

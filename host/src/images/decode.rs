@@ -1,11 +1,10 @@
-//! The front door for pictures: bytes of a PNG, JPEG or PNM file to a grey image.
+//! Decoding of images: bytes of a PNG, JPEG or PNM file to a grey image.
 //!
-//! Everything that a file claims is judged before it costs anything: its size in pixels, the memory
-//! that decoding takes, and whether the file is long enough to hold such a picture and is whole.
-//! Metadata are never inflated. A decoder that panics has met a bad file, not a fault that ends
-//! the program.
+//! All claims of a file are checked before they cost anything: its size in pixels, the memory that
+//! decoding takes, and that the file is whole and long enough for such an image. Metadata are never
+//! inflated. A panic of a decoder is an error of the file and does not end the program.
 //!
-//! *Invariant:* every picture of every command comes through [`decode`], live JPEG frames too.
+//! *Invariant:* every image of every command comes through [`decode`], live JPEG images too.
 
 use std::io::Cursor;
 
@@ -21,35 +20,37 @@ mod panic;
 mod png;
 mod pnm;
 
-/// Bytes of the largest file that is read.
+/// Largest file that is read, bytes.
 pub const LARGEST_FILE: u64 = 256 << 20;
-/// Pixels of the largest picture: 8192 x 6144. Whoever looks for corners in it needs 8 bytes for
-/// each.
+/// Largest number of pixels: 8192 x 6144. A corner search needs 8 bytes for each.
 pub const MOST_PIXELS: u64 = 48 << 20;
-/// Bytes that one picture may take: the file, what the decoder needs, and the grey image.
+/// Largest memory for one image, bytes: the file, the decoder's own memory, and the grey image.
 pub const MEMORY: u64 = 512 << 20;
 
-/// Why bytes are no picture.
+/// Reason why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// The picture has a size, but not the one that was asked for.
-    #[error("{} x {} px, but expected are {} x {} px", .given[0], .given[1], .wanted[0], .wanted[1])]
+    /// The image has another size than the required one.
+    #[error(
+        "{} x {} px, but expected are {} x {} px",
+        .given[0], .given[1], .wanted[0], .wanted[1]
+    )]
     OtherSize {
         /// Width and height, px.
         given: [u32; 2],
-        /// Width and height that the picture must have, px.
+        /// Width and height required, px.
         wanted: [u32; 2],
     },
     /// A side is 0.
     #[error("{0} x {1} px is no picture")]
     Empty(u32, u32),
-    /// More than [`MOST_PIXELS`].
+    /// The image has more than [`MOST_PIXELS`] pixels.
     #[error("{0} x {1} px are too many; a picture has {MOST_PIXELS} pixels (8192 x 6144) at most")]
     TooLarge(u32, u32),
-    /// More than [`MEMORY`].
+    /// Decoding needs more than [`MEMORY`] bytes.
     #[error("to read it takes {} MB; {} MB is the limit", .0 >> 20, MEMORY >> 20)]
     TooMuchMemory(u64),
-    /// The file ends before the picture does.
+    /// The file ends before the image does.
     #[error("cannot read the image: the file is cut off: {0}")]
     CutOff(&'static str),
     /// The file contradicts its format.
@@ -63,10 +64,10 @@ impl From<ImageError> for Refusal {
     }
 }
 
-/// Decodes a picture as grey. `size_px` (width, height) is the size it must have, if that is known.
+/// Decodes an image as grey. `size_px` (width, height) is the size it must have, if that is known.
 ///
 /// # Errors
-/// [`Refusal`]. Also where the decoder panics.
+/// [`Refusal`], also if the decoder panics.
 pub fn decode(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, Refusal> {
     panic::caught(|| decode_as_claimed(bytes, size_px)).unwrap_or_else(|| {
         let reason = "its content confuses the decoder";
@@ -118,16 +119,16 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, R
     }
 }
 
-/// What a file's claims are held against.
+/// Check of a file's claims against the limits.
 struct Judge<'a> {
     bytes: &'a [u8],
     size_px: Option<[u32; 2]>,
-    /// Bytes that the decoder takes beside its output.
+    /// Memory that the decoder needs beside its output, bytes.
     extra: u64,
 }
 
 impl Judge<'_> {
-    /// Judges the claimed size. `least` is how many bytes a file of this size has at least.
+    /// Checks the claimed size. `least` returns the least length of a file of this size, bytes.
     fn size(&self, given: [u32; 2], least: impl FnOnce([u64; 2]) -> u64) -> Result<(), Refusal> {
         let [width, height] = given;
         if width == 0 || height == 0 {
@@ -153,10 +154,10 @@ impl Judge<'_> {
         limits
     }
 
-    /// Decodes, if the memory for it suffices.
+    /// Decodes if the memory suffices.
     fn decode(&self, mut decoder: impl ImageDecoder) -> Result<Image, Refusal> {
         let (width, height) = decoder.dimensions();
-        // The picture that is decoded is the one that was judged.
+        // The decoded image is the one that was checked.
         self.size([width, height], |_| 0)?;
         let pixels = u64::from(width) * u64::from(height);
         let file = self.bytes.len() as u64;

@@ -1,18 +1,18 @@
-//! Captures as files: one folder per camera, equal file names for views of the same instant.
+//! Frame sets as files: one folder per camera, equal file names for images of the same instant.
 //!
 //! ```text
 //! captures/left/000000.png    captures/middle/000000.png    captures/right/000000.png
 //! captures/left/000001.png    captures/middle/000001.png    captures/right/000001.png
 //! ```
 //!
-//! PNG, JPEG and PNM files count. Pictures in other formats are named once and passed over; hidden
-//! files and all others are passed over. What has a picture's name but is no file (a pipe, a
-//! folder, a link that leads nowhere) counts as a picture that cannot be read. Colour becomes grey
-//! by its luminance. Frames come in the order of their names, in which numbers count as numbers:
-//! `view9.png` comes before `view10.png`.
+//! PNG, JPEG and PNM files are read. Images in other formats are named once and skipped; hidden
+//! files and all others are skipped. A name of an image that is not a file (a pipe, a folder, a
+//! dangling link) is an unreadable image. Colour is converted to grey by its luminance. Frame sets
+//! come in the order of their names, in which numbers count as numbers: `view9.png` comes before
+//! `view10.png`.
 //!
-//! A camera may lack some files, as one does that failed while the others went on: its views are
-//! then [`Image::missing`]. Who needs them all asks for a [`Folder::complete`] one.
+//! A camera may lack some files, for instance after it failed while the others went on; its images
+//! are then [`Image::missing`]. [`Folder::complete`] requires all files.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -29,32 +29,32 @@ use crate::notice;
 
 pub mod watch;
 
-/// The time between frames where nobody says otherwise, microseconds: 30 frames a second.
+/// Default time between frame sets, µs: 30 per second.
 pub const DEFAULT_PERIOD_US: u64 = 33_333;
 
 const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm"];
 
-/// Endings of pictures in formats that are not read.
+/// Endings of images in formats that are not read.
 const UNREAD: [&str; 27] = [
     "tif", "tiff", "bmp", "dib", "webp", "gif", "avif", "heic", "heif", "jp2", "j2k", "jxl", "jpe",
     "jfif", "jxr", "exr", "hdr", "tga", "qoi", "pam", "pfm", "dng", "raw", "cr2", "nef", "arw",
     "apng",
 ];
 
-/// Names of unread pictures that a message lists at most.
+/// Largest number of unread images that a message lists.
 const LISTED: usize = 10;
 
-/// The picture files of one camera's folder, and the pictures that are not read.
+/// Image files of one camera's folder, and the images that are not read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Listing {
     /// Names of files that are read.
     pub files: BTreeSet<String>,
-    /// Names of pictures in other formats.
+    /// Names of images in other formats.
     pub unread: BTreeSet<String>,
 }
 
 impl Listing {
-    /// Says which pictures are not read, and why; `None` if all are.
+    /// Formats a message with the images that are not read, and the reason; `None` if all are read.
     pub fn remark(&self) -> Option<String> {
         let listed: Vec<&str> = self
             .unread
@@ -72,7 +72,7 @@ impl Listing {
         })
     }
 
-    /// Says so on standard error, once for each folder.
+    /// Prints the message on standard error, once for each folder.
     fn notice(&self, camera: &Path) {
         static SAID: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
         if let Some(remark) = self.remark() {
@@ -84,11 +84,11 @@ impl Listing {
     }
 }
 
-/// A listed folder of captures. *Invariant:* when it was listed, at least one frame had a file in
-/// every camera's folder.
+/// Listed folder of frame sets. *Invariant:* at least one frame set had a file in every camera's
+/// folder at the time of the listing.
 #[derive(Clone, Debug)]
 pub struct Folder {
-    /// One folder per camera, in the rig's order, and the files in it.
+    /// Folder of each camera, in the rig's order, with the files in it.
     cameras: Vec<(PathBuf, BTreeSet<String>)>,
     frames: Vec<String>,
     size_px: [u32; 2],
@@ -96,14 +96,15 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Lists the frames in `dir`, whose subfolders are `names`, one per camera in the rig's order.
+    /// Lists the frame sets in `dir`, whose subfolders are `names`, one per camera in the rig's
+    /// order.
     ///
-    /// No image is opened yet. `image_size_px` (width, height) is what every image must turn out to
-    /// have, `period_us` the time between frames.
+    /// No image is opened yet. `image_size_px` (width, height) is the size that every image must
+    /// have, `period_us` the time between frame sets.
     ///
     /// # Errors
-    /// If a camera has no folder, or no frame has a file of every camera: then names are wrong
-    /// rather than files lost.
+    /// [`InputError`] if a camera has no folder, or no frame set has a file of every camera: then
+    /// the names are wrong rather than files lost.
     pub fn open(
         dir: &Path,
         names: &[String],
@@ -152,10 +153,10 @@ impl Folder {
         }
     }
 
-    /// The same if every camera has a file of every frame.
+    /// Returns the folder if every camera has a file of every frame set.
     ///
     /// # Errors
-    /// With the first file that is missing.
+    /// [`InputError`] with the first file that is missing.
     pub fn complete(self) -> Result<Self, InputError> {
         match self.frames.iter().find_map(|frame| self.lost(frame)) {
             Some(file) => Err(incomplete(&file)),
@@ -163,30 +164,30 @@ impl Folder {
         }
     }
 
-    /// The first file of this frame that is missing.
+    /// Returns the first file of this frame set that is missing.
     pub fn lost(&self, frame: &str) -> Option<PathBuf> {
         let mut cameras = self.cameras.iter();
         let (camera, _) = cameras.find(|(_, files)| !files.contains(frame))?;
         Some(camera.join(frame))
     }
 
-    /// File names of the frames, in order.
+    /// Returns the file names of the frame sets, in order.
     pub fn names(&self) -> &[String] {
         &self.frames
     }
 
-    /// How many frames there are.
+    /// Returns the number of frame sets.
     pub fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// Never true of an opened folder, which has at least one frame.
+    /// Returns false for any opened folder, because it has at least one frame set.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// The frames in order, each read when asked for, without the views that are missing. A frame
-    /// that cannot be read does not end the rest.
+    /// Reads the frame sets in order, each at its turn, with placeholders for missing images. A
+    /// frame set that cannot be read does not end the iteration.
     pub fn frame_sets(&self) -> impl ExactSizeIterator<Item = Result<FrameSet, InputError>> + '_ {
         self.frames.iter().enumerate().map(|(index, name)| {
             let views = self
@@ -213,7 +214,7 @@ fn incomplete(missing: &Path) -> InputError {
     )
 }
 
-/// Writes a capture as frame number `index` into `dir`, one PNG per camera, making folders as
+/// Writes a frame set as number `index` into `dir`, one PNG per camera, and makes folders as
 /// needed.
 pub fn save(
     dir: &Path,
@@ -249,7 +250,7 @@ pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
     })
 }
 
-/// Reads one image file as grey, whatever its size.
+/// Reads one image file of any size as grey.
 pub fn read_any(path: &Path) -> Result<Image, InputError> {
     decode(&bytes(path)?, None).map_err(|refusal| InputError::file(path, refusal.to_string()))
 }
@@ -278,20 +279,21 @@ pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
         .map_err(|cause| InputError::file(path, format!("cannot write the image: {cause}")))
 }
 
-/// Names of the image files in one camera's folder. Pictures in other formats are named once.
+/// Returns the names of the image files in one camera's folder. Images in other formats are named
+/// once in a message.
 ///
 /// # Errors
-/// If it cannot be listed.
+/// [`InputError`] if the folder cannot be listed.
 pub fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
     let listing = listing(camera)?;
     listing.notice(camera);
     Ok(listing.files)
 }
 
-/// The pictures in one camera's folder.
+/// Lists the images in one camera's folder.
 ///
 /// # Errors
-/// If it cannot be listed, or a name is not UTF-8.
+/// [`InputError`] if the folder cannot be listed, or a name is not UTF-8.
 pub fn listing(camera: &Path) -> Result<Listing, InputError> {
     if !camera.is_dir() {
         let reason = "no such folder; every camera of the rig needs one of its name";
@@ -319,8 +321,8 @@ pub fn listing(camera: &Path) -> Result<Listing, InputError> {
     Ok(listing)
 }
 
-/// The name with every number padded with zeros, so that alphabetic order is the order of the
-/// numbers.
+/// Returns the name with every number padded with zeros, so that alphabetic order is the order of
+/// the numbers.
 pub(crate) fn numbers_padded(name: &str) -> String {
     let mut key = String::new();
     let mut rest = name;

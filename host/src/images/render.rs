@@ -7,10 +7,10 @@
 //! t = n . (O - C) / n . d        point = C + t d        (u, v) = in-plane coordinates of point - O
 //! ```
 //!
-//! The grey level there comes from a copy of the poster blurred once, on the poster, by the lens
-//! and by the pixel's own area as they are at the scene's depth. The blur is symmetric, so it moves
-//! nothing; that it does not grow with depth or tilt is the renderer's one approximation, and is
-//! why scenes are near their depth.
+//! The grey level there comes from a copy of the poster that is blurred once, on the poster, by the
+//! lens and by the pixel's own area as they are at the scene's depth. The blur is symmetric, so it
+//! shifts nothing. It does not grow with depth or tilt, which is the renderer's one approximation:
+//! scenes must stay near their depth.
 
 mod blur;
 
@@ -37,7 +37,7 @@ pub struct SceneSettings {
 }
 
 impl Default for SceneSettings {
-    /// The paper's bench: 850 mm away, parallel to the cameras; a usual lens and sensor.
+    /// Returns the paper's bench: 850 mm away, parallel to the cameras; a usual lens and sensor.
     fn default() -> Self {
         Self {
             depth_mm: 850.0,
@@ -134,7 +134,7 @@ pub struct Scene {
     /// Texel coordinates of the middle of the texture, and of the poster's origin.
     middle_texel: [f64; 2],
     origin_texel: [f64; 2],
-    /// Rows: the poster's u, v and normal in the cameras' axes.
+    /// Axes in rows: the poster's u, v and normal in the cameras' axes.
     axes: [[f64; 3]; 3],
 }
 
@@ -348,8 +348,8 @@ fn check(texture: &Texture, settings: &SceneSettings) -> Result<(), SceneError> 
     Ok(())
 }
 
-/// Images of the unit vectors under the rotation about x, then about y: the poster's right, down
-/// and away.
+/// Returns the images of the unit vectors under the rotation about x, then about y: the poster's
+/// right, down and away.
 fn axes([about_x, about_y]: [f64; 2]) -> [[f64; 3]; 3] {
     let ((sx, cx), (sy, cy)) = (about_x.sin_cos(), about_y.sin_cos());
     [

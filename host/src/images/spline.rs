@@ -1,9 +1,9 @@
 //! Smooth surface from a wrapped lattice of samples.
 //!
-//! The uniform cubic B-spline smooths what it is given by a kernel of variance 1/3 (in squared
-//! sample distances) and passes almost nothing of the lattice itself: what repeats with the samples
-//! is damped by `sinc^4`, against `sinc^2` for bilinear sampling. An image that was blurred
-//! before therefore moves without any sample-to-sample wobble.
+//! The uniform cubic B-spline smooths its input by a kernel of variance 1/3 (in squared sample
+//! distances) and passes almost nothing of the lattice itself: components that repeat with the
+//! samples are damped by `sinc^4`, against `sinc^2` for bilinear sampling. An image that was
+//! blurred before therefore moves without any sample-to-sample wobble.
 
 /// Variance that sampling by [`Surface::at`] adds to any blur, in squared sample distances.
 pub(super) const VARIANCE: f64 = 1.0 / 3.0;
@@ -66,8 +66,8 @@ impl Surface {
     fn split(x: f64, count: usize) -> (usize, [f32; 4]) {
         let whole = x.floor();
         let turns = (whole / count as f64).floor();
-        // Not finite or beyond 2^53, `x` has no place on the axis; the cast then gives some index
-        // in range.
+        // A value that is not finite or beyond 2^53 has no place on the axis; the cast then gives
+        // an index in range.
         let index = (whole - turns * count as f64) as usize;
         (index.min(count - 1), weights((x - whole) as f32))
     }
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_sum_to_one_and_keep_the_place() {
+    fn weights_sum_to_one() {
         for i in 0..100 {
             let t = i as f32 / 100.0;
             let w = weights(t);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_repeats_in_both_directions() {
+    fn surface_repeats_both_ways() {
         let samples: Vec<f32> = (0..35).map(|i| (i * i % 17) as f32).collect();
         let surface = Surface::new(5, 7, &samples);
         for (x, y) in [(0.3, 0.6), (4.9, 6.9), (2.0, 3.5)] {

@@ -1,5 +1,5 @@
-//! Posters to look at: from dead leaves, which have the statistics of natural pictures, to a
-//! perfectly periodic grid, on which every matcher that trusts appearance alone goes wrong.
+//! Textures of posters: from dead leaves, which have the statistics of natural images, to a
+//! perfectly periodic grid, on which matchers that use appearance alone fail.
 //!
 //! All posters repeat endlessly, without a seam, so no motion ever leaves them.
 
@@ -83,8 +83,8 @@ impl Texture {
         Self::drawn(clouds.iter().map(|c| 128.0 + 42.0 * c).collect())
     }
 
-    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, told apart only by
-    /// slight grain.
+    /// Draws a wall of equal bricks 51.2 mm wide and 25.6 mm high: repetitive, distinguished only
+    /// by slight grain.
     pub fn bricks(seed: u64) -> Self {
         let (wide, high, mortar) = (128, 64, 10);
         let grain = noise::octaves(SIZE, &[4, 8], &mut Random::new(seed, 3));
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_is_grey_within_range_with_contrast_and_no_seam() {
+    fn kinds_have_contrast_and_no_seam() {
         for kind in TextureKind::ALL {
             let t = Texture::of_kind(kind, 5);
             assert_eq!(t.grey.len(), t.width * t.height);
@@ -206,7 +206,7 @@ mod tests {
             let sigma = (t.grey.iter().map(square).sum::<f64>() / count).sqrt();
             assert!((80.0..200.0).contains(&mean), "{kind}: mean {mean}");
             assert!((30.0..90.0).contains(&sigma), "{kind}: sigma {sigma}");
-            // Across the seam the picture changes no more than between other neighbouring columns.
+            // Across the seam the image changes no more than between other neighbouring columns.
             let change = |a: usize, b: usize| -> f32 {
                 let row = |y| t.grey[y * t.width + a] - t.grey[y * t.width + b];
                 (0..t.height).map(|y| f32::abs(row(y))).sum()
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_keeps_its_pixels() {
+    fn photograph_keeps_its_pixels() {
         let image = Image {
             width: 3,
             height: 2,
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_make_the_poster() {
+    fn seed_determines_the_poster() {
         for kind in [TextureKind::Natural, TextureKind::Blobs] {
             assert!(Texture::of_kind(kind, 1) == Texture::of_kind(kind, 1));
             assert!(Texture::of_kind(kind, 1) != Texture::of_kind(kind, 2));

@@ -1,8 +1,8 @@
-//! Ctrl-C and its like on systems other than Unix.
+//! Ctrl-C and similar requests on systems other than Unix.
 
 use std::io;
 
-/// Calls `came` with each wish to end, in a thread of its own.
+/// Calls `came` with each request to end, in a thread of its own.
 pub(super) fn install(came: fn(i32)) -> io::Result<()> {
     ctrlc::set_handler(move || came(0)).map_err(io::Error::other)
 }

@@ -9,8 +9,9 @@ use signal_hook::consts::signal::{
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::emulate_default_handler;
 
-/// Signals that end a program, and Ctrl-Z's. Those that the processor raises cannot be returned
-/// from, and Rust's runtime ignores SIGPIPE.
+/// Signals that end a program, and the one of Ctrl-Z. It does not include the signals that the
+/// processor raises, because the program cannot continue after them, nor SIGPIPE, because Rust's
+/// runtime ignores it.
 const ENDING: [i32; 15] = [
     SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGXCPU,
     SIGSYS, SIGTRAP, SIGABRT, SIGBUS, SIGTSTP,
@@ -19,10 +20,11 @@ const ENDING: [i32; 15] = [
 /// Calls `came` with each signal that comes from now on, in a thread of its own.
 pub(super) fn install(came: fn(i32)) -> io::Result<()> {
     let mut signals = Signals::new(ENDING)?;
-    // Only taken: the write that passed the limit then fails with an error, as on a full disk.
+    // Caught without effect: the write beyond the limit then fails with an error, as on a full
+    // disk.
     signals.add_signal(SIGXFSZ)?;
     for signal in others() {
-        // Some C libraries keep one of them for themselves.
+        // Some C libraries reserve one of them.
         let _ = signals.add_signal(signal);
     }
     let wait = move || {
@@ -34,7 +36,7 @@ pub(super) fn install(came: fn(i32)) -> io::Result<()> {
     thread.spawn(wait).map(drop)
 }
 
-/// Signals that end a program on Linux only.
+/// Returns the signals that end a program on Linux only.
 #[cfg(target_os = "linux")]
 fn others() -> impl Iterator<Item = i32> {
     use rustix::process::Signal;
@@ -54,11 +56,11 @@ pub(super) fn suspends(signal: i32) -> bool {
     signal == SIGTSTP
 }
 
-/// Does what the signal does to a program that does not catch it.
+/// Takes the default action of the signal.
 pub(super) fn end(signal: i32) {
     let is_done = emulate_default_handler(signal).is_ok();
     if !(is_done && suspends(signal)) {
-        // As a shell reports a program that a signal has ended.
+        // Exit code by which shells report a program that a signal has ended.
         std::process::exit(128 + signal);
     }
 }

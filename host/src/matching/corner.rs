@@ -15,8 +15,8 @@ use crate::thread_pool::ThreadPool;
 /// Radius of the window over which the gradient matrix is summed, px.
 const RADIUS: usize = 3;
 const SIDE: usize = 2 * RADIUS + 1;
-/// Width of a strip. Strips are processed one after the other from top to bottom, so that the last
-/// rows' products stay in the nearest cache, however wide the image is.
+/// Width of a strip, px. Strips are processed one after the other from top to bottom, so that the
+/// last rows' products stay in the nearest cache for any image width.
 const STRIP: usize = 320;
 /// Least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over
 /// the window) in the weakest direction, three times what noise of 2 grey levels leaves after the
@@ -163,7 +163,7 @@ impl NullaryFnOnce for Peaks<'_> {
     }
 }
 
-/// Smaller eigenvalues of the matrices `[xx xy; xy yy]`.
+/// Computes the smaller eigenvalues of the matrices `[xx xy; xy yy]`.
 #[inline(always)]
 fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
     for (((out, xx), xy), yy) in out.iter_mut().zip(xx).zip(xy).zip(yy) {
@@ -187,7 +187,7 @@ fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
     }
 }
 
-/// Products of central differences, without the first and last column.
+/// Computes products of central differences, without the first and last column.
 #[inline(always)]
 fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut [f32]; 3]) {
     let count = xx.len();
@@ -203,13 +203,13 @@ fn products([above, level, below]: [&[f32]; 3], [xx, xy, yy]: [&mut [f32]; 3]) {
     }
 }
 
-/// Sums of [`SIDE`] values from each place on.
+/// Computes sums of [`SIDE`] values from each place on.
 #[inline(always)]
 fn sums_of_seven(values: &[f32], out: &mut [f32]) {
     sums_of_rows([0, 1, 2, 3, 4, 5, 6].map(|i| &values[i..]), out);
 }
 
-/// Sums of [`SIDE`] rows, place by place.
+/// Computes sums of [`SIDE`] rows, place by place.
 #[inline(always)]
 fn sums_of_rows(rows: [&[f32]; SIDE], out: &mut [f32]) {
     let count = out.len();
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn square_has_corners_at_its_vertices_only() {
+    fn square_has_four_corners() {
         let square = |x, y| {
             if (40..80).contains(&x) && (30..70).contains(&y) {
                 200
@@ -281,13 +281,13 @@ mod tests {
         }
     }
 
-    /// A texture of equal tiles has many equal corners: the order in which they are found decides
-    /// which are taken.
+    /// Tests a texture of equal tiles, which has many equal corners: their order decides which of
+    /// them are chosen.
     #[test]
-    fn corners_are_the_same_on_any_threads() {
+    fn threads_do_not_change_corners() {
         let tiles = |x: usize, y: usize| ((x % 12 / 3 * 7919 + y % 12 / 3 * 104_729) % 251) as u8;
         let noise = |x: usize, y: usize| ((x / 3 * 7919 + y / 3 * 104_729) % 251) as u8;
-        // So wide that a cell lies in two strips.
+        // An image so wide that a cell lies in two strips.
         for plane in [wide(STRIP + 60, tiles), wide(STRIP + 60, noise)] {
             let alone = corners_of(&plane, 5.0, 400);
             assert!(alone.len() > 20);

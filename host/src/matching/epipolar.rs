@@ -184,7 +184,7 @@ impl EpipolarScores {
     }
 }
 
-/// Indices of the local maxima above `least`; of a plateau, the first.
+/// Returns the indices of the local maxima above `least`; of a plateau, the first.
 pub(super) fn peaks(score: &[f32], least: f32) -> Vec<usize> {
     (0..score.len())
         .filter(|&i| {
@@ -196,7 +196,7 @@ pub(super) fn peaks(score: &[f32], least: f32) -> Vec<usize> {
         .collect()
 }
 
-/// Vertex of the parabola through a peak and its neighbours, in steps from the peak.
+/// Returns the vertex of the parabola through a peak and its neighbours, in steps from the peak.
 pub(super) fn vertex(score: &[f32], peak: usize) -> f64 {
     let before = peak.checked_sub(1).map_or(OUTSIDE, |b| score[b]);
     let after = score.get(peak + 1).copied().unwrap_or(OUTSIDE);

@@ -124,16 +124,16 @@ impl RigGeometry {
         core::array::from_fn(|i| ray.direction[i] - ray.inverse_depth * self.arms.arms_mm()[k][i])
     }
 
-    /// Largest residual along a camera's baseline, px: the paper's constraint (3), by which the
-    /// disparities of one point must agree.
+    /// Returns the largest residual along a camera's baseline, px: the paper's constraint (3), by
+    /// which the disparities of one point must agree.
     pub fn disparity_disagreement_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[0] * unit[0] + residual[1] * unit[1]
         })
     }
 
-    /// Largest residual across a camera's baseline, px: the paper's vertical test (2), by which a
-    /// point must lie on its epipolar lines.
+    /// Returns the largest residual across a camera's baseline, px: the paper's vertical test (2),
+    /// by which a point must lie on its epipolar lines.
     pub fn vertical_offset_px(&self, views: &[[f64; 2]]) -> f64 {
         self.worst_residual_px(views, |residual, unit| {
             residual[1] * unit[0] - residual[0] * unit[1]
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn true_point_passes_tests_and_gives_depth() {
+    fn true_point_passes_with_depth() {
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         assert_eq!(geometry.reference, 1);
         let views = views(&geometry, [30.0, -40.0, 850.0]);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_match_fails_the_test_it_breaks() {
+    fn wrong_match_fails_its_test() {
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let true_views = views(&geometry, [30.0, -40.0, 850.0]);
         // Of 3 px along x in one outer view, the fit absorbs most; half a pixel is left.
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn disparity_constraint_equals_the_papers() {
+    fn constraint_equals_the_papers() {
         // (x_mi - x_li)(x_rj - x_mj) = (x_ri - x_mi)(x_mj - x_lj) for two points that pass.
         let geometry = RigGeometry::new(&Rig::paper()).unwrap();
         let [i, j] = [[30.0, -40.0, 850.0], [-50.0, 20.0, 930.0]].map(|p| views(&geometry, p));

@@ -14,9 +14,9 @@
 //! The step is independent of gain and offset, and no difference image is needed.
 //!
 //! Template and image are both read through cubic B-splines, which smooth equally at every
-//! sub-pixel phase. Interpolation proper would leave whole pixels as they are and smooth half
-//! pixels: windows at different phases then differ, and each pulls its point its own way, by more
-//! than noise of 2 grey levels does.
+//! sub-pixel phase. Plain interpolation would leave whole pixels unchanged and smooth half pixels.
+//! Windows at different phases would then differ and bias each point differently, by more than
+//! noise of 2 grey levels does.
 //!
 //! The forward-backward error (Z. Kalal, K. Mikolajczyk and J. Matas, *Forward-Backward Error*,
 //! ICPR 2010) comes from one step back with the gradients of the window that was found.

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn point_spreads_into_the_binomial() {
+    fn point_spreads_as_binomial() {
         let mut image = Image {
             width: 9,
             height: 9,
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(row(2)[4], 3.0);
     }
 
-    /// Level by the module's definition, pixel by pixel.
+    /// Computes a level by the module's definition, pixel by pixel.
     fn by_definition(
         width: usize,
         height: usize,
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_follow_the_definition_at_any_size() {
+    fn levels_follow_definition() {
         for (width, height) in [(1, 1), (2, 9), (9, 2), (33, 17), (64, 47), (23, 40)] {
             let grey = (0..width * height)
                 .map(|i| (i * 7919 % 251) as u8)
@@ -273,7 +273,7 @@ mod tests {
                 grey,
             };
             let mut pyramid = Pyramid::default();
-            // Whatever the memory held before.
+            // Old content of the memory must not matter.
             pyramid.refill(
                 &Image {
                     width: 40,

@@ -5,7 +5,7 @@
 pub struct MatchSettings {
     /// Least zero-mean normalised cross-correlation, -1 to 1.
     pub min_zncc: f32,
-    /// Two explanations whose correlations differ by less than this are equally good.
+    /// Largest difference between the correlations of two explanations that count as equally good.
     pub rival_zncc_margin: f32,
     /// Largest forward-backward error, px: a window tracked there and back must return this near.
     pub max_return_px: f64,

@@ -200,7 +200,7 @@ impl StereoMatcher<'_> {
         Ok(matched)
     }
 
-    /// Disparity to the farthest camera per unit of inverse depth, px mm.
+    /// Returns the disparity to the farthest camera per unit of inverse depth, px mm.
     fn px_per_inverse_mm(&self) -> f64 {
         self.geometry.focal_px * self.geometry.longest_baseline_mm
     }

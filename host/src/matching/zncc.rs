@@ -14,21 +14,21 @@ use super::pyramid::Plane;
 /// Side of the window, px of the level.
 pub const SIDE: usize = 11;
 const RADIUS: usize = SIDE / 2;
-/// Places correlated together: enough to hide the latency of each sum, few enough to stay in
-/// registers.
+/// Number of places correlated together: enough to hide the latency of each sum, few enough to stay
+/// in registers.
 const MANY: usize = 32;
-/// Places correlated together at the end of a row.
+/// Number of places correlated together at the end of a row.
 const LONG: usize = 40;
-/// Places correlated together where few are left.
+/// Number of places correlated together if few are left.
 const SHORT: usize = 16;
-/// Windows summed together.
+/// Number of windows summed together.
 const BLOCK: usize = 64;
 /// Middle of the grey levels.
 const MIDDLE: f32 = 128.0;
 /// Score of a place whose window is not within the image.
 pub const OUTSIDE: f32 = f32::NEG_INFINITY;
-/// Least contrast of a window (standard deviation of its grey levels); below, it correlates with
-/// nothing.
+/// Least contrast of a window (standard deviation of its grey levels). A window below it correlates
+/// with nothing.
 const LEAST_CONTRAST: f32 = 1.0;
 
 /// Pyramid level with the contrast of every window in it.
@@ -89,8 +89,8 @@ impl NullaryFnOnce for Contrast<'_> {
     }
 }
 
-/// Sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of `out`
-/// stay as they are.
+/// Computes sums of [`SIDE`] values from each place on, by doubling: 1 + 2 + 8. The last places of
+/// `out` stay unchanged.
 #[inline(always)]
 fn sums_of_eleven(values: &[f32], out: &mut [f32]) {
     const { assert!(SIDE == 11) }
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn window_correlates_only_with_itself() {
+    fn window_correlates_with_itself() {
         let plane = plane();
         let patch = plane.patch(30, 20).unwrap();
         let mut row = [0.0; 60];
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_row_equal_the_whole() {
+    fn row_parts_equal_the_whole() {
         let plane = plane();
         let patch = plane.patch(12, 9).unwrap();
         let mut whole = [0.0; 70];

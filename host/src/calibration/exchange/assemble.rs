@@ -1,7 +1,6 @@
-//! Cameras of other programs' files as one rig, by all rules of a rig file.
+//! Assembly of one rig from camera files of other programs, by all rules of a rig file.
 //!
-//! A rule that is broken is blamed on the value in the camera's own file, or on the offset that the
-//! user gave instead.
+//! An error names the value in the camera's own file, or the offset that the user gave instead.
 
 use std::path::{Path, PathBuf};
 
@@ -14,32 +13,32 @@ use crate::calibration::stand::{CameraPose, doubts, placed};
 use crate::error::InputError;
 use crate::rig_file::RigFile;
 
-/// One camera: its file, its name, what the file says, and where it is if the user says so.
+/// One camera: file, name, content of the file, and the position if the user gave one.
 #[derive(Clone, Debug)]
 pub struct Member {
-    /// The file that errors name.
+    /// Path that errors name.
     pub path: PathBuf,
-    /// The camera's name.
+    /// Name of the camera.
     pub name: String,
     /// Content of the file.
     pub file: CameraFile,
-    /// Right and down of the rig's origin, mm; counts instead of what the file says.
+    /// Offset from the rig's origin to the right and down, mm; replaces the position in the file.
     pub offset_mm: Option<[f64; 2]>,
 }
 
-/// A rig, and what to know before trusting it.
+/// Assembled rig, with warnings about it.
 #[derive(Clone, Debug)]
 pub struct Assembled {
-    /// The rig; it has no stage.
+    /// Rig without a stage.
     pub rig: RigFile,
-    /// Sentences for the user.
+    /// Warnings for the user, in sentences.
     pub doubts: Vec<String>,
 }
 
-/// Makes the rig of these cameras.
+/// Assembles the rig of these cameras.
 ///
 /// # Errors
-/// If they make none.
+/// [`InputError`] if the cameras do not form a rig.
 pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
     let [first, ..] = members else {
         return Err(InputError::file(Path::new(""), "no camera"));

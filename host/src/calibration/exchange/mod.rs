@@ -1,5 +1,5 @@
-//! What other programs know of a camera: OpenCV's FileStorage YAML and ROS's `camera_info` YAML,
-//! one file per camera.
+//! Camera files of other programs: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file
+//! per camera.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -7,9 +7,9 @@
 //! | turned | `R`, from the rig's axes to the camera's | `rectification_matrix`, from the camera's axes to the rig's |
 //! | place | `T = -R c`, mm | `projection_matrix`, last column `-f c`, m |
 //!
-//! Turn and place are optional in OpenCV's files. Of the files other programs write the same keys
-//! are read and the others passed over; a missing or impossible one is refused with file, line and
-//! name. Both kinds are read alike, by what they hold.
+//! Rotation and position are optional in OpenCV's files. Only the keys that the other programs
+//! write are read, all others are ignored; a missing or impossible value is refused with file, line
+//! and name. Both kinds are read by the same code, according to their content.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -32,19 +32,20 @@ pub use yaml::Place;
 #[cfg(test)]
 mod tests;
 
-/// Coefficients of OpenCV's distortion that we know: k1 k2 p1 p2 k3.
+/// Number of OpenCV's distortion coefficients that the rig file supports: k1 k2 p1 p2 k3.
 const KNOWN: usize = 5;
-/// Largest deviation of a matrix from a rotation: that of files with four digits.
+/// Largest deviation of a matrix from a rotation, for files with four digits.
 const NOT_A_ROTATION: f64 = 1e-3;
 const MM_PER_M: f64 = 1e3;
-/// A camera farther than 1 km from where it counts from is a slip of the unit.
+/// Largest distance of a camera from its origin, mm. A distance beyond 1 km is a mistake in the
+/// unit.
 const LIMIT_SHIFT_MM: f64 = 1e6;
-/// Of a file that also holds the corners of all photographs.
+/// Largest size of a file, which may hold the corners of all images too.
 const LIMIT: Limit = Limit {
     what: "a camera's YAML file",
     bytes: 4 << 20,
 };
-/// The names that are read.
+/// Names of the values that are read.
 const KEYS: [&str; 11] = [
     "image_width",
     "image_height",
@@ -59,14 +60,14 @@ const KEYS: [&str; 11] = [
     "projection_matrix",
 ];
 
-/// One camera's file.
+/// Content of one camera's file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraFile {
     /// Width and height of its images, px.
     pub image_size_px: [u32; 2],
-    /// Focal lengths, principal point, distortion.
+    /// Lens: focal lengths, principal point, distortion.
     pub lens: Lens,
-    /// From the rig's axes to the camera's, mm, if the file says.
+    /// Motion from the rig's axes to the camera's, mm, if the file has one.
     pub motion: Option<Isometry3<f64>>,
     /// Places of the values in the file.
     pub places: Places,
@@ -75,9 +76,9 @@ pub struct CameraFile {
 /// Places of the values in a camera's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Places {
-    /// Focal lengths and principal point.
+    /// Place of focal lengths and principal point.
     pub matrix: Place,
-    /// The lens's distortion.
+    /// Place of the lens distortion.
     pub distortion: Place,
     /// Place of the rotation.
     pub turn: Option<Place>,
@@ -91,7 +92,7 @@ impl CameraFile {
         Self::parse(path, &input::bytes(path, LIMIT)?)
     }
 
-    /// Reads the content of such a file; `file` is what errors name.
+    /// Reads the content of an OpenCV or ROS file; errors name `file`.
     pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
         let text = std::str::from_utf8(bytes).map_err(|error| {
             not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
@@ -109,12 +110,13 @@ impl CameraFile {
             );
             return Err(model.fault(reason));
         }
-        // OpenCV's own calibration program says so; the four coefficients alone look like k1 k2 p1
-        // p2.
+        // OpenCV's own calibration program marks fisheyes; the four coefficients alone look like k1
+        // k2 p1 p2.
         if let Some(flag) = root.optional("fisheye_model")?
             && flag.number()? != 0.0
         {
-            let reason = "a fisheye's coefficients mean something else: calibrate with the model k1 k2 p1 p2 k3";
+            let reason = "a fisheye's coefficients mean something else: calibrate with the model \
+                          k1 k2 p1 p2 k3";
             return Err(flag.fault(reason));
         }
         let matrix = root.required("camera_matrix")?;
@@ -154,7 +156,8 @@ impl CameraFile {
     }
 }
 
-/// A matrix in either spelling: `rows`, `cols` and `data`, which must agree with each other.
+/// Returns the elements of a matrix in either spelling: `rows`, `cols` and `data`, which must
+/// agree.
 fn elements(field: &Node<'_>) -> Result<Vec<f64>, InputError> {
     let size = |key: &str| field.required(key)?.whole(1..=1000);
     let expected = size("rows")? as usize * size("cols")? as usize;
@@ -178,7 +181,7 @@ fn numbers<const N: usize>(field: &Node<'_>) -> Result<[f64; N], InputError> {
         .map_err(|_| field.fault(format!("expected {N} numbers, found {found}")))
 }
 
-/// Focal lengths and principal point, by the rules of a rig file.
+/// Returns focal lengths and principal point, checked by the rules of a rig file.
 fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], InputError> {
     let [fx, skew, cx, zero, fy, cy, a, b, one] = numbers(field)?;
     if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
@@ -236,7 +239,7 @@ fn check_distance(field: &Node<'_>, place_mm: &Vector3<f64>) -> Result<(), Input
 }
 
 fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
-    // From the camera's axes to the rig's: the other way round than ours.
+    // From the camera's axes to the rig's: the inverse of this program's rotation.
     let turn = rotation(turn)?.inverse();
     let [fx, _, _, x, _, fy, _, y, _, _, _, z] = numbers(projection)?;
     if !(fx > 0.0 && fy > 0.0) {
@@ -250,7 +253,7 @@ fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, 
     Ok(Isometry3::from_parts((turn * -place_mm).into(), turn))
 }
 
-/// A camera of the rig as OpenCV's FileStorage YAML. `cv2.FileStorage` reads it.
+/// Formats a camera of the rig as OpenCV's FileStorage YAML, which `cv2.FileStorage` reads.
 pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
     let [width, height] = image_size_px;
     let turn = camera.rotation.rows();
@@ -261,7 +264,8 @@ pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
         let (cols, data) = (data.len() / rows, list(data));
         let _ = writeln!(
             text,
-            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]"
+            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ \
+             {data} ]"
         );
     };
     matrix("camera_matrix", 3, &matrix_of(camera));
@@ -271,9 +275,9 @@ pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
     text
 }
 
-/// A camera of the rig as ROS's `camera_info`: what `camera_info_manager` and `image_proc` read.
-/// The rectified cameras of one rig share their focal length, the mean of all, and their principal
-/// point, the middle of the image.
+/// Formats a camera of the rig as ROS's `camera_info`, which `camera_info_manager` and `image_proc`
+/// read. The rectified cameras of one rig share their focal length, the mean of all, and their
+/// principal point, the middle of the image.
 pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let [width, height] = rig.image_size_px;
     let focal = rig.mean_focal_px();
@@ -285,8 +289,7 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
     let turn = camera.rotation.rows();
     let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
     let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
-    // Quoted as JSON has it, which YAML reads: a camera called `007` or `a #b` is no number and no
-    // comment.
+    // A name in JSON's quotes, which YAML reads: otherwise `007` is a number, `a #b` has a comment.
     let name = serde_json::Value::from(name);
     let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
     let mut matrix = |name: &str, rows: usize, data: &[f64]| {
@@ -309,8 +312,8 @@ fn matrix_of(camera: &Camera) -> [f64; 9] {
     [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
 }
 
-/// With every digit, and always a point: without it some readers take `5` for a whole number and
-/// `1e-5` for a text.
+/// Formats numbers with all digits and a decimal point. Without the point some readers take `5` for
+/// an integer and `1e-5` for a text.
 fn list(numbers: &[f64]) -> String {
     let text = |number: &f64| {
         let text = format!("{number:?}");

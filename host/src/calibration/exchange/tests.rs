@@ -35,7 +35,7 @@ fn camera() -> Camera {
     }
 }
 
-/// The camera that a file describes.
+/// Returns the camera that a file describes.
 fn back(file: &CameraFile) -> Camera {
     let motion = file.motion.expect("the file says where the camera is");
     let place = motion.inverse_transform_vector(&-motion.translation.vector);
@@ -72,7 +72,7 @@ fn assert_same(found: &Camera, expected: &Camera) {
 }
 
 #[test]
-fn opencvs_own_file_is_read() {
+fn opencv_file_is_read() {
     let file = parse(OPENCV).unwrap();
     assert_eq!(file.image_size_px, [640, 480]);
     assert_eq!(file.lens.0[0], 535.915_733_961_632);
@@ -82,7 +82,7 @@ fn opencvs_own_file_is_read() {
 }
 
 #[test]
-fn both_formats_give_the_camera_back() {
+fn both_formats_round_trip() {
     let rig = Rig {
         image_size_px: [320, 240],
         cameras: [camera(), Rig::paper().cameras[2]].into_iter().collect(),
@@ -96,9 +96,9 @@ fn both_formats_give_the_camera_back() {
     }
 }
 
-/// YAML 1.1 knows `1e-5` as a text: a number has a point.
+/// Tests that a number has a decimal point, because YAML 1.1 takes `1e-5` for a text.
 #[test]
-fn small_numbers_are_written_as_numbers() {
+fn small_numbers_keep_a_point() {
     let text = list(&[1e-5, -2e-7, 1.5e-9, 3.0, -0.25, 1e16]);
     assert_eq!(text, "1.0e-5, -2.0e-7, 1.5e-9, 3.0, -0.25, 1.0e16");
     let mut rig = Rig::paper();
@@ -111,7 +111,7 @@ fn small_numbers_are_written_as_numbers() {
 }
 
 #[test]
-fn a_name_stays_a_name_whatever_it_looks_like() {
+fn names_like_numbers_stay_names() {
     let rig = Rig::paper();
     for name in [
         "left", "007", "yes", "- q", "a #b", "it's", "größe", "a \"b\"",
@@ -125,10 +125,12 @@ fn a_name_stays_a_name_whatever_it_looks_like() {
 }
 
 #[test]
-fn coefficients_beyond_ours_must_be_zero() {
+fn unknown_coefficients_must_be_zero() {
     let with = |data: &str, cols: usize| {
         format!(
-            "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}}\ndistortion_coefficients: {{rows: 1, cols: {cols}, data: [{data}]}}\n"
+            "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, \
+             0, 320, 0, 500, 240, 0, 0, 1]}}\ndistortion_coefficients: {{rows: 1, cols: {cols}, \
+             data: [{data}]}}\n"
         )
     };
     assert_eq!(
@@ -153,7 +155,7 @@ fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
 }
 
 #[test]
-fn bad_values_are_refused_by_file_line_and_name() {
+fn bad_values_are_refused_by_line() {
     refused(
         "image_width: 640",
         "image_width: x",
@@ -254,12 +256,13 @@ fn bad_values_are_refused_by_file_line_and_name() {
     );
     let plain = OPENCV.replacen("nframes: 13", "fisheye_model: 0", 1);
     assert!(parse(&plain).is_ok());
-    let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
+    let turned = "nframes: 13\nT: {rows: 3, cols: 1, data: [0, 0, 0]}\nR: {rows: 3, cols: 3, \
+                  data: [1, 0, 0, 0, 1, 0, 0, 0, -1]}";
     refused("nframes: 13", turned, 5, "R", "not a rotation");
 }
 
 #[test]
-fn what_is_no_such_file_is_refused() {
+fn other_files_are_refused() {
     for (text, reason) in [
         ("", "empty"),
         ("%YAML:1.0\n---\n", "names with values"),
@@ -291,7 +294,7 @@ fn long_file_is_read_in_linear_time() {
 }
 
 #[test]
-fn value_that_is_too_long_is_refused_in_short() {
+fn long_value_is_shortened_in_error() {
     let long = "9".repeat(100_000);
     let (number, key) = (
         format!("image_width: {long}x"),
@@ -320,12 +323,13 @@ fn member(name: &str, text: &str) -> Member {
     }
 }
 
-/// A file with these rows of R, and T.
+/// Returns a file with these rows of R, and T.
 fn turned(rows: [[f64; 3]; 3], shift: [f64; 3]) -> String {
     let rows = list(rows.as_flattened());
     let shift = list(&shift);
     format!(
-        "{OPENCV}R: {{rows: 3, cols: 3, data: [{rows}]}}\nT: {{rows: 3, cols: 1, data: [{shift}]}}\n"
+        "{OPENCV}R: {{rows: 3, cols: 3, data: [{rows}]}}\nT: {{rows: 3, cols: 1, data: \
+         [{shift}]}}\n"
     )
 }
 
@@ -342,7 +346,7 @@ fn blamed(members: &[Member], file: &str, field: Option<&str>, reason: &str) {
 }
 
 #[test]
-fn broken_rule_of_a_rig_is_blamed_on_its_file() {
+fn broken_rule_names_its_file() {
     let straight = |name: &str, x: f64| member(name, &turned(STRAIGHT, [-x, 0.0, 0.0]));
     let [left, right] = [straight("left", 0.0), straight("right", 80.0)];
     assert!(assemble(&[left.clone(), right.clone()]).is_ok());
@@ -386,13 +390,13 @@ fn broken_rule_of_a_rig_is_blamed_on_its_file() {
         Some("R"),
         "rotation_deg",
     );
-    // Whose axes have no mean.
+    // Opposite axes have no mean.
     let back = member("right", &turned(BACKWARDS, [9.0, 0.0, 5.0]));
     blamed(&[left, back], "left.yml", Some("R"), "no axes of a rig");
 }
 
 #[test]
-fn shift_beyond_all_measure_is_refused() {
+fn huge_shift_is_refused() {
     for shift in [[1e9, 0.0, 0.0], [0.0, 0.0, -1e300]] {
         let error = parse(&turned(STRAIGHT, shift)).unwrap_err();
         assert_eq!(error.field.as_deref(), Some("T"), "{error}");

@@ -1,11 +1,11 @@
-//! A YAML document whose values know their own name and line.
+//! YAML documents whose values keep their own name and line.
 //!
-//! OpenCV begins its files with `%YAML:1.0`, which is no directive of any YAML; without this line
-//! they are ordinary YAML with the tag `!!opencv-matrix`. Anchors and aliases, which neither
+//! OpenCV begins its files with `%YAML:1.0`, which is not a directive of any YAML; without this
+//! line they are ordinary YAML with the tag `!!opencv-matrix`. Anchors and aliases, which neither
 //! program writes, are refused.
 //!
-//! Only the values under known names are kept: files of other programs may hold all corners of all
-//! photographs. Time and memory are in proportion to the length of the file.
+//! Only the values under known names are kept, because files of other programs may hold all corners
+//! of all images. Time and memory are proportional to the length of the file.
 
 use std::borrow::Cow;
 use std::collections::HashSet;
@@ -17,20 +17,20 @@ use saphyr_parser::{Event, Parser, ScanError, Span};
 use crate::error::InputError;
 use crate::printable::printable_up_to;
 
-/// Deeper nesting than this belongs to no camera.
+/// Largest depth of nesting; camera files need less.
 const DEEPEST: usize = 16;
-/// Values that a list or a mapping holds at most, if it is kept.
+/// Largest number of values in a list or a mapping that is kept.
 const MOST_VALUES: usize = 1_000;
-/// Characters of a value that a message quotes.
+/// Largest number of characters of a value that a message quotes.
 const QUOTED: usize = 60;
 
-/// A file's first document.
+/// First document of a file.
 pub(super) struct Document<'a> {
     file: &'a Path,
     root: Tree<'a>,
 }
 
-/// A value, and where it stands.
+/// Value with its place.
 struct Tree<'a> {
     line: usize,
     value: Value<'a>,
@@ -40,11 +40,11 @@ enum Value<'a> {
     Scalar(Cow<'a, str>),
     List(Vec<Tree<'a>>),
     Map(Vec<(Cow<'a, str>, Tree<'a>)>),
-    /// Of a name that is not known.
+    /// Value whose name is not known.
     Dropped,
 }
 
-/// One value with its file, its name and its place.
+/// Value with its file, name and place.
 #[derive(Clone)]
 pub(super) struct Node<'a> {
     file: &'a Path,
@@ -52,20 +52,20 @@ pub(super) struct Node<'a> {
     tree: &'a Tree<'a>,
 }
 
-/// A line and the name of the value in it.
+/// Line of a value, and its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// Counted from 1.
+    /// Line, counted from 1.
     pub line: usize,
-    /// Such as `projection_matrix`.
+    /// Name, such as `projection_matrix`.
     pub field: String,
 }
 
 impl<'a> Document<'a> {
-    /// Reads the file's first document, of which the values under `known` names are kept.
+    /// Reads the file's first document and keeps the values under `known` names.
     pub fn parse(file: &'a Path, text: &'a str, known: &[&str]) -> Result<Self, InputError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        // What is left of the line is empty or a comment, so lines keep their numbers.
+        // The rest of the line is empty or a comment, so lines keep their numbers.
         let text = text.strip_prefix("%YAML:1.0").unwrap_or(text);
         let mut reader = Reader {
             file,
@@ -86,7 +86,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// The whole document.
+    /// Returns the root of the document.
     pub fn root(&self) -> Node<'_> {
         Node {
             file: self.file,
@@ -105,7 +105,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// Something is wrong with this value.
+    /// Creates an error that names this value.
     pub fn fault(&self, reason: impl Into<String>) -> InputError {
         match self.path.as_str() {
             "" => InputError::line(self.file, self.tree.line, reason),
@@ -113,7 +113,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// The value under `key`, if there is one.
+    /// Returns the value under `key`, if there is one.
     pub fn optional(&self, key: &str) -> Result<Option<Self>, InputError> {
         let Value::Map(entries) = &self.tree.value else {
             return Err(self.fault("expected names with values"));
@@ -122,7 +122,7 @@ impl<'a> Node<'a> {
         Ok(entry.map(|(_, tree)| self.child(join(&self.path, key), tree)))
     }
 
-    /// The value under `key`.
+    /// Returns the value under `key`; an error if it is missing.
     pub fn required(&self, key: &str) -> Result<Self, InputError> {
         self.optional(key)?.ok_or_else(|| {
             let (path, line) = (join(&self.path, key), self.tree.line);
@@ -130,7 +130,7 @@ impl<'a> Node<'a> {
         })
     }
 
-    /// The elements of a list.
+    /// Returns the elements of a list.
     pub fn elements(&self) -> Result<Vec<Self>, InputError> {
         let Value::List(list) = &self.tree.value else {
             return Err(self.fault("expected a list"));
@@ -147,7 +147,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A text without line breaks.
+    /// Returns a text without line breaks.
     pub fn text(&self) -> Result<&'a str, InputError> {
         match &self.tree.value {
             Value::Scalar(text) => Ok(text),
@@ -155,7 +155,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A finite number. OpenCV writes `1.` for 1.
+    /// Returns a finite number. OpenCV writes `1.` for 1.
     pub fn number(&self) -> Result<f64, InputError> {
         let text = self.text()?;
         match text.parse::<f64>() {
@@ -164,7 +164,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A whole number within `range`.
+    /// Returns an integer within `range`.
     pub fn whole(&self, range: RangeInclusive<u32>) -> Result<u32, InputError> {
         let text = self.text()?;
         text.parse()
@@ -179,7 +179,7 @@ impl<'a> Node<'a> {
     }
 }
 
-/// A value of the file for a message.
+/// Formats a value of the file for a message.
 pub(super) fn quoted(text: &str) -> String {
     printable_up_to(QUOTED, text)
 }
@@ -190,7 +190,7 @@ struct Reader<'a, 'k> {
     parser: Parser<'a, saphyr_parser::StrInput<'a>>,
 }
 
-/// The names and numbers that lead from the root to a value.
+/// Path of names and numbers from the root to a value.
 enum Way<'w> {
     Root,
     Name(&'w Way<'w>, &'w str),
@@ -205,7 +205,7 @@ impl Way<'_> {
         }
     }
 
-    /// The value's name, as messages have it.
+    /// Returns the value's name, as in messages.
     fn path(&self) -> String {
         match self {
             Self::Root => String::new(),
@@ -214,7 +214,7 @@ impl Way<'_> {
         }
     }
 
-    /// Returns true if the value is one of the `known`, or within it.
+    /// Returns true if the value is one of the `known`, or within one.
     fn is_kept(&self, known: &[&str]) -> bool {
         match self {
             Self::Root => true,
@@ -238,7 +238,7 @@ impl<'a> Reader<'a, '_> {
         }
     }
 
-    /// The value that begins with `event`, at the end of `way`.
+    /// Builds the value that begins with `event`, at the end of `way`.
     fn tree(
         &mut self,
         event: Event<'a>,

@@ -1,15 +1,15 @@
-//! A V4L2 camera. Linux only, with the feature `camera`.
+//! V4L2 cameras. Linux only, with the feature `camera`.
 //!
-//! The library is `v4l`: it hands on what the driver says of each picture, time, number and flags,
-//! which `linuxvideo` and (but for the time) `rscam` keep to themselves, and it waits with a limit,
-//! which `rscam` cannot. Its price is libclang when the program is built; no C library is linked.
+//! The library is `v4l`. It passes on the driver's data of each image (time, number and flags),
+//! which `linuxvideo` and (except the time) `rscam` hide, and it waits with a time limit, which
+//! `rscam` cannot. It needs libclang at build time; no C library is linked.
 //!
-//! What it does not do well is kept away from. Its `query_caps` panics at a card whose name was cut
-//! within a character: it is not called. Its `next` puts back the picture before, and after a
-//! time-out would do so twice: so the waiting is done before. At first it has no picture to put
-//! back, so the first of each camera is taken out unseen; many cameras spoil that one anyway. Its
-//! `drop` panics if a camera that is still there cannot be stopped; that would be in the camera's
-//! own thread or before anything moves.
+//! Three faults of the library are avoided. Its `query_caps` panics on a card whose name was cut
+//! within a character, so it is not called. Its `next` returns the previous image's buffer to the
+//! driver, and after a timeout would do so twice, so this module waits before it calls `next`.
+//! There is no previous image at first, so the first image of each camera is taken out and not
+//! used; many cameras spoil it anyway. Its `drop` panics if a connected camera cannot be stopped;
+//! that could happen only in the camera's own thread or before any motion.
 
 mod refusal;
 
@@ -32,19 +32,19 @@ use super::numbers::Numbers;
 use super::stamp::{Clocks, Moments, Point, Source, Stamp};
 use crate::error::InputError;
 
-/// Buffers that are asked for: one is here, the others are the driver's to fill.
+/// Number of buffers that are requested: this program holds one, the driver fills the others.
 const BUFFERS: u32 = 5;
 
-/// More buffers no driver has (V4L2's `VIDEO_MAX_FRAME`).
+/// Largest number of buffers that a driver has (V4L2's `VIDEO_MAX_FRAME`).
 const MOST_BUFFERS: usize = 32;
 
 /// Longest wait for an image before the next check for the end, ms.
 const WAIT_MS: i32 = 100;
 
-/// Who is told what the pictures' times are: with the first picture, and when that changes.
+/// Receiver of the source of the time stamps: called at the first image and at each change.
 pub type Notice = Box<dyn FnMut(Source) + Send>;
 
-/// A camera that streams.
+/// Streaming camera.
 pub struct V4l2 {
     path: PathBuf,
     stream: Stream<'static>,
@@ -58,12 +58,13 @@ pub struct V4l2 {
 }
 
 impl V4l2 {
-    /// Opens the camera at `path`, `/dev/video0` for one, with images of `size_px` in the best of
-    /// its formats that is known here and has this size, and starts it. `frames_per_s` is asked
-    /// for; some cameras have one rate only, and keep it.
+    /// Opens the camera at `path`, such as `/dev/video0`, and starts it, with images of `size_px`
+    /// in the best supported format that has this size. The camera is set to `frames_per_s`;
+    /// cameras with a fixed rate keep it.
     ///
     /// # Errors
-    /// If there is no such camera, it may not be used, or it has no images of this size.
+    /// [`InputError`] if there is no such camera, it may not be used, or it has no images of this
+    /// size.
     pub fn open(
         path: &Path,
         size_px: [u32; 2],
@@ -74,7 +75,7 @@ impl V4l2 {
         let refused = |cause: io::Error| refusal::cannot_start(path, &cause);
         let (format, stride) = set_format(path, &device, size_px)?;
         let interval = Fraction::new(1000, (frames_per_s * 1000.0).round() as u32);
-        // A rate that cannot be had is no reason not to look: the pictures bring their own times.
+        // A camera without this rate is used at its own rate, because the images carry their times.
         let _ = device.set_params(&Parameters::new(interval));
         Ok(Self {
             path: path.to_owned(),
@@ -94,14 +95,14 @@ impl V4l2 {
         self.format
     }
 
-    /// Returns true if an image is ready, or the camera will deliver none any more.
+    /// Returns true if an image is ready, or if the camera will deliver no more images.
     fn is_ready_within(&self, wait_ms: i32) -> io::Result<bool> {
         match self
             .stream
             .handle()
             .poll(PollFlags::IN.bits().cast_signed(), wait_ms)
         {
-            // By a signal, Ctrl-C for one.
+            // Interrupted by a signal, such as Ctrl-C.
             Err(cause) if cause.kind() == io::ErrorKind::Interrupted => Ok(false),
             ready => Ok(ready? > 0),
         }
@@ -147,10 +148,10 @@ impl Camera for V4l2 {
     }
 }
 
-/// Sets the best format that is known here of those that the device has with images of `size_px`,
-/// and tells how far apart its rows begin.
+/// Sets the best supported format of the device with images of `size_px`, and returns the distance
+/// between its rows.
 ///
-/// Many cameras on USB have their large images as JPEG only: a format may be there, but not in this
+/// Many USB cameras have their large images only as JPEG, so a format may exist, but not in this
 /// size.
 fn set_format(
     path: &Path,
@@ -184,7 +185,7 @@ fn set_format(
     })
 }
 
-/// The device's formats that are known here, best first; at least one.
+/// Returns the device's supported formats, best first; at least one.
 fn known(path: &Path, device: &Device) -> Result<Vec<Format>, InputError> {
     let offered = device.enum_formats().unwrap_or_default();
     let offered: Vec<[u8; 4]> = offered.iter().map(|format| format.fourcc.repr).collect();
@@ -196,7 +197,7 @@ fn known(path: &Path, device: &Device) -> Result<Vec<Format>, InputError> {
         return Ok(known);
     }
     Err(match device.format() {
-        // Every device of V4L2 knows the question, if only to say that it has no such thing.
+        // Every V4L2 device answers this request, if only with an error.
         Err(cause) if offered.is_empty() && cause.kind() != io::ErrorKind::InvalidInput => {
             refusal::cannot_open(path, &cause)
         }
@@ -204,7 +205,7 @@ fn known(path: &Path, device: &Device) -> Result<Vec<Format>, InputError> {
     })
 }
 
-/// Gives the driver all its buffers, as many as it made, and starts it.
+/// Gives the driver all buffers that it made, and starts it.
 fn start(device: &Device) -> io::Result<Stream<'static>> {
     let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS)?;
     for index in 0..MOST_BUFFERS {
@@ -251,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_camera_is_refused_by_name_with_what_to_do() {
+    fn other_devices_are_refused() {
         let text = refusal(Path::new("/dev/video-of-nobody"));
         assert!(
             text.starts_with("/dev/video-of-nobody: no such camera: plug it in"),
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_are_what_their_flags_say() {
+    fn stamps_follow_their_flags() {
         let of = |flags, sec, usec| {
             stamp(&Metadata {
                 flags,

@@ -1,8 +1,8 @@
-//! A camera's bytes as a grey image.
+//! Conversion of a camera's bytes to a grey image.
 //!
-//! Most formats carry the luminance by itself; then it is taken as it is, studio range (16 to 235)
-//! or full: the flow knows contrasts, no absolute brightness. Red, green and blue become luminance
-//! by the weights of ITU-R BT.709, as they do for image files.
+//! Most formats carry the luminance by itself. It is taken unchanged, studio range (16 to 235) or
+//! full range, because the flow needs contrasts and no absolute brightness. Red, green and blue
+//! become luminance by the weights of ITU-R BT.709, as they do for image files.
 
 use std::sync::OnceLock;
 
@@ -21,37 +21,37 @@ pub enum Format {
     Yuyv,
     /// Pairs of pixels: `U Y V Y`.
     Uyvy,
-    /// A plane of luminance, then one of `U V` pairs.
+    /// Plane of luminance, then one of `U V` pairs.
     Nv12,
-    /// A plane of luminance, then one of `U`, then one of `V`.
+    /// Plane of luminance, then one of `U`, then one of `V`.
     Yu12,
     /// Red, green, blue.
     Rgb,
     /// Blue, green, red.
     Bgr,
-    /// A JPEG file per picture, its Huffman tables often left out.
+    /// One JPEG file per image, often without its Huffman tables.
     Mjpeg,
 }
 
 /// Reason why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
-    /// The camera handed over less than a picture.
+    /// The camera delivered less than an image.
     #[error("{given} bytes, but a picture has {needed}")]
     Short {
-        /// Bytes there are.
+        /// Number of bytes delivered.
         given: usize,
-        /// Bytes there should be.
+        /// Number of bytes needed.
         needed: usize,
     },
-    /// No JPEG, or one of another size.
+    /// The bytes are not a JPEG, or one of another size.
     #[error("{0}")]
     Jpeg(String),
 }
 
 impl Format {
-    /// Best first: what is grey already, then what holds its luminance whole, last what has been
-    /// compressed.
+    /// All formats, best first: grey formats, then those with the whole luminance, then compressed
+    /// ones.
     pub const ALL: [Self; 8] = [
         Self::Grey,
         Self::Yuyv,
@@ -63,7 +63,7 @@ impl Format {
         Self::Mjpeg,
     ];
 
-    /// V4L2's name for it.
+    /// Returns V4L2's name of the format.
     pub const fn fourcc(self) -> [u8; 4] {
         *match self {
             Self::Grey => b"GREY",
@@ -77,7 +77,8 @@ impl Format {
         }
     }
 
-    /// Bytes of one pixel in the rows that hold the luminance; `None` where there are no rows.
+    /// Returns the bytes of one pixel in the rows that hold the luminance; `None` for formats
+    /// without rows.
     const fn bytes_per_pixel(self) -> Option<usize> {
         match self {
             Self::Grey | Self::Nv12 | Self::Yu12 => Some(1),
@@ -87,11 +88,11 @@ impl Format {
         }
     }
 
-    /// The image of `width` by `height` pixels in `bytes`. Rows begin `stride` bytes apart; 0, or
-    /// less than a row needs, is taken for rows without gaps.
+    /// Converts `bytes` to an image of `width` by `height` pixels. Rows begin `stride` bytes apart;
+    /// 0, or less than a row needs, is taken for rows without gaps.
     ///
     /// # Errors
-    /// [`Unreadable`].
+    /// [`Unreadable`], with the reason.
     pub fn to_grey(
         self,
         bytes: &[u8],
@@ -118,7 +119,7 @@ impl Format {
             _ => |pixel| pixel.first().copied().unwrap_or(0),
         };
         let mut grey = Vec::with_capacity(width * height);
-        // Rows of no bytes have no beginnings.
+        // Rows without bytes have no starts.
         for row in bytes.chunks(stride.max(1)).take(height) {
             let pixels = row.chunks_exact(per_pixel).take(width);
             grey.extend(pixels.map(luminance));
@@ -133,12 +134,12 @@ impl Format {
 
 fn bt709([red, green, blue]: [u8; 3]) -> u8 {
     let [r, g, b] = [red, green, blue].map(u32::from);
-    // The weights' sum is 10000: no more than 255 comes out.
+    // The weights add up to 10,000, so the result is at most 255.
     ((2126 * r + 7152 * g + 722 * b) / 10_000) as u8
 }
 
 fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
-    // What begins otherwise is another format to the common reader.
+    // Bytes with another start would be another format to the decoder.
     if !bytes.starts_with(&[0xFF, 0xD8]) {
         return Err(Unreadable::Jpeg("no JPEG".to_owned()));
     }
@@ -154,12 +155,12 @@ fn jpeg(bytes: &[u8], size: [usize; 2]) -> Result<Image, Unreadable> {
     })
 }
 
-/// Start of a scan, and of a segment of Huffman tables: the second bytes of their markers.
+/// Second bytes of the markers that start a scan and a segment of Huffman tables.
 const SCAN: u8 = 0xDA;
 const TABLES: u8 = 0xC4;
 
-/// The segments between a JPEG's start and its first scan: the marker's second byte, and the whole
-/// segment.
+/// Returns the segments between a JPEG's start and its first scan: the marker's second byte, and
+/// the whole segment.
 fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = bytes.get(2..).unwrap_or_default();
     std::iter::from_fn(move || {
@@ -173,14 +174,14 @@ fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     })
 }
 
-/// The JPEG with the standard's Huffman tables, which most cameras use and many leave out.
+/// Returns the JPEG with the standard's Huffman tables, which most cameras use and many leave out.
 fn with_tables(bytes: &[u8]) -> std::borrow::Cow<'_, [u8]> {
     static STANDARD: OnceLock<Vec<u8>> = OnceLock::new();
     if segments(bytes).any(|(marker, _)| marker == TABLES) {
         return bytes.into();
     }
     let standard = STANDARD.get_or_init(|| {
-        // An encoder that does not count its codes writes them.
+        // An encoder without optimised codes writes the standard tables.
         let mut file = Vec::new();
         let encoded = JpegEncoder::new(&mut file).encode(&[0; 3], 1, 1, ExtendedColorType::Rgb8);
         let tables = segments(&file).filter(|(marker, _)| *marker == TABLES && encoded.is_ok());
@@ -196,7 +197,7 @@ mod tests {
     use super::*;
     use image::RgbImage;
 
-    /// Three by two pixels of different grey.
+    /// Grey levels of three by two different pixels.
     const GREY: [u8; 6] = [10, 20, 30, 200, 210, 255];
 
     fn image() -> Image {
@@ -207,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The grey image as rows of `format`; colours and gaps are filled with 99.
+    /// Returns the grey image as rows of `format`; colours and gaps are filled with 99.
     fn rows(format: Format, gap: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         for row in GREY.chunks(3) {
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn every_layout_gives_its_luminance_with_and_without_gaps() {
+    fn layouts_give_luminance() {
         for format in Format::ALL {
             let Some(per_pixel) = format.bytes_per_pixel() else {
                 continue;
@@ -236,7 +237,7 @@ mod tests {
                 let stride = if gap == 0 { 0 } else { 3 * per_pixel + gap };
                 let grey = format.to_grey(&bytes, [3, 2], stride);
                 assert_eq!(grey, Ok(image()), "{format:?} {gap}");
-                // The last row's gap need not be there, and planes of colour may follow.
+                // The last row's gap may be missing, and planes of colour may follow.
                 let short = &bytes[..bytes.len() - gap];
                 assert_eq!(format.to_grey(short, [3, 2], stride), Ok(image()));
                 let long = [&bytes[..], &[1, 2, 3]].concat();
@@ -251,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_weigh_as_in_image_files() {
+    fn colours_weigh_as_in_files() {
         let colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [12, 200, 77]];
         for [r, g, b] in colours {
             let file = RgbImage::from_pixel(1, 1, image::Rgb([r, g, b]));
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn jpegs_are_read_with_and_without_their_huffman_tables() {
+    fn jpeg_without_tables_is_read() {
         let grey: Vec<u8> = (0..64 * 48).map(|i| (i % 64 * 3) as u8).collect();
         let mut file = Vec::new();
         JpegEncoder::new_with_quality(&mut file, 95)

@@ -2,7 +2,7 @@
 //!
 //! A camera thread waits for its camera, converts the image to grey and hands it to the
 //! [matching](super::matching). A call for the next frame set returns the newest; older ones that
-//! were not called for are dropped and counted.
+//! no call has taken are dropped and counted.
 //!
 //! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
 //! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
@@ -104,9 +104,9 @@ pub struct LiveCameras {
 }
 
 impl LiveCameras {
-    /// Starts the cameras, which are in the rig's order. Images within `window` of each other are
-    /// of one instant; each was taken `delay_us` before its time stamp, or after it if that is
-    /// negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
+    /// Starts the cameras, which are in the rig's order. Images within `window` of each other
+    /// belong to one instant; each was taken `delay_us` before its time stamp, or after it if that
+    /// is negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
     /// camera is lost while others carry on.
     ///
     /// # Errors
@@ -175,7 +175,7 @@ impl LiveCameras {
             .collect()
     }
 
-    /// Reason why no frame set came within the patience.
+    /// Returns the reason why no frame set came within [`PATIENCE`].
     fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
         let waited = self.patience.as_secs();
         let silent = (state.matching.counts().iter())
@@ -191,8 +191,9 @@ impl LiveCameras {
                 let reason = match stale + damaged {
                     0 => format!("no picture for {waited} s: is the camera still there?"),
                     _ => format!(
-                        "no picture that can be used for {waited} s; so far {damaged} were damaged, and {stale} came faster than they were fetched (lower \
-                         --fps, or do less on this computer)"
+                        "no picture that can be used for {waited} s; so far {damaged} were \
+                         damaged, and {stale} came faster than they were fetched \
+                         (lower --fps, or do less on this computer)"
                     ),
                 };
                 (self.paths[camera].clone(), reason)
@@ -202,8 +203,9 @@ impl LiveCameras {
                 (
                     first.cloned().unwrap_or_default(),
                     format!(
-                        "no picture within the window of the other cameras' for {waited} s, the latest are {apart_ms:.1} ms apart: trigger the cameras \
-                         together, or raise --window"
+                        "no picture within the window of the other cameras' for {waited} s, the \
+                         latest are {apart_ms:.1} ms apart: trigger the cameras together, \
+                         or raise --window"
                     ),
                 )
             }
@@ -238,7 +240,7 @@ impl LiveCameras {
     }
 }
 
-/// A camera's thread. Its pictures' times count from `zero`.
+/// Runs one camera's thread. The times of its images count from `zero`.
 fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {
@@ -246,7 +248,7 @@ fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared
         let mut state = shared.state();
         state.tallies[index].lost = camera.lost();
         match shot {
-            // What was taken before the start is of no use, and has no time.
+            // An image that was taken before the start has no time, and is stale.
             Ok(CameraEvent::Image(at, image)) => match at.checked_duration_since(zero) {
                 Some(since) => state.matching.push(index, micros(since), image),
                 None => state.tallies[index].stale += 1,

@@ -1,67 +1,66 @@
-//! Pictures of several cameras, put together by time.
+//! Matching of images of several cameras by their capture times.
 //!
-//! A *set* is one picture of each camera, the first and the last at most a window apart. Of the
-//! pictures that are there it is the nearest: if leaving out the earliest picture for its successor
-//! brings them closer together, the earliest is left out. Laws, whatever the cameras do:
+//! A *set* is one image of each camera, the first and the last at most a window apart. Among the
+//! waiting images it is the closest set: if replacing the earliest image by its successor brings
+//! them closer together, the earliest is left out. Invariants, for any behaviour of the cameras:
 //!
-//! * no picture is in two sets, and every camera's pictures come in their order;
-//! * all pictures of a set lie within the window;
-//! * a picture that can be in no set any more is dropped at once and counted; no more than
-//!   [`DEPTH`] of a camera wait for the others;
-//! * with a window of at most half the time between a camera's pictures, the sets do not depend on
-//!   which camera's picture arrives first.
+//! * no image is in two sets, and every camera's images come in their order;
+//! * all images of a set lie within the window;
+//! * an image that cannot be in a set any more is dropped at once and counted; at most [`DEPTH`]
+//!   images of a camera wait for the others;
+//! * with a window of at most half the time between a camera's images, the sets do not depend on
+//!   the order in which images of different cameras arrive.
 //!
-//! A camera whose latest picture is [`SILENCE_US`] older than another's, of which two or more wait,
-//! has *fallen silent*: until its next picture sets are made without it, as long as they have two.
-//! One that has sent none yet is waited for.
+//! A camera has *fallen silent* if its latest image is [`SILENCE_US`] older than another camera's,
+//! and two or more images of the other one wait. Until its next image, sets are made without it, as
+//! long as two cameras are left. The sets wait for a camera that has sent no image yet.
 
 use std::collections::VecDeque;
 
 /// Number of images of one camera that wait for the other cameras': a quarter of a second at 30
-/// pictures per second.
+/// images per second.
 pub const DEPTH: usize = 8;
 
-/// A camera that is so far behind has failed, µs. Short enough to go on before the station has
-/// given the target up (`coast_ms`, 0.8 s).
+/// Lag after which a camera has failed, µs. It is shorter than the time after which the station
+/// gives the target up (`coast_ms`, 0.8 s).
 pub const SILENCE_US: u64 = 500_000;
 
 /// Number of one camera's images, by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// That arrived.
+    /// Number of images that arrived.
     pub arrived: u64,
-    /// That are in a set which was asked for.
+    /// Number of images in sets that were taken.
     pub used: u64,
-    /// That had no partners within the window.
+    /// Number of images without partners within the window.
     pub unmatched: u64,
-    /// That were in a set, but there was a newer one when somebody asked.
+    /// Number of images in sets that were dropped for a newer set.
     pub overtaken: u64,
-    /// That did not come after the picture before.
+    /// Number of images that were not later than the image before.
     pub disordered: u64,
 }
 
-/// Pictures of one time.
+/// Simultaneous images of the cameras.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Set<P> {
-    /// Camera by camera: when its picture was taken, µs, and the picture; `None` of one that takes
-    /// no part.
+    /// Capture time in µs and image of each camera; `None` for a camera that is left out.
     pub pictures: Vec<Option<(u64, P)>>,
 }
 
 impl<P> Set<P> {
-    /// Capture time of each image, µs.
+    /// Returns the capture time of each image, µs.
     pub fn times_us(&self) -> impl Iterator<Item = u64> + Clone {
         self.pictures.iter().flatten().map(|(time_us, _)| *time_us)
     }
 
-    /// The mean of the times, µs.
+    /// Returns the mean of the capture times, µs.
     pub fn time_us(&self) -> u64 {
         let first = self.times_us().min().unwrap_or(0);
         let later: u64 = self.times_us().map(|time| time - first).sum();
         first + later / (self.times_us().count() as u64).max(1)
     }
 
-    /// From the first picture to the last, µs.
+    /// Returns the time from the first image to the last, µs.
     pub fn spread_us(&self) -> u64 {
         spread(self.times_us())
     }
@@ -74,7 +73,7 @@ fn spread(times_us: impl Iterator<Item = u64>) -> u64 {
     last.saturating_sub(first)
 }
 
-/// The pictures that wait for their partners.
+/// Images that wait for their partners.
 #[derive(Clone, Debug)]
 pub struct Matching<P> {
     window_us: u64,
@@ -86,7 +85,8 @@ pub struct Matching<P> {
 }
 
 impl<P> Matching<P> {
-    /// For so many cameras; pictures at most `window_us` apart are of one time.
+    /// Creates the matching of `cameras` cameras; images at most `window_us` apart are
+    /// simultaneous.
     pub fn new(cameras: usize, window_us: u64) -> Self {
         Self {
             window_us,
@@ -97,7 +97,7 @@ impl<P> Matching<P> {
         }
     }
 
-    /// A picture has arrived. One of a camera that there is not is ignored.
+    /// Adds an image that has arrived. The image of a camera that does not exist is ignored.
     pub fn push(&mut self, camera: usize, time_us: u64, picture: P) {
         let (Some(latest), Some(counts)) =
             (self.latest_us.get_mut(camera), self.counts.get_mut(camera))
@@ -116,14 +116,14 @@ impl<P> Matching<P> {
             self.counts[camera].unmatched += 1;
         }
         self.waiting[camera].push_back((time_us, picture));
-        // A single one may have come a little sooner than its partners.
+        // A single image may have come a little sooner than its partners.
         if self.waiting[camera].len() > 1 {
             self.leave_out_silent(time_us);
         }
     }
 
-    /// Makes sets without a camera until it sends a picture again. False, and nothing is done, if
-    /// fewer than two would be left.
+    /// Makes sets without a camera until it sends an image again. Returns false, and does nothing,
+    /// if fewer than two cameras would be left.
     pub fn leave_out(&mut self, camera: usize) -> bool {
         let others = self.takes_part.iter().enumerate();
         let others = others.filter(|(k, takes_part)| *k != camera && **takes_part);
@@ -150,14 +150,15 @@ impl<P> Matching<P> {
         }
     }
 
-    /// The oldest set.
+    /// Takes the oldest set.
     pub fn take(&mut self) -> Option<Set<P>> {
         let set = self.next()?;
         self.count(&set, |counts| counts.used += 1);
         Some(set)
     }
 
-    /// The newest set; older ones are overtaken: a servo has no use for them.
+    /// Takes the newest set and drops the older ones as overtaken, because a servo needs only the
+    /// newest.
     pub fn take_newest(&mut self) -> Option<Set<P>> {
         let mut newest = self.take()?;
         while let Some(newer) = self.take() {
@@ -182,8 +183,8 @@ impl<P> Matching<P> {
         &self.counts
     }
 
-    /// Time between the latest images of the active cameras, µs; `None` before each
-    /// has sent one.
+    /// Returns the time between the latest images of the active cameras, µs; `None` until each has
+    /// sent one.
     pub fn apart_us(&self) -> Option<u64> {
         let taking_part = self.latest_us.iter().zip(&self.takes_part);
         let latest = taking_part.filter_map(|(latest, takes_part)| takes_part.then_some(*latest));
@@ -193,14 +194,14 @@ impl<P> Matching<P> {
 
     fn next(&mut self) -> Option<Set<P>> {
         loop {
-            // Of each camera that takes part its first picture: camera and time.
+            // First image of each active camera: camera and time.
             let heads = (0..self.waiting.len()).filter(|camera| self.takes_part[*camera]);
             let heads = heads.map(|camera| Some((camera, self.waiting[camera].front()?.0)));
             let heads: Vec<(usize, u64)> = heads.collect::<Option<_>>()?;
             let (earliest, _) = heads.iter().min_by_key(|(_, time)| *time)?;
             let apart = spread(heads.iter().map(|(_, time)| *time));
-            // Every picture still to come of the other cameras is later than theirs that wait: the
-            // earliest gets no nearer partners.
+            // Every later image of the other cameras is newer than their waiting ones, so the
+            // earliest image gets no closer partners.
             if apart > self.window_us || self.successor_is_nearer(&heads, *earliest, apart) {
                 self.waiting[*earliest].pop_front();
                 self.counts[*earliest].unmatched += 1;

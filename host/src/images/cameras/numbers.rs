@@ -1,9 +1,9 @@
-//! Pictures that a driver lost, by the numbers it gives to those it hands on.
+//! Count of the images that a driver lost, from the sequence numbers of the images it delivers.
 //!
-//! A driver counts every picture, also those it has no room for or that come damaged beyond use.
-//! The number has 32 bits and starts anew after the last.
+//! A driver counts every image, including those for which it has no buffer and those that are
+//! damaged. The number has 32 bits and wraps.
 
-/// A camera's picture numbers so far.
+/// Sequence numbers of a camera's images so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Numbers {
     last: Option<u32>,
@@ -11,8 +11,8 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// A picture with this number came. One that is not ahead of the last loses nothing: the driver
-    /// counts anew, or does not count at all.
+    /// Notes an image with this number. A number that is not ahead of the last means no loss,
+    /// because the driver has started again or does not count at all.
     pub fn saw(&mut self, number: u32) {
         let last = self.last.replace(number);
         let step = last.map_or(1, |last| number.wrapping_sub(last));
@@ -21,7 +21,7 @@ impl Numbers {
         }
     }
 
-    /// Pictures between those that came.
+    /// Returns the number of images missing between those delivered.
     pub const fn lost(&self) -> u64 {
         self.lost
     }
@@ -40,9 +40,9 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_pictures_also_where_the_count_starts_anew() {
+    fn gaps_are_counted_across_the_wrap() {
         assert_eq!(lost(&[]), 0);
-        // What was before the first is not known.
+        // Losses before the first image are unknown.
         assert_eq!(lost(&[7, 8, 9]), 0);
         assert_eq!(lost(&[7, 9, 10, 14]), 4);
         assert_eq!(lost(&[u32::MAX - 1, u32::MAX, 0, 1]), 0);
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_that_does_not_count_or_counts_anew_loses_nothing() {
+    fn restarted_count_loses_nothing() {
         assert_eq!(lost(&[0, 0, 0, 0]), 0);
         assert_eq!(lost(&[500, 501, 0, 1, 2]), 0);
         assert_eq!(lost(&[500, 503, 0, 1, 3]), 3);

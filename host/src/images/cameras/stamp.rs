@@ -1,31 +1,31 @@
-//! When a picture was taken, by its driver's stamp.
+//! Capture time of an image, from its driver's time stamp.
 //!
-//! A V4L2 driver stamps each picture, and says by flags what the stamp is worth: on which clock,
-//! and which point of the picture. With the kernel's monotonic clock it becomes an [`Instant`],
-//! which on Linux is of that clock too but does not tell what it reads: so both are read
-//! [once](Clocks), together.
+//! A V4L2 driver stamps each image, and describes the stamp by flags: its clock, and the point of
+//! the exposure or transfer. A stamp of the kernel's monotonic clock is converted to an
+//! [`Instant`]. On Linux, `Instant` uses the same clock but does not show its reading, so both
+//! clocks are read [once](Clocks), together.
 //!
-//! A driver whose stamps are of another clock, or cannot be true, is not believed any more. From
-//! then on a picture's moment is when the thread that waited for it got it: later by the time the
-//! scheduler takes, tens of microseconds on a computer that is not overloaded. A picture that lay
-//! ready before anybody waited has no such moment.
+//! The stamps of a driver are no longer used once one is of another clock or cannot be true. From
+//! then on the time of an image is when the waiting thread received it, later by the scheduler's
+//! latency: tens of microseconds on a computer that is not overloaded. An image that was ready
+//! before the thread waited has no known time.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// Largest time by which a stamp may be ahead of its picture's arrival: nothing, but for what the
-/// reading of two clocks takes.
+/// Largest time by which a stamp may be ahead of its image's arrival, to allow for reading two
+/// clocks.
 const AHEAD: Duration = Duration::from_millis(1);
 
-/// Largest age of an image that has just arrived. None takes so long from the camera to its
+/// Largest age of an image that has just arrived. No image takes longer from the camera to its
 /// driver.
 const OLDEST: Duration = Duration::from_secs(3);
 
-/// Readings of two clocks, of which the quickest counts.
+/// Number of readings of two clocks, of which the quickest is used.
 pub const READINGS: usize = 8;
 
-/// The quickest of several readings of two clocks, each told with the time it took. One during
-/// which the scheduler took the processor away is a bad pair.
+/// Returns the quickest of several readings of two clocks, each given with its duration. A reading
+/// during which the scheduler took the processor away is a bad pair.
 pub fn quickest<O: Ord, T>(reading: impl Fn() -> (O, T)) -> T {
     let others = (1..READINGS).map(|_| reading());
     let quicker = |best: (O, T), other: (O, T)| match other.0 < best.0 {
@@ -35,7 +35,7 @@ pub fn quickest<O: Ord, T>(reading: impl Fn() -> (O, T)) -> T {
     others.fold(reading(), quicker).1
 }
 
-/// Both clocks at one moment.
+/// Readings of both clocks at one moment.
 #[derive(Clone, Copy, Debug)]
 pub struct Clocks {
     instant: Instant,
@@ -43,7 +43,7 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Reads them; `monotonic` tells the time on the drivers' clock.
+    /// Reads both clocks; `monotonic` reads the drivers' clock.
     pub fn read(monotonic: impl Fn() -> Duration) -> Self {
         quickest(|| {
             let before = Instant::now();
@@ -54,7 +54,7 @@ impl Clocks {
         })
     }
 
-    /// A moment on the drivers' clock; `None` if it is too far away for an [`Instant`].
+    /// Converts a time on the drivers' clock; `None` if it is too far away for an [`Instant`].
     pub fn instant(&self, monotonic: Duration) -> Option<Instant> {
         match monotonic.checked_sub(self.monotonic) {
             Some(later) => self.instant.checked_add(later),
@@ -66,39 +66,39 @@ impl Clocks {
 /// Point of an exposure or transfer that the driver stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Point {
-    /// The start of the exposure. Cameras on USB say so too, but are stamped when the first of
-    /// their data come, and that is after the exposure.
+    /// Start of the exposure. USB cameras report this point too, but are stamped when the first of
+    /// their data arrive, which is after the exposure.
     Start,
-    /// The end of the picture: it has been read out and is in memory.
+    /// End of the transfer: the image has been read out and is in memory.
     End,
 }
 
 /// Time stamp of an image by its driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamp {
-    /// Time on the monotonic clock, at a point of the picture.
+    /// Time on the monotonic clock, at a point of the exposure or transfer.
     Monotonic(Duration, Point),
-    /// None, or one of an unknown clock.
+    /// No time stamp, or one of an unknown clock.
     Unknown,
 }
 
 /// Reason why a driver's stamps are not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
-    /// They are not of the monotonic clock.
+    /// The stamps are not of the monotonic clock.
     OtherClock,
-    /// One was later than its picture.
+    /// A stamp was later than its image's arrival.
     Ahead,
-    /// One was of long before its picture.
+    /// A stamp was long before its image's arrival.
     Behind,
 }
 
 /// Source of a camera's time stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The driver's stamps, of this point.
+    /// Driver's stamps of this point.
     Driver(Point),
-    /// The arrival of the pictures.
+    /// Arrival of the images.
     Arrival(Doubt),
 }
 
@@ -122,7 +122,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// The moments of one camera's pictures.
+/// Capture times of one camera's images.
 #[derive(Clone, Debug)]
 pub struct Moments {
     clocks: Clocks,
@@ -130,7 +130,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Before the first picture.
+    /// Creates the state before the first image.
     pub const fn new(clocks: Clocks) -> Self {
         let source = None;
         Self { clocks, source }
@@ -141,8 +141,8 @@ impl Moments {
         self.source
     }
 
-    /// The moment of a picture that was handed over at `arrived`. `was_awaited`: it came while
-    /// somebody waited for it. `None` if it cannot be known.
+    /// Returns the time of an image that was delivered at `arrived`; `None` if it is unknown.
+    /// `was_awaited` is true if the thread was waiting when the image came.
     pub fn of(&mut self, stamp: Stamp, arrived: Instant, was_awaited: bool) -> Option<Instant> {
         let by_arrival = was_awaited.then_some(arrived);
         if let Some(Source::Arrival(_)) = self.source {
@@ -153,8 +153,8 @@ impl Moments {
             Stamp::Monotonic(time, point) => match self.clocks.instant(time) {
                 Some(at) if at > arrived + AHEAD => Err(Doubt::Ahead),
                 Some(at) if arrived.saturating_duration_since(at) <= OLDEST => Ok((at, point)),
-                // It may have lain there for as long as the program was held up: no time to go by,
-                // and no fault of the driver.
+                // The image may have been ready for as long as the program was delayed: its time is
+                // unknown, and the driver is not at fault.
                 _ if !was_awaited => return None,
                 _ => Err(Doubt::Behind),
             },

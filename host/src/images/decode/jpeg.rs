@@ -1,31 +1,31 @@
-//! The structure of a JPEG file: segments behind markers, and compressed data behind each scan's.
+//! Structure of a JPEG file: segments after markers, and compressed data after each scan's segment.
 //!
-//! Decoders go on without what is missing at a file's end. So the markers are followed to the last
-//! one here: a file that was cut off anywhere has no end of image behind its last scan. A picture
-//! in the metadata has one of its own, but stands within a segment of known length.
+//! Decoders tolerate missing data at a file's end. This module therefore follows the markers to the
+//! last one: a file that was cut off anywhere has no end of image after its last scan. An image in
+//! the metadata has its own end of image, but lies within a segment of known length.
 
 use super::Refusal;
 
 mod huffman;
 mod scan;
 
-/// Scans of a progressive file that are read at most; encoders make ten or so.
+/// Largest number of scans of a progressive file; encoders make about ten.
 const MOST_SCANS: usize = 100;
-/// The side of a block of coefficients, px.
+/// Side of a block of coefficients, px.
 const BLOCK: u64 = 8;
 
 const NO_END: Refusal = Refusal::CutOff("its end-of-image marker is missing");
 
-/// What the markers say of a whole file.
+/// Properties of a whole file, from its markers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Frame {
-    /// Width and height.
+    /// Width and height, px.
     pub size_px: [u32; 2],
     /// Horizontal and vertical sampling factors of each component.
     sampling: Vec<[u8; 2]>,
     is_progressive: bool,
     scans: usize,
-    /// Bytes of compressed data in all scans.
+    /// Compressed data in all scans, bytes.
     data: u64,
 }
 
@@ -43,21 +43,22 @@ impl Frame {
         units.saturating_mul(blocks.sum())
     }
 
-    /// Returns how many bytes of coefficients the decoder keeps: all of them if they come in parts.
+    /// Returns the size of the coefficients that the decoder keeps, bytes: all of them if they come
+    /// in parts.
     pub fn coefficient_bytes(&self) -> u64 {
         let is_whole = self.is_progressive || self.scans > 1;
         u64::from(is_whole) * self.blocks().saturating_mul(2 * BLOCK * BLOCK)
     }
 
-    /// Returns how long the compressed data are at least: a bit for every block, or two if its
+    /// Returns the least length of the compressed data: a bit for every block, or two if its
     /// coefficients come together.
     fn least_data(&self) -> u64 {
         let bits = if self.is_progressive { 1 } else { 2 };
-        // A single component's blocks end with the picture, not with the unit.
+        // The blocks of a single component end with the image, not with the unit.
         (self.blocks() / 4).max(1) * bits / BLOCK
     }
 
-    /// Returns 0 if the compressed data can be a picture of this size, otherwise more than any file
+    /// Returns 0 if the compressed data can be an image of this size, otherwise more than any file
     /// has.
     pub fn least_bytes(&self) -> u64 {
         if self.data < self.least_data() {
@@ -71,7 +72,7 @@ impl Frame {
 /// Follows the markers of a file to its end of image.
 ///
 /// # Errors
-/// If there is no end of image, or no picture before it.
+/// [`Refusal`] if there is no end of image, or no image before it.
 pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
     let mut frame = None;
     let (mut scans, mut data) = (0, 0);
@@ -84,7 +85,7 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
         }
         match marker {
             0xD9 if scans > 0 => break,
-            // Another file begins.
+            // Start of another file.
             0xD8 => return Err(NO_END),
             0x01 | 0xD0..=0xD9 => continue,
             _ => {}
@@ -93,7 +94,7 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
         rest = &rest[segment.len()..];
         match marker {
             0xDA => scans += 1,
-            // Tables stand among the frames' numbers.
+            // Markers of tables lie between those of frames.
             0xC4 | 0xC8 | 0xCC => {}
             0xC0..=0xCF if frame.is_some() => {
                 return Err(Refusal::Malformed("two frames in one file".to_owned()));
@@ -116,9 +117,9 @@ pub(super) fn frame(file: &[u8]) -> Result<Frame, Refusal> {
     })
 }
 
-/// Returns how many bytes stand before the next marker, and its second byte.
+/// Returns the number of bytes before the next marker, and the marker's second byte.
 fn next_marker(rest: &[u8]) -> Result<(usize, u8), Refusal> {
-    // A zero behind it makes 0xFF data, another 0xFF makes it a filling.
+    // A zero after 0xFF makes it data, another 0xFF makes it padding.
     let pairs = rest.windows(2).enumerate();
     let mut markers = pairs.filter(|(_, pair)| pair[0] == 0xFF && !matches!(pair[1], 0 | 0xFF));
     let found = markers.next().map(|(at, pair)| (at, pair[1]));
@@ -137,7 +138,7 @@ fn segment(rest: &[u8]) -> Result<&[u8], Refusal> {
 /// Follows the compressed data to the last block.
 ///
 /// # Errors
-/// If data are missing.
+/// [`Refusal`] if data are missing.
 pub(super) fn check_data(file: &[u8]) -> Result<(), Refusal> {
     scan::check(file)
 }

@@ -5,11 +5,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether this thread runs a decoder, whose panics are not printed.
+    /// True while this thread runs a decoder, whose panics are not printed.
     static IS_QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `decode`; `None` if it panics.
+/// Runs `decode`; returns `None` if it panics.
 pub(super) fn caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -21,7 +21,7 @@ pub(super) fn caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
         }));
     });
     let before = IS_QUIET.replace(true);
-    // A decoder owns all that it changes, and none of it is used after a panic.
+    // A decoder owns all state that it changes, and none of it is used after a panic.
     let outcome = catch_unwind(AssertUnwindSafe(decode));
     IS_QUIET.set(before);
     outcome.ok()
@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panic_of_a_decoder_is_caught() {
+    fn panic_of_decoder_is_caught() {
         assert_eq!(caught(|| 7), Some(7));
         assert_eq!(caught(|| -> u8 { panic!("a decoder's") }), None);
         assert!(!IS_QUIET.get());

@@ -1,25 +1,25 @@
-//! The structure of a PNG file: chunks of a length, a name, content, and a checksum.
+//! Structure of a PNG file: chunks of length, name, content and checksum.
 
 use std::borrow::Cow;
 
 use super::Refusal;
 
 const SIGNATURE: usize = 8;
-/// Length, name and checksum of a chunk.
+/// Size of a chunk's length, name and checksum, bytes.
 const AROUND: usize = 12;
 
-/// A chunk's name, its content, and all of its bytes.
+/// Chunk: its name, its content, and all of its bytes.
 type Chunk<'a> = (&'a [u8], &'a [u8], &'a [u8]);
 
-/// Returns the file with the chunks that make the picture, and no others.
+/// Returns the file with only the chunks that make the image.
 ///
-/// Text and colour profiles are compressed, and what they inflate to has no bound in the file.
+/// Text and colour profiles are compressed, and the file does not bound their inflated size.
 ///
 /// # Errors
-/// If the file ends before its last chunk, or the palette is malformed.
+/// [`Refusal`] if the file ends before its last chunk, or the palette is malformed.
 pub(super) fn without_metadata(file: &[u8]) -> Result<Cow<'_, [u8]>, Refusal> {
     let mut rest = file.get(SIGNATURE..).unwrap_or_default();
-    // What has been kept stands at the beginning of the file until the first chunk is dropped.
+    // Until the first chunk is dropped, the kept chunks are the start of the file.
     let mut kept = SIGNATURE;
     let mut copy: Option<Vec<u8>> = None;
     loop {
@@ -56,7 +56,7 @@ fn first_chunk(rest: &[u8]) -> Result<Chunk<'_>, Refusal> {
 /// Returns the width and height in the header.
 ///
 /// # Errors
-/// If the first chunk is no header.
+/// [`Refusal`] if the first chunk is not a header.
 pub(super) fn size_px(file: &[u8]) -> Result<[u32; 2], Refusal> {
     let (name, content, _) = first_chunk(file.get(SIGNATURE..).unwrap_or_default())?;
     match (name, content) {
@@ -68,7 +68,7 @@ pub(super) fn size_px(file: &[u8]) -> Result<[u32; 2], Refusal> {
     }
 }
 
-/// Returns how long a file of this size is at least: deflate makes 1 byte of 1032 at best.
+/// Returns the least length of a file of this size, bytes: deflate makes 1 byte of 1032 at best.
 pub(super) fn least_bytes(file: &[u8], [width, height]: [u64; 2]) -> u64 {
     let header = file.get(SIGNATURE + 16..SIGNATURE + 18);
     let &[depth, colour] = header.unwrap_or_default() else {

@@ -1,8 +1,8 @@
-//! How long a PNM file is at least.
+//! Least length of a PNM file.
 
 use image::codecs::pnm::{PnmHeader, PnmSubtype, SampleEncoding};
 
-/// Returns how many bytes the pixels of such a file take at least.
+/// Returns the least size of the pixels of such a file, bytes.
 pub(super) fn least_bytes(header: &PnmHeader) -> u64 {
     let [width, height] = [header.width(), header.height()].map(u64::from);
     let samples = width
@@ -16,9 +16,9 @@ pub(super) fn least_bytes(header: &PnmHeader) -> u64 {
     let sample_bytes = u64::from(header.maximal_sample() > 255) + 1;
     let row = match header.subtype() {
         PnmSubtype::Bitmap(SampleEncoding::Binary) => width.div_ceil(8),
-        // Digits of 0 and 1 may stand side by side.
+        // Digits of 0 and 1 may follow each other without a space.
         PnmSubtype::Bitmap(SampleEncoding::Ascii) => width,
-        // A digit, and a space between two of them.
+        // One digit, and a space between each two of them.
         PnmSubtype::Graymap(SampleEncoding::Ascii) | PnmSubtype::Pixmap(SampleEncoding::Ascii) => {
             return samples
                 .saturating_mul(2)

@@ -1,17 +1,17 @@
-//! Whatever a file claims is judged first, and a file that ends too early is refused.
+//! Checks of a file's claims before decoding, and refusals of files that end too early.
 
 use super::*;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 
-/// A photograph of another program, with an APP0 segment.
+/// Image file of another program, with an APP0 segment.
 const PHOTOGRAPH: &[u8] = include_bytes!("../../../../tests/images/chessboard/left/01.jpg");
 /// A progressive colour JPEG of 48 x 40 px.
 const PROGRESSIVE: &[u8] = include_bytes!("tests/progressive.jpg");
-/// A baseline JPEG of 48 x 40 px with a picture of its own in its EXIF data.
+/// Baseline JPEG of 48 x 40 px with an image of its own in its EXIF data.
 const WITH_THUMBNAIL: &[u8] = include_bytes!("tests/thumbnail.jpg");
 
-/// A chunk of a PNG file, with its checksum.
+/// Returns a chunk of a PNG file, with its checksum.
 fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     let mut sum = !0_u32;
     for byte in name.iter().chain(content) {
@@ -24,7 +24,7 @@ fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     [&length, &name[..], content, &(!sum).to_be_bytes()].concat()
 }
 
-/// A PNG header: size, bits per sample, kind of colour.
+/// Returns a PNG header: size, bits per sample, kind of colour.
 fn header(width: u32, height: u32, kind: [u8; 2]) -> Vec<u8> {
     let size = [width.to_be_bytes(), height.to_be_bytes()].concat();
     chunk(b"IHDR", &[&size[..], &kind, &[0; 3]].concat())
@@ -34,7 +34,7 @@ fn png(chunks: &[Vec<u8>]) -> Vec<u8> {
     [&b"\x89PNG\r\n\x1a\n"[..], &chunks.concat()].concat()
 }
 
-/// A small grey PNG in one piece per chunk: signature with header, data, end.
+/// Returns a small grey PNG in one piece per chunk: signature with header, data, end.
 fn small_png() -> Vec<u8> {
     let mut file = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(&mut file);
@@ -45,7 +45,7 @@ fn small_png() -> Vec<u8> {
     file
 }
 
-/// The bytes that a zlib stream of `length` zeros has, stored.
+/// Returns a zlib stream of `length` zeros, stored.
 fn stored_zeros(length: u16) -> Vec<u8> {
     let sizes = [length.to_le_bytes(), (!length).to_le_bytes()].concat();
     let zeros = vec![0; usize::from(length)];
@@ -58,7 +58,7 @@ fn refusal(bytes: &[u8]) -> Refusal {
 }
 
 #[test]
-fn claimed_size_is_judged_before_decoding() {
+fn claimed_size_is_checked_first() {
     let huge = png(&[header(400_000, 400_000, [8, 0]), chunk(b"IEND", b"")]);
     assert_eq!(refusal(&huge), Refusal::TooLarge(400_000, 400_000));
     assert_eq!(
@@ -80,7 +80,7 @@ fn claimed_size_is_judged_before_decoding() {
 }
 
 #[test]
-fn picture_of_no_pixels_is_refused() {
+fn empty_image_is_refused() {
     assert_eq!(refusal(b"P5 0 1 255\n"), Refusal::Empty(0, 1));
     assert_eq!(refusal(b"P5 1 0 255\n"), Refusal::Empty(1, 0));
     let empty = png(&[header(0, 7, [8, 0]), chunk(b"IEND", b"")]);
@@ -95,7 +95,7 @@ fn picture_of_no_pixels_is_refused() {
 }
 
 #[test]
-fn file_too_short_for_its_size_is_refused() {
+fn too_short_file_is_refused() {
     let short = Refusal::CutOff("it is too short for a picture of its size");
     for head in [
         "P5 6000 6000 255\n",
@@ -124,7 +124,7 @@ fn file_too_short_for_its_size_is_refused() {
 }
 
 #[test]
-fn memory_is_judged_before_decoding() {
+fn memory_is_checked_first() {
     let file = small_png();
     for (extra, fits) in [(0, true), (MEMORY, false)] {
         let judge = Judge {
@@ -137,16 +137,16 @@ fn memory_is_judged_before_decoding() {
         assert_eq!(outcome.is_ok(), fits, "{outcome:?}");
         assert_eq!(matches!(outcome, Err(Refusal::TooMuchMemory(_))), !fits);
     }
-    // All coefficients of a progressive picture are kept: three blocks for each 8 x 8 px.
+    // All coefficients of a progressive image are kept: three blocks for each 8 x 8 px.
     let frame = jpeg::frame(PROGRESSIVE).unwrap();
     assert_eq!(frame.coefficient_bytes(), 3 * 48 * 40 * 2);
     assert_eq!(jpeg::frame(PHOTOGRAPH).unwrap().coefficient_bytes(), 0);
 }
 
 #[test]
-fn metadata_of_a_png_are_not_read() {
+fn png_metadata_is_not_read() {
     let plain = small_png();
-    // Behind signature and header, and before the end.
+    // After signature and header, and before the end.
     let (head, tail) = plain.split_at(8 + 25);
     let wrong = chunk(b"iCCP", b"profile\0\0no deflate stream");
     let text = chunk(b"zTXt", b"key\0\0no deflate stream");
@@ -192,7 +192,7 @@ fn whole_but_not_cut(file: &[u8], size_px: [u32; 2]) {
 }
 
 #[test]
-fn jpeg_cut_off_anywhere_is_refused() {
+fn truncated_jpeg_is_refused() {
     whole_but_not_cut(PHOTOGRAPH, [640, 480]);
     whole_but_not_cut(PROGRESSIVE, [48, 40]);
     whole_but_not_cut(WITH_THUMBNAIL, [48, 40]);
@@ -205,7 +205,7 @@ fn jpeg_cut_off_anywhere_is_refused() {
 }
 
 #[test]
-fn jpeg_cut_off_before_the_next_is_refused() {
+fn jpeg_cut_before_another_is_refused() {
     let half = &PHOTOGRAPH[..PHOTOGRAPH.len() / 2];
     for rest in [PHOTOGRAPH, &[0; 40_000]] {
         let file = [half, rest].concat();
@@ -217,7 +217,7 @@ fn jpeg_cut_off_before_the_next_is_refused() {
 }
 
 #[test]
-fn jpeg_of_endless_scans_is_refused() {
+fn endless_jpeg_scans_are_refused() {
     let scan = PROGRESSIVE
         .windows(2)
         .rposition(|pair| pair == [0xFF, 0xDA])
@@ -232,7 +232,7 @@ fn jpeg_of_endless_scans_is_refused() {
 }
 
 #[test]
-fn png_and_pnm_cut_off_anywhere_are_refused() {
+fn truncated_png_and_pnm_are_refused() {
     let png = small_png();
     for length in 0..png.len() {
         assert!(decode(&png[..length], None).is_err(), "{length}");
@@ -245,7 +245,7 @@ fn png_and_pnm_cut_off_anywhere_are_refused() {
 }
 
 #[test]
-fn other_formats_are_refused_by_name() {
+fn other_formats_are_refused() {
     for bytes in [&b""[..], b"GIF89a", b"text", b"BM", b"II*\0"] {
         assert!(
             refusal(bytes)
@@ -255,7 +255,7 @@ fn other_formats_are_refused_by_name() {
     }
 }
 
-/// The file without the last part of its compressed data, but with an end-of-image marker.
+/// Returns the file without the last part of its compressed data, but with an end-of-image marker.
 fn closed_after(file: &[u8], length: usize) -> Vec<u8> {
     let mut cut = file[..length].to_vec();
     if cut.last() == Some(&0xFF) {
@@ -265,7 +265,7 @@ fn closed_after(file: &[u8], length: usize) -> Vec<u8> {
 }
 
 #[test]
-fn jpeg_closed_before_its_last_block_is_refused() {
+fn jpeg_without_last_block_is_refused() {
     let mut grey = Vec::new();
     let pixels: Vec<u8> = (0..40 * 48).map(|i| (i * i % 251) as u8).collect();
     JpegEncoder::new_with_quality(&mut grey, 95)
@@ -286,7 +286,7 @@ fn jpeg_closed_before_its_last_block_is_refused() {
 }
 
 #[test]
-fn jpeg_that_lost_its_middle_is_refused() {
+fn jpeg_without_middle_is_refused() {
     for file in [PHOTOGRAPH, PROGRESSIVE, WITH_THUMBNAIL] {
         for lost in [file.len() / 10, file.len() / 4] {
             let end = file.len() * 9 / 10;
@@ -297,7 +297,7 @@ fn jpeg_that_lost_its_middle_is_refused() {
 }
 
 #[test]
-fn jpeg_without_its_last_scans_is_refused() {
+fn jpeg_without_last_scans_is_refused() {
     let scans = PROGRESSIVE.windows(2).enumerate();
     let scans = scans.filter(|(_, pair)| *pair == [0xFF, 0xDA]);
     let starts: Vec<usize> = scans.map(|(at, _)| at).collect();
@@ -309,7 +309,7 @@ fn jpeg_without_its_last_scans_is_refused() {
 }
 
 #[test]
-fn unread_kind_of_jpeg_is_named() {
+fn unread_jpeg_kind_is_named() {
     for (marker, kind) in [
         (0xC9, "arithmetic-coded"),
         (0xCA, "arithmetic"),

@@ -1,4 +1,4 @@
-//! Faults in a folder are named by the file that has them; what was saved comes back.
+//! Errors of a folder, each with the file's name, and saved frame sets.
 
 use super::*;
 use tempfile::TempDir;
@@ -7,7 +7,7 @@ fn names() -> Vec<String> {
     ["left", "middle", "right"].map(str::to_owned).to_vec()
 }
 
-/// A capture of 6 x 4 px whose pixels tell camera and frame.
+/// Returns a frame set of 6 x 4 px whose pixels encode camera and number.
 fn capture(frame: u8) -> FrameSet {
     let view = |camera: u8| Image {
         width: 6,
@@ -33,7 +33,7 @@ fn open(dir: &Path) -> Result<Folder, InputError> {
 }
 
 #[test]
-fn what_was_saved_comes_back() {
+fn saved_frame_sets_round_trip() {
     let dir = saved(3);
     let folder = open(dir.path()).unwrap();
     assert_eq!(folder.names(), ["000000.png", "000001.png", "000002.png"]);
@@ -46,7 +46,7 @@ fn what_was_saved_comes_back() {
 }
 
 #[test]
-fn other_and_hidden_files_are_passed_over() {
+fn other_files_are_skipped() {
     let dir = saved(1);
     for name in ["notes.txt", ".hidden.png", "no_extension"] {
         fs::write(dir.path().join("left").join(name), "text").unwrap();
@@ -55,7 +55,7 @@ fn other_and_hidden_files_are_passed_over() {
 }
 
 #[test]
-fn pictures_of_other_formats_are_named() {
+fn other_image_formats_are_named() {
     let dir = saved(1);
     let left = dir.path().join("left");
     for number in 0..12 {
@@ -76,7 +76,7 @@ fn pictures_of_other_formats_are_named() {
 
 #[cfg(unix)]
 #[test]
-fn picture_names_of_what_is_no_file_are_refused() {
+fn non_files_named_as_images_are_refused() {
     let dir = saved(3);
     let path = |name: &str| dir.path().join("left").join(name);
     for name in ["000000.png", "000001.png", "000002.png"] {
@@ -96,7 +96,7 @@ fn picture_names_of_what_is_no_file_are_refused() {
 }
 
 #[test]
-fn numbers_in_names_count_as_numbers() {
+fn names_sort_by_their_numbers() {
     let dir = TempDir::new().unwrap();
     for name in ["view10.png", "view9.png", "view9b.png", "other.png"] {
         for camera in names() {
@@ -110,7 +110,7 @@ fn numbers_in_names_count_as_numbers() {
 }
 
 #[test]
-fn a_missing_folder_is_named() {
+fn missing_folder_is_named() {
     let error = open(Path::new("/no/such/folder")).unwrap_err();
     assert_eq!(error.to_string(), "/no/such/folder: no such folder");
     let dir = saved(1);
@@ -121,7 +121,7 @@ fn a_missing_folder_is_named() {
 }
 
 #[test]
-fn folders_without_images_are_refused() {
+fn empty_folders_are_refused() {
     let dir = TempDir::new().unwrap();
     for camera in names() {
         fs::create_dir(dir.path().join(camera)).unwrap();
@@ -132,7 +132,7 @@ fn folders_without_images_are_refused() {
 }
 
 #[test]
-fn a_view_that_one_camera_lacks_is_missing_and_named_to_those_who_need_all() {
+fn missing_image_fails_a_complete_folder() {
     let dir = saved(2);
     for (index, camera) in names().iter().enumerate() {
         let lost = dir.path().join(camera).join("000001.png");
@@ -154,7 +154,7 @@ fn a_view_that_one_camera_lacks_is_missing_and_named_to_those_who_need_all() {
 }
 
 #[test]
-fn names_that_never_agree_are_refused() {
+fn unequal_names_are_refused() {
     let dir = saved(2);
     for frame in ["000000", "000001"] {
         let from = dir.path().join(format!("middle/{frame}.png"));
@@ -166,7 +166,7 @@ fn names_that_never_agree_are_refused() {
 }
 
 #[test]
-fn a_damaged_file_spoils_only_its_own_frame() {
+fn damaged_file_spoils_one_set() {
     let dir = saved(3);
     let whole = fs::read(dir.path().join("right/000001.png")).unwrap();
     let damaged = dir.path().join("right/000001.png");
@@ -186,7 +186,7 @@ fn a_damaged_file_spoils_only_its_own_frame() {
 }
 
 #[test]
-fn an_image_of_another_size_is_refused() {
+fn other_image_size_is_refused() {
     let dir = saved(1);
     let folder = Folder::open(dir.path(), &names(), [320, 240], 1).unwrap();
     let error = folder.frame_sets().next().unwrap().unwrap_err();
@@ -212,7 +212,7 @@ fn colour_jpeg_and_pgm_become_grey() {
 }
 
 #[test]
-fn what_cannot_be_saved_is_refused() {
+fn unwritable_image_is_refused() {
     let dir = TempDir::new().unwrap();
     let mut bad = capture(0);
     bad.images[1].grey.pop();

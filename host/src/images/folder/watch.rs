@@ -1,22 +1,21 @@
-//! A folder of captures that grows while it is read.
+//! Folder of frame sets that grows while it is read.
 //!
-//! Nothing tells a reader that a writer has finished a file, so it is told from what does not
-//! happen: a file counts as written when its size and its time of change have stayed for
-//! [`SETTLE`], and are still the same when it has been read. What cannot be read even then, because
-//! its writer paused, is tried again until it has stayed for [`PATIENCE`]; then it is an error, and
-//! the next capture's turn. Files that are cut off are always noticed
-//! ([`decode`](crate::images::decode)); a program that may pause for longer in the middle of one
-//! should write it under a hidden name (`.000001.jpg`) and rename it.
+//! No event marks the end of writing a file, so a file counts as written when its size and its time
+//! of change have been constant for [`SETTLE`], and are the same after reading it. A file that
+//! cannot be read then, because its writer paused, is read again until it has been constant for
+//! [`PATIENCE`]; then it is an error, and the next frame set follows. Files that are cut off are
+//! always noticed ([`decode`](crate::images::decode)). A program that may pause for longer while
+//! writing should write under a hidden name (`.000001.jpg`) and rename the file.
 //!
-//! Captures come in the order of their names. One that lacks a camera's file holds up those behind
-//! it for [`PATIENCE`]; it comes without that view when a later one is whole, or the camera, which
-//! has sent pictures before, has been silent for as long. A camera that has sent none is told,
-//! once, and waited for. A capture of a single view is passed over, and told. So is one whose files
-//! come after a later capture was given.
+//! Frame sets come in the order of their names. A frame set without a camera's file holds up the
+//! later ones for [`PATIENCE`]. It comes without that image when a later one is whole, or when the
+//! camera, which has sent images before, has been silent for as long. A camera that has sent no
+//! image is reported once, and the frame sets wait for it. A frame set of a single image is skipped
+//! with a report. So is one whose files come after a later frame set was returned.
 //!
-//! The folder is listed at most twenty times a second. That works on file systems that report no
-//! changes, such as those on a network. What is kept in memory are the names of the files that are
-//! there; a capture's files may be removed as soon as it has been given.
+//! The folder is listed at most twenty times a second. This works on file systems that report no
+//! changes, such as network file systems. Memory holds only the names of existing files; a frame
+//! set's files may be removed as soon as it has been returned.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
@@ -29,27 +28,28 @@ use super::{list, numbers_padded, read};
 use crate::error::InputError;
 use crate::images::{FrameSet, Image};
 
-/// So long a file must stay as it is.
+/// Time for which a file must be unchanged before it is read.
 pub const SETTLE: Duration = Duration::from_millis(200);
 
-/// So long a missing or unreadable file is waited for, after the capture's last change.
+/// Longest wait for a missing or unreadable file, from the frame set's last change.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Between two looks.
+/// Time between two listings.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How a folder is watched.
+/// Settings of a watched folder.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The time between frames, µs: captures have no other times.
+    /// Time between frame sets, µs; files have no capture time of their own.
     pub period_us: u64,
-    /// The end comes when nothing has changed for so long; without it only when `stop` is set.
+    /// Time without changes after which the frame sets end; without it they end only when `stop` is
+    /// set.
     pub idle: Option<Duration>,
-    /// Set to end it.
+    /// Flag that ends the frame sets when set.
     pub stop: Arc<AtomicBool>,
 }
 
-/// A file as it was last seen.
+/// State of a file at its last listing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Seen {
     size: u64,
@@ -58,9 +58,9 @@ struct Seen {
 }
 
 impl Seen {
-    /// As it is now; `None` if it is not there.
+    /// Reads the state of a file; `None` if it does not exist.
     fn now(file: &Path, since: Instant) -> Option<Self> {
-        // A link that leads nowhere is there, and cannot be read.
+        // A dangling link exists and cannot be read.
         let about = fs::metadata(file)
             .or_else(|_| fs::symlink_metadata(file))
             .ok()?;
@@ -72,41 +72,41 @@ impl Seen {
         })
     }
 
-    /// Whether nothing was written in between.
+    /// Returns true if nothing was written between the two states.
     fn is_same(&self, other: &Self) -> bool {
         (self.size, self.modified) == (other.size, other.modified)
     }
 }
 
-/// The name with its numbers padded, and the name: captures come in this order.
+/// Name with its numbers padded, and the name: the order of the frame sets.
 type Key = (String, String);
 
-/// A folder that is watched: an iterator of captures, which waits for the next one.
+/// Watched folder: an iterator of frame sets, which waits for the next one.
 pub struct Watch<T> {
-    /// One folder per camera, in the rig's order.
+    /// Folder of each camera, in the rig's order.
     cameras: Vec<PathBuf>,
     size_px: [u32; 2],
     settings: Settings,
-    /// Captures that have not been given: per camera its file, if it is there.
+    /// Frame sets that have not been returned: the file of each camera, if it exists.
     waiting: BTreeMap<Key, Vec<Option<Seen>>>,
-    /// The names of those that have been given or passed over, and are still there.
+    /// Names of returned and skipped frame sets whose files still exist.
     done: HashSet<String>,
-    /// The last of those that were.
+    /// Last frame set that was returned or skipped.
     last: Option<Key>,
-    /// Captures that had their time: given, or not readable.
+    /// Number of frame sets that were returned or not readable.
     taken: u64,
-    /// When [`list`](Self::list) was last done with.
+    /// Time of the last [`list`](Self::list).
     listed: Option<Instant>,
     changed: Instant,
-    /// Per camera: when its last file came or grew.
+    /// Time of each camera's last new or grown file.
     heard: Vec<Option<Instant>>,
-    /// Whether cameras that were never heard have been told.
+    /// True after the report of cameras that never sent an image.
     has_told_unheard: bool,
     over: bool,
     tell: T,
 }
 
-/// What a look has found.
+/// Result of one look at the folder.
 #[derive(Debug)]
 enum Look {
     FrameSet(FrameSet),
@@ -116,12 +116,12 @@ enum Look {
 }
 
 impl<T: FnMut(&InputError)> Watch<T> {
-    /// Watches `dir`, whose subfolders are, or will be, `names`, one per camera in the rig's order.
-    /// `size_px` (width, height) is what every image must have. `tell` hears of captures that are
-    /// passed over.
+    /// Watches `dir`, whose subfolders, existing or not yet, are `names`, one per camera in the
+    /// rig's order. `size_px` (width, height) is the size that every image must have. `tell` is
+    /// called with each skipped frame set.
     ///
     /// # Errors
-    /// If there is no such folder.
+    /// [`InputError`] if there is no such folder.
     pub fn open(
         dir: &Path,
         names: &[String],
@@ -149,7 +149,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
         })
     }
 
-    /// Looks once. `now` never goes back.
+    /// Looks at the folder once. `now` never goes back.
     fn look(&mut self, now: Instant) -> Result<Look, InputError> {
         self.list(now)?;
         let is_idle = self.is_idle(now);
@@ -159,7 +159,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
         })
     }
 
-    /// The next capture of those that were listed. `is_idle`: no more files will come.
+    /// Returns the next of the listed frame sets. `is_idle` is true if no more files will come.
     fn ready(&mut self, now: Instant, is_idle: bool) -> Look {
         while let Some((key, files)) = self.waiting.first_key_value() {
             let (key, files) = (key.clone(), files.clone());
@@ -211,13 +211,14 @@ impl<T: FnMut(&InputError)> Watch<T> {
         self.settings.idle.is_some_and(|idle| quiet >= idle)
     }
 
-    /// Whether a whole capture waits.
+    /// Returns true if a whole frame set waits.
     fn is_overtaken(&self) -> bool {
         let mut waiting = self.waiting.values();
         waiting.any(|files| files.iter().all(Option::is_some))
     }
 
-    /// Whether the cameras whose file is not there have sent files before, but none for a while.
+    /// Returns true if the cameras without a file have sent files before, but none for
+    /// [`PATIENCE`].
     fn are_silent(&self, files: &[Option<Seen>], now: Instant) -> bool {
         let mut cameras = self.heard.iter().zip(files);
         cameras.all(|(heard, seen)| {
@@ -225,7 +226,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
         })
     }
 
-    /// Says which cameras the captures wait for, once.
+    /// Reports, once, the cameras that the frame sets wait for.
     fn tell_unheard(&mut self) {
         if std::mem::replace(&mut self.has_told_unheard, true) {
             return;
@@ -244,7 +245,8 @@ impl<T: FnMut(&InputError)> Watch<T> {
         self.last = Some(key);
     }
 
-    /// Whether a file was written to since it was listed, or, if it `was_read` not, is gone.
+    /// Returns true if a file was written to since it was listed, or is gone without having been
+    /// read (`was_read` is false).
     fn has_changed(&self, name: &str, files: &[Option<Seen>], was_read: bool) -> bool {
         let mut files = self.cameras.iter().zip(files);
         files.any(|(camera, seen)| {
@@ -255,13 +257,13 @@ impl<T: FnMut(&InputError)> Watch<T> {
         })
     }
 
-    /// Brings what waits up to date.
+    /// Updates the waiting frame sets from the folder.
     fn list(&mut self, now: Instant) -> Result<(), InputError> {
         let mut waiting: BTreeMap<Key, Vec<Option<Seen>>> = BTreeMap::new();
         let mut done = HashSet::new();
         let mut has_changed = false;
         for (index, camera) in self.cameras.iter().enumerate() {
-            // The writer may not have made it yet.
+            // The writer may not have made the folder yet.
             let names = if camera.is_dir() {
                 list(camera)?
             } else {
@@ -280,7 +282,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                     done.insert(key.1);
                     continue;
                 }
-                // A file that is gone again was not meant for us.
+                // A file that is gone again was temporary.
                 let Some(seen) = Seen::now(&camera.join(&key.1), now) else {
                     continue;
                 };
@@ -305,7 +307,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
         Ok(())
     }
 
-    /// The capture of this name, from the cameras whose file is there.
+    /// Reads the frame set of this name, from the cameras whose file exists.
     fn read(&self, name: &str, files: &[Option<Seen>]) -> Result<FrameSet, InputError> {
         let cameras = self.cameras.iter().zip(files);
         let views = cameras.map(|(camera, seen)| match seen {
@@ -323,11 +325,11 @@ impl<T: FnMut(&InputError)> Iterator for Watch<T> {
     type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        // Time that somebody took for the last capture is no time without captures.
+        // The time that the caller took for the last frame set does not count as idle.
         self.changed = Instant::now();
         while !self.over && !self.settings.stop.load(Relaxed) {
             let now = Instant::now();
-            // A long list takes long: not for each of the captures that wait in it.
+            // A long listing takes time, so it serves all frame sets that wait in it.
             let is_listed = self.listed.is_some_and(|listed| now - listed < LOOK);
             let look = if is_listed {
                 Ok(self.ready(now, false))

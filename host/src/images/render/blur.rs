@@ -1,6 +1,6 @@
-//! Gaussian blur of a picture that repeats endlessly.
+//! Gaussian blur of an image that repeats endlessly.
 
-/// `sigma` in samples. Kernel to 4 sigma, beyond which lie 6e-5 of a Gaussian.
+/// Blurs by `sigma` samples. The kernel reaches to 4 sigma, beyond which lie 6e-5 of a Gaussian.
 pub(super) fn gaussian(width: usize, height: usize, samples: &[f32], sigma: f64) -> Vec<f32> {
     if !(sigma > 0.05) {
         return samples.to_vec();
@@ -11,7 +11,7 @@ pub(super) fn gaussian(width: usize, height: usize, samples: &[f32], sigma: f64)
     let mut line = Vec::with_capacity(width + 2 * reach);
     for row in samples.chunks_exact(width) {
         line.clear();
-        // The row, wrapped by the kernel's reach at both ends.
+        // Row, extended by the kernel's half width at both ends.
         line.extend((0..width + 2 * reach).map(|x| row[(x + width * reach - reach) % width]));
         across.extend(line.windows(kernel.len()).map(|taps| {
             let product = |(a, b): (&f32, &f32)| a * b;
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_becomes_a_bell_of_the_asked_width_around_itself() {
+    fn point_becomes_gaussian() {
         let (width, height, sigma) = (64, 50, 3.0);
         let mut point = vec![0.0; width * height];
         point[20 * width + 30] = 1.0;
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn blur_wraps_and_takes_kernels_wider_than_the_picture() {
+    fn wide_kernel_wraps() {
         let blurred = gaussian(3, 2, &[6.0, 0.0, 0.0, 0.0, 0.0, 0.0], 10.0);
         assert!(
             blurred.iter().all(|v| (v - 1.0).abs() < 1e-4),

@@ -1,13 +1,13 @@
-//! A dot on the poster appears where the camera model says, and the sensor adds what it claims.
+//! Rendered images against the camera model: the place of a dot, and the noise of the sensor.
 
 use super::*;
 use crate::images::TextureKind;
 
-/// Wide enough, 520 mm, that no camera sees the dot twice.
+/// Size of the texture: 520 mm, so wide that no camera sees the dot twice.
 const SIZE: usize = 1300;
 const DOT_TEXEL: [usize; 2] = [838, 608];
 
-/// Black, with one Gaussian dot at [`DOT_TEXEL`].
+/// Returns a black texture with one Gaussian dot at [`DOT_TEXEL`].
 fn dot_texture() -> Texture {
     let (size, sigma) = (SIZE, 3.0);
     let bell = |i: usize| {
@@ -27,7 +27,7 @@ fn dot_mm() -> [f64; 2] {
     DOT_TEXEL.map(|t| (t as f64 - (SIZE as f64 - 1.0) / 2.0) * 0.4)
 }
 
-/// Largest distance, px, between a dot's centroid in any view and its projection.
+/// Returns the largest distance between a dot's centroid in any image and its projection, px.
 fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> f64 {
     let scene = Scene::new(rig, &dot_texture(), settings).unwrap();
     let point = scene.point_mm(dot_mm(), relative_mm);
@@ -51,7 +51,7 @@ fn worst_error_px(rig: &Rig, settings: SceneSettings, relative_mm: [f64; 3]) -> 
 }
 
 #[test]
-fn a_dot_appears_where_the_camera_projects_it() {
+fn dot_appears_at_its_projection() {
     let mut rig = Rig::paper();
     for distortion in [[0.0; 5], [-0.12, 0.05, 0.001, -0.0007, 0.01]] {
         for camera in &mut rig.cameras {
@@ -80,7 +80,7 @@ fn a_dot_appears_where_the_camera_projects_it() {
 }
 
 #[test]
-fn right_down_and_away_look_so() {
+fn right_down_away_are_rendered() {
     let camera = Rig::paper().cameras[1];
     let scene = Scene::new(&Rig::paper(), &dot_texture(), SceneSettings::default()).unwrap();
     let seen = |relative| camera.project(scene.point_mm([100.0, 50.0], relative));
@@ -92,7 +92,7 @@ fn right_down_and_away_look_so() {
 }
 
 #[test]
-fn positive_tilt_moves_the_lower_and_the_right_half_nearer() {
+fn positive_tilt_nears_lower_right() {
     let depth = |tilt_rad, poster| {
         let settings = SceneSettings {
             tilt_rad,
@@ -115,7 +115,7 @@ fn flat(grey: f32) -> Texture {
 }
 
 #[test]
-fn noise_has_the_claimed_sigma_and_no_bias() {
+fn noise_has_sigma_and_no_bias() {
     for noise_grey in [0.7, 2.0, 5.0] {
         let settings = SceneSettings {
             noise_grey,
@@ -136,7 +136,7 @@ fn noise_has_the_claimed_sigma_and_no_bias() {
 }
 
 #[test]
-fn noise_differs_between_cameras_and_seeds_and_otherwise_repeats() {
+fn noise_depends_on_seed_and_camera() {
     let scene = Scene::new(&Rig::paper(), &flat(100.0), SceneSettings::default()).unwrap();
     let first = scene.render([0.0; 3], 5, 1);
     let again = scene.render([0.0; 3], 5, 1);
@@ -148,7 +148,7 @@ fn noise_differs_between_cameras_and_seeds_and_otherwise_repeats() {
 }
 
 #[test]
-fn a_poster_behind_the_cameras_is_not_seen() {
+fn poster_behind_is_not_seen() {
     let scene = Scene::new(&Rig::paper(), &flat(200.0), SceneSettings::default()).unwrap();
     for z in [-850.0, -2000.0, f64::NAN] {
         for view in scene.render([0.0, 0.0, z], 0, 1).images {
@@ -158,7 +158,7 @@ fn a_poster_behind_the_cameras_is_not_seen() {
 }
 
 #[test]
-fn impossible_settings_are_refused_by_name() {
+fn impossible_settings_are_refused() {
     let make = |change: fn(&mut SceneSettings)| {
         let mut settings = SceneSettings::default();
         change(&mut settings);
@@ -180,10 +180,10 @@ fn impossible_settings_are_refused_by_name() {
     assert_eq!(error.to_string(), "texture of 2 x 2 texels has 0");
 }
 
-/// The view is a sampled, band-limited picture: a sub-pixel move changes it as its derivative says,
-/// which fails where a renderer aliases or wobbles from texel to texel.
+/// Tests that a sub-pixel move changes the image as its derivative predicts, which fails for a
+/// renderer that aliases or wobbles from texel to texel.
 #[test]
-fn a_small_move_changes_the_view_by_its_gradient() {
+fn small_move_follows_gradient() {
     let texture = Texture::of_kind(TextureKind::Natural, 3);
     let settings = SceneSettings {
         noise_grey: 0.0,
@@ -199,8 +199,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     };
     let mm_per_px = 850.0 / 538.14;
     let (before, after) = (levels(-0.05 * mm_per_px), levels(0.05 * mm_per_px));
-    // Least squares for the move, Lucas and Kanade's, from spectral-quality gradients of a
-    // half-pixel step.
+    // Least squares for the move (Lucas and Kanade), from gradients of a half-pixel step.
     let (left, right) = (levels(0.25 * mm_per_px), levels(-0.25 * mm_per_px));
     let (mut gradient_square, mut gradient_change) = (0.0, 0.0);
     for i in 0..before.len() {
@@ -212,7 +211,7 @@ fn a_small_move_changes_the_view_by_its_gradient() {
     assert!((moved - 0.1).abs() < 0.004, "{moved}");
 }
 
-/// Centroid of what the first camera sees of the dot.
+/// Returns the centroid of the dot in the first camera's image.
 fn centroid(scene: &Scene, exposure: Exposure) -> [f64; 2] {
     let view = scene
         .render_exposures(&[exposure; 3], 0, 1)
@@ -237,7 +236,7 @@ fn assert_near(seen: [f64; 2], expected: [f64; 2]) {
 }
 
 #[test]
-fn a_turned_poster_shows_its_dot_where_the_turn_takes_it() {
+fn turned_poster_moves_its_dot() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     for turned_deg in [[3.0, 0.0, 0.0], [0.0, -3.0, 0.0], [0.0, 0.0, 5.0]] {
@@ -255,7 +254,7 @@ fn a_turned_poster_shows_its_dot_where_the_turn_takes_it() {
 }
 
 #[test]
-fn a_smear_is_around_the_middle_of_the_exposure() {
+fn smear_is_centred_on_exposure() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     let ends = [Pose::at([-6.0, 0.0, 0.0]), Pose::at([6.0, 4.0, 0.0])];
@@ -268,7 +267,7 @@ fn a_smear_is_around_the_middle_of_the_exposure() {
 }
 
 #[test]
-fn what_is_looked_at_is_in_the_middle() {
+fn look_at_centres_the_point() {
     let rig = Rig::paper();
     let mut scene = Scene::new(&rig, &dot_texture(), SceneSettings::default()).unwrap();
     scene.look_at(dot_mm());
@@ -277,7 +276,7 @@ fn what_is_looked_at_is_in_the_middle() {
 }
 
 #[test]
-fn gain_and_offset_change_the_light_and_not_the_noise() {
+fn gain_and_offset_leave_noise_unchanged() {
     let rig = Rig::paper();
     let texture = Texture::of_kind(TextureKind::Blobs, 3);
     let scene = Scene::new(&rig, &texture, SceneSettings::default()).unwrap();

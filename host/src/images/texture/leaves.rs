@@ -1,5 +1,5 @@
-//! The dead-leaves model: opaque shapes with power-law sizes fall upon each other until they cover
-//! all. Its edges, corners and occlusions occur at every scale, as in photographs.
+//! Dead-leaves model: opaque shapes with power-law sizes fall on each other until they cover
+//! everything. Its edges, corners and occlusions occur at every scale, as in natural images.
 
 use std::f64::consts::PI;
 
@@ -11,7 +11,7 @@ const RADIUS: [f64; 2] = [3.0, 160.0];
 /// Ratio of the leaves' summed area to the poster's; `exp(-8)` of it, 0.03 %, stays bare.
 const COVERS: f64 = 8.0;
 
-/// Grey levels of a `size * size` poster that repeats without a seam.
+/// Draws the grey levels of a `size * size` poster that repeats without a seam.
 pub(super) fn fall(size: usize, random: &mut Random) -> Vec<f32> {
     let grain = noise::octaves(size, &[4, 8, 16, 32], random);
     let mut grey: Vec<f32> = grain.iter().map(|g| 128.0 + 20.0 * g).collect();
@@ -28,10 +28,10 @@ struct Leaf {
     radius: f64,
     /// Rows of the map from the poster to the leaf's own frame, in which it is round or regular.
     frame: [[f64; 2]; 2],
-    /// Corners; 0 for an ellipse.
+    /// Number of corners; 0 for an ellipse.
     corners: usize,
     grey: f32,
-    /// Strength of its grain, grey levels, and from where in the grain it is cut.
+    /// Strength of its grain, grey levels, and the origin of its part of the grain.
     grain: f32,
     cut: [usize; 2],
 }

@@ -3,7 +3,7 @@
 use crate::images::spline;
 use crate::random::Random;
 
-/// Sum of one smooth random field per entry of `cells`, mean about 0 and standard deviation 1,
+/// Adds up one smooth random field per entry of `cells`, mean about 0 and standard deviation 1,
 /// repeating every `size` texels. A field varies over about its cell, which must divide `size`;
 /// coarser fields are stronger by the square root of two per octave.
 pub(super) fn octaves(size: usize, cells: &[usize], random: &mut Random) -> Vec<f32> {

@@ -7,7 +7,7 @@ use shared::rig::{Camera, Rig};
 
 const STILL: [[f32; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
 
-/// One camera of 530 px, the poster at 795 mm: 1.5 mm is a pixel.
+/// Size of a pixel on the poster, mm: one camera of 530 px, the poster at 795 mm.
 const MM_PER_PX: f64 = 1.5;
 
 fn rig() -> Rig {
@@ -27,7 +27,7 @@ fn scene(kind: TextureKind, seed: u64, noise_grey: f64) -> Scene {
     Scene::new(&rig(), &Texture::of_kind(kind, seed), settings).unwrap()
 }
 
-/// What the camera sees of a poster displaced by so many px, and mm away.
+/// Renders a poster displaced by `shift` px and `away_mm`.
 fn shot(scene: &Scene, shift: [f64; 2], away_mm: f64, seed: u64) -> Plane {
     let displaced = [shift[0] * MM_PER_PX, shift[1] * MM_PER_PX, away_mm];
     plane(&scene.render(displaced, 0, seed).images[0])
@@ -37,8 +37,7 @@ fn plane(image: &Image) -> Plane {
     Pyramid::new(image, 1).levels.remove(0)
 }
 
-/// Errors of the shift, px, over a grid of points that are textured enough, for the shift
-/// `(dx, dy)` px.
+/// Computes the errors of the shift `(dx, dy)` px over a grid of points with enough texture, px.
 fn errors(scene: &Scene, shift: [f64; 2], seed: u64) -> Vec<[f64; 2]> {
     let before = shot(scene, [0.0; 2], 0.0, 2 * seed);
     let after = shot(scene, shift, 0.0, 2 * seed + 1);
@@ -67,7 +66,7 @@ fn mean_and_rms(errors: &[[f64; 2]]) -> ([f64; 2], f64) {
     (mean, (squares / (2.0 * count)).sqrt())
 }
 
-/// The sweep of sub-pixel phases, noise 2 grey levels. Prints the table with `--nocapture`.
+/// Tests all sub-pixel phases with noise of 2 grey levels. Prints the table with `--nocapture`.
 #[test]
 fn shift_is_found_at_every_phase() {
     for (kind, bound) in [(TextureKind::Natural, 0.013), (TextureKind::Blobs, 0.06)] {
@@ -93,7 +92,7 @@ fn shift_is_found_at_every_phase() {
     }
 }
 
-/// Without noise what remains is the error of reading between pixels, and of steps not taken.
+/// Tests without noise: the error of interpolation and of steps not taken remains.
 #[test]
 fn interpolation_is_unbiased() {
     let scene = scene(TextureKind::Natural, 12, 0.3);
@@ -111,7 +110,7 @@ fn interpolation_is_unbiased() {
 }
 
 #[test]
-fn gain_and_offset_do_not_change_the_place() {
+fn gain_does_not_move_the_window() {
     let scene = scene(TextureKind::Natural, 13, 0.5);
     let before = shot(&scene, [0.0; 2], 0.0, 1);
     let mut dark = scene
@@ -168,7 +167,7 @@ fn warped_template_finds_enlarged_window() {
 }
 
 #[test]
-fn window_without_texture_is_refused() {
+fn textureless_window_is_refused() {
     let even = Image {
         width: 64,
         height: 64,

@@ -1,8 +1,8 @@
 //! Arithmetic of one window, row by row in vector lanes.
 //!
-//! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order: the same bits on
-//! every processor, however wide its vectors. Everything is inlined into its caller, which is
-//! compiled once per kind of processor.
+//! Every sum is kept in [`LANES`] partial sums that are added up in a fixed order, so that the bits
+//! are the same on every processor, for any width of its vectors. Everything is inlined into its
+//! caller, which is compiled once per kind of processor.
 
 use std::hint::black_box;
 
@@ -169,7 +169,7 @@ fn lanes(sum: [f32; LANES]) -> f32 {
     sum[0]
 }
 
-/// Length of a vector.
+/// Returns the length of a vector.
 #[inline(always)]
 pub fn length([x, y]: [f32; 2]) -> f32 {
     (x * x + y * y).sqrt()
@@ -238,7 +238,8 @@ pub fn step_back<const N: usize, const W: usize>(
     LeastSquares { xx, xy, yy }.solve([x, y])
 }
 
-/// Weights of the cubic B-spline for the four neighbours at `t` in `[0, 1)` after the second.
+/// Returns the weights of the cubic B-spline for the four neighbours at `t` in `[0, 1)` after the
+/// second.
 #[inline(always)]
 fn weights(t: f32) -> [f32; 4] {
     let (u, t2, t3) = (1.0 - t, t * t, t * t * t);
@@ -250,7 +251,7 @@ fn weights(t: f32) -> [f32; 4] {
     ]
 }
 
-/// Derivatives of [`weights`] with respect to the position.
+/// Returns the derivatives of [`weights`] with respect to the position.
 #[inline(always)]
 fn slopes(t: f32) -> [f32; 4] {
     let (u, t2) = (1.0 - t, t * t);

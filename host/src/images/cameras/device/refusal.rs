@@ -1,4 +1,4 @@
-//! What is wrong with a device, and what to do about it.
+//! Errors of a device, each with a way out.
 
 use std::io;
 use std::path::Path;
@@ -8,14 +8,16 @@ use rustix::io::Errno;
 use crate::error::InputError;
 use crate::images::cameras::grey::Format;
 
-/// It cannot be opened, or is in use.
+/// Returns the error of a device that cannot be opened or is in use.
 pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
     let advice = match cause.kind() {
         io::ErrorKind::NotFound => {
-            "no such camera: plug it in; `ls /dev/video*` shows the cameras there are, `v4l2-ctl --list-devices` which is which"
+            "no such camera: plug it in; `ls /dev/video*` shows the cameras there are, `v4l2-ctl \
+             --list-devices` which is which"
         }
         io::ErrorKind::PermissionDenied => {
-            "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then log in anew)"
+            "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then \
+             log in anew)"
         }
         io::ErrorKind::ResourceBusy => "in use: close the other program that shows its pictures",
         _ => {
@@ -28,20 +30,21 @@ pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
     InputError::file(path, advice)
 }
 
-/// It is a camera, but does not start.
+/// Returns the error of a camera that does not start.
 pub fn cannot_start(path: &Path, cause: &io::Error) -> InputError {
     match cause.kind() {
         // Two programs may open a camera, but only one may set it up.
         io::ErrorKind::ResourceBusy => cannot_open(path, cause),
         io::ErrorKind::StorageFull => {
-            let reason = "its USB line is full: put the cameras on USB controllers of their own, or lower --fps";
+            let reason = "its USB line is full: put the cameras on USB controllers of their own, \
+                          or lower --fps";
             InputError::file(path, reason)
         }
         _ => InputError::io(path, "start", cause),
     }
 }
 
-/// It has streamed, and does so no more.
+/// Returns the error of a camera that has stopped streaming.
 pub fn lost(path: &Path, cause: &io::Error) -> InputError {
     match Errno::from_io_error(cause) {
         Some(Errno::NODEV) => {
@@ -51,12 +54,14 @@ pub fn lost(path: &Path, cause: &io::Error) -> InputError {
     }
 }
 
-/// It has no format that is known here.
+/// Returns the error of a camera without a supported format.
 pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     let list = |names: Vec<String>| names.join(" ");
     let known = list(Format::ALL.map(|format| name(format.fourcc())).to_vec());
     let reason = match offered {
-        [] => "captures no video: many cameras have a second device for data about the pictures, take the first".to_owned(),
+        [] => "captures no video: many cameras have a second device for data about the pictures, \
+               take the first"
+            .to_owned(),
         offered => format!(
             "none of its formats is known here: it has {}, known are {known}",
             list(offered.iter().copied().map(name).collect())
@@ -65,18 +70,19 @@ pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     InputError::file(path, reason)
 }
 
-/// It has no pictures of the rig's size.
+/// Returns the error of a camera without images of the rig's size.
 pub fn no_size(path: &Path, wanted_px: [u32; 2], nearest_px: [u32; 2]) -> InputError {
     let ([width, height], [nearest_width, nearest_height]) = (wanted_px, nearest_px);
     let reason = format!(
-        "has no images of {width} x {height} px, as the rig file says; the nearest are {nearest_width} x {nearest_height}: calibrate the rig with images of a \
-         size the camera has (`v4l2-ctl -d {} --list-formats-ext` lists them)",
+        "has no images of {width} x {height} px, as the rig file says; the nearest are \
+         {nearest_width} x {nearest_height}: calibrate the rig with images of \
+         a size the camera has (`v4l2-ctl -d {} --list-formats-ext` lists them)",
         path.display()
     );
     InputError::file(path, reason)
 }
 
-/// It was asked for one format and gives another.
+/// Returns the error of a camera that gives another format than the one that was set.
 pub fn other_format(path: &Path, wanted: [u8; 4], given: [u8; 4]) -> InputError {
     InputError::file(path, format!("gives {} for {}", name(given), name(wanted)))
 }
@@ -90,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_refusal_names_the_device_and_what_to_do() {
+    fn refusals_name_device_and_way_out() {
         let device = Path::new("/dev/video0");
         let denied = cannot_open(device, &io::ErrorKind::PermissionDenied.into());
         assert!(denied.reason.contains("group"), "{denied}");

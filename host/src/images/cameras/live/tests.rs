@@ -1,10 +1,10 @@
-//! Cameras whose pictures come when the test sends them. Times are the pictures' own, so that a
-//! slow machine changes nothing.
+//! Cameras whose images come when the test sends them. The images carry their own times, so a slow
+//! machine changes nothing.
 
 use super::*;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Gives what it is sent; ends with an error when nobody sends any more.
+/// Camera that delivers the images it is sent; ends with an error when all senders are gone.
 struct Sent {
     name: &'static str,
     shots: Receiver<CameraEvent>,
@@ -23,7 +23,7 @@ impl Camera for Sent {
         Ok(shot)
     }
 
-    /// Loses one before each that it hands over.
+    /// Counts one lost image before each delivered one.
     fn lost(&self) -> u64 {
         self.sent
     }
@@ -73,14 +73,14 @@ fn image(grey: u8) -> Image {
 }
 
 impl Bench {
-    /// A picture of `camera`, handed over `ms` after the start.
+    /// Sends an image of `camera`, delivered `ms` after the start.
     fn send(&self, camera: usize, ms: u64, grey: u8) {
         let at = self.live.started + Duration::from_millis(ms);
         let shot = CameraEvent::Image(at, image(grey));
         self.senders[camera].send(shot).unwrap();
     }
 
-    /// Waits until so many shots of each camera have been looked at.
+    /// Waits until `shots` images of each camera have been processed.
     fn settle(&self, shots: [u64; 3]) {
         let seen = |tally: &Tally| tally.matching.arrived + tally.stale + tally.damaged;
         while self.live.tallies().iter().map(seen).ne(shots) {
@@ -90,7 +90,7 @@ impl Bench {
 }
 
 #[test]
-fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay() {
+fn capture_time_is_mean_less_delay() {
     let mut bench = bench();
     for (camera, ms) in [(0, 100), (1, 103), (2, 101)] {
         bench.send(camera, ms, camera as u8);
@@ -100,9 +100,9 @@ fn pictures_of_one_time_are_a_capture_at_the_mean_of_their_times_less_the_delay(
     assert_eq!(capture.images, [image(0), image(1), image(2)]);
 }
 
-/// As with a driver that stamps the start of the exposure.
+/// Tests a driver that stamps the start of the exposure.
 #[test]
-fn a_negative_delay_puts_pictures_after_their_moments() {
+fn negative_delay_adds_to_stamp() {
     let mut bench = bench_with(-8_000);
     for camera in 0..3 {
         bench.send(camera, 100, 0);
@@ -112,7 +112,7 @@ fn a_negative_delay_puts_pictures_after_their_moments() {
 }
 
 #[test]
-fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
+fn newest_set_is_given_and_the_rest_counted() {
     let mut bench = bench();
     for (n, ms) in [100, 133, 167].into_iter().enumerate() {
         for camera in 0..3 {
@@ -122,7 +122,7 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
     bench.send(1, 200, 9);
     bench.senders[2].send(CameraEvent::Damaged).unwrap();
     bench.senders[2].send(CameraEvent::Stale).unwrap();
-    // Handed over 20 ms after the start, so taken before it.
+    // Delivered 20 ms after the start, so taken before it.
     bench.send(0, 20, 9);
     bench.settle([4, 4, 5]);
     let capture = bench.live.next().unwrap().unwrap();
@@ -138,7 +138,7 @@ fn only_the_newest_capture_is_given_and_every_picture_is_accounted_for() {
 }
 
 #[test]
-fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
+fn second_failed_camera_ends_the_run() {
     let mut bench = bench();
     for camera in 0..3 {
         bench.send(camera, 100, 0);
@@ -160,7 +160,7 @@ fn a_camera_that_fails_is_left_out_and_a_second_one_ends_the_captures() {
 }
 
 #[test]
-fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
+fn silent_or_distant_cameras_are_named() {
     let mut bench = bench();
     bench.live.patience = Duration::from_millis(50);
     bench.send(0, 100, 0);
@@ -169,7 +169,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
     let error = bench.live.next().unwrap().unwrap_err().to_string();
     assert!(error.starts_with("/dev/middle: no picture for"), "{error}");
 
-    // One that sends, but nothing that can be used.
+    // A camera that sends only unusable images.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_millis(50);
     bench.senders[1].send(CameraEvent::Stale).unwrap();
@@ -183,7 +183,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
         "{error}"
     );
 
-    // One that meets nobody while it waits: the pictures are sent by another thread.
+    // A camera without partners while the call waits: another thread sends the images.
     let mut bench = self::bench();
     bench.live.patience = Duration::from_secs(2);
     let senders = bench.senders.clone();
@@ -193,7 +193,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
             std::thread::sleep(Duration::from_millis(100));
             for (camera, sender) in senders.iter().enumerate() {
                 let late = Duration::from_millis(33 * n + 10 * camera as u64);
-                // The bench is gone at the end.
+                // The bench may be gone at the end.
                 let _ = sender.send(CameraEvent::Image(at + late, image(0)));
             }
         }
@@ -208,7 +208,7 @@ fn a_silent_camera_is_named_and_so_are_cameras_that_never_meet() {
 }
 
 #[test]
-fn a_stop_ends_the_captures() {
+fn stop_ends_frame_sets() {
     let mut bench = bench();
     bench.stop.store(true, Relaxed);
     assert!(bench.live.next().is_none());

@@ -1,17 +1,17 @@
-//! The laws of matching, under cameras that jitter, drop pictures, stop, start late and run at
+//! Invariants of the matching, with cameras that jitter, drop images, stop, start late and run at
 //! other rates.
 
 use super::*;
 use proptest::prelude::*;
 
-/// Per camera: the times of its pictures, µs.
+/// Times of the images of each camera, µs.
 type Streams = Vec<Vec<u64>>;
 
-/// A picture: its camera and number.
+/// Image: its camera and number.
 type Picture = (usize, usize);
 type Run = (Vec<Set<Picture>>, Matching<Picture>);
 
-/// Pushes all pictures in the order of their times (cameras in order where equal), taking sets as
+/// Pushes all images in the order of their times (cameras in order where equal), and takes sets as
 /// they come.
 fn run(streams: &Streams, window_us: u64) -> Run {
     let mut arrivals: Vec<(u64, usize, usize)> = Vec::new();
@@ -34,7 +34,7 @@ fn deliver(cameras: usize, arrivals: &[(u64, usize, usize)], window_us: u64) -> 
     (sets, matching)
 }
 
-/// The laws that hold whatever arrives.
+/// Checks the invariants that hold for any images.
 fn assert_laws(
     streams: &Streams,
     window_us: u64,
@@ -71,13 +71,13 @@ fn assert_laws(
     Ok(())
 }
 
-/// A picture of a camera: how late it is, µs, and whether it is lost.
+/// Generates an image of a camera: its delay in µs, and true if it is lost.
 fn picture(jitter_us: u64) -> impl Strategy<Value = (u64, bool)> {
     (0..=jitter_us, prop::bool::weighted(0.15))
 }
 
-/// Cameras that are triggered together every 1,000 µs, each late by a jitter, each losing some
-/// pictures.
+/// Generates cameras that are triggered together every 1,000 µs, each with a jitter, and each
+/// losing some images.
 fn triggered(jitter_us: u64) -> impl Strategy<Value = Vec<Vec<(u64, bool)>>> {
     (2usize..=5, 1usize..40).prop_flat_map(move |(cameras, pictures)| {
         let stream = prop::collection::vec(picture(jitter_us), pictures);
@@ -97,7 +97,7 @@ fn times(stream: &[(u64, bool)]) -> Vec<u64> {
 
 proptest! {
     #[test]
-    fn laws_hold_for_any_times(
+    fn invariants_hold_for_any_times(
         gaps in prop::collection::vec(prop::collection::vec(1u64..3_000, 0..30), 2..6),
         starts in prop::collection::vec(0u64..5_000, 6),
         window_us in 0u64..2_000,
@@ -109,9 +109,9 @@ proptest! {
         assert_laws(&streams, window_us, &sets, &matching)?;
     }
 
-    /// Nothing is missed: every trigger at which no camera lost its picture is a set.
+    /// Tests that every trigger at which no camera lost its image gives a set.
     #[test]
-    fn every_whole_trigger_is_a_set(cameras in triggered(400)) {
+    fn whole_trigger_is_a_set(cameras in triggered(400)) {
         let streams: Streams = cameras.iter().map(|stream| times(stream)).collect();
         let (sets, matching) = run(&streams, 400);
         assert_laws(&streams, 400, &sets, &matching)?;
@@ -124,9 +124,10 @@ proptest! {
         prop_assert_eq!(found, whole);
     }
 
-    /// Which camera's line is slower makes no difference, as long as no more than the depth waits.
+    /// Tests that the sets do not depend on the cameras' delays, as long as at most [`DEPTH`]
+    /// images wait.
     #[test]
-    fn the_order_of_arrival_makes_no_difference(
+    fn arrival_order_changes_nothing(
         cameras in triggered(500),
         delays in prop::collection::vec(0u64..6_000, 5),
     ) {
@@ -142,10 +143,11 @@ proptest! {
         prop_assert_eq!(sets, others);
     }
 
-    /// The newest set is the last of those that would have come one by one.
+    /// Tests that the newest set is the last of those that single calls return.
     #[test]
-    fn the_newest_overtakes_the_others(cameras in triggered(100)) {
-        let streams: Streams = cameras.iter().map(|stream| times(&stream[..stream.len().min(DEPTH)])).collect();
+    fn newest_set_overtakes_others(cameras in triggered(100)) {
+        let first = |stream: &Vec<_>| times(&stream[..stream.len().min(DEPTH)]);
+        let streams: Streams = cameras.iter().map(first).collect();
         let (sets, _) = run(&streams, 100);
         let mut matching = Matching::new(streams.len(), 100);
         for (camera, times) in streams.iter().enumerate() {
@@ -169,20 +171,20 @@ fn every(period_us: u64, from_us: u64, count: u64) -> Vec<u64> {
 }
 
 #[test]
-fn of_two_cameras_one_that_stops_ends_the_sets_and_the_other_piles_up_no_further() {
+fn single_camera_makes_no_set_and_stays_bounded() {
     let streams = vec![every(100, 0, 50), every(100, 5, 20)];
     let (sets, matching) = run(&streams, 10);
     assert_eq!(sets.len(), 20);
     assert_eq!(matching.counts()[0].unmatched, (30 - DEPTH) as u64);
     assert_eq!(matching.apart_us(), Some(4_900 - 1_905));
-    // It comes back, and so do the sets.
+    // The camera comes back, and so do the sets.
     let mut back = streams;
     back[1].extend(every(100, 4_005, 10));
     assert_eq!(run(&back, 10).0.len(), 30);
 }
 
 #[test]
-fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
+fn stopped_camera_is_left_out_until_it_returns() {
     let every = |from_ms: u64, count| every(100_000, 1_000 * from_ms, count);
     let mut streams = vec![every(0, 50), every(3, 50), every(5, 20)];
     let without = |sets: &[Set<Picture>]| {
@@ -190,31 +192,31 @@ fn of_three_cameras_one_that_stops_is_left_out_until_it_comes_back() {
         two.count()
     };
     let (sets, matching) = run(&streams, 10_000);
-    // It is noticed before a picture of the others is given up.
+    // The silence is noticed before an image of the others is dropped.
     assert_eq!((sets.len(), without(&sets)), (50, 30));
     assert_eq!(matching.counts().iter().map(|c| c.unmatched).max(), Some(0));
     assert_eq!(matching.apart_us(), Some(3_000));
     assert!(!matching.needs(2));
     streams[2].extend(every(4_005, 10));
     let (sets, matching) = run(&streams, 10_000);
-    // Its first one comes when the others' have made their set.
+    // Its first image comes after the others' images have made their set.
     assert_eq!((sets.len(), without(&sets)), (50, 21));
     assert!(matching.needs(2));
-    // One that has not sent anything yet may be slow to start.
+    // A camera that has not sent any image may be slow to start.
     streams[2].clear();
     assert!(run(&streams, 10_000).0.is_empty());
 }
 
-/// Whoever waits for a set gives up after three seconds.
+/// Tests that silence is noticed before a caller gives up after three seconds.
 #[test]
-fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
+fn silence_is_noticed_at_one_image_per_second() {
     for period_ms in [33, 100, 250, 500, 1_000] {
         let every = |count| every(1_000 * period_ms, 0, count);
         let streams = vec![every(20), every(20), every(10)];
         let (sets, _) = run(&streams, 1_000);
         let whole = sets.iter().filter(|set| set.pictures[2].is_some());
         assert_eq!(whole.count(), 10, "{period_ms}");
-        // Until then the others' pictures wait.
+        // Until then the others' images wait.
         let mut matching = Matching::new(3, 1_000);
         matching.push(2, 0, 2);
         let mut noticed_ms = None;
@@ -237,7 +239,7 @@ fn with_one_picture_a_second_too_a_silent_camera_is_noticed_within_three() {
 }
 
 #[test]
-fn a_camera_that_only_pauses_is_waited_for() {
+fn pausing_camera_is_awaited() {
     let mut streams = vec![every(33_333, 0, 60), every(33_333, 0, 60)];
     streams.push(
         streams[0]
@@ -252,7 +254,7 @@ fn a_camera_that_only_pauses_is_waited_for() {
 }
 
 #[test]
-fn no_fewer_than_two_are_left() {
+fn two_cameras_are_always_left() {
     let mut matching = Matching::new(3, 10);
     assert!(matching.leave_out(1) && !matching.leave_out(0) && !matching.leave_out(2));
     for camera in [0, 2] {
@@ -260,13 +262,13 @@ fn no_fewer_than_two_are_left() {
     }
     let set = matching.take().expect("two are enough");
     assert_eq!(set.pictures, [Some((100, 0)), None, Some((100, 2))]);
-    // It comes back, and another may go.
+    // The camera comes back, and another one may stop.
     matching.push(1, 200, 1);
     assert!(matching.take().is_none() && matching.leave_out(0));
 }
 
 #[test]
-fn a_camera_that_starts_late_finds_its_partners_at_once() {
+fn late_camera_finds_partners_at_once() {
     let streams = vec![every(100, 0, 30), every(100, 1_402, 16)];
     let (sets, matching) = run(&streams, 5);
     assert_eq!(sets.len(), 16);
@@ -276,8 +278,8 @@ fn a_camera_that_starts_late_finds_its_partners_at_once() {
 }
 
 #[test]
-fn of_a_faster_camera_the_nearest_picture_is_taken() {
-    // Three times as fast, and 12 off: of 988, 1021, 1054 the first is nearest to 1000.
+fn faster_camera_gives_its_nearest_image() {
+    // Three times as fast, with an offset of 12: of 988, 1021, 1054 the first is nearest to 1000.
     let streams = vec![every(100, 1_000, 10), every(33, 988, 29)];
     let (sets, matching) = run(&streams, 16);
     assert_eq!(sets.len(), 10, "{sets:?}");
@@ -291,7 +293,7 @@ fn of_a_faster_camera_the_nearest_picture_is_taken() {
 }
 
 #[test]
-fn cameras_that_are_never_near_make_no_set() {
+fn distant_cameras_make_no_set() {
     let streams = vec![every(100, 0, 40), every(100, 50, 40)];
     let (sets, matching) = run(&streams, 49);
     assert!(sets.is_empty());
@@ -300,7 +302,7 @@ fn cameras_that_are_never_near_make_no_set() {
 }
 
 #[test]
-fn pictures_out_of_order_are_counted_and_not_used() {
+fn disordered_images_are_not_used() {
     let mut matching = Matching::new(2, 10);
     for time_us in [100, 100, 90, 200] {
         matching.push(0, time_us, time_us);
@@ -317,7 +319,7 @@ fn pictures_out_of_order_are_counted_and_not_used() {
     matching.push(1, 205, 205);
     take(&mut matching, [200, 205]);
     assert_eq!(matching.counts()[0].disordered, 2);
-    // Of a camera that there is not.
+    // An image of a camera that does not exist.
     matching.push(7, 300, 300);
     assert_eq!(matching.counts().len(), 2);
     assert_eq!(Matching::<()>::new(3, 10).apart_us(), None);

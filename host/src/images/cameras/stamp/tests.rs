@@ -1,4 +1,4 @@
-//! The drivers' clock reads 1000 s when the tests' instant is taken.
+//! Time stamps, with a drivers' clock that reads 1000 s at the tests' instant.
 
 use super::*;
 
@@ -19,7 +19,7 @@ fn stamp(time: Duration) -> Stamp {
 }
 
 #[test]
-fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
+fn late_fetch_keeps_stamp() {
     let (mut moments, now) = moments();
     assert_eq!(moments.source(), None);
     for (taken, fetched, was_awaited) in [(0, 0, true), (33, 40, true), (66, 1900, false)] {
@@ -27,7 +27,7 @@ fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
         assert_eq!(at, Some(now + ms(taken)));
         assert_eq!(moments.source(), Some(Source::Driver(Point::End)));
     }
-    // Also of before the clocks were read.
+    // A time before the clocks were read.
     let at = moments.of(stamp(NOW - ms(20)), now, true);
     assert_eq!(at, Some(now - ms(20)));
     let start = Stamp::Monotonic(NOW + ms(99), Point::Start);
@@ -36,7 +36,7 @@ fn the_stamp_is_the_moment_however_late_the_picture_is_fetched() {
 }
 
 #[test]
-fn a_driver_that_is_not_believed_once_is_never_again() {
+fn doubted_driver_stays_doubted() {
     let far = Stamp::Monotonic(Duration::MAX, Point::End);
     let cases = [
         (Stamp::Unknown, Doubt::OtherClock),
@@ -52,11 +52,11 @@ fn a_driver_that_is_not_believed_once_is_never_again() {
         assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
         let next = now + ms(80);
         assert_eq!(moments.of(stamp(NOW + ms(70)), next, true), Some(next));
-        // One that lay there came at an unknown time.
+        // An image that was ready before the wait has no known time.
         assert_eq!(moments.of(stamp(NOW + ms(90)), now + ms(100), false), None);
         assert_eq!(moments.source(), Some(Source::Arrival(doubt)));
     }
-    // Within what two readings of a clock may differ, and just not too old.
+    // Within the error of two clock readings, and just below the largest age.
     for time in [NOW + ms(51), NOW - ms(2950)] {
         let (mut moments, now) = moments();
         assert!(moments.of(stamp(time), now + ms(50), true).is_some());
@@ -65,7 +65,7 @@ fn a_driver_that_is_not_believed_once_is_never_again() {
 }
 
 #[test]
-fn pictures_that_lay_there_while_the_program_was_held_up_are_no_fault_of_the_driver() {
+fn queued_images_keep_driver_trusted() {
     let (mut moments, now) = moments();
     assert!(moments.of(stamp(NOW), now, true).is_some());
     let resumed = now + ms(60_000);
@@ -77,11 +77,11 @@ fn pictures_that_lay_there_while_the_program_was_held_up_are_no_fault_of_the_dri
 }
 
 #[test]
-fn clocks_that_run_alike_are_paired() {
+fn paired_clocks_convert_times() {
     let zero = Instant::now();
     let clocks = Clocks::read(|| NOW + zero.elapsed());
     let back = clocks.instant(NOW).unwrap();
-    // Either side of it: no reading can have been farther off than it took.
+    // On either side of zero: the error of a reading is at most its duration.
     let apart = back.max(zero).duration_since(back.min(zero));
     assert!(apart <= zero.elapsed(), "{apart:?}");
     assert_eq!(clocks.instant(NOW + ms(5)), Some(back + ms(5)));
@@ -89,7 +89,7 @@ fn clocks_that_run_alike_are_paired() {
 }
 
 #[test]
-fn what_tells_the_moments_is_said_in_words() {
+fn source_is_described_in_words() {
     let text = |source: Source| source.to_string();
     assert!(text(Source::Driver(Point::End)).ends_with("of their end"));
     assert!(text(Source::Driver(Point::Start)).ends_with("of their start"));

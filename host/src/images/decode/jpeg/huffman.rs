@@ -1,34 +1,35 @@
 //! Bits of a scan and Huffman codes (ITU-T T.81, annexes C and F).
 
-/// Codes up to this length are looked up at once.
+/// Largest length of codes that are looked up in one step, bits.
 const FAST: u32 = 9;
 
 /// Longest code, bits.
 const LONGEST: usize = 16;
 
-/// The data end, or hold what no encoder writes.
+/// Reason why decoding of a scan stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stop {
     /// The data of the scan, or of its restart interval, end before its blocks do.
     Short,
-    /// No such code, or a coefficient behind the last.
+    /// The data hold an unknown code, or a coefficient after the last.
     Wrong,
 }
 
-/// A code of Huffman's.
+/// Huffman code.
 #[derive(Clone, Debug)]
 pub(super) struct Table {
-    /// By the next [`FAST`] bits: length and value; length 0 for longer codes.
+    /// Length and value by the next [`FAST`] bits; length 0 for longer codes.
     fast: Vec<(u8, u8)>,
-    /// By length: one more than its last code, shifted to 16 bits.
+    /// One more than the last code of each length, shifted to 16 bits.
     ends: [u32; LONGEST + 1],
-    /// By length: value of its first code, minus that code.
+    /// Value of the first code of each length, minus that code.
     offsets: [i32; LONGEST + 1],
     values: Vec<u8>,
 }
 
 impl Table {
-    /// The table of these counts of codes by length, and values; `None` if there are too many.
+    /// Creates the table of these counts of codes by length, and values; `None` if there are too
+    /// many.
     pub fn new(counts: &[u8], values: &[u8]) -> Option<Self> {
         let mut table = Self {
             fast: vec![(0, 0); 1 << FAST],
@@ -59,7 +60,7 @@ impl Table {
     }
 }
 
-/// The bits of a scan up to the next marker.
+/// Bits of a scan up to the next marker.
 #[derive(Clone, Debug)]
 pub(super) struct Bits<'a> {
     data: &'a [u8],
@@ -86,7 +87,7 @@ impl<'a> Bits<'a> {
                     self.at += 2;
                     0xFF
                 }
-                // A marker follows, perhaps behind filling.
+                // A marker follows, perhaps after padding.
                 (Some(0xFF), _) | (None, _) => return,
                 (Some(byte), _) => {
                     self.at += 1;
@@ -107,12 +108,12 @@ impl<'a> Bits<'a> {
         Ok((self.buffer >> self.count) as u32 & ((1 << count) - 1))
     }
 
-    /// Takes a code; returns its value.
+    /// Takes a code and returns its value.
     pub fn decode(&mut self, table: &Table) -> Result<u8, Stop> {
         if self.count < LONGEST as u32 {
             self.fill();
         }
-        // Behind the end there are zeros; what is made of them is refused as too short.
+        // Zeros follow the end; codes made of them are refused as too short.
         let next = match self.count.checked_sub(LONGEST as u32) {
             Some(spare) => (self.buffer >> spare) as u32 & 0xFFFF,
             None => ((self.buffer << (LONGEST as u32 - self.count)) & 0xFFFF) as u32,
@@ -136,7 +137,7 @@ impl<'a> Bits<'a> {
         value.copied().ok_or(Stop::Wrong)
     }
 
-    /// Goes on behind the restart marker that follows.
+    /// Continues after the next restart marker.
     pub fn restart(&mut self) -> Result<(), Stop> {
         (self.buffer, self.count) = (0, 0);
         let rest = self.data.get(self.at..).unwrap_or_default();

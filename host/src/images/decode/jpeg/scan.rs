@@ -1,43 +1,43 @@
-//! The blocks of a JPEG file, counted: a picture whose data end before its last block is refused.
+//! Count of the blocks of a JPEG file: an image whose data end before its last block is refused.
 //!
-//! Decoders fill what is missing with grey and say nothing, and an end-of-image marker can stand
-//! behind any rest of a file. So the Huffman codes of each scan are followed here, without the
-//! transform, up to the last block (ITU-T T.81, annexes F and G). A progressive picture must also
-//! have all of its scans: every coefficient to its last bit.
+//! Decoders fill missing data with grey without an error, and an end-of-image marker may follow any
+//! rest of a file. This module therefore follows the Huffman codes of each scan, without the
+//! transform, to the last block (ITU-T T.81, annexes F and G). A progressive image must also have
+//! all of its scans: every coefficient to its last bit.
 
 use super::super::Refusal;
 use super::huffman::{Bits, Stop, Table};
 use super::{next_marker, segment};
 
-/// Coefficients of a block.
+/// Number of coefficients of a block.
 const COEFFICIENTS: usize = 64;
 
 const CUT: Refusal = Refusal::CutOff("its compressed data end before the picture does");
 
-/// One component of a frame.
+/// One component of an image.
 struct Component {
     id: u8,
-    /// Blocks of one unit (MCU), across and down.
+    /// Number of blocks of one unit (MCU), across and down.
     unit: [usize; 2],
-    /// Blocks in a scan of this component alone, across and down.
+    /// Number of blocks in a scan of this component alone, across and down.
     own: [usize; 2],
-    /// Blocks across when all units are whole.
+    /// Number of blocks across when all units are whole.
     stride: usize,
-    /// Per block and coefficient: known to differ from zero. Only of a progressive picture.
+    /// Coefficients of each block that are known to differ from zero; only for progressive images.
     nonzero: Vec<u64>,
-    /// Per coefficient: bits that are still to come; `None` before its first scan.
+    /// Number of missing bits of each coefficient; `None` before its first scan.
     missing: [Option<u8>; COEFFICIENTS],
 }
 
-/// What a frame's header says.
+/// Properties of an image, from its frame header.
 struct Frame {
     is_progressive: bool,
-    /// Units across and down.
+    /// Number of units across and down.
     units: [usize; 2],
     components: Vec<Component>,
 }
 
-/// A scan's header: coefficients from and to, and bits that were and will be missing.
+/// Band of a scan's header: first and last coefficient, and missing bits before and after.
 #[derive(Clone, Copy)]
 struct Band {
     first: usize,
@@ -49,8 +49,8 @@ struct Band {
 /// Follows all scans of a file whose markers are known to be whole.
 ///
 /// # Errors
-/// If data are missing or are no Huffman codes. Without tables in the file, as live cameras send
-/// it, nothing can be told.
+/// [`Refusal`] if data are missing or are not Huffman codes. A file without tables, as live cameras
+/// send it, is not checked.
 pub(super) fn check(file: &[u8]) -> Result<(), Refusal> {
     let (mut frame, mut interval) = (None, 0);
     let mut tables: [[Option<Table>; 4]; 2] = Default::default();
@@ -240,12 +240,12 @@ impl Frame {
     }
 }
 
-/// The way through one scan.
+/// State while following one scan.
 struct Walk<'a> {
     bits: Bits<'a>,
     band: Band,
     is_progressive: bool,
-    /// Blocks whose band has ended already.
+    /// Number of blocks whose band has ended already.
     end_run: u32,
 }
 
@@ -278,7 +278,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Takes the bits of a coefficient.
+    /// Skips the bits of a coefficient.
     fn skip(&mut self, length: u8) -> Result<(), Stop> {
         if length > 16 {
             return Err(Stop::Wrong);
@@ -306,12 +306,12 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// The number of blocks whose bands end with a code of this run.
+    /// Returns the number of blocks whose bands end with a code of this run.
     fn end_of_band(&mut self, run: usize) -> Result<u32, Stop> {
         Ok((1 << run) + self.bits.take(run as u32)?)
     }
 
-    /// The first bits of a band (T.81, G.1.2.2).
+    /// Follows the first bits of a band (T.81, G.1.2.2).
     fn first(&mut self, ac: &Table, from: usize, nonzero: &mut u64) -> Result<(), Stop> {
         if self.end_run > 0 {
             self.end_run -= 1;
@@ -341,7 +341,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// One more bit of a band (T.81, G.1.2.3).
+    /// Follows one more bit of a band (T.81, G.1.2.3).
     fn refined(&mut self, ac: &Table, from: usize, nonzero: &mut u64) -> Result<(), Stop> {
         let mut k = from;
         while self.end_run == 0 && k <= self.band.last {
@@ -354,7 +354,7 @@ impl Walk<'_> {
             if length > 0 {
                 self.bits.take(1)?;
             }
-            // Over the run of zeros; each coefficient known before has one bit.
+            // Skips the run of zeros; each known nonzero coefficient has one bit.
             while k <= self.band.last {
                 if *nonzero >> k & 1 == 1 {
                     self.bits.take(1)?;

@@ -1,4 +1,4 @@
-//! Files that come whole, in halves, late or never. Time is an argument: nothing here waits.
+//! Files that come whole, in halves, late or never. Time is an argument, so no test waits.
 
 use super::*;
 use crate::images::Image;
@@ -46,7 +46,7 @@ impl Bench {
     }
 
     fn at(&self, ms: u64) -> Instant {
-        // Behind the moment at which the watch was opened, whenever that was.
+        // Later than the opening of the watch in any case.
         self.start + Duration::from_secs(1_000) + Duration::from_millis(ms)
     }
 
@@ -92,7 +92,7 @@ fn nothing(look: Result<Look, InputError>) {
 }
 
 #[test]
-fn a_capture_is_given_when_all_its_files_have_settled() {
+fn settled_frame_set_is_given() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     nothing(watch.look(bench.at(0)));
@@ -103,21 +103,21 @@ fn a_capture_is_given_when_all_its_files_have_settled() {
     nothing(watch.look(bench.at(1_000)));
     nothing(watch.look(bench.at(1_199)));
     assert_eq!(grey(watch.look(bench.at(1_200))), 7);
-    // Once.
+    // Reported once.
     nothing(watch.look(bench.at(9_000)));
     assert!(bench.told().is_empty());
 }
 
 #[test]
-fn a_file_that_still_grows_is_not_read() {
+fn growing_file_is_not_read() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for camera in NAMES {
         bench.whole(camera, "1.png", 7);
     }
     let whole = fs::read(bench.path("right", "1.png")).unwrap();
-    // Written byte by byte with pauses shorter and longer than the settling time: what is cut off
-    // is never given, and is no error yet. The last 12 bytes of a PNG only say that it ends.
+    // Written byte by byte with pauses shorter and longer than the settling time: a truncated file
+    // is never given, and is not an error yet. The last 12 bytes of a PNG only mark its end.
     for (step, length) in (1..whole.len() - 16).step_by(9).enumerate() {
         fs::write(bench.path("right", "1.png"), &whole[..length]).unwrap();
         let ms = 1_000 * step as u64;
@@ -131,7 +131,7 @@ fn a_file_that_still_grows_is_not_read() {
 }
 
 #[test]
-fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
+fn truncated_file_is_named() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     bench.whole("left", "1.png", 7);
@@ -140,7 +140,7 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
     nothing(watch.look(bench.at(1_999)));
     let error = unreadable(watch.look(bench.at(2_000)));
     assert_eq!(error.file, bench.path("right", "1.png"));
-    // Once, and the next has its own time.
+    // Reported once, and the next file has its own time.
     for camera in NAMES {
         bench.whole(camera, "2.png", 2);
     }
@@ -149,7 +149,7 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
         Ok(Look::FrameSet(capture)) => assert_eq!(capture.time_us, 1_000),
         other => panic!("{other:?}"),
     }
-    // Of another size, likewise.
+    // The same for an image of another size.
     let bench = Bench::new();
     let mut watch = bench.watch(Some(1));
     watch.size_px = [9, 8];
@@ -164,7 +164,7 @@ fn a_file_that_stays_cut_off_is_an_error_that_names_it() {
 }
 
 #[test]
-fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
+fn changed_file_is_not_given() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for (name, grey) in [("1.png", 1), ("2.png", 2), ("3.png", 3)] {
@@ -174,7 +174,7 @@ fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
     }
     nothing(watch.look(bench.at(0)));
     watch.list(bench.at(300)).unwrap();
-    // Readable, but not what had settled; and one that is gone.
+    // A readable file that has changed after it settled, and one that is gone.
     let path = bench.path("right", "1.png");
     bench.whole("right", "1.png", 9);
     let later = SystemTime::now() + Duration::from_secs(7);
@@ -199,7 +199,7 @@ fn a_file_that_was_written_to_since_it_was_listed_is_not_given() {
 }
 
 #[test]
-fn a_long_list_is_made_once_for_the_captures_in_it() {
+fn long_folder_is_listed_once() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for n in 0..30 {
@@ -216,7 +216,7 @@ fn a_long_list_is_made_once_for_the_captures_in_it() {
 }
 
 #[test]
-fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() {
+fn removed_frame_sets_are_forgotten() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for n in 0..20 {
@@ -232,7 +232,7 @@ fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() 
         }
         assert!(watch.done.len() <= 2, "{:?}", watch.done);
     }
-    // The last, and one of before, come once more.
+    // The last file and an earlier one come once more.
     for name in ["19.png", "7.png"] {
         nothing(watch.look(bench.at(30_000)));
         for camera in NAMES {
@@ -247,7 +247,7 @@ fn captures_that_were_given_and_removed_are_forgotten_but_none_is_given_twice() 
 }
 
 #[test]
-fn captures_come_in_the_order_of_their_names() {
+fn frame_sets_come_in_name_order() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     for name in ["view10.png", "view9.png", "view11.png"] {
@@ -270,12 +270,12 @@ fn captures_come_in_the_order_of_their_names() {
 }
 
 #[test]
-fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
+fn incomplete_set_is_skipped_after_patience() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     bench.whole("left", "1.png", 1);
     nothing(watch.look(bench.at(0)));
-    // Without another capture behind it there is no hurry.
+    // Without a later frame set, an incomplete one waits without limit.
     nothing(watch.look(bench.at(60_000)));
     for camera in NAMES {
         bench.whole(camera, "2.png", 2);
@@ -289,7 +289,7 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("right/1.png: never came"), "{told:?}");
 
-    // Two behind each other: the first waits its two seconds, then the second comes at once.
+    // Two incomplete frame sets: the first waits its two seconds, then the second comes at once.
     bench.whole("right", "3.png", 3);
     for camera in NAMES {
         bench.whole(camera, "4.png", 4);
@@ -298,7 +298,7 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
     nothing(watch.look(bench.at(71_900)));
     assert_eq!(grey(watch.look(bench.at(72_000))), 4);
     assert!(bench.told()[0].contains("left/3.png: never came"));
-    // What comes now is too late: it is told once, the one passed over not again.
+    // A frame set that comes now is too late: it is reported once, the skipped one not again.
     bench.whole("left", "3.png", 3);
     bench.whole("left", "0.png", 0);
     bench.whole("right", "0.png", 0);
@@ -310,7 +310,7 @@ fn a_capture_that_lacks_a_view_is_waited_for_and_then_passed_over() {
 }
 
 #[test]
-fn a_camera_that_falls_silent_is_carried_on_without() {
+fn silent_camera_is_left_out() {
     const TRIO: [&str; 3] = ["left", "middle", "right"];
     let bench = Bench::new();
     let mut watch = bench.watch_cameras(&TRIO, Some(10));
@@ -322,7 +322,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
         Ok(_) => None,
         Err(error) => panic!("{error}"),
     };
-    // Nothing of the third camera yet: its files may be copied last.
+    // No image of the third camera yet: its files may be copied last.
     bench.whole("left", "1.png", 1);
     bench.whole("middle", "1.png", 1);
     assert_eq!(present(0), None);
@@ -330,7 +330,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
     bench.whole("right", "1.png", 1);
     assert_eq!(present(9_100), None);
     assert_eq!(present(9_300), Some((0, vec![true; 3])));
-    // It leaves one out and goes on.
+    // The camera misses one frame set and goes on.
     for camera in ["left", "middle"] {
         bench.whole(camera, "2.png", 2);
     }
@@ -341,8 +341,8 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
     assert_eq!(present(11_900), None);
     assert_eq!(present(12_000), Some((1_000, vec![true, true, false])));
     assert_eq!(present(12_000), Some((2_000, vec![true; 3])));
-    // It is gone: the next waits for it until it has been silent for two seconds, and so does every
-    // other.
+    // The camera is gone: the next frame set waits until the camera has been silent for two
+    // seconds, later ones likewise.
     for (name, ms) in [("4.png", 12_500), ("5.png", 15_000)] {
         bench.whole("left", name, 4);
         bench.whole("middle", name, 4);
@@ -350,7 +350,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
         assert_eq!(present(ms + 1_999), None);
         assert!(present(ms + 2_000).is_some_and(|(_, shown)| shown == [true, true, false]));
     }
-    // A single picture is of no use.
+    // A single image is not a frame set.
     bench.whole("middle", "6.png", 6);
     assert_eq!(present(18_000), None);
     assert_eq!(present(20_000), None);
@@ -360,7 +360,7 @@ fn a_camera_that_falls_silent_is_carried_on_without() {
 }
 
 #[test]
-fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
+fn unheard_camera_is_awaited() {
     let bench = Bench::new();
     let mut watch = bench.watch_cameras(&["left", "middle", "right"], Some(10));
     bench.whole("left", "1.png", 1);
@@ -374,14 +374,14 @@ fn a_camera_that_never_sent_anything_is_waited_for_until_the_end() {
         Ok(Look::FrameSet(capture)) => assert!(capture.images[2].is_missing()),
         other => panic!("{other:?}"),
     }
-    // Whoever waits is told for what, once.
+    // The missing camera is reported once.
     let told = bench.told();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("right: no image yet"), "{told:?}");
 }
 
 #[test]
-fn the_end_comes_when_nothing_has_come_for_long_enough() {
+fn idle_folder_ends() {
     let bench = Bench::new();
     let mut watch = bench.watch(Some(10));
     for camera in NAMES {
@@ -398,7 +398,7 @@ fn the_end_comes_when_nothing_has_come_for_long_enough() {
 }
 
 #[test]
-fn hidden_files_and_folders_that_are_made_later_are_no_trouble() {
+fn hidden_files_and_late_folders_are_accepted() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     nothing(watch.look(bench.at(0)));
@@ -416,7 +416,7 @@ fn hidden_files_and_folders_that_are_made_later_are_no_trouble() {
 }
 
 #[test]
-fn a_stop_ends_it() {
+fn stop_ends_the_watch() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
     watch.settings.stop.store(true, Relaxed);
