@@ -1,5 +1,5 @@
-//! The commands that drive a station by hand, as their user meets them: a station on a
-//! pseudo-terminal, the built program, its words and exit codes.
+//! Commands that drive a station by hand, as a user meets them: a station on a pseudo-terminal, the
+//! built program, its messages and exit codes.
 
 use host::client::stage::default_stage;
 use host::rig_file::{HomeSwitch, RigFile};
@@ -13,10 +13,10 @@ use trinocular_tests::binary::{interrupt, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station, station_after};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What a run of the program left behind.
+/// Exit code and output of a finished run.
 struct Done {
     code: Option<i32>,
     out: String,
@@ -104,7 +104,8 @@ impl Desk {
     }
 }
 
-/// The machine that runs the tests has other things to do than a heartbeat every 20 ms.
+/// Options of every run. The heartbeat timeout is long because the test machine may be too busy for
+/// a heartbeat every 20 ms.
 const CONFIGURE: &str = "--rig rig.toml --heartbeat 5000";
 
 fn moving(end: &FarEnd) {
@@ -178,7 +179,7 @@ fn soft_limits_shorten_a_jog_and_it_says_so() {
 fn an_interrupted_jog_stops_on_a_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
-    // Slowly, at 5 mm/s: ten seconds, if nobody stopped it.
+    // At 5 mm/s the jog takes ten seconds unless it is interrupted.
     let jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
     moving(&end);
     interrupt(&jog);
@@ -237,7 +238,7 @@ fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
         ("jog", "AXIS=MM"),
         ("jog w=1", "no axis `w`"),
         ("jog x", "x=1.5"),
-        ("jog x=far", "`far` is no number"),
+        ("jog x=far", "`far` is not a number"),
         ("jog x=NaN", "-1000 to 1000"),
         ("jog x=1001", "-1000 to 1000"),
         ("jog x=0.0001", "shorter than 0.001 mm"),
@@ -285,7 +286,7 @@ fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
         desk.run("hello --json").json()["last_run"],
         json!({"starts": 3, "fault": 2, "end": "panic", "addresses": [0x0800_1234, 0x0800_5676]})
     );
-    // Nothing moves until somebody has taken note, not even for a run that clears other faults.
+    // Nothing moves until the fault is acknowledged, not even for a run that clears other faults.
     let status = desk.run("status").ended(3, &["fault 9"]);
     assert!(status.out.contains("panicked"), "{}", status.out);
     assert!(status.out.contains("`trinocular hello`"), "{}", status.out);
@@ -302,7 +303,7 @@ fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
     assert_eq!(end.steps(), [80, 0, 0]);
 }
 
-/// The rails have switches at 70 mm either way from where the stage starts.
+/// The rails have switches at 70 mm either way from the stage's starting point.
 #[test]
 fn homing_finds_the_switches() {
     let end = station();

@@ -1,4 +1,4 @@
-//! The paper's closed loop with station B on a serial line, in real time: pictures on this side,
+//! The paper's closed loop with station B on a serial line in real time: images on this side,
 //! everything from frame to step pins on the other.
 
 use host::client::stage::default_stage;
@@ -14,14 +14,14 @@ use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station};
 
-/// The station's patience with us, ms. The machine that runs tests has other things to do, and is
-/// no part of what is tested.
+/// Heartbeat timeout, ms. It is long because the test machine may be busy, and the heartbeat is no
+/// part of these tests.
 const HEARTBEAT_MS: u16 = 5_000;
 
-/// One closed loop at a time: each wants a processor for itself.
+/// Lets one closed loop run at a time, because each needs a processor of its own.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Table 6 with the station on this port.
+/// Runs Table 6 with the station on this port.
 fn table_6(path: &str) -> Run {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let place = StationPlace::Port {
@@ -74,7 +74,7 @@ fn table_6_with_the_emulated_board() {
     assert_eq!(run.pulses[1].commanded, steps);
 }
 
-/// Exit code, standard output, standard error.
+/// Runs the program; returns exit code, standard output and standard error.
 fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
     let done = trinocular()
         .args(arguments)
@@ -125,8 +125,8 @@ fn track_follows_with_a_station_on_a_port() {
     );
 }
 
-/// The target goes 12 mm and farther; a stage of 2 mm of travel each way goes that far and no
-/// farther, by twin and by port.
+/// The target moves 12 mm and farther. A stage with 2 mm of travel each way moves exactly that far,
+/// as a twin and on a port.
 #[test]
 fn the_stage_of_the_rig_file_is_the_one_that_moves() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -176,9 +176,9 @@ fn the_stage_of_the_rig_file_is_the_one_that_moves() {
     );
 }
 
-/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program
-/// inherits the pseudo-terminal from this process, so to it the line does not break, as in
-/// `serial.rs`, but falls silent.
+/// Runs `track` for eight seconds with the line unplugged for `away` from the second image on. The
+/// program inherits the pseudo-terminal from this process, so its line falls silent instead of
+/// breaking as in `serial.rs`.
 fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<i32>, String) {
     let mut running = trinocular()
         .args([

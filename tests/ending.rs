@@ -1,7 +1,7 @@
-//! How runs with a station in motion end: by signals, closed and full outputs, and other hosts.
+//! Ends of runs with a station in motion: by signals, closed and full outputs, and other hosts.
 //!
-//! Every command that moves a stage ends alike: the stage stands, stopped by command and without a
-//! fault, before the program ends.
+//! Every command that moves a stage ends alike: before the program ends, the stage is at rest,
+//! stopped by command and without a fault.
 
 use host::client::serial::Serial;
 use host::client::stage::{HEARTBEAT_MS, default_stage};
@@ -27,18 +27,18 @@ use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// One at a time: each measures pictures.
+/// Lets one test run at a time, because each processes images.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A jog of ten seconds, and other ways to be in motion for long. The computer that runs tests is
-/// busy, hence the long heartbeat.
+/// Runs with long motion: a jog of ten seconds, and other commands. The heartbeat timeout is long
+/// because the test machine may be busy.
 const RUNS: [&str; 4] = [
     "jog x=50 --rig wide.toml --heartbeat 5000",
     "home x --rig home.toml --heartbeat 5000",
@@ -96,7 +96,7 @@ fn moving(end: &FarEnd) {
     }
 }
 
-/// Exit code and standard error of a program that ends by itself.
+/// Waits for a program to end by itself; returns exit code and standard error.
 fn ended(mut program: Child) -> (Option<i32>, String) {
     let patience = Instant::now() + PATIENCE;
     while program.try_wait().expect("it is ours").is_none() {
@@ -113,7 +113,7 @@ fn ended(mut program: Child) -> (Option<i32>, String) {
     (program.wait().expect("it ended").code(), text)
 }
 
-/// The stage stands, because it was stopped and for no other reason.
+/// Checks that the stage is at rest because of a stop and for no other reason.
 #[track_caller]
 fn stands_stopped(end: &FarEnd) {
     let stood = end.steps();
@@ -264,7 +264,7 @@ fn unanswered_stop_after_a_signal_is_reported() {
     end.standing();
 }
 
-/// The reader of standard output goes away, or the disk is full, after the first picture.
+/// The reader of standard output closes it, or the disk is full, after the first image.
 #[test]
 fn closed_or_full_output_stops_the_stage() {
     let _alone = alone();
@@ -446,7 +446,7 @@ fn motors_are_switched_by_hand() {
     assert_eq!(end.steps(), [80, 0, 0]);
 }
 
-/// As many threads want a processor for themselves.
+/// Number of threads that each load a processor.
 const BUSY: usize = 20;
 
 struct Load(Arc<AtomicBool>, Vec<std::thread::JoinHandle<()>>);
@@ -471,7 +471,7 @@ impl Drop for Load {
     }
 }
 
-/// Largest time between two pings, as the host stamped them, ms.
+/// Returns the longest interval between two pings by the host's stamps, ms.
 fn largest_gap_ms(end: &FarEnd) -> u64 {
     let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
     let mut bytes = &bytes[..];
@@ -485,7 +485,7 @@ fn largest_gap_ms(end: &FarEnd) -> u64 {
     gaps.max().expect("there were pings") / 1_000
 }
 
-/// The station's clock here runs with this computer's, so the pings themselves are looked at.
+/// The test examines the pings themselves, because the station's clock is that of this computer.
 #[test]
 #[ignore = "loads the computer; tests/run includes it"]
 fn heartbeat_holds_on_a_busy_computer() {

@@ -29,7 +29,7 @@ fn within(off: [f64; 3], bound: [f64; 3]) -> bool {
     off.iter().zip(bound).all(|(o, b)| *o <= b)
 }
 
-/// The figures that the whole path must show, read from `tables --json`.
+/// The whole path must reach these figures, read from `tables --json`.
 #[test]
 fn tables_reach_their_figures() {
     let output = run(&["tables", "--json"]);

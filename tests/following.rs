@@ -1,9 +1,8 @@
-//! How well the station follows: the closed loop with its figures, asserted without rendering a
-//! picture.
+//! Quality of following: figures of the closed loop, asserted without rendering an image.
 //!
-//! Cameras are simulated by what they would say and by their noise; everything from the frame's
-//! bytes to the planned position is the station's own code. 60 frames/s, 20 ms from picture to
-//! frame, the stage of the experiments.
+//! Cameras are simulated by their measurements and noise; everything from the frame's bytes to the
+//! planned position is the station's own code. 60 frames/s, 20 ms from image to frame, the stage of
+//! the experiments.
 
 #[path = "following/consistency.rs"]
 mod consistency;
@@ -13,7 +12,7 @@ use shared::track::pursuit::Sight;
 use std::f64::consts::TAU;
 use trinocular_tests::chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 
-/// Different noise each.
+/// Seeds of the noise.
 const SEEDS: [u64; 4] = [1, 2, 3, 4];
 
 fn each(bound: [f64; 3], value: [f64; 3]) -> bool {
@@ -23,7 +22,7 @@ fn each(bound: [f64; 3], value: [f64; 3]) -> bool {
         .all(|(bound, value)| value <= *bound)
 }
 
-/// When the stage was last farther off than this, s.
+/// Returns the last time at which the error exceeded the bound, s.
 fn settled(run: &Run, bound_mm: [f64; 3]) -> f64 {
     let off = run
         .samples
@@ -32,12 +31,12 @@ fn settled(run: &Run, bound_mm: [f64; 3]) -> f64 {
     off.map(|sample| sample.time_s).fold(0.0, f64::max)
 }
 
-/// The first picture from `time_s` on, s.
+/// Returns the time of the first image from `time_s` on, s.
 fn first_picture(time_s: f64) -> f64 {
     (time_s * 60.0).ceil() / 60.0
 }
 
-/// Highest acceleration planned on any axis, mm/s².
+/// Returns the highest planned acceleration of any axis, mm/s².
 fn steepest(run: &Run) -> f64 {
     let ticks: Vec<[i64; 3]> = run.planned.iter().copied().step_by(4).collect();
     let of = |axis: usize| {
@@ -50,7 +49,7 @@ fn steepest(run: &Run) -> f64 {
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-/// Also in the shape that another stage gives it, and with the frame rate of the paper's
+/// The target also moves as another stage would move it, and with the frame rate of the paper's
 /// experiment.
 #[test]
 fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
@@ -209,8 +208,8 @@ fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
     );
 }
 
-/// As another stage carries a target that it is told about picture by picture: its speed goes up
-/// and down by a sixth with every one.
+/// The target moves as if another stage followed single images: its speed varies by a sixth with
+/// every image.
 #[test]
 fn an_uneven_motion_is_followed_without_lag_too() {
     for seed in SEEDS {

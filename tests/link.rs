@@ -1,7 +1,7 @@
-//! The wire: committed bytes of every message, and what a bad line does to them.
+//! The wire: committed bytes of every message, and the effects of a bad line on them.
 //!
-//! The bytes are in `golden/wire.txt`. After a change that is meant,
-//! `REGENERATE=1 cargo test -p trinocular-tests --test link` writes them anew.
+//! The bytes are in `golden/wire.txt`. After an intended change, `REGENERATE=1 cargo test -p
+//! trinocular-tests --test link` writes them anew.
 
 #[path = "link/samples.rs"]
 mod samples;
@@ -109,7 +109,7 @@ fn cobs_decode(bytes: &mut [u8]) -> usize {
     out.len()
 }
 
-/// Every field at its encodable extreme: a flow frame of either kind still fits one USB packet.
+/// Every field is at its encodable extreme: a flow frame of either kind still fits one USB packet.
 #[test]
 fn a_flow_frame_fits_64_bytes_at_every_extreme() {
     let month = Instant::from_micros(30 * 24 * 3_600 * 1_000_000);
@@ -138,7 +138,7 @@ fn a_flow_frame_fits_64_bytes_at_every_extreme() {
     }
 }
 
-/// The host relies on it.
+/// The host relies on this.
 #[test]
 fn every_message_fits() {
     let axis = AxisConfig {
@@ -255,13 +255,13 @@ fn data_loss_sandwich() {
         assert!(gone <= 1, "byte {lost}: {gone} packets gone");
         assert!(
             got.iter().all(|p| packets.contains(p)),
-            "a packet appeared that nobody sent"
+            "a packet appeared that was never sent"
         );
         assert!(rejects.total() > 0 || gone == 0 || lost + 1 == all.len());
     }
 }
 
-/// Noise on an idle line costs the noise, never the packet behind it.
+/// Noise on an idle line never costs the packet behind it.
 #[test]
 fn noise_before_a_packet_costs_nothing() {
     let (packets, bytes) = stream();
@@ -332,10 +332,16 @@ fn each_reject_is_counted_by_its_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.max(500), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: ProptestConfig::default().cases.max(500),
+        ..ProptestConfig::default()
+    })]
 
     #[test]
-    fn garbage_never_becomes_a_packet(garbage in prop::collection::vec(any::<u8>(), 0..2000), chunk in 1usize..300) {
+    fn garbage_never_becomes_a_packet(
+        garbage in prop::collection::vec(any::<u8>(), 0..2000),
+        chunk in 1usize..300,
+    ) {
         let (packets, _) = receive(&garbage, chunk);
         prop_assert!(packets.is_empty());
     }

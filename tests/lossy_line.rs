@@ -1,5 +1,4 @@
-//! The host on a line that loses chosen packets, and at a station that sends numbers that cannot be
-//! true.
+//! The host on a line that loses chosen packets, and with a station that sends impossible numbers.
 
 use host::client::StationError;
 use host::client::serial::Serial;
@@ -16,15 +15,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use trinocular_tests::far_end::{FarEnd, station, station_behind};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn start(end: &FarEnd) -> Serial {
     Serial::start(&end.path, &default_stage(), Mounting::OnStage).expect("the station starts")
 }
 
-/// A stage in motion towards x = 50 mm, which takes 10 s: longer than a busy computer keeps a test
-/// waiting.
+/// Starts a stage towards x = 50 mm. The motion takes 10 s, longer than a busy computer delays a
+/// test.
 fn moving(end: &FarEnd) -> Serial {
     let stage = Stage {
         max_speed_mm_s: [5.0; 3],
@@ -55,7 +54,7 @@ fn stopped(serial: &Serial) -> Status {
     wait(serial, |status| status.state == State::Stopped)
 }
 
-/// Loses the first `count` packets that `is_meant` names.
+/// Returns a filter that loses the first `count` packets for which `is_meant` returns true.
 fn first(count: usize, is_meant: impl Fn(&Command) -> bool) -> impl FnMut(&Packet) -> bool {
     let mut seen = 0;
     move |packet| {
@@ -68,7 +67,7 @@ fn is_stop(command: &Command) -> bool {
     matches!(command, Command::Stop)
 }
 
-/// The packets that the host has sent.
+/// Returns the packets that the host has sent.
 fn packets(end: &FarEnd) -> Vec<Packet> {
     let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
     let mut bytes = &bytes[..];
@@ -159,7 +158,7 @@ fn unanswered_stop_ends_the_heartbeat() {
     assert_eq!(pings(&end), before);
 }
 
-/// Whoever looks at what the station said may take their time.
+/// A caller may take any time to look at the reports.
 #[test]
 fn heartbeat_goes_on_while_the_line_is_looked_at() {
     let end = station();
@@ -302,7 +301,7 @@ fn unanswered_jog_is_not_repeated_but_explained() {
     assert_eq!(end.steps(), [160, 0, 0]);
 }
 
-/// What a run in closed loop meets, and how it ends.
+/// Follows in closed loop with a station whose reports pass through `alter`.
 fn follow(alter: impl FnMut(Report) -> Report + Send + 'static) -> Result<(), StationError> {
     let mut alter = alter;
     let end = station_behind(|_| false, move |report| Some(alter(report)));

@@ -1,5 +1,5 @@
-//! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this
-//! computer's clock, strangers, and QEMU.
+//! The host's end of a serial line, against stations behind a pseudo-terminal: the station on this
+//! computer's clock, other devices, and QEMU.
 
 use host::client::StationError;
 use host::client::serial::Serial;
@@ -13,7 +13,7 @@ use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{self, FarEnd, mute, saying, station};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn start(path: &str) -> Serial {
@@ -45,7 +45,7 @@ fn arrived(serial: &Serial, steps: [i32; 3]) -> Status {
     })
 }
 
-/// Exit code, standard output, standard error.
+/// Runs `hello`; returns exit code, standard output and standard error.
 fn hello(path: &str, options: &[&str]) -> (Option<i32>, String, String) {
     let done = trinocular()
         .args(["hello", "--port", path])
@@ -56,7 +56,7 @@ fn hello(path: &str, options: &[&str]) -> (Option<i32>, String, String) {
     (done.status.code(), text(done.stdout), text(done.stderr))
 }
 
-/// Says hello with another protocol and schema.
+/// Starts a station that states another protocol and schema.
 fn stranger() -> FarEnd {
     let hello = Report::Hello(Hello {
         protocol: PROTOCOL + 1,
@@ -93,7 +93,7 @@ fn a_station_is_configured_moved_and_stopped() {
     assert!(serial.offset_us().is_some());
 }
 
-/// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it
+/// The heartbeat has its own thread, so it continues while the caller is busy. A station without it
 /// stops.
 #[test]
 fn the_heartbeat_goes_on_without_the_caller() {
@@ -175,7 +175,7 @@ fn a_line_that_stays_away_is_reported() {
     }
 }
 
-/// Waits until the line is back, or something else is said of it.
+/// Waits until the connection is back or another error is reported.
 fn back(serial: &Serial) -> StationError {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -200,8 +200,7 @@ fn a_line_is_found_again_and_used_when_told() {
         matches!(error, StationError::Interrupted { .. }) && error.to_string().contains(&end.path),
         "{error}"
     );
-    // Nothing goes through until somebody has decided, and nothing that was sent meanwhile does
-    // later.
+    // No command passes before the caller resumes, and no command sent meanwhile passes later.
     serial.send(setpoint([9, 9, 9]));
     assert!(serial.command("setpoint", setpoint([9, 9, 9])).is_err());
     serial.resume().expect("nothing was lost");

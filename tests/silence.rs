@@ -1,4 +1,4 @@
-//! A host that falls silent: how far the stage goes then, at the pins, at any moment of any motion.
+//! Loss of the host: stopping distance at the pins, from any instant of any motion.
 
 use host::client::stage::{HEARTBEAT_MS, default_stage};
 use host::client::twin::Twin;
@@ -7,14 +7,14 @@ use host::rig_file::Stage;
 use shared::frame::message::{Command, Mounting};
 use shared::safety::{Fault, State, Trust};
 
-/// From the last ping to the stop, s: the heartbeat time, the tick that notices, the tick already
-/// planned, and the one in which the ping came.
+/// Longest time from the last ping to the stop, s: the heartbeat timeout, the tick that notices,
+/// the tick already planned, and the one in which the ping came.
 const SILENCE_S: f64 = 1e-3 * HEARTBEAT_MS as f64 + 3e-3;
 
-/// What is on its way to the pins, s.
+/// Duration of the words queued for the pins, s.
 const RING_S: f64 = 1e-3;
 
-/// Fine steps: a speed is read off the pins.
+/// Returns a stage with fine steps, because its speed is measured at the pins.
 fn stage(max_speed_mm_s: f64) -> Stage {
     Stage {
         steps_per_mm: [1_600.0; 3],
@@ -24,9 +24,9 @@ fn stage(max_speed_mm_s: f64) -> Stage {
     }
 }
 
-/// Farthest way from a moment with the speed `v`, mm/s, mm: it may have sped up at full
-/// acceleration `a` for all of the silence, up to `most`; then it eases off at the jerk `j` and
-/// brakes. On the planner's grid the jerk is up to a sixth lower.
+/// Returns the longest stopping distance, mm, from an instant with the speed `v`, mm/s. The axis
+/// may have accelerated with `a` up to `most` for all of the silence; then it brakes with the jerk
+/// `j`. On the planner's grid the jerk is up to a sixth lower.
 fn bound_mm(v: f64, most: f64) -> f64 {
     let (a, j, t) = (2_000.0, 50_000.0 * 5.0 / 6.0, SILENCE_S + RING_S);
     let first = (v + a * t).min(most);
@@ -37,7 +37,7 @@ fn bound_mm(v: f64, most: f64) -> f64 {
     silent + easing + braking + (second + a * 1e-3) * 1e-3
 }
 
-/// Lets the host fall silent now; the ways of the axes until they stand, mm.
+/// Silences the host now and returns the distance that each axis moves until rest, mm.
 fn silence(twin: &mut Twin) -> [f64; 3] {
     // A ping now: the last one.
     let host_us = twin.now().micros();
@@ -114,7 +114,8 @@ fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
         }
     }
     println!(
-        "1,000 moments, {speeding} axes accelerating: at most {farthest:.3} mm, {:.1} % of the bound",
+        "1,000 moments, {speeding} axes accelerating: at most {farthest:.3} mm, {:.1} % of the \
+         bound",
         100.0 * worst
     );
     assert!(speeding > 300, "{speeding}");

@@ -1,5 +1,5 @@
-//! Scenarios: each does what its file expects, the same in every run and on an emulated Cortex-M4;
-//! and what the command says of bad files.
+//! Scenarios: each meets its expectations, is the same in every run and on an emulated Cortex-M4;
+//! and the command's messages about bad files.
 
 #[path = "simulate/command.rs"]
 mod command;
@@ -38,7 +38,7 @@ fn live(scenario: &Scenario, prediction: bool) -> Run {
     run(scenario, options, |_| {}).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What a scenario expects and does not get.
+/// Returns the expectations that a scenario does not meet.
 fn missed(scenario: &Scenario) -> Vec<String> {
     let figures = |prediction| {
         let run = live(scenario, prediction);
@@ -50,8 +50,8 @@ fn missed(scenario: &Scenario) -> Vec<String> {
     scenario.missed(&trace, &with, without.as_ref())
 }
 
-/// Rendered scenarios take a minute and are a stage of their own in `tests/run`; with points in
-/// place of pictures the same must come of them.
+/// Rendered scenarios take a minute and are a stage of their own in `tests/run`. With points in
+/// place of images they must meet the same expectations.
 #[test]
 fn every_scenario_does_what_it_expects_with_points_for_cameras() {
     let names = files();
@@ -75,8 +75,8 @@ fn a_run_repeats_to_the_bit_and_another_seed_differs() {
     assert_ne!(log(&first), log(&live(&scenario, true)));
 }
 
-/// A scenario that cannot meet its expectations says so: each bound, one at a time, just below what
-/// was found.
+/// A scenario that misses its expectations is reported: each bound, one at a time, just below the
+/// measured value.
 #[test]
 fn each_bound_is_judged() {
     let mut scenario = read("step.toml").with_points();
@@ -167,7 +167,7 @@ fn agree_in_qemu(name: &str) {
     println!("{name}: {segments} segments and {packets} packets agree");
 }
 
-/// A test per scenario, and the list of their files.
+/// Defines a test per scenario, and the list of their files.
 macro_rules! in_qemu {
     ($($test:ident: $file:literal)*) => {
         const EMULATED: &[&str] = &[$($file),*];

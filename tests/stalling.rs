@@ -1,19 +1,19 @@
-//! Motors that stall, and targets that only look like it: what the station makes of commanded
-//! motion that the cameras do not see.
+//! Stalled motors, and targets that only look like them: the station's handling of commanded motion
+//! that the cameras do not see.
 
 use host::rig_file::Care;
 use shared::frame::message::Denial;
 use shared::safety::{Fault, State, Trust};
 use trinocular_tests::chase::{Chase, Run, Target, lissajous, smooth};
 
-/// Steps that the cameras need not see, mm.
+/// Limit of commanded motion that the cameras do not see, mm.
 const UNSEEN_MM: f64 = 10.0;
 
-/// Real motion keeps within less.
+/// Stricter limit within which real motion stays, mm.
 const STRICT_MM: f64 = 8.0;
 
-/// From the stall to the rest, mm, at 20 frames per second and more: half of the steps that need
-/// not be seen, a ramp, and as much again if one trial is not enough; and the target's own way.
+/// Longest distance from the stall to rest, mm, at 20 frames per second and more: half of the
+/// unseen limit, a ramp, the same again if one trial is not enough, and the target's own motion.
 const STALLED_MM: f64 = UNSEEN_MM + 15.0;
 
 fn care() -> Care {
@@ -29,13 +29,14 @@ fn fault(run: &Run) -> Option<Fault> {
     run.statuses.last().expect("a status").fault
 }
 
-/// 100 mm/s, as fast as the stage, from rest: it is never caught up with.
+/// Returns a target that leaves rest at 100 mm/s, as fast as the stage, so that the stage never
+/// catches up.
 fn dash(t: f64) -> [f64; 3] {
     let x = (100.0 * (t - 0.5)).clamp(0.0, 50.0);
     [x, -x, 0.0]
 }
 
-/// 10 mm at 0.8 Hz: up to 50 mm/s and 253 mm/s² on two axes.
+/// Returns a swing of 10 mm at 0.8 Hz: up to 50 mm/s and 253 mm/s² on two axes.
 fn swing(t: f64) -> [f64; 3] {
     let angle = 0.8 * std::f64::consts::TAU * t;
     [
@@ -135,7 +136,7 @@ fn stalled_motor_is_a_fault_within_25_mm() {
     }
 }
 
-/// A motor that is off, one that makes a twentieth of its steps, from the start and in mid-run.
+/// A motor that is off, or that makes a twentieth of its steps, from the start and in mid-run.
 #[test]
 fn stall_is_found_at_20_to_1000_frames_per_s() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
@@ -167,7 +168,7 @@ fn stall_is_found_at_20_to_1000_frames_per_s() {
     }
 }
 
-/// A target that rests, and frames so seldom that the stage goes 10 to 20 mm from one to the next.
+/// A target at rest, with frames so rare that the stage moves 10 to 20 mm from one to the next.
 #[test]
 fn stall_is_found_at_5_frames_per_s() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
@@ -181,7 +182,7 @@ fn stall_is_found_at_5_frames_per_s() {
     }
 }
 
-/// The stage follows for 10 s; from a time on, one axis makes only a share of its steps.
+/// Follows for 10 s; from `stalls_s` on, one axis makes only a share of its steps.
 fn stall(frames_per_s: f64, target: Target, (stalls_s, axis): (f64, usize), slips: f64) -> Run {
     let mut chase = Chase::new(7);
     chase.care = Care {
@@ -197,7 +198,8 @@ fn stall(frames_per_s: f64, target: Target, (stalls_s, axis): (f64, usize), slip
     chase.follow(target, 10.0)
 }
 
-/// 25 mm at 45 mm/s, with so few frames that the stage is 1.6 mm behind in every turn.
+/// The target moves 25 mm at 45 mm/s, with so few frames that the stage lags by 1.6 mm in every
+/// turn.
 #[test]
 fn few_frames_of_a_swing_are_no_fault() {
     let swing = |per_s: f64| {
@@ -220,7 +222,7 @@ fn few_frames_of_a_swing_are_no_fault() {
     }
 }
 
-/// The target goes from one speed to another behind a cover.
+/// The target changes its speed while it is hidden.
 #[test]
 fn speed_that_changes_unseen_is_no_fault() {
     for (before, after, hidden_s) in [
@@ -248,8 +250,8 @@ fn speed_that_changes_unseen_is_no_fault() {
     }
 }
 
-/// Frames that contradict each other: the stage goes no farther on them than a quarter of the
-/// bound, what two frames take, and a ramp.
+/// Frames contradict each other: the stage moves no farther on them than a quarter of the bound,
+/// the motion of two frames, and a ramp.
 #[test]
 fn outliers_do_not_keep_the_stage_going() {
     let mut chase = Chase::new(1);

@@ -1,5 +1,5 @@
-//! The station as its host meets it: commands over the link, switches, frames, and what the pins
-//! do.
+//! The station as its host meets it: commands over the link, switches, frames, and the motion at
+//! the pins.
 
 #[path = "station/faults.rs"]
 mod faults;
@@ -38,7 +38,7 @@ fn wait(twin: &mut Twin, ms: u64) {
     twin.advance(twin.now().plus_micros(ms * 1000));
 }
 
-/// A status made now: one goes out at least every 100 ms.
+/// Returns a fresh status; the station sends one at least every 100 ms.
 fn status(twin: &mut Twin) -> Status {
     wait(twin, 110);
     *twin.status().unwrap()
@@ -51,7 +51,7 @@ fn denial<T: std::fmt::Debug>(outcome: Result<T, StationError>) -> Denial {
     }
 }
 
-/// A frame that says the target moved by `mm`: every point at the same depth, without noise.
+/// Returns a frame of a target displaced by `mm`: every point at the same depth, without noise.
 fn frame(mm: [f64; 3], capture: Instant, reference: Instant) -> Command {
     let spread = 0.05f64;
     let sums = FixedCentredSums {
@@ -268,7 +268,7 @@ fn a_silent_host_means_a_ramped_stop_and_no_resume() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
-/// Also in the very tick in which braking ends.
+/// This includes the tick in which braking ends.
 #[test]
 fn a_stop_while_braking_for_a_fault_changes_nothing() {
     for after_ms in 100..300 {
@@ -451,8 +451,7 @@ fn a_driver_that_needs_slower_words_is_refused_before_anything_moves() {
     assert_eq!(denial(refused), Denial::Config(ConfigField::Driver));
 }
 
-/// Whatever the host sends, in whatever pieces: the same log gives the same reports and the same
-/// pulses.
+/// With any input in any pieces, the same log gives the same reports and the same pulses.
 #[test]
 fn the_same_inputs_give_the_same_bits() {
     let run = |chunk: usize| {

@@ -1,4 +1,4 @@
-//! Drawn boards before a rig that is known: calibration, rig file, displacement.
+//! Drawn boards in front of a known rig: calibration, rig file and displacement.
 
 use std::fs;
 
@@ -88,7 +88,7 @@ fn what_is_no_whole_board_is_not_found() {
     assert_eq!(find(&tiny, &BOARD, None), Err(NotFound::Nothing));
 }
 
-/// Every figure within four and a half of its standard deviations of the truth.
+/// Checks that every figure is within 4.5 of its standard deviations of the truth.
 #[track_caller]
 fn assert_true(value: &Value, key: &str, sigma: &str, truth: &[f64]) {
     for ((got, sigma), truth) in numbers(value, key)
@@ -103,7 +103,8 @@ fn assert_true(value: &Value, key: &str, sigma: &str, truth: &[f64]) {
     }
 }
 
-/// Moves a poster before the rig as it is, and measures it with the rig as it was found.
+/// Renders a moving poster with the true rig and checks its displacement measured with the
+/// calibrated rig.
 fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
     let moves: [[f64; 3]; 4] = [
         [0.0; 3],
@@ -250,8 +251,9 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
         arguments.extend(more);
         run(desk.path(), &arguments)
     };
-    let stage = "\n[stage]\nsteps_per_mm = [80, 80, 400]\nmax_speed_mm_s = [50, 50, 10]\nmax_acceleration_mm_s2 = [500, 500, 100]\n\
-                 max_jerk_mm_s3 = [5e3, 5e3, 1e3]\ntravel_mm = [[-50, 50], [-50, 50], [0, 30]]\ninvert = [false, true, false]\n\
+    let stage = "\n[stage]\nsteps_per_mm = [80, 80, 400]\nmax_speed_mm_s = [50, 50, 10]\n\
+                 max_acceleration_mm_s2 = [500, 500, 100]\nmax_jerk_mm_s3 = [5e3, 5e3, 1e3]\n\
+                 travel_mm = [[-50, 50], [-50, 50], [0, 30]]\ninvert = [false, true, false]\n\
                  matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ndriver = \"TMC2209\"\n";
     let old = RigFile::paper().to_toml() + stage;
     let path = desk.path().join("rig.toml");
@@ -284,8 +286,8 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     with(&["--out", "none/rig.toml"]).failed_after_notes(1, &["none", "no such folder"]);
 }
 
-/// Copies of a picture would make every standard deviation too small; one pose alone leaves the
-/// lens open.
+/// Copies of an image would make every standard deviation too small. A single pose leaves the lens
+/// parameters undetermined.
 #[test]
 fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
     let desk = tempfile::tempdir().expect("a temporary folder");

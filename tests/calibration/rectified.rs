@@ -1,5 +1,5 @@
-//! A rig whose cameras are turned by a degree or two measures like a parallel one, if its file says
-//! how they are turned.
+//! A rig whose cameras are rotated by a degree or two measures like a parallel one if its file
+//! states the rotations.
 
 use host::flow::{Correspondence, Flow, FlowSettings};
 use host::images::{Scene, SceneSettings, Texture};
@@ -13,7 +13,7 @@ const MOVES_MM: [[f64; 3]; 4] = [
     [0.0, 0.0, 7.0],
     [-12.0, 8.0, -4.0],
 ];
-/// What the project sets itself for a parallel rig.
+/// Largest error of a displacement, mm: the project's bound for a parallel rig.
 const TOLERANCE_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
 fn turned_rig() -> Rig {

@@ -1,4 +1,4 @@
-//! `align`: pictures of a poster, taken with principal points that the rig file does not know.
+//! `align`: images of a poster, taken with principal points that differ from those of the rig file.
 
 use std::fs;
 use std::path::Path;
@@ -11,15 +11,16 @@ use shared::rig::Rig;
 
 use super::{Desk, Outcome, run};
 
-/// What left and right are off by across the line of cameras, where all of it shows, px.
+/// Errors of the principal points across the line of cameras, left, middle and right, px. All of
+/// them can be found.
 const OFF_PX: [f64; 3] = [-2.6, 0.0, 1.7];
 
-/// What right is off by along it, px: constraint (3) shows that part of it which is no common error
-/// of all disparities.
+/// Error of the right principal point along the line of cameras, px. Constraint (3) shows only the
+/// part that is not common to all disparities.
 const ALONG_PX: f64 = 1.0;
 
-/// A desk with two captures in `views`, a comment in its rig file, and the true heights of the
-/// principal points.
+/// Returns a desk with two frame sets in `views` and a comment in its rig file, and the true
+/// heights of the principal points.
 fn desk() -> (Desk, [f64; 3]) {
     let desk = Desk::new();
     let mut truth = Rig::paper();
@@ -184,7 +185,7 @@ fn pictures_without_texture_are_refused_and_write_nothing() {
     assert!(!desk.path("aligned.toml").exists());
 }
 
-/// Photographs of a scene with depth: what the rig file is made wrong by comes back.
+/// On images of a real scene with depth, `align` finds the errors that were put into the rig file.
 #[test]
 fn photographs_show_what_the_rig_file_was_made_wrong_by() {
     let teddy = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/teddy");

@@ -1,12 +1,11 @@
-//! Bad input ends with exit code 1, nothing on standard output, nothing left behind, and one line
-//! that names file, line and field. (Every single rule of the two file formats is tested beside its
-//! reader.)
+//! Bad input ends with exit code 1, an empty standard output, no new files, and one line that names
+//! file, line and field. (The rules of the two file formats are tested beside their readers.)
 
 use std::fs;
 
 use super::Desk;
 
-/// The names in the desk's folder: a bad input must not add to them.
+/// Returns the names in the desk's folder; a bad input must not add to them.
 fn listing(desk: &Desk) -> Vec<String> {
     let entries = fs::read_dir(desk.folder.path()).expect("the folder is there");
     let mut names: Vec<String> = entries
@@ -17,7 +16,8 @@ fn listing(desk: &Desk) -> Vec<String> {
     names
 }
 
-/// Changes one place of `file`; the program must name file, line and `field`, and give `reason`.
+/// Changes one place of `file` and checks that the program names file, line and `field` with
+/// `reason`.
 #[track_caller]
 fn refused(file: &str, from: &str, to: &str, field: &str, reason: &str) {
     let desk = Desk::new();
@@ -30,7 +30,7 @@ fn refused(file: &str, from: &str, to: &str, field: &str, reason: &str) {
     assert_eq!(listing(&desk), before);
 }
 
-/// Keeps only the lines of `points.csv` that `keep` likes.
+/// Keeps only the lines of `points.csv` for which `keep` returns true.
 fn keep_lines(desk: &Desk, keep: impl Fn(&str) -> bool) {
     let text = desk.read("points.csv");
     let kept: Vec<&str> = text.lines().filter(|line| keep(line)).collect();

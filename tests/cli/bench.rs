@@ -1,4 +1,4 @@
-//! `bench flow`: what it prints. How long anything takes is the machine's affair and no test's.
+//! `bench flow`: its output. No test judges the durations themselves, which depend on the machine.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const STAGES: [&str; 6] = [
     "consensus",
 ];
 
-/// One JSON object with the documented keys, its times in order.
+/// Returns the only JSON object printed, after checking its keys and the order of its times.
 #[track_caller]
 fn report(outcome: &Outcome) -> Value {
     let lines = outcome.good_json();

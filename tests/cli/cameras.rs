@@ -1,4 +1,4 @@
-//! `track --cameras` on a computer without cameras: what is wrong is named, with what to do.
+//! `track --cameras` on a computer without cameras: errors name the problem and the remedy.
 
 use std::fs;
 use std::os::unix::fs::symlink;

@@ -1,4 +1,4 @@
-//! What a command reads is bounded, and what it writes is whole, asked for, and in its place.
+//! Commands limit the size of their input, and write whole files, only as requested.
 
 use std::fs;
 
@@ -71,7 +71,8 @@ fn converted_files_are_all_written_or_none() {
 fn picture_that_breaks_its_decoder_is_named() {
     let desk = super::folder::desk_with_views(&[super::folder::AT_REST; 3]);
     // 400000 x 400000 px, and a side of no pixels.
-    let huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x06\x1a\x80\0\x06\x1a\x80\x08\0\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB\x60\x82";
+    let huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x06\x1a\x80\0\x06\x1a\x80\x08\
+                 \0\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB\x60\x82";
     for bytes in [&huge[..], b"P5 0 1 255\n"] {
         desk.write("views/left/0001.pgm", bytes);
         let estimate = ["estimate", "views", "--rig", "rig.toml"];

@@ -10,11 +10,11 @@ use shared::rig::{Camera, Rig};
 
 use super::{Desk, Outcome, run};
 
-/// Where the poster hangs at first, mm from the cameras.
+/// Initial distance of the poster from the cameras, mm.
 const DEPTH_MM: f64 = 900.0;
 
-/// Grey levels of the poster at a place on it, mm: smooth random blots in three sizes, the smallest
-/// five pixels wide.
+/// Returns the poster's grey level at a position on it, mm: smooth random blots in three sizes, the
+/// smallest five pixels wide.
 fn poster(x: f64, y: f64) -> f64 {
     let octaves = [(37.0, 60.0), (19.0, 35.0), (9.0, 25.0)];
     let blots = octaves
@@ -24,7 +24,7 @@ fn poster(x: f64, y: f64) -> f64 {
     128.0 + blots.sum::<f64>()
 }
 
-/// Random numbers from -1 to 1 on a grid, blended smoothly between its nodes.
+/// Returns a random number from -1 to 1, interpolated smoothly between the nodes of a grid.
 fn blot(x: f64, y: f64, seed: i64) -> f64 {
     let node = |i: f64, j: f64| {
         let key = (i as i64) * 0x1F12_3BB5 + (j as i64) * 0x5851_F42D + seed * 0x2545_F491;
@@ -37,7 +37,7 @@ fn blot(x: f64, y: f64, seed: i64) -> f64 {
     row(j) * (1.0 - v) + row(j + 1.0) * v
 }
 
-/// What the camera sees of the poster after its displacement, as a binary PGM.
+/// Renders a camera's image of the poster after its displacement, as a binary PGM.
 fn view(camera: &Camera, [width, height]: [u32; 2], moved_mm: [f64; 3]) -> Vec<u8> {
     let mut pgm = format!("P5\n{width} {height}\n255\n").into_bytes();
     let depth = DEPTH_MM + moved_mm[2];
@@ -58,7 +58,8 @@ fn blank([width, height]: [u32; 2]) -> Vec<u8> {
     pgm
 }
 
-/// A desk with a folder `views`: one capture per displacement, `None` for lens caps left on.
+/// Returns a desk with a folder `views`: one frame set per displacement, and a dark one for each
+/// `None`.
 pub fn desk_with_views(displacements_mm: &[Option<[f64; 3]>]) -> Desk {
     let desk = Desk::new();
     let rig = Rig::paper();
@@ -81,7 +82,7 @@ fn estimate(desk: &Desk, more: &[&str]) -> Outcome {
     run(desk.folder.path(), &arguments)
 }
 
-/// Where the poster hangs at first.
+/// Displacement of the poster's initial position.
 pub const AT_REST: Option<[f64; 3]> = Some([0.0; 3]);
 
 #[track_caller]
@@ -93,7 +94,7 @@ fn assert_moved(line: &Value, expected_mm: [f64; 3]) {
     }
 }
 
-/// What the tracker may be off by, mm.
+/// Largest error of a displacement, mm.
 const TOLERANCE_MM: [f64; 3] = [0.01, 0.01, 0.04];
 
 #[test]

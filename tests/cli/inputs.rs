@@ -1,4 +1,4 @@
-//! No output replaces a file that the same command reads, whatever name it is given by.
+//! No output replaces an input of the same command, under any name of the file.
 
 use std::fs;
 

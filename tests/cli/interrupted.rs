@@ -1,4 +1,4 @@
-//! A signal while files are written leaves all of them old or all new, and nothing else.
+//! A signal while files are written leaves all of them old or all of them new, and no other file.
 
 use std::fs;
 use std::process::Stdio;
@@ -17,7 +17,7 @@ const ARGUMENTS: [&str; 7] = [
     "--force",
 ];
 
-/// Focal lengths that tell two rigs apart.
+/// Focal lengths that distinguish two rigs.
 const FOCAL: [&str; 2] = ["533.16", "544.44"];
 
 #[test]

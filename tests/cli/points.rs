@@ -8,7 +8,7 @@ use trinocular_tests::points::ideal_rig;
 
 use super::{Desk, run};
 
-/// Agreement asked for between the program's output and the reference, mm.
+/// Largest difference between the program's output and the reference, mm.
 const TOLERANCE_MM: f64 = 1e-6;
 
 const PRINCIPAL_PX: [f64; 2] = [160.0, 120.0];
@@ -26,7 +26,7 @@ fn numbers<const N: usize>(value: &Value) -> [f64; N] {
     std::array::from_fn(|i| list[i].as_f64().expect("a number"))
 }
 
-/// The reference case as the files a user would have.
+/// Returns a desk with the reference case as a user's files.
 fn desk_of(case: &Value) -> Desk {
     let desk = Desk::new();
     let offsets = case["camera_offsets_mm"].as_array().expect("a list");

@@ -1,4 +1,4 @@
-//! Help, version, and command lines that make no sense.
+//! Help, version, and invalid command lines.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -93,8 +93,8 @@ fn a_closed_output_is_no_fault() {
     }
 }
 
-/// More pictures a second leave less time for the latency that is usual, and a run may end before
-/// there is anything to sum up.
+/// More images per second leave less time for the usual latency, and a run may end before there is
+/// anything to summarise.
 #[test]
 fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
     let short = ["track", "--sim", "--fps", "100", "--seconds", "0.5"];

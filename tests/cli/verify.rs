@@ -1,4 +1,4 @@
-//! `verify`: what it prints, and what it says of rigs and options that cannot be.
+//! `verify`: its output, and its messages about impossible rigs and options.
 
 use serde_json::Value;
 
@@ -16,7 +16,7 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 driver = \"TMC2209\"
 ";
 
-/// A desk whose rig has a stage.
+/// Returns a desk whose rig has a stage.
 fn desk() -> Desk {
     let desk = Desk::new();
     desk.write("rig.toml", desk.read("rig.toml") + STAGE);
@@ -29,7 +29,7 @@ fn verify(desk: &Desk, more: &[&str]) -> Outcome {
     run(desk.folder.path(), &arguments)
 }
 
-/// Names in the list of limitations, of one severity.
+/// Returns the names of the limitations of one severity.
 fn named(found: &Value, severity: &str) -> Vec<String> {
     let all = found["limitations"].as_array().expect("a list").iter();
     all.filter(|limit| limit["severity"] == severity)
@@ -121,7 +121,7 @@ fn what_limits_a_rig_is_named() {
     assert!(names.iter().any(|n| n == "camera.offset_mm"), "{names:?}");
 }
 
-/// What the matching drops, no sigma is promised for.
+/// No sigma is stated for points that the matching drops.
 #[test]
 fn nothing_is_predicted_where_nothing_is_matched() {
     let desk = Desk::new();
@@ -153,8 +153,8 @@ fn nothing_is_predicted_where_nothing_is_matched() {
     );
 }
 
-/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view
-/// holds but some points.
+/// A focal length 1.3 times as long is still matched well enough, twice as long is not. A narrow
+/// strip of an image holds only some points.
 #[test]
 fn unlike_lenses_and_narrow_views_are_named() {
     let desk = Desk::new();
@@ -188,7 +188,7 @@ fn unlike_lenses_and_narrow_views_are_named() {
     );
 }
 
-/// No Z that is less certain than X, no sigma with sixteen digits.
+/// Z is never stated as more accurate than X, and no sigma has sixteen digits.
 #[test]
 fn extreme_angles_are_put_in_words_that_hold() {
     let desk = Desk::new();

@@ -1,5 +1,4 @@
-//! `track --watch`: a folder that grows while the program runs is followed as if it had been
-//! complete.
+//! `track --watch`: a folder that grows during the run gives the same result as a complete one.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -16,7 +15,7 @@ use super::{Desk, run, trinocular};
 
 const NAMES: [&str; 3] = ["left", "middle", "right"];
 
-/// A steady motion, which no station takes for an outlier.
+/// Displacements of a steady motion, which the station takes for no outlier.
 const MOVES_MM: [Option<[f64; 3]>; 4] = [
     AT_REST,
     Some([0.3, 0.2, -0.1]),
@@ -36,8 +35,8 @@ fn watching(desk: &Desk, more: &[&str]) -> Child {
         .expect("the program starts")
 }
 
-/// Puts a capture into the growing folder as a slow camera program does: one file half, a pause
-/// longer than any that is taken for an end, the rest.
+/// Adds a frame set to the growing folder as a slow camera program does: half a file, a pause
+/// longer than the settling time, and the rest.
 fn give(desk: &Desk, number: usize) {
     for name in NAMES {
         let view = Path::new(name).join(format!("{number:04}.pgm"));
@@ -53,7 +52,7 @@ fn give(desk: &Desk, number: usize) {
     }
 }
 
-/// The rest of standard error, and the exit code.
+/// Returns the rest of standard error and the exit code.
 fn end(mut child: Child) -> (Option<i32>, String) {
     let mut text = String::new();
     let mut stderr = child.stderr.take().expect("piped");
@@ -126,8 +125,8 @@ fn files_that_stay_bad_or_away_are_named() {
     }
     fs::write(desk.path("views/right/0000.pgm"), first).expect("ours");
 
-    // A capture that lacks a view is followed without, and told; so is one of a folder that is
-    // complete.
+    // A frame set that lacks an image is followed with the others and a warning, in a growing
+    // folder as in a complete one.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("ours");
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {

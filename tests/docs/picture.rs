@@ -1,5 +1,5 @@
-//! The moving picture of the README, drawn from a run of the program: what a camera at rest sees of
-//! a moving target, beside what the camera on the stage sees.
+//! The animation of the README, drawn from a run of the program: the images of a camera at rest and
+//! of a camera on the stage, side by side.
 //!
 //! To draw it anew: `RENEW=1 cargo test -p trinocular-tests --test docs picture`.
 

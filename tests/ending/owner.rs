@@ -1,4 +1,4 @@
-//! `trinocular stop` when another program has the port.
+//! `trinocular stop` while another program has the port.
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
 use trinocular_tests::binary::signal;

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::far_end::station;
 
-/// Signals whose default ends a program, beside those of the other tests, and Ctrl-Z's.
+/// Signals that end a program by default, without those of the other tests, and SIGTSTP (Ctrl-Z).
 const SIGNALS: [&str; 15] = [
     "QUIT", "ALRM", "VTALRM", "PROF", "USR1", "USR2", "XCPU", "SYS", "TRAP", "ABRT", "BUS", "TSTP",
     "IO", "STKFLT", "RTMIN+3",
@@ -53,7 +53,7 @@ fn file_limit_stops_the_stage() {
     stands_stopped(&end);
 }
 
-/// SIGSTOP cannot be caught: the heartbeat stands still with the program.
+/// SIGSTOP cannot be caught, so the heartbeat stops with the program.
 #[test]
 fn suspended_host_stops_by_its_heartbeat() {
     let _alone = alone();

@@ -1,4 +1,4 @@
-//! Runs end whatever the station says of itself, or if it says nothing.
+//! Runs end with any report of the station, and without one.
 
 use super::{Desk, alone, ended, moving, stands_stopped};
 use shared::frame::message::{Command as StationCommand, Packet, Report};
@@ -8,7 +8,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use trinocular_tests::far_end::{FarEnd, mute, station_behind};
 
-/// A station that says, after the first command that `starts` it, that it moves for ever.
+/// Returns a station that reports endless motion after the first command for which `starts` returns
+/// true.
 fn restless(mut starts: impl FnMut(&StationCommand) -> bool + Send + 'static) -> FarEnd {
     let is_restless = Arc::new(AtomicBool::new(false));
     let says = Arc::clone(&is_restless);

@@ -1,4 +1,4 @@
-//! Posters with rich texture, before the paper's rig.
+//! Posters with rich texture in front of the paper's rig.
 
 use host::images::{FrameSet, SceneSettings, Texture, TextureKind};
 
@@ -16,7 +16,7 @@ fn table_5_is_met_within_its_tolerance_on_every_natural_poster() {
     }
 }
 
-/// Wrong here, the stage would run away from its target.
+/// With a wrong sign the stage would run away from its target.
 #[test]
 fn right_down_and_away_are_positive_x_y_and_z() {
     let bench = Bench::new(&Texture::natural(9), SceneSettings::default());
@@ -55,7 +55,7 @@ fn right_down_and_away_are_positive_x_y_and_z() {
     }
 }
 
-/// Every view brightens or darkens by its own gain and offset between the two instants.
+/// Every image changes brightness by its own gain and offset between the two instants.
 #[test]
 fn changed_lighting_moves_nothing() {
     for kind in [TextureKind::Natural, TextureKind::Blobs] {
@@ -92,8 +92,7 @@ fn changed_lighting_moves_nothing() {
     }
 }
 
-/// Far from the paper's distance and square view: what comes out is right, or honest about how far
-/// it is off.
+/// Distances and angles far from the paper's: the result is right, or its sigma covers the error.
 #[test]
 fn near_far_tilted_and_large_moves_are_right_or_refused() {
     let mut answered = 0;
@@ -128,7 +127,7 @@ fn near_far_tilted_and_large_moves_are_right_or_refused() {
     assert!(answered >= 28, "only {answered} of 36 were answered");
 }
 
-/// A poster nearer by hangs in front of the right two fifths of every view and moves on its own.
+/// A nearer poster covers the right two fifths of every image and moves on its own.
 #[test]
 fn two_fifths_hidden_behind_something_that_moves_differently_never_deceive() {
     let settings = SceneSettings::default();

@@ -1,4 +1,4 @@
-//! Photographs: a real scene, and a real picture as poster.
+//! Photographs: a real scene, and a real photograph as poster.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ fn teddy() -> (RigFile, Vec<FrameSet>) {
     (rig, captures.expect("images"))
 }
 
-/// True displacements from the first capture, and what an estimate may be off by.
+/// Returns the true displacements from the first frame set, and the largest error of an estimate.
 fn teddy_truth() -> (Vec<[f64; 3]>, [f64; 3]) {
     let text = std::fs::read_to_string(teddy_folder().join("truth.json")).expect("the truth");
     let truth: Value = serde_json::from_str(&text).expect("JSON");

@@ -26,7 +26,7 @@ fn set(faults: &[Fault]) -> Faults {
     faults.iter().copied().collect()
 }
 
-/// A station whose host fell silent in mid-move, and speaks again.
+/// Returns a station whose host fell silent in mid-move and has returned.
 fn silent_host() -> Twin {
     let mut twin = twin();
     twin.command("setpoint", setpoint([10, 0, 0])).unwrap();
@@ -38,7 +38,7 @@ fn silent_host() -> Twin {
     twin
 }
 
-/// Whatever was latched first, the worst fault is shown and its cause must go before a reset.
+/// Whichever fault was latched first, the worst one is shown, and its cause must go before a reset.
 #[test]
 fn worse_fault_behind_another_is_shown() {
     for (pressed, worse) in [(PRESSED, Fault::EmergencyStop), (OVERHEATED, Fault::Driver)] {
@@ -66,7 +66,7 @@ fn worse_fault_behind_another_is_shown() {
     }
 }
 
-/// The cause of one fault is gone, that of the other is not: no reset.
+/// The cause of one fault is gone and that of the other is not, so the reset is refused.
 #[test]
 fn reset_needs_every_cause_gone() {
     let mut twin = twin();
@@ -88,7 +88,7 @@ fn reset_needs_every_cause_gone() {
     twin.command("reset", Command::Reset).unwrap();
 }
 
-/// A limit switch is met at full speed, and in the same tick comes a reset that was sent before.
+/// A limit switch trips at full speed, and a reset that was sent before arrives in the same tick.
 #[test]
 fn fault_is_named_before_it_can_be_cleared() {
     let mut twin = twin();
@@ -119,7 +119,7 @@ fn fault_is_named_before_it_can_be_cleared() {
         .unwrap();
 }
 
-/// A contact bounces while the fault is being cleared: the press falls in the tick of the reset.
+/// A contact bounces while the fault is being cleared: the press falls into the tick of the reset.
 #[test]
 fn press_in_the_tick_of_a_reset_counts() {
     for pressed in [PRESSED, OVERHEATED] {

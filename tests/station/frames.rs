@@ -1,5 +1,4 @@
-//! What the station makes of a frame: when its pictures were taken, whether it can be trusted, and
-//! which way the motors turn for it.
+//! The station's handling of a frame: its capture time, the gate, and the direction of the motors.
 
 use super::{denial, frame, status, twin, wait};
 use host::client::stage::default_stage;
@@ -9,7 +8,7 @@ use shared::frame::message::{Command, Denial, Mounting, Sums};
 use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;
 
-/// Within a step, mm.
+/// Returns true if the positions agree within a step, mm.
 fn close(got: [f64; 3], want: [f64; 3]) -> bool {
     got.iter().zip(want).all(|(g, w)| (g - w).abs() <= 0.0126)
 }
@@ -80,8 +79,8 @@ fn the_gate_refuses_by_name() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
-/// The stage moves between capture and frame; the target does not. Whatever the latency, the stage
-/// must end where the target is.
+/// The stage moves between capture and frame, the target does not. With any latency the stage must
+/// end at the target.
 #[test]
 fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
     let mut twin = twin();
@@ -133,7 +132,7 @@ fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
     );
 }
 
-/// Beside the stage the cameras do not move with it: the stage copies the displacement instead of
+/// Cameras beside the stage do not move with it, so the stage copies the displacement instead of
 /// chasing it for ever.
 #[test]
 fn with_fixed_cameras_the_stage_copies_the_target() {

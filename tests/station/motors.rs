@@ -1,4 +1,4 @@
-//! Motors are switched on and off as asked, and never while the stage moves.
+//! Motors are switched on and off by command, and never while the stage moves.
 
 use super::{denial, frame, setpoint, status, twin, wait};
 use host::client::stage::default_stage;

@@ -1,4 +1,4 @@
-//! Only what was asked moves, in the direction that was asked, within the window and the travel.
+//! Only the commanded axes move, in the commanded direction, within the window and the travel.
 
 use super::{denial, frame, setpoint, status, twin, wait};
 use host::client::stage::{configuration, default_stage};
@@ -18,14 +18,15 @@ fn config(stage: &Stage) -> Command {
     Command::Config(configuration(stage, Mounting::OnStage).unwrap())
 }
 
-/// X from 10 to 110 mm: declared to be zero, it stands outside.
+/// Returns a stage with an X travel of 10 to 110 mm that stands outside it after a zero.
 fn outside() -> Twin {
     let mut stage = default_stage();
     stage.travel_mm[0] = [10.0, 110.0];
     Twin::start(&stage, "twin", Mounting::OnStage).unwrap()
 }
 
-/// Waits for rest; the way of each axis since `before`, steps, and the highest speed of X, mm/s.
+/// Waits for rest; returns the motion of each axis since `before`, steps, and the highest speed of
+/// X, mm/s.
 fn finish(twin: &mut Twin, before: [i64; 3]) -> ([i64; 3], f64) {
     let mut fastest = 0.0_f64;
     let mut last = twin.position_mm()[0];
@@ -67,7 +68,7 @@ fn jog_from_outside_goes_inwards_slowly() {
     assert!(fastest > 90.0, "{fastest} mm/s");
 }
 
-/// A narrower configuration leaves the stage where it is; setpoints lead inwards only.
+/// A narrower configuration leaves the stage at its position; setpoints lead inwards only.
 #[test]
 fn narrower_travel_moves_nothing_by_itself() {
     let mut twin = twin();
@@ -100,7 +101,7 @@ fn no_target_is_followed_from_outside() {
     assert_eq!(twin.steps(), [0; 3]);
 }
 
-/// `home` of a homed stage is stopped in its search, beyond the soft limit.
+/// Homing of a homed stage is stopped in its search, beyond the soft limit.
 #[test]
 fn stopped_search_moves_no_axis_afterwards() {
     let mut stage = default_stage();
@@ -122,7 +123,7 @@ fn stopped_search_moves_no_axis_afterwards() {
     assert_eq!(finish(&mut twin, before).0, [0, 80, 0]);
 }
 
-/// In mid-move a jog of another axis lets the first go on to its goal.
+/// During a move, a jog of another axis lets the first one continue to its goal.
 #[test]
 fn jog_in_mid_move_leaves_other_axes_their_goals() {
     let mut twin = twin();
@@ -133,7 +134,7 @@ fn jog_in_mid_move_leaves_other_axes_their_goals() {
     assert_eq!(finish(&mut twin, before).0, [1_600, 240, 0]);
 }
 
-/// A jog shorter than the braking distance ends there, and does not come back.
+/// A jog shorter than the braking distance ends at that distance and does not return.
 #[test]
 fn short_jog_in_mid_move_does_not_turn_round() {
     let mut twin = twin();
@@ -150,7 +151,7 @@ fn short_jog_in_mid_move_does_not_turn_round() {
     assert_eq!(status(&mut twin).state, State::Idle);
 }
 
-/// One axis stands on its switch, between two steps: the others move, at any moment.
+/// One axis stands on its switch, between two steps. The others can move at any time.
 #[test]
 fn axis_on_its_switch_does_not_hold_others() {
     for moment in 0..60 {
@@ -175,7 +176,7 @@ fn axis_on_its_switch_does_not_hold_others() {
     }
 }
 
-/// Lost motion of an axis that a jog does not name is not taken up.
+/// A jog does not take up the backlash of an axis that it does not name.
 #[test]
 fn backlash_of_an_axis_not_named_stays() {
     let mut stage = default_stage();
@@ -194,7 +195,7 @@ fn backlash_of_an_axis_not_named_stays() {
     }
 }
 
-/// Until home or zero the stage stays within 10 mm of where the power came on, whatever happens.
+/// Before a home or zero the stage always stays within 10 mm of its position at power-on.
 #[test]
 fn window_stays_where_the_power_came_on() {
     let narrow = [0, 1, 2, 3];
@@ -250,7 +251,7 @@ fn window_stays_where_the_power_came_on() {
     }
 }
 
-/// The frames say that the target stands still: at nine million steps the stage does, too.
+/// The frames show a target at rest: even at nine million steps the stage stays at rest.
 #[test]
 fn still_target_far_from_zero_moves_nothing() {
     let mut stage = default_stage();

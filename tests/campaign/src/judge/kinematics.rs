@@ -11,25 +11,25 @@
 
 use std::collections::VecDeque;
 
-/// Windows, ticks.
+/// Window lengths of the differences, ticks.
 const WINDOWS: [usize; 5] = [1, 3, 9, 27, 81];
 
-/// Ticks that are remembered.
+/// Number of ticks remembered.
 const KEPT: usize = 3 * 81 + 1;
 
-/// What an axis may do, steps and ticks.
+/// Limits of an axis, in steps and ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
-    /// Steps per tick.
+    /// Speed, steps per tick.
     pub speed: f64,
-    /// Steps per tick².
+    /// Acceleration, steps per tick².
     pub acceleration: f64,
-    /// Steps per tick³.
+    /// Jerk, steps per tick³.
     pub jerk: f64,
 }
 
 impl Bounds {
-    /// What is left of them on a grid: the station rounds each down to a multiple of `quantum`.
+    /// Returns the bounds as the station rounds them: each down to a multiple of `quantum`.
     pub fn on_grid(&self, quantum: f64) -> Self {
         let down = |bound: f64| ((bound / quantum).floor() * quantum).max(quantum);
         Self {
@@ -39,8 +39,8 @@ impl Bounds {
         }
     }
 
-    /// Ticks until an axis that is no faster than `speed` and whose acceleration is no more than
-    /// `rising` has come to rest on a ramp, at most.
+    /// Returns the largest number of ticks that a ramp to rest takes from a speed of at most
+    /// `speed` and an acceleration of at most `rising`.
     pub fn stop_ticks(&self, speed: f64, rising: f64) -> f64 {
         let (a, j) = (self.acceleration, self.jerk);
         let top = speed + rising * rising / (2.0 * j);
@@ -53,7 +53,7 @@ impl Bounds {
     }
 }
 
-/// Which bound was exceeded.
+/// Bound that was exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excess {
     /// The speed.
@@ -64,25 +64,25 @@ pub enum Excess {
     Jerk,
 }
 
-/// One axis at the last control ticks.
+/// Positions of one axis at the last control ticks.
 #[derive(Clone, Debug, Default)]
 pub struct Trail {
-    /// Position, steps, and the bounds that held; the newest last.
+    /// Position, steps, and the bounds that held at each tick; the newest is last.
     places: VecDeque<(i64, Bounds)>,
     /// Ticks since the axis last moved.
     rested: usize,
-    /// Comparisons made.
+    /// Number of comparisons made.
     pub compared: u64,
 }
 
 impl Trail {
-    /// Forgets everything: a new beginning, from which differences are taken.
+    /// Forgets all positions, so that differences start anew.
     pub fn cut(&mut self) {
         self.places.clear();
     }
 
-    /// The axis is at `place` at the end of one more tick in which `bounds` held. The first bound
-    /// that was exceeded is named.
+    /// Adds the position at the end of one more tick in which `bounds` held. Returns the first
+    /// bound exceeded.
     pub fn push(&mut self, place: i64, bounds: Bounds) -> Option<(Excess, String)> {
         let moved = self.places.back().is_some_and(|(last, _)| *last != place);
         self.rested = if moved { 0 } else { self.rested + 1 };
@@ -133,8 +133,8 @@ impl Trail {
         None
     }
 
-    /// Highest speed the axis can have now, steps per tick: over any window the mean is exceeded by
-    /// no more than what the acceleration adds within it.
+    /// Returns the highest speed that the axis can have now, steps per tick. It exceeds the mean
+    /// speed over any window by at most the change that the acceleration allows within the window.
     pub fn speed(&self, bounds: &Bounds) -> f64 {
         let Some(&(newest, _)) = self.places.back() else {
             return bounds.speed;
@@ -148,8 +148,8 @@ impl Trail {
         speeds.fold(bounds.speed, f64::min)
     }
 
-    /// Highest acceleration the axis can have now, steps per tick²: none after a long rest, any in
-    /// the middle of a turn.
+    /// Returns the highest acceleration that the axis can have now, steps per tick²: 0 after a long
+    /// rest, unbounded in the middle of a turn.
     pub fn acceleration(&self, bounds: &Bounds) -> f64 {
         let rested = match self.rested >= KEPT {
             true => (2.0 * self.speed(bounds) * bounds.jerk).sqrt(),
@@ -169,7 +169,7 @@ mod tests {
         jerk: 0.05,
     };
 
-    /// Drives a trail with one acceleration per tick.
+    /// Moves a trail with one acceleration per tick and returns the first bound exceeded.
     fn excess(accelerations: impl IntoIterator<Item = f64>) -> Option<Excess> {
         let mut trail = Trail::default();
         let (mut place, mut speed) = (0.5, 0.0);

@@ -1,12 +1,12 @@
-//! Statuses against what was seen.
+//! Checks of statuses against the observed motion, switches and packets.
 
 use super::Judge;
 use crate::laws::Law;
 use shared::frame::message::{Command, Status};
 use shared::safety::{Fault, Faults, State, Trust};
 
-/// Every fault, the worst first: those that forbid motion, those after which steps may be missing,
-/// those that leave the position good.
+/// Every fault in order of rank: faults that forbid motion, faults that may have lost steps, faults
+/// that leave the position valid.
 const RANKED: [Fault; 11] = [
     Fault::EmergencyStop,
     Fault::Driver,
@@ -22,7 +22,7 @@ const RANKED: [Fault; 11] = [
 ];
 
 impl Judge {
-    /// The station told how it is.
+    /// Checks a status of the station.
     pub(super) fn told(&mut self, status: &Status) {
         self.note_change(status);
         self.dropped = counted(status);
@@ -181,18 +181,18 @@ impl Judge {
     }
 }
 
-/// What the station says it dropped and did not answer.
+/// Returns the number of commands that the station states it dropped without an answer.
 fn counted(status: &Status) -> u64 {
     u64::from(status.drops.overflow) + u64::from(status.drops.answers)
 }
 
-/// The faults that a status names.
+/// Returns the faults that a status names.
 fn faults(status: &Status) -> Vec<Fault> {
     let all = RANKED.into_iter();
     all.filter(|fault| status.faults.contains(*fault)).collect()
 }
 
-/// A status of a station that hides its faults.
+/// Removes the faults from a status, as a station that hides them would.
 pub fn hide_faults(status: &mut Status) {
     status.fault = None;
     status.faults = Faults::NONE;
