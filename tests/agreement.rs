@@ -24,7 +24,7 @@ fn recording() -> &'static (Recording, usize) {
 }
 
 #[test]
-fn the_recorded_life_is_eventful() {
+fn recorded_life_is_eventful() {
     let (recording, frames) = recording();
     let mut states = BTreeSet::new();
     let mut faults = BTreeSet::new();
@@ -92,7 +92,7 @@ fn the_recorded_life_is_eventful() {
 }
 
 #[test]
-fn a_replay_does_what_the_twin_did() {
+fn replay_matches_twin() {
     recording().0.check_here();
 }
 
@@ -116,7 +116,7 @@ fn frame_used(records: &[Record]) -> u16 {
 }
 
 #[test]
-fn a_nanometre_in_one_frame_is_noticed() {
+fn nanometre_in_one_frame_is_noticed() {
     let (recording, _) = recording();
     let mut log = Log::new(&recording.log);
     let mut changed = Vec::new();
@@ -151,7 +151,7 @@ fn a_nanometre_in_one_frame_is_noticed() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_processor_does_what_the_twin_did() {
+fn emulated_processor_matches_twin() {
     let (recording, frames) = recording();
     let [segments, packets] = recording.check_emulated();
     println!("{frames} frames: {segments} segments and {packets} packets agree");

@@ -117,7 +117,7 @@ fn moving(end: &FarEnd) {
 }
 
 #[test]
-fn a_day_with_a_station() {
+fn day_with_a_station() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run("status")
@@ -148,7 +148,7 @@ fn a_day_with_a_station() {
 }
 
 #[test]
-fn a_stopped_station_says_how_to_go_on() {
+fn stopped_station_names_next_step() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
@@ -161,7 +161,7 @@ fn a_stopped_station_says_how_to_go_on() {
 }
 
 #[test]
-fn soft_limits_shorten_a_jog_and_it_says_so() {
+fn jog_beyond_soft_limit_is_shortened() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
@@ -176,7 +176,7 @@ fn soft_limits_shorten_a_jog_and_it_says_so() {
 }
 
 #[test]
-fn an_interrupted_jog_stops_on_a_ramp() {
+fn interrupted_jog_stops_on_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
     // At 5 mm/s the jog takes ten seconds unless it is interrupted.
@@ -203,7 +203,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
 }
 
 #[test]
-fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
+fn killed_jog_leaves_clearable_fault() {
     let end = station();
     let desk = Desk::new(&end.path);
     let mut jog = desk.start("jog x=50 --rig wide.toml --heartbeat 1000");
@@ -232,7 +232,7 @@ fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
+fn invalid_arguments_fail_before_port_opens() {
     let desk = Desk::new("/dev/no-such-port");
     for (words, part) in [
         ("jog", "AXIS=MM"),
@@ -264,7 +264,7 @@ fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
 }
 
 #[test]
-fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
+fn last_crash_is_reported_with_command() {
     let end = station_after(
         ResetCause::Watchdog,
         LastRun {
@@ -335,7 +335,7 @@ fn homing_finds_the_switches() {
 }
 
 #[test]
-fn an_interrupted_homing_stops_on_a_ramp() {
+fn interrupted_homing_stops_on_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
     let home = desk.start("home x --rig home.toml --heartbeat 5000");
@@ -355,7 +355,7 @@ fn an_interrupted_homing_stops_on_a_ramp() {
 }
 
 #[test]
-fn diagnose_lists_every_state_and_fault_with_its_number() {
+fn diagnose_lists_states_and_faults() {
     let done = trinocular().arg("diagnose").output().expect("it runs");
     assert!(done.status.success());
     let text = String::from_utf8(done.stdout).expect("UTF-8");
@@ -383,7 +383,7 @@ fn diagnose_lists_every_state_and_fault_with_its_number() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_board_is_driven_by_hand() {
+fn emulated_board_is_driven_by_hand() {
     let folder = tempfile::tempdir().expect("a folder");
     let trace = folder.path().join("trace");
     let (emulator, path) = Emulator::live(&trace);

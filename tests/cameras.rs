@@ -126,7 +126,7 @@ fn seen(outcome: &Outcome) -> Vec<(f64, [f64; 3])> {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
+fn stamps_pair_images_and_losses_count() {
     let late = "readout_us 9000\njitter_us 15000";
     let bench = Bench::new([
         &format!("{late}\nlose 20 21 40"),
@@ -184,7 +184,7 @@ fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn a_driver_with_another_clock_is_named_once_and_its_pictures_are_used() {
+fn foreign_clock_is_reported_once() {
     let bench = Bench::new(["", "foreign_clock", ""]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "1", "--window", "16"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -209,7 +209,7 @@ fn a_driver_with_another_clock_is_named_once_and_its_pictures_are_used() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
+fn camera_faults_name_the_camera() {
     let bench = Bench::new(["", "unplug 25", "unplug 55"]);
     let outcome = Outcome::of(&mut bench.track(&[]));
     outcome.failed_after_notes(1, &["/dev/video92: was unplugged"]);
@@ -253,7 +253,7 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn a_format_that_has_the_size_is_taken_though_a_better_one_has_another() {
+fn format_with_right_size_is_preferred() {
     let bench = Bench::new(["", "grey_of 160 120", ""]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "1"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -267,7 +267,7 @@ fn a_format_that_has_the_size_is_taken_though_a_better_one_has_another() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn cameras_that_open_in_the_dark_are_given_time_but_not_for_ever() {
+fn dark_start_is_waited_out_with_limit() {
     let bench = Bench::new(["dark 20"; 3]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "3"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -295,7 +295,7 @@ fn cameras_that_open_in_the_dark_are_given_time_but_not_for_ever() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn ctrl_c_ends_it_also_with_a_silent_camera() {
+fn ctrl_c_ends_run_with_silent_camera() {
     let bench = Bench::new(["", "", "silent"]);
     let mut track = bench
         .track(&[])

@@ -101,7 +101,7 @@ fn track(end: &FarEnd) -> (Option<i32>, String, String) {
 }
 
 #[test]
-fn track_follows_with_a_station_on_a_port() {
+fn track_follows_with_station_on_port() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, out, err) = track(&end);
@@ -128,7 +128,7 @@ fn track_follows_with_a_station_on_a_port() {
 /// The target moves 12 mm and farther. A stage with 2 mm of travel each way moves exactly that far,
 /// as a twin and on a port.
 #[test]
-fn the_stage_of_the_rig_file_is_the_one_that_moves() {
+fn stage_of_rig_file_moves() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let mut rig = RigFile::paper();
@@ -211,7 +211,7 @@ fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<
 }
 
 #[test]
-fn a_break_that_the_station_did_not_notice_is_got_over() {
+fn unnoticed_break_is_survived() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, err) = track_with_a_break(&end, "10000", Duration::from_millis(100));
@@ -220,7 +220,7 @@ fn a_break_that_the_station_did_not_notice_is_got_over() {
 }
 
 #[test]
-fn a_break_that_stopped_the_station_ends_the_run() {
+fn break_that_stops_station_ends_run() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, err) = track_with_a_break(&end, "1000", Duration::from_secs(3));
@@ -235,7 +235,7 @@ fn a_break_that_stopped_the_station_ends_the_run() {
 }
 
 #[test]
-fn a_port_with_nobody_or_nothing_is_named() {
+fn silent_or_missing_port_is_named() {
     let nobody = mute();
     let (code, out, err) = track(&nobody);
     assert_eq!(code, Some(3), "{err}");
@@ -250,7 +250,7 @@ fn a_port_with_nobody_or_nothing_is_named() {
 }
 
 #[test]
-fn without_a_station_auto_says_what_there_is() {
+fn auto_without_station_lists_ports() {
     let (_, ports, _) = run(&["ports", "--json"]);
     // With a board on the desk there is nothing to see here; it must not be written to.
     if !ports.contains("\"is_station\":true") {

@@ -124,7 +124,7 @@ fn stands_stopped(end: &FarEnd) {
 }
 
 #[test]
-fn signal_in_motion_stops_every_command() {
+fn signal_in_motion_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     for (words, name) in RUNS.into_iter().zip(["INT", "TERM", "HUP", "INT"]) {
@@ -160,7 +160,7 @@ fn signal_in_motion_stops_every_command() {
 }
 
 #[test]
-fn lost_stop_after_a_signal_is_sent_again() {
+fn stop_lost_after_signal_is_repeated() {
     let _alone = alone();
     let desk = Desk::new();
     for words in [RUNS[0], RUNS[2]] {
@@ -186,7 +186,7 @@ fn lost_stop_after_a_signal_is_sent_again() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn lost_stop_to_the_emulated_board_is_sent_again() {
+fn stop_lost_to_emulated_board_is_repeated() {
     let _alone = alone();
     let desk = Desk::new();
     let folder = tempfile::tempdir().expect("a folder");
@@ -246,7 +246,7 @@ fn second_signal_ends_at_once() {
 }
 
 #[test]
-fn unanswered_stop_after_a_signal_is_reported() {
+fn unanswered_stop_is_reported() {
     let _alone = alone();
     let desk = Desk::new();
     let mut is_moving = false;
@@ -266,7 +266,7 @@ fn unanswered_stop_after_a_signal_is_reported() {
 
 /// The reader of standard output closes it, or the disk is full, after the first image.
 #[test]
-fn closed_or_full_output_stops_the_stage() {
+fn closed_output_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     let words = "track --sim --path line --seconds 60 --heartbeat 5000 --json";
@@ -338,7 +338,7 @@ fn full_standard_error_ends_no_run() {
 }
 
 #[test]
-fn second_host_learns_who_has_the_port() {
+fn second_host_learns_port_owner() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -356,7 +356,7 @@ fn second_host_learns_who_has_the_port() {
 }
 
 #[test]
-fn control_characters_of_a_board_are_not_printed() {
+fn board_control_characters_are_hidden() {
     let end = station_behind(
         |_| false,
         |mut report| {
@@ -387,7 +387,7 @@ fn control_characters_of_a_board_are_not_printed() {
 }
 
 #[test]
-fn stop_command_ends_another_run_first() {
+fn stop_command_ends_other_run() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -401,7 +401,7 @@ fn stop_command_ends_another_run_first() {
 }
 
 #[test]
-fn signal_in_stage_calibration_stops_it() {
+fn signal_stops_stage_calibration() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -488,7 +488,7 @@ fn largest_gap_ms(end: &FarEnd) -> u64 {
 /// The test examines the pings themselves, because the station's clock is that of this computer.
 #[test]
 #[ignore = "loads the computer; tests/run includes it"]
-fn heartbeat_holds_on_a_busy_computer() {
+fn heartbeat_holds_on_busy_computer() {
     let _alone = alone();
     let may_raise = Command::new("nice").args(["-n", "-20", "true"]).output();
     let may_raise = may_raise.is_ok_and(|done| done.stderr.is_empty());

@@ -22,7 +22,7 @@ fn cloud(displacement_mm: [f64; 3]) -> Cloud {
 
 /// A wrong sign makes the stage run away from the target.
 #[test]
-fn object_right_down_away_is_plus_x_y_z() {
+fn right_down_away_is_plus_x_y_z() {
     let rig = ideal_rig(530.0, &LINE);
     for axis in 0..3 {
         for direction in [1.0, -1.0] {
@@ -53,7 +53,7 @@ fn object_right_down_away_is_plus_x_y_z() {
 /// In image terms: if the target moves right, so do its pixels; if it moves away, its pixels move
 /// to the centre.
 #[test]
-fn flow_signs_are_those_of_ordinary_images() {
+fn flow_signs_match_images() {
     let rig = ideal_rig(530.0, &LINE);
     let seen = |displacement| cloud(displacement).views(&rig, &mut Random::seeded(2));
     assert!(
@@ -78,7 +78,7 @@ fn flow_signs_are_those_of_ordinary_images() {
 
 /// Appendix A of the paper: disparity products of any two points commute for all baselines (eq. 3).
 #[test]
-fn appendix_a_disparity_products_commute() {
+fn appendix_a_products_commute() {
     let rig = ideal_rig(530.0, &[[-90.0, 0.0], [0.0, 0.0], [31.0, 0.0]]);
     let views = cloud([0.0; 3]).views(&rig, &mut Random::seeded(3));
     let x = |p: usize, camera: usize| views[p][camera].start[0];
@@ -94,7 +94,7 @@ fn appendix_a_disparity_products_commute() {
 /// Appendix B of the paper: the normal matrix of eq. 7 and its determinant (eq. 8), also for sums
 /// of noisy, unrelated images; in the ideal geometry `a1 b3 = a3 b1`.
 #[test]
-fn appendix_b_normal_matrix_and_determinant() {
+fn appendix_b_matrix_and_determinant() {
     let rig = ideal_rig(530.0, &LINE);
     for noise_px in [0.0, 20.0] {
         let scene = Cloud {
@@ -127,7 +127,7 @@ fn appendix_b_normal_matrix_and_determinant() {
 }
 
 #[test]
-fn midpoint_needs_no_third_camera_and_takes_eight() {
+fn midpoint_takes_2_to_8_cameras() {
     let eight: Vec<[f64; 2]> = (0..8)
         .map(|k| [f64::from(k % 4) * 50.0, f64::from(k / 4) * 40.0])
         .collect();
@@ -146,7 +146,7 @@ fn midpoint_needs_no_third_camera_and_takes_eight() {
 }
 
 #[test]
-fn degenerate_input_is_refused_by_name() {
+fn degenerate_input_is_refused() {
     let rig = ideal_rig(530.0, &LINE);
     let views = cloud([1.0, 1.0, 1.0]).views(&rig, &mut Random::seeded(6));
     // Cameras in the wrong order: disparities and q change sign.

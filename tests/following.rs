@@ -52,7 +52,7 @@ fn steepest(run: &Run) -> f64 {
 /// The target also moves as another stage would move it, and with the frame rate of the paper's
 /// experiment.
 #[test]
-fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
+fn step_settles_without_overshoot() {
     type Step = fn(f64) -> [f64; 3];
     let sudden: Step = |t| if t < 1.01 { [0.0; 3] } else { [4.0, 4.0, 1.0] };
     let driven: Step = |t| [4.0, 4.0, 1.0].map(|mm| mm * smooth(t - 1.01));
@@ -70,7 +70,7 @@ fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
 }
 
 #[test]
-fn a_lissajous_is_followed_and_prediction_is_what_does_it() {
+fn prediction_follows_lissajous() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         let with = chase.follow(lissajous, 10.0);
@@ -88,7 +88,7 @@ fn a_lissajous_is_followed_and_prediction_is_what_does_it() {
 }
 
 #[test]
-fn a_steady_motion_is_followed_without_lag() {
+fn steady_motion_is_followed_without_lag() {
     for seed in SEEDS {
         let run = Chase::new(seed).follow(
             |t| [4.0, 4.0, 1.0].map(|d| d * 50.0 * t / 33f64.sqrt()),
@@ -101,7 +101,7 @@ fn a_steady_motion_is_followed_without_lag() {
 }
 
 #[test]
-fn at_a_still_target_the_motors_are_quiet() {
+fn still_target_keeps_motors_quiet() {
     for seed in SEEDS {
         // In the middle of a step, and between two.
         let run = match seed % 2 {
@@ -116,7 +116,7 @@ fn at_a_still_target_the_motors_are_quiet() {
 }
 
 #[test]
-fn half_a_second_without_frames_is_coasted_through() {
+fn gap_of_half_a_second_is_coasted() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         chase.hidden_s = Some([3.0, 3.5]);
@@ -135,7 +135,7 @@ fn half_a_second_without_frames_is_coasted_through() {
 }
 
 #[test]
-fn a_lost_target_is_waited_for_at_rest_and_followed_again() {
+fn lost_target_is_reacquired_from_rest() {
     let mut chase = Chase::new(1);
     chase.hidden_s = Some([3.0, 5.0]);
     let run = chase.follow(lissajous, 8.0);
@@ -158,7 +158,7 @@ fn a_lost_target_is_waited_for_at_rest_and_followed_again() {
 }
 
 #[test]
-fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
+fn single_outlier_is_refused() {
     let mut chase = Chase::new(3);
     chase.wrong = Some((90, 1, [5.0, -5.0, 5.0]));
     let still = chase.follow(|_| [0.0; 3], 3.0);
@@ -190,7 +190,7 @@ fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
 }
 
 #[test]
-fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
+fn target_beyond_limits_stops_at_limit() {
     // 30 mm/s to 69 mm and back; the stage ends at 60.
     let run = Chase::new(1).follow(
         |t| {
@@ -211,7 +211,7 @@ fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
 /// The target moves as if another stage followed single images: its speed varies by a sixth with
 /// every image.
 #[test]
-fn an_uneven_motion_is_followed_without_lag_too() {
+fn uneven_motion_is_followed_without_lag() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         chase.frames_per_s = 30.0;

@@ -57,7 +57,7 @@ fn golden_bytes_of_every_message() {
 
 /// The schema names every variant at its number: `command 3 setpoint` and so on.
 #[test]
-fn schema_lists_every_variant_at_its_number() {
+fn schema_numbers_every_variant() {
     let number = |bytes: &[u8], at: usize| {
         let mut plain = bytes[1..bytes.len() - 1].to_vec();
         let length = cobs_decode(&mut plain);
@@ -111,7 +111,7 @@ fn cobs_decode(bytes: &mut [u8]) -> usize {
 
 /// Every field is at its encodable extreme: a flow frame of either kind still fits one USB packet.
 #[test]
-fn a_flow_frame_fits_64_bytes_at_every_extreme() {
+fn flow_frame_fits_64_bytes_at_extremes() {
     let month = Instant::from_micros(30 * 24 * 3_600 * 1_000_000);
     for time in [Instant::MAX, month, Instant::from_micros(0)] {
         for value in [i32::MIN, i32::MAX, 0, -1] {
@@ -230,7 +230,7 @@ fn stream() -> (Vec<Packet>, Vec<Vec<u8>>) {
 }
 
 #[test]
-fn any_chunking_gives_the_same_packets() {
+fn chunking_does_not_change_packets() {
     let (packets, bytes) = stream();
     let bytes = bytes.concat();
     for chunk in 1..=bytes.len() {
@@ -263,7 +263,7 @@ fn data_loss_sandwich() {
 
 /// Noise on an idle line never costs the packet behind it.
 #[test]
-fn noise_before_a_packet_costs_nothing() {
+fn noise_before_packet_costs_nothing() {
     let (packets, bytes) = stream();
     for length in 1..=3 {
         for noise in [0x00, 0x01, 0x02, 0x55, 0x80, 0xff] {
@@ -276,7 +276,7 @@ fn noise_before_a_packet_costs_nothing() {
 }
 
 #[test]
-fn each_reject_is_counted_by_its_reason() {
+fn rejects_are_counted_by_reason() {
     let (_, bytes) = stream();
     let hello = &bytes[0];
     let mut flipped = bytes[3].clone(); // its third byte is no COBS code
@@ -347,7 +347,7 @@ proptest! {
     }
 
     #[test]
-    fn a_sound_packet_after_garbage_arrives(garbage in prop::collection::vec(any::<u8>(), 0..600)) {
+    fn packet_after_garbage_arrives(garbage in prop::collection::vec(any::<u8>(), 0..600)) {
         let (_, bytes) = stream();
         let all = [garbage, vec![0], bytes[3].clone()].concat();
         prop_assert_eq!(receive(&all, 64).0.len(), 1);

@@ -40,14 +40,14 @@ fn faults(seeds: std::ops::Range<u64>) -> Vec<String> {
 }
 
 #[test]
-fn healthy_stage_has_no_fault_in_300_lives() {
+fn healthy_stage_survives_300_lives() {
     let faults = faults(0..300);
     assert_eq!(faults, Vec::<String>::new());
 }
 
 #[test]
 #[ignore = "ten thousand lives take two minutes; tests/run includes it"]
-fn healthy_stage_has_no_fault_in_10000_lives() {
+fn healthy_stage_survives_10000_lives() {
     const LIVES: u64 = 10_000;
     let faults = faults(0..LIVES);
     // The rule of three: with 95 % confidence the rate is below 3/n if there was none in n.

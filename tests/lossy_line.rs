@@ -77,7 +77,7 @@ fn packets(end: &FarEnd) -> Vec<Packet> {
 }
 
 #[test]
-fn lost_stops_are_sent_again_as_new_packets() {
+fn lost_stop_is_repeated_as_new_packet() {
     // One is sent at the start, before anything moves.
     let mut stops = 0;
     let end = station_behind(
@@ -127,7 +127,7 @@ fn first_answer_to_any_stop_counts() {
 }
 
 #[test]
-fn unanswered_stop_ends_the_heartbeat() {
+fn unanswered_stop_ends_heartbeat() {
     let mut is_moving = false;
     let end = station_behind(
         move |packet| {
@@ -160,7 +160,7 @@ fn unanswered_stop_ends_the_heartbeat() {
 
 /// A caller may take any time to look at the reports.
 #[test]
-fn heartbeat_goes_on_while_the_line_is_looked_at() {
+fn heartbeat_runs_while_caller_reads() {
     let end = station();
     let serial = start(&end);
     let pings = || {
@@ -180,7 +180,7 @@ fn heartbeat_goes_on_while_the_line_is_looked_at() {
 }
 
 #[test]
-fn dropped_connection_stops_the_stage() {
+fn dropped_connection_stops_stage() {
     let end = station_behind(first(0, is_stop), Some);
     drop(moving(&end));
     let stood = end.standing();
@@ -191,7 +191,7 @@ fn dropped_connection_stops_the_stage() {
 }
 
 #[test]
-fn panic_stops_the_stage() {
+fn panic_stops_stage() {
     let end = station();
     let panicked = catch_unwind(AssertUnwindSafe(|| {
         let _serial = moving(&end);
@@ -205,7 +205,7 @@ fn panic_stops_the_stage() {
 }
 
 #[test]
-fn connection_at_rest_ends_without_a_stop() {
+fn connection_at_rest_ends_without_stop() {
     let end = station();
     let mut serial = start(&end);
     let position_um = [1_000, 0, 0];
@@ -224,7 +224,7 @@ fn connection_at_rest_ends_without_a_stop() {
 }
 
 #[test]
-fn lost_config_zero_and_setpoint_are_repeated() {
+fn lost_setup_commands_are_repeated() {
     let mut seen = [0; 3];
     let lost = move |packet: &Packet| {
         let kind = match packet.command {
@@ -255,7 +255,7 @@ fn lost_reset_is_repeated() {
 }
 
 #[test]
-fn unanswered_jog_is_not_repeated_but_explained() {
+fn unanswered_jog_is_not_repeated() {
     let jog = Command::Jog {
         distance_um: [2_000, 0, 0],
     };
@@ -318,7 +318,7 @@ fn follow(alter: impl FnMut(Report) -> Report + Send + 'static) -> Result<(), St
 }
 
 #[test]
-fn implausible_number_is_named_and_not_waited_for() {
+fn implausible_number_is_named() {
     follow(|report| report).expect("plausible numbers are taken");
     let hello = |alter: fn(&mut Hello)| {
         follow(move |mut report| {
@@ -427,7 +427,7 @@ fn implausible_number_is_named_and_not_waited_for() {
 }
 
 #[test]
-fn implausible_answer_tick_does_not_hang_a_wait() {
+fn implausible_tick_does_not_hang_wait() {
     let end = station_behind(
         |_| false,
         |mut report| {

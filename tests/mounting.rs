@@ -57,7 +57,7 @@ fn judge(fit: &Value, mounted: Matrix3<f64>) -> f64 {
 /// The stage is rotated by 5 degrees, moves 1.02 times the commanded distance, and has one axis
 /// reversed.
 #[test]
-fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
+fn turned_stage_is_found_within_3_sigma() {
     let desk = desk();
     let options = "--turned 2.6726 -1.3363 4.0089 --scaled 1.02";
     for (seed, mirrored, axes) in [
@@ -94,7 +94,7 @@ fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
 }
 
 #[test]
-fn delay_of_the_stamps_is_found_within_3_sigma() {
+fn stamp_delay_is_found_within_3_sigma() {
     let desk = desk();
     for (seed, late_ms) in [(1, 0.0), (2, 12.5), (3, -30.0)] {
         let words = format!("calibrate-stage --sim --rig rig.toml --late {late_ms} --seed {seed}");
@@ -119,7 +119,7 @@ fn delay_of_the_stamps_is_found_within_3_sigma() {
 
 /// With the calibrated matrix, a stage with this mount follows the target.
 #[test]
-fn a_station_on_a_port_is_calibrated_from_a_folder_of_captures() {
+fn station_on_port_is_calibrated() {
     let end = station();
     let desk = desk();
     let mounted = mounted([0.0, 0.0, 5.0], [1.0, 1.0, 1.0]);
@@ -169,7 +169,7 @@ fn a_station_on_a_port_is_calibrated_from_a_folder_of_captures() {
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_refused() {
+fn impossible_calibration_is_refused() {
     let desk = desk();
     let mut rig = RigFile::paper();
     std::fs::write(desk.path().join("cameras.toml"), rig.to_toml()).expect("it is ours");

@@ -48,7 +48,7 @@ impl Bench {
 }
 
 #[test]
-fn cameras_on_the_stage_stay_with_the_target() {
+fn cameras_on_stage_stay_with_target() {
     let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,
@@ -76,7 +76,7 @@ fn cameras_on_the_stage_stay_with_the_target() {
 
 /// The target is followed at its speed, so the stage is moving when the images end.
 #[test]
-fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
+fn stop_ends_motion_of_last_frame() {
     const SPEED_MM_S: f64 = 12.0;
     let end = |stop: bool| {
         let mut bench = Bench::new(CaptureClock::Virtual {
@@ -106,7 +106,7 @@ fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
 /// The captures' clock is five seconds ahead. A frame stamped in the future would be refused, like
 /// one whose time is really wrong.
 #[test]
-fn two_real_clocks_are_brought_together() {
+fn two_real_clocks_are_aligned() {
     const AHEAD_US: i64 = 5_000_000;
     let mut bench = Bench::new(CaptureClock::Real {
         offset_us: -AHEAD_US,
@@ -146,7 +146,7 @@ fn two_real_clocks_are_brought_together() {
 /// From the fifth frame set on, one camera's image is missing: the other two follow the target, and
 /// every row names the missing camera and states that the position can be trusted.
 #[test]
-fn a_lost_camera_is_named_and_the_others_carry_on() {
+fn lost_camera_is_named() {
     let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,

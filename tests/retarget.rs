@@ -40,7 +40,7 @@ fn plans(twin: &Twin) -> impl Iterator<Item = (Instant, u32)> {
 /// differ shows the delay. Before the end of the move every setpoint has an immediate effect,
 /// because the axes accelerate, cruise or brake.
 #[test]
-fn a_new_setpoint_changes_the_pins_within_2_ms() {
+fn new_setpoint_moves_pins_within_2_ms() {
     let mut random = Random::seeded(11);
     let (mut least_us, mut most_us) = (u64::MAX, 0);
     for _ in 0..MOMENTS {

@@ -72,7 +72,7 @@ fn stranger() -> FarEnd {
 }
 
 #[test]
-fn a_station_is_configured_moved_and_stopped() {
+fn station_is_configured_and_moved() {
     let end = station();
     let mut serial = start(&end.path);
     assert_eq!(
@@ -96,7 +96,7 @@ fn a_station_is_configured_moved_and_stopped() {
 /// The heartbeat has its own thread, so it continues while the caller is busy. A station without it
 /// stops.
 #[test]
-fn the_heartbeat_goes_on_without_the_caller() {
+fn heartbeat_runs_without_caller() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([40, 0, 0])).unwrap();
@@ -112,7 +112,7 @@ fn the_heartbeat_goes_on_without_the_caller() {
 }
 
 #[test]
-fn other_firmware_is_named_field_by_field_and_never_moved() {
+fn other_firmware_is_named_and_not_moved() {
     let end = stranger();
     match Serial::start(&end.path, &default_stage(), Mounting::OnStage) {
         Err(StationError::Mismatch(fields)) => {
@@ -143,7 +143,7 @@ fn other_firmware_is_named_field_by_field_and_never_moved() {
 }
 
 #[test]
-fn silence_and_noise_are_told_apart() {
+fn silence_and_noise_are_distinguished() {
     match Serial::connect(&mute().path) {
         Err(StationError::Silent { command, .. }) => assert_eq!(command, "hello"),
         other => panic!("{other:?}"),
@@ -161,7 +161,7 @@ fn silence_and_noise_are_told_apart() {
 }
 
 #[test]
-fn a_line_that_stays_away_is_reported() {
+fn line_that_stays_away_is_reported() {
     let end = station();
     let mut serial = start(&end.path);
     serial.set_reconnect_patience(Duration::from_millis(300));
@@ -188,7 +188,7 @@ fn back(serial: &Serial) -> StationError {
 }
 
 #[test]
-fn a_line_is_found_again_and_used_when_told() {
+fn returning_line_is_used_after_resume() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
@@ -210,7 +210,7 @@ fn a_line_is_found_again_and_used_when_told() {
 }
 
 #[test]
-fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
+fn motion_does_not_return_with_line() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
@@ -232,7 +232,7 @@ fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
 }
 
 #[test]
-fn a_station_that_restarted_is_not_moved() {
+fn restarted_station_is_not_moved() {
     let end = station();
     let mut serial = start(&end.path);
     end.unplug();
@@ -255,7 +255,7 @@ fn a_station_that_restarted_is_not_moved() {
 }
 
 #[test]
-fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
+fn abandoned_motion_is_stopped_first() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
@@ -278,7 +278,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
 }
 
 #[test]
-fn a_port_that_does_not_exist_is_bad_input() {
+fn missing_port_is_bad_input() {
     let (code, _, err) = hello("/dev/no-such-port", &[]);
     assert_eq!(code, Some(1));
     assert!(err.contains("/dev/no-such-port"), "{err}");
@@ -302,7 +302,7 @@ fn ports_are_listed() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_board_makes_exactly_the_commanded_steps() {
+fn emulated_board_makes_exact_steps() {
     let folder = tempfile::tempdir().expect("a folder");
     let trace = folder.path().join("trace");
     let (emulator, path) = Emulator::live(&trace);

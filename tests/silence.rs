@@ -52,7 +52,7 @@ fn silence(twin: &mut Twin) -> [f64; 3] {
 }
 
 #[test]
-fn at_50_mm_s_on_three_axes_it_stops_within_the_bound_and_keeps_its_position() {
+fn silence_at_50_mm_s_stops_within_bound() {
     let mut twin = Twin::start(&stage(50.0), "twin", Mounting::OnStage).expect("it starts");
     let position_um = [400_000; 3];
     twin.command("setpoint", Command::Setpoint { position_um })
@@ -75,7 +75,7 @@ fn at_50_mm_s_on_three_axes_it_stops_within_the_bound_and_keeps_its_position() {
 }
 
 #[test]
-fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
+fn silence_at_random_times_keeps_bound() {
     let mut random = Random::seeded(11);
     let most = 50.0;
     let (mut worst, mut farthest, mut speeding) = (0.0f64, 0.0f64, 0);

@@ -53,7 +53,7 @@ fn missed(scenario: &Scenario) -> Vec<String> {
 /// Rendered scenarios take a minute and are a stage of their own in `tests/run`. With points in
 /// place of images they must meet the same expectations.
 #[test]
-fn every_scenario_does_what_it_expects_with_points_for_cameras() {
+fn scenarios_meet_expectations_on_points() {
     let names = files();
     assert!(names.len() >= 8, "{names:?}");
     let mut all = Vec::new();
@@ -65,7 +65,7 @@ fn every_scenario_does_what_it_expects_with_points_for_cameras() {
 }
 
 #[test]
-fn a_run_repeats_to_the_bit_and_another_seed_differs() {
+fn runs_repeat_exactly_per_seed() {
     let mut scenario = read("frames.toml");
     let [first, second] = [live(&scenario, true), live(&scenario, true)];
     assert_eq!(first.trace, second.trace);
@@ -149,7 +149,7 @@ fn each_bound_is_judged() {
 }
 
 #[test]
-fn a_replay_of_every_scenario_does_what_the_twin_did() {
+fn scenario_replays_match_twin() {
     for name in files() {
         println!("{name}");
         Recording::of(&live(&read(&name).with_points(), true).twin).check_here();
@@ -182,7 +182,7 @@ macro_rules! in_qemu {
 }
 
 #[test]
-fn no_scenario_is_left_out_on_the_emulated_processor() {
+fn emulated_scenarios_are_complete() {
     let mut emulated = EMULATED.to_vec();
     emulated.sort_unstable();
     assert_eq!(files(), emulated);

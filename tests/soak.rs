@@ -154,7 +154,7 @@ impl Soak {
 }
 
 #[test]
-fn hour_of_following_keeps_memory_and_latency() {
+fn memory_and_latency_hold_for_an_hour() {
     let minutes: u64 = match std::env::var("SOAK_MINUTES") {
         Ok(text) => text.parse().expect("SOAK_MINUTES is a number of minutes"),
         Err(_) => 5,

@@ -80,7 +80,7 @@ fn real_motion_is_no_fault() {
 }
 
 #[test]
-fn target_out_of_reach_is_a_following_error() {
+fn unreachable_target_is_following_error() {
     let mut chase = Chase::new(1);
     chase.care = Care {
         largest_unseen_mm: None,
@@ -103,7 +103,7 @@ fn target_out_of_reach_is_a_following_error() {
 }
 
 #[test]
-fn stalled_motor_is_a_fault_within_25_mm() {
+fn stalled_motor_is_fault_within_25_mm() {
     let step: Target = |t| if t < 1.0 { [0.0; 3] } else { [4.0, 3.0, 2.0] };
     for (name, target, stalls_s) in [
         ("step", step, 0.5),
@@ -138,7 +138,7 @@ fn stalled_motor_is_a_fault_within_25_mm() {
 
 /// A motor that is off, or that makes a twentieth of its steps, from the start and in mid-run.
 #[test]
-fn stall_is_found_at_20_to_1000_frames_per_s() {
+fn stall_is_found_at_20_to_1000_fps() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
     for frames_per_s in [20.0, 60.0, 200.0, 1_000.0] {
         for (name, target, stalls_s) in
@@ -170,7 +170,7 @@ fn stall_is_found_at_20_to_1000_frames_per_s() {
 
 /// A target at rest, with frames so rare that the stage moves 10 to 20 mm from one to the next.
 #[test]
-fn stall_is_found_at_5_frames_per_s() {
+fn stall_is_found_at_5_fps() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
     for frames_per_s in [5.0, 10.0] {
         let run = stall(frames_per_s, step, (0.0, 0), 0.0);
@@ -201,7 +201,7 @@ fn stall(frames_per_s: f64, target: Target, (stalls_s, axis): (f64, usize), slip
 /// The target moves 25 mm at 45 mm/s, with so few frames that the stage lags by 1.6 mm in every
 /// turn.
 #[test]
-fn few_frames_of_a_swing_are_no_fault() {
+fn few_frames_of_swing_are_no_fault() {
     let swing = |per_s: f64| {
         move |t: f64| {
             let angle = per_s * t;
@@ -224,7 +224,7 @@ fn few_frames_of_a_swing_are_no_fault() {
 
 /// The target changes its speed while it is hidden.
 #[test]
-fn speed_that_changes_unseen_is_no_fault() {
+fn unseen_speed_change_is_no_fault() {
     for (before, after, hidden_s) in [
         (50.0, 55.0, 0.4),
         (40.0, 43.0, 0.7),
@@ -253,7 +253,7 @@ fn speed_that_changes_unseen_is_no_fault() {
 /// Frames contradict each other: the stage moves no farther on them than a quarter of the bound,
 /// the motion of two frames, and a ramp.
 #[test]
-fn outliers_do_not_keep_the_stage_going() {
+fn outliers_do_not_keep_stage_moving() {
     let mut chase = Chase::new(1);
     chase.travel_mm = Some(300.0);
     let target = |t: f64| {
@@ -281,7 +281,7 @@ fn outliers_do_not_keep_the_stage_going() {
 }
 
 #[test]
-fn watch_is_off_without_bound_or_prediction() {
+fn watch_needs_bound_and_prediction() {
     let mut chase = Chase::new(7);
     chase.stalled = Some((0.5, [true; 3]));
     let step: Target = |t| if t < 1.0 { [0.0; 3] } else { [4.0, 3.0, 2.0] };

@@ -83,7 +83,7 @@ fn judge_unstable(wrong: &Wrong, most_s: f64) {
 }
 
 #[test]
-fn wrong_signs_and_swapped_axes_are_named() {
+fn wrong_signs_are_named() {
     for wrong in signs() {
         judge_unstable(&wrong, 2.0);
     }
@@ -127,7 +127,7 @@ fn wrong_time_stamps_are_named() {
 
 /// The loop rests until noise sets it off, and then behaves the same.
 #[test]
-fn resting_target_does_not_hide_a_wrong_loop() {
+fn resting_target_hides_no_wrong_loop() {
     for wrong in signs() {
         let runs = (0..4).map(|seed| follow(&wrong, |_| [0.0; 3], seed));
         let named = runs.filter(|run| {
@@ -167,7 +167,7 @@ fn small_shaking_is_named_or_ends() {
 }
 
 #[test]
-fn stable_variants_settle_without_a_fault() {
+fn stable_variants_settle() {
     let mut wrongs: Vec<Wrong> = [0.1, 0.3, 0.5, 1.5, 1.8]
         .map(|scale| wrong::scaled([scale; 3]))
         .into();

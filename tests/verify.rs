@@ -46,7 +46,7 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
 }
 
 #[test]
-fn predicted_sigma_is_what_a_measurement_states() {
+fn predicted_sigma_matches_measured() {
     let (sharp, soft) = (Texture::natural(3), Texture::blobs(3));
     // Where interpolation governs, windows do not share their errors and less is stated.
     assert_predicted(&sharp, 500.0, 2.0, 0.7);

@@ -63,7 +63,7 @@ fn used(camera: &Value) -> usize {
 }
 
 #[test]
-fn it_agrees_with_opencv_within_one_standard_deviation() {
+fn calibration_agrees_with_opencv() {
     let lines = calibrate(&[]).good_json();
     let reference = opencv("5");
     assert_eq!(lines.len(), 3);
@@ -94,7 +94,7 @@ fn it_agrees_with_opencv_within_one_standard_deviation() {
 /// With OpenCV's window the corners are OpenCV's, and the same corners give the same camera but for
 /// rounding.
 #[test]
-fn the_same_window_gives_the_same_result() {
+fn same_window_gives_same_result() {
     for half in ["5", "11"] {
         let lines = calibrate(&["--window", half, "--outlier", "99"]).good_json();
         let reference = opencv(half);
@@ -118,7 +118,7 @@ fn the_same_window_gives_the_same_result() {
 
 /// The large window includes the board's border on some images; exactly these are rejected.
 #[test]
-fn images_with_large_residuals_are_rejected_by_name() {
+fn large_residuals_are_rejected_by_name() {
     let lines = calibrate(&["--window", "11"]).good_json();
     let rejected = |camera: &Value| -> Vec<String> {
         let images = camera["images"].as_array().expect("a list of images");
@@ -151,7 +151,7 @@ fn images_with_large_residuals_are_rejected_by_name() {
 }
 
 #[test]
-fn the_wrong_board_is_said_to_be_another() {
+fn wrong_board_is_reported() {
     let outcome = run(
         &folder(),
         &["calibrate", ".", "--board", "8x6", "--square", "25"],

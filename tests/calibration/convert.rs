@@ -19,7 +19,7 @@ fn desk() -> TempDir {
 }
 
 #[test]
-fn a_rig_file_goes_out_and_comes_back() {
+fn rig_file_survives_conversion() {
     let desk = desk();
     let own = RigFile::read(&desk.path().join("rig.toml")).expect("a rig file");
     let outcome = run(
@@ -69,7 +69,7 @@ fn opencv(focal: f64) -> String {
 }
 
 #[test]
-fn opencvs_own_files_make_a_rig_with_offsets_given() {
+fn opencv_files_and_offsets_make_rig() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     for (name, focal) in [("left", 530.0), ("right", 540.0)] {
         fs::write(desk.path().join(format!("{name}.yml")), opencv(focal)).expect("written");

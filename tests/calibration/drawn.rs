@@ -20,7 +20,7 @@ const BOARD: Board = Board {
 const CALIBRATE: [&str; 6] = ["calibrate", "boards", "--board", "9x6", "--square", "18"];
 
 #[test]
-fn corners_are_found_to_a_few_hundredths_of_a_pixel() {
+fn corners_are_within_hundredths_of_px() {
     let rig = crooked_rig();
     let camera = &rig.cameras[0];
     let eye = Eye::new(camera, rig.image_size_px);
@@ -49,7 +49,7 @@ fn corners_are_found_to_a_few_hundredths_of_a_pixel() {
 }
 
 #[test]
-fn what_is_no_whole_board_is_not_found() {
+fn partial_board_is_not_found() {
     let rig = crooked_rig();
     let eye = Eye::new(&rig.cameras[1], rig.image_size_px);
     let pose = Pose {
@@ -134,7 +134,7 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
 }
 
 #[test]
-fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
+fn crooked_rig_is_calibrated() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let rig = crooked_rig();
     photograph(&desk.path().join("boards"), &rig, &TRINOCULAR, 14);
@@ -238,7 +238,7 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
 }
 
 #[test]
-fn nothing_is_overwritten_unasked_and_the_stage_survives() {
+fn existing_rig_file_keeps_its_stage() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     photograph(
         &desk.path().join("boards"),
@@ -289,7 +289,7 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
 /// Copies of an image would make every standard deviation too small. A single pose leaves the lens
 /// parameters undetermined.
 #[test]
-fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
+fn repeated_images_are_rejected() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let left = desk.path().join("boards/left");
     photograph(&desk.path().join("boards"), &crooked_rig(), &["left"], 3);
@@ -332,7 +332,7 @@ fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
 }
 
 #[test]
-fn images_of_different_instants_make_no_rig() {
+fn images_of_different_times_make_no_rig() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let boards = desk.path().join("boards");
     photograph(&boards, &crooked_rig(), &["left", "right"], 9);
@@ -350,7 +350,7 @@ fn images_of_different_instants_make_no_rig() {
 }
 
 #[test]
-fn what_makes_no_rig_is_refused_by_name() {
+fn unusable_images_are_refused_by_name() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let boards = desk.path().join("boards");
     photograph(&boards, &crooked_rig(), &["left", "right"], 4);

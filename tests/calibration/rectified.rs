@@ -37,7 +37,7 @@ fn largest(error: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn exact_points_give_the_exact_displacement() {
+fn exact_points_give_exact_result() {
     let rig = turned_rig();
     let points = [
         [0.0, 0.0, 900.0],
@@ -72,7 +72,7 @@ fn exact_points_give_the_exact_displacement() {
 }
 
 #[test]
-fn images_give_the_displacement_of_a_parallel_rig() {
+fn rectified_rig_measures_like_parallel() {
     for (rig, what) in [(Rig::paper(), "parallel"), (turned_rig(), "turned")] {
         let scene =
             Scene::new(&rig, &Texture::natural(4), SceneSettings::default()).expect("a scene");

@@ -56,7 +56,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn offsets_are_printed_and_the_corrected_rig_is_written() {
+fn align_prints_offsets_and_writes_rig() {
     let (desk, heights) = desk();
     let outcome = align(&desk, &["--out", "aligned.toml"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -94,7 +94,7 @@ fn offsets_are_printed_and_the_corrected_rig_is_written() {
 }
 
 #[test]
-fn json_holds_offsets_sigma_and_penalties() {
+fn json_has_offsets_and_sigma() {
     let (desk, _) = desk();
     let outcome = align(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -125,7 +125,7 @@ fn json_holds_offsets_sigma_and_penalties() {
 }
 
 #[test]
-fn a_file_that_exists_is_replaced_only_by_force() {
+fn existing_file_needs_force() {
     let (desk, _) = desk();
     let before = desk.read("rig.toml");
     align(&desk, &["--out", "rig.toml"]).failed(1, &["rig.toml", "exists", "--force"]);
@@ -138,7 +138,7 @@ fn a_file_that_exists_is_replaced_only_by_force() {
 }
 
 #[test]
-fn bad_folders_and_options_are_refused() {
+fn bad_folders_and_options_fail() {
     let (desk, _) = desk();
     for (more, part) in [
         (&["--reach", "0"][..], "--reach"),
@@ -168,7 +168,7 @@ fn bad_folders_and_options_are_refused() {
 }
 
 #[test]
-fn pictures_without_texture_are_refused_and_write_nothing() {
+fn blank_images_are_refused() {
     let desk = Desk::new();
     let blank = Image {
         width: 320,
@@ -187,7 +187,7 @@ fn pictures_without_texture_are_refused_and_write_nothing() {
 
 /// On images of a real scene with depth, `align` finds the errors that were put into the rig file.
 #[test]
-fn photographs_show_what_the_rig_file_was_made_wrong_by() {
+fn photographs_show_errors_of_rig_file() {
     let teddy = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/teddy");
     let teddy = teddy.to_str().expect("UTF-8");
     let desk = Desk::new();

@@ -41,7 +41,7 @@ fn report(outcome: &Outcome) -> Value {
 }
 
 #[test]
-fn a_folder_is_timed_as_often_as_wanted() {
+fn folder_is_timed_as_often_as_asked() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0]), Some([4.0, 4.0, 1.0])]);
     let bench = |more: &[&str]| {
         let mut arguments = vec!["bench", "flow", "views"];
@@ -74,7 +74,7 @@ fn a_folder_is_timed_as_often_as_wanted() {
 }
 
 #[test]
-fn photographs_are_timed_with_their_rig() {
+fn photographs_are_timed_with_rig() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let rig = "images/teddy/rig.toml";
     let mut bench = vec!["bench", "flow", "images/teddy", "--repeat", "1", "--json"];
@@ -91,7 +91,7 @@ fn photographs_are_timed_with_their_rig() {
 }
 
 #[test]
-fn what_cannot_be_timed_is_refused() {
+fn unusable_input_is_refused() {
     let desk = desk_with_views(&[None]);
     let bench = |words: &[&str]| run(desk.folder.path(), words);
     bench(&["bench", "flow", "nowhere", "--rig", "rig.toml", "--json"])
@@ -119,7 +119,7 @@ fn what_cannot_be_timed_is_refused() {
 }
 
 #[test]
-fn more_captures_than_memory_are_refused() {
+fn folder_beyond_memory_is_refused() {
     let desk = super::Desk::new();
     let line = desk.change("rig.toml", "[320, 240]", "[8000, 6000]");
     assert_eq!(line, 1);

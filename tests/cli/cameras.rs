@@ -14,7 +14,7 @@ fn track(desk: &Desk, more: &[&str]) -> super::Outcome {
 }
 
 #[test]
-fn a_device_that_is_not_there_is_named_with_what_to_do() {
+fn missing_device_is_named_with_remedy() {
     let advice = match cfg!(feature = "camera") {
         true => "no such camera: plug it in",
         false => "cargo build --release --features host/camera",
@@ -24,7 +24,7 @@ fn a_device_that_is_not_there_is_named_with_what_to_do() {
 }
 
 #[test]
-fn cameras_and_rig_must_fit_before_a_device_is_opened() {
+fn mismatch_with_rig_fails_before_opening() {
     let desk = Desk::new();
     let two = ["track", "--cameras", "/dev/a,/dev/b", "--rig", "rig.toml"];
     let outcome = run(desk.folder.path(), &two);

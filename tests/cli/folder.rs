@@ -98,7 +98,7 @@ fn assert_moved(line: &Value, expected_mm: [f64; 3]) {
 const TOLERANCE_MM: [f64; 3] = [0.01, 0.01, 0.04];
 
 #[test]
-fn every_capture_is_measured_against_the_first() {
+fn frame_sets_are_measured_from_first() {
     let desk = desk_with_views(&[
         AT_REST,
         Some([4.0, 4.0, 1.0]),
@@ -126,7 +126,7 @@ fn every_capture_is_measured_against_the_first() {
 }
 
 #[test]
-fn every_capture_is_measured_against_the_previous() {
+fn frame_sets_are_measured_from_previous() {
     let desk = desk_with_views(&[AT_REST, Some([4.0, 4.0, 1.0]), Some([3.0, 9.0, -1.0])]);
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -137,7 +137,7 @@ fn every_capture_is_measured_against_the_previous() {
 }
 
 #[test]
-fn the_papers_methods_serve_images_too() {
+fn paper_methods_work_on_images() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
     for method in ["closed-form", "least-squares"] {
         let outcome = estimate(&desk, &["--json", "--method", method]);
@@ -158,7 +158,7 @@ fn the_papers_methods_serve_images_too() {
 }
 
 #[test]
-fn a_refused_frame_does_not_end_the_run() {
+fn refused_frame_set_does_not_end_run() {
     let desk = desk_with_views(&[AT_REST, None, Some([4.0, 4.0, 1.0])]);
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -190,7 +190,7 @@ fn a_refused_frame_does_not_end_the_run() {
 }
 
 #[test]
-fn a_blank_reference_refuses_every_frame_with_its_reason() {
+fn blank_keyframe_refuses_all_frames() {
     let desk = desk_with_views(&[None, AT_REST, AT_REST]);
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -202,7 +202,7 @@ fn a_blank_reference_refuses_every_frame_with_its_reason() {
 }
 
 #[test]
-fn folders_that_hold_no_captures_are_refused() {
+fn folders_without_frame_sets_fail() {
     let desk = Desk::new();
     fs::create_dir(desk.path("views")).expect("the desk can be written to");
     estimate(&desk, &["--json"]).failed(1, &["left", "no such folder"]);
@@ -213,13 +213,13 @@ fn folders_that_hold_no_captures_are_refused() {
 }
 
 #[test]
-fn one_capture_is_too_few() {
+fn single_frame_set_is_refused() {
     let desk = desk_with_views(&[AT_REST]);
     estimate(&desk, &["--json"]).failed(1, &["views", "at least two"]);
 }
 
 #[test]
-fn a_view_that_is_missing_is_done_without_and_said() {
+fn missing_image_is_reported() {
     let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0]];
     let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1])]);
     fs::remove_file(desk.path("views/left/0001.pgm")).expect("it was there");
@@ -247,7 +247,7 @@ fn a_view_that_is_missing_is_done_without_and_said() {
 }
 
 #[test]
-fn a_missing_camera_is_named() {
+fn missing_camera_is_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     for frame in ["0000", "0001"] {
         fs::remove_file(desk.path(&format!("views/middle/{frame}.pgm"))).expect("it was there");
@@ -260,14 +260,14 @@ fn a_missing_camera_is_named() {
 }
 
 #[test]
-fn images_of_unequal_size_are_named() {
+fn unequal_image_sizes_are_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     desk.write("views/right/0000.pgm", blank([320, 200]));
     estimate(&desk, &["--json"]).failed(1, &["right", "0000.pgm", "320 x 200", "320 x 240"]);
 }
 
 #[test]
-fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
+fn unreadable_image_is_reported() {
     let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0], [3.0, 2.0, 1.0]];
     let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1]), Some(moved[2])]);
     desk.write("views/middle/0001.pgm", b"P5\n320 240\n255\ncut off");
@@ -292,7 +292,7 @@ fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
 }
 
 #[test]
-fn a_file_that_is_no_image_is_named() {
+fn non_image_file_is_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     desk.write("views/left/0000.pgm", "P5\n320 240\n255\ntoo short");
     estimate(&desk, &["--json"]).failed(1, &["left", "0000.pgm", "cannot read the image"]);
@@ -308,7 +308,7 @@ fn track(desk: &Desk) -> Outcome {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_picture_file_is_refused_by_name() {
+fn unknown_file_type_is_named() {
     let moved = Some([2.0, -1.0, 0.0]);
     let desk = desk_with_views(&[AT_REST, moved, moved, moved, moved]);
     let mut files: Vec<_> = fs::read_dir(desk.path("views/left"))
@@ -343,7 +343,7 @@ fn what_is_no_picture_file_is_refused_by_name() {
 }
 
 #[test]
-fn pictures_of_other_formats_are_told_by_name() {
+fn unsupported_formats_are_named() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
     desk.write("views/left/9.tif", "II*");
     desk.write("views/left/a.WebP", "RIFF");

@@ -21,7 +21,7 @@ const ARGUMENTS: [&str; 7] = [
 const FOCAL: [&str; 2] = ["533.16", "544.44"];
 
 #[test]
-fn signal_while_files_are_written_mixes_none() {
+fn signal_in_writing_mixes_no_files() {
     let desk = Desk::new();
     let folder = desk.folder.path();
     fs::create_dir(desk.path("rig")).expect("ours");

@@ -61,7 +61,7 @@ fn end(mut child: Child) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_folder_that_grows_is_followed_like_one_that_is_complete() {
+fn growing_folder_equals_complete_one() {
     let desk = desk_with_views(&MOVES_MM);
     let images = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
     let complete = run(desk.folder.path(), &images).good_json();
@@ -88,7 +88,7 @@ fn a_folder_that_grows_is_followed_like_one_that_is_complete() {
 }
 
 #[test]
-fn ctrl_c_ends_it_well() {
+fn ctrl_c_ends_run_cleanly() {
     let desk = desk_with_views(&MOVES_MM[..2]);
     fs::rename(desk.path("views"), desk.path("growing")).expect("ours");
     let mut child = watching(&desk, &[]);
@@ -101,7 +101,7 @@ fn ctrl_c_ends_it_well() {
 }
 
 #[test]
-fn files_that_stay_bad_or_away_are_named() {
+fn bad_or_missing_files_are_named() {
     let desk = desk_with_views(&MOVES_MM[..3]);
     desk.write("views/right/0001.pgm", "P5\n320 240\n255\ntoo short");
     let watch = [

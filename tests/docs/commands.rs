@@ -214,7 +214,7 @@ fn scenario_file_runs_as_typed() {
 }
 
 #[test]
-fn every_page_with_commands_is_run() {
+fn pages_with_commands_are_run() {
     for page in Page::all() {
         let runs = page
             .blocks()

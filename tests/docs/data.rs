@@ -90,7 +90,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn example_data_points_can_be_made_again() {
+fn example_data_points_are_reproducible() {
     let path = folder_of_data().join("points.csv");
     if renew() {
         fs::write(&path, points()).expect("the file can be written");
@@ -100,7 +100,7 @@ fn example_data_points_can_be_made_again() {
 }
 
 #[test]
-fn example_data_images_can_be_made_again() {
+fn example_data_images_are_reproducible() {
     let captures = folder_of_data().join("captures");
     if renew() {
         render(&captures);

@@ -96,7 +96,7 @@ fn results_have_short_cells() {
 }
 
 #[test]
-fn readme_has_figures_of_the_results_page() {
+fn readme_has_figures_of_results() {
     let all = sizes(&Page::read("RESULTS.md").text);
     let five = Page::read("README.md").section("Five results");
     let figures: Vec<f64> = rows(&five)
@@ -127,7 +127,7 @@ fn results_name_tests_that_exist() {
 }
 
 #[test]
-fn results_stand_in_the_tables_they_name() {
+fn results_are_in_named_tables() {
     let page = Page::read("RESULTS.md");
     let mut compared = 0;
     for row in rows(&page) {

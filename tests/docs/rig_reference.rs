@@ -93,7 +93,7 @@ fn complete_rig_file_is_accepted() {
 }
 
 #[test]
-fn complete_rig_file_has_every_field() {
+fn complete_rig_file_has_all_fields() {
     let text = complete_file(&Page::read(PAGE));
     let page = Page::read(PAGE);
     for title in ["File", "Cameras", "Stage"] {
@@ -125,7 +125,7 @@ fn rig_reference_lists_every_field() {
 }
 
 #[test]
-fn rig_reference_states_the_defaults() {
+fn rig_reference_states_defaults() {
     let page = Page::read(PAGE);
     let minimal = fs::read_to_string(super::page::root().join("examples/data/rig.toml"));
     let minimal = minimal.expect("the example");
@@ -148,7 +148,7 @@ fn rig_reference_states_the_defaults() {
 }
 
 #[test]
-fn rig_reference_states_the_ranges() {
+fn rig_reference_states_ranges() {
     let page = Page::read(PAGE);
     let mut checked = 0;
     for title in ["Cameras", "Stage"] {

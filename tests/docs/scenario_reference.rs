@@ -46,7 +46,7 @@ fn complete_scenario_file_runs() {
 }
 
 #[test]
-fn scenario_reference_lists_every_section() {
+fn scenario_reference_lists_sections() {
     let page = Page::read(PAGE);
     let section = |title: &str| documented(&page.section(title));
     let file = fields(&format!("{HEAD}{UNKNOWN}{CAMERAS}{TARGET}{EXPECT}"));
@@ -60,7 +60,7 @@ fn scenario_reference_lists_every_section() {
 }
 
 #[test]
-fn scenario_reference_lists_every_camera_field() {
+fn scenario_reference_lists_camera_fields() {
     let mut all = BTreeSet::new();
     for kind in kinds("Cameras", "kind") {
         let cameras = CAMERAS.replace("points\"", &format!("{kind}\""));
@@ -70,7 +70,7 @@ fn scenario_reference_lists_every_camera_field() {
 }
 
 #[test]
-fn scenario_reference_lists_every_motion() {
+fn scenario_reference_lists_motions() {
     let mut all = BTreeSet::new();
     for kind in kinds("Target", "motion") {
         let target = TARGET.replace("still", &kind);
@@ -83,7 +83,7 @@ fn scenario_reference_lists_every_motion() {
 }
 
 #[test]
-fn scenario_reference_lists_every_event() {
+fn scenario_reference_lists_events() {
     let event =
         |kind: &str| format!("{HEAD}{CAMERAS}{TARGET}[[event]]\nat_s = 0.5\nwhat = \"{kind}\"\n");
     let page = Page::read(PAGE).section("Events");
@@ -170,7 +170,7 @@ fn scenario(title: &str, table: &str) -> String {
 }
 
 #[test]
-fn scenario_reference_states_the_ranges() {
+fn scenario_reference_states_ranges() {
     let page = Page::read(PAGE);
     let titles: BTreeSet<&str> = TABLES.iter().map(|(title, _)| *title).collect();
     let mut checked = 0;

@@ -5,7 +5,7 @@ use trinocular_tests::binary::signal;
 use trinocular_tests::far_end::station;
 
 #[test]
-fn suspended_owner_of_the_port_is_named() {
+fn suspended_port_owner_is_named() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -27,7 +27,7 @@ fn suspended_owner_of_the_port_is_named() {
 }
 
 #[test]
-fn stop_after_the_owner_left_succeeds() {
+fn stop_after_owner_left_succeeds() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();

@@ -15,7 +15,7 @@ const SIGNALS: [&str; 15] = [
 ];
 
 #[test]
-fn every_ending_signal_stops_the_stage() {
+fn every_ending_signal_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     for name in SIGNALS {
@@ -31,7 +31,7 @@ fn every_ending_signal_stops_the_stage() {
 }
 
 #[test]
-fn file_limit_stops_the_stage() {
+fn file_limit_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -55,7 +55,7 @@ fn file_limit_stops_the_stage() {
 
 /// SIGSTOP cannot be caught, so the heartbeat stops with the program.
 #[test]
-fn suspended_host_stops_by_its_heartbeat() {
+fn suspended_host_stops_by_heartbeat() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();

@@ -111,7 +111,7 @@ fn single_precision_is_enough() {
 /// Mean normalised squared error of position and speed for targets of different process noise. A
 /// filter with the true noise would have 2.
 #[test]
-fn the_covariance_is_honest() {
+fn covariance_matches_true_error() {
     let mut random = Random::seeded(12);
     for acceleration in [0.0, 0.0002, 0.001, 0.005, 0.02] {
         let (mut sum, mut count) = (0.0, 0);
@@ -151,7 +151,7 @@ fn the_covariance_is_honest() {
 
 /// Ten thousand measurements, including outliers, give these bits on every machine.
 #[test]
-fn the_same_bits_everywhere() {
+fn filter_has_same_bits_everywhere() {
     let mut random = Random::seeded(13);
     let mut pursuit = Pursuit::default();
     let mut hash = 0xcbf2_9ce4_8422_2325u64;

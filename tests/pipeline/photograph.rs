@@ -42,7 +42,7 @@ fn teddy_truth() -> (Vec<[f64; 3]>, [f64; 3]) {
 }
 
 #[test]
-fn teddy_is_right_against_the_first_capture() {
+fn teddy_is_right_from_first() {
     let (rig, captures) = teddy();
     let (truth, tolerance) = teddy_truth();
     let mut watch = Watch::new(&rig.rig, &captures[0]).expect("a reference");
@@ -54,7 +54,7 @@ fn teddy_is_right_against_the_first_capture() {
 }
 
 #[test]
-fn teddy_is_right_from_capture_to_capture() {
+fn teddy_is_right_from_previous() {
     let (rig, captures) = teddy();
     let (truth, tolerance) = teddy_truth();
     for pair in captures.windows(2) {
@@ -65,7 +65,7 @@ fn teddy_is_right_from_capture_to_capture() {
 }
 
 #[test]
-fn a_photograph_as_poster_is_as_good_as_a_drawn_one() {
+fn photograph_poster_is_as_exact_as_drawn() {
     let (_, captures) = teddy();
     let texture = Texture::from_image(&captures[0].images[1], 1.2);
     let bench = Bench::new(&texture, SceneSettings::default());

@@ -108,7 +108,7 @@ fn bricks_and_grids_never_deceive() {
 
 /// Few marks make the answer no easier, many do. With both, it is right or refused.
 #[test]
-fn marks_on_a_repeating_poster_help_or_do_no_harm() {
+fn marked_repetition_never_deceives() {
     let mut random = Random::seeded(13);
     let mut right = Vec::new();
     for marks in [10, 60, 400, 2500] {

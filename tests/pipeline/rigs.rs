@@ -44,7 +44,7 @@ fn two_cameras_are_enough() {
 }
 
 #[test]
-fn five_cameras_in_a_cross() {
+fn five_cameras_in_a_cross_measure() {
     let cross = [
         [0.0, 0.0],
         [-60.0, 0.0],
@@ -58,7 +58,7 @@ fn five_cameras_in_a_cross() {
 /// `verify` warns of this: half of the points are matched if one camera magnifies 1.3 times as much
 /// as another, and nearly none at 1.7.
 #[test]
-fn unlike_focal_lengths_are_matched_up_to_a_limit() {
+fn unlike_focal_lengths_have_a_limit() {
     let measured = |times: f64| {
         let mut rig = Rig::paper();
         rig.cameras[0].focal_px = rig.cameras[0].focal_px.map(|f| times * f);

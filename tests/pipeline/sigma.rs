@@ -38,7 +38,7 @@ fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
 /// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), which is enough to
 /// distinguish 1 from 0.5 and 1.65. `trinocular bench robustness` measures many more pairs.
 #[test]
-fn sigma_is_true_where_noise_governs() {
+fn sigma_is_true_for_noise() {
     for noise_grey in [2.0, 6.0] {
         let mean_squares = normalised_errors(TextureKind::Blobs, noise_grey);
         for square in mean_squares {
@@ -54,7 +54,7 @@ fn sigma_is_true_where_noise_governs() {
 /// Overlapping windows do not share this error, so it averages out better than noise does, and
 /// sigma is smaller.
 #[test]
-fn sigma_is_true_where_interpolation_governs() {
+fn sigma_is_true_for_interpolation() {
     for noise_grey in [0.5, 2.0] {
         let mean_squares = normalised_errors(TextureKind::Natural, noise_grey);
         for square in mean_squares {
@@ -69,7 +69,7 @@ fn sigma_is_true_where_interpolation_governs() {
 /// The wire carries the same sigma: the station computes from the integers the value that the host
 /// computes.
 #[test]
-fn the_station_is_told_the_same_sigma() {
+fn station_gets_same_sigma() {
     use host::flow::{Flow, FlowSettings};
     use host::sums::Sums;
     use shared::estimate::midpoint;

@@ -96,7 +96,7 @@ fn measured() -> Vec<Row> {
 }
 
 #[test]
-fn results_are_those_committed() {
+fn results_match_committed_table() {
     let measured = measured();
     if std::env::var_os("REGENERATE").is_some() {
         let mut text = HEADER.to_owned();

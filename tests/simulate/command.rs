@@ -62,7 +62,7 @@ fn json_has_every_figure() {
 }
 
 #[test]
-fn a_missed_expectation_is_named_and_ends_with_1() {
+fn missed_expectation_exits_1() {
     let desk = Desk::with(&changed(
         "step.toml",
         "settle_ms = 250.0",
@@ -77,7 +77,7 @@ fn a_missed_expectation_is_named_and_ends_with_1() {
 }
 
 #[test]
-fn a_report_is_a_page_with_plots() {
+fn report_is_page_with_plots() {
     let desk = Desk::with("");
     let page = desk.path("page.html");
     let outcome = simulate(&["heartbeat.toml", "--report", &page]);

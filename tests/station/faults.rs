@@ -40,7 +40,7 @@ fn silent_host() -> Twin {
 
 /// Whichever fault was latched first, the worst one is shown, and its cause must go before a reset.
 #[test]
-fn worse_fault_behind_another_is_shown() {
+fn worst_fault_is_shown() {
     for (pressed, worse) in [(PRESSED, Fault::EmergencyStop), (OVERHEATED, Fault::Driver)] {
         let mut twin = silent_host();
         twin.set_switches(pressed);
@@ -90,7 +90,7 @@ fn reset_needs_every_cause_gone() {
 
 /// A limit switch trips at full speed, and a reset that was sent before arrives in the same tick.
 #[test]
-fn fault_is_named_before_it_can_be_cleared() {
+fn fault_is_named_before_reset() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([30, 0, 0])).unwrap();
     wait(&mut twin, 100);
@@ -121,7 +121,7 @@ fn fault_is_named_before_it_can_be_cleared() {
 
 /// A contact bounces while the fault is being cleared: the press falls into the tick of the reset.
 #[test]
-fn press_in_the_tick_of_a_reset_counts() {
+fn press_in_tick_of_reset_counts() {
     for pressed in [PRESSED, OVERHEATED] {
         let mut twin = twin();
         twin.set_switches(pressed);
@@ -143,7 +143,7 @@ fn press_in_the_tick_of_a_reset_counts() {
 }
 
 #[test]
-fn limit_in_the_ramp_of_a_silent_host_is_shown() {
+fn limit_in_silence_ramp_is_shown() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 300);

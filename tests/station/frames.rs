@@ -14,7 +14,7 @@ fn close(got: [f64; 3], want: [f64; 3]) -> bool {
 }
 
 #[test]
-fn frames_that_cannot_be_placed_in_time_are_refused_by_name() {
+fn untimed_frames_are_refused_by_name() {
     let mut twin = twin();
     wait(&mut twin, 1_000);
     let now = twin.now();
@@ -40,7 +40,7 @@ fn frames_that_cannot_be_placed_in_time_are_refused_by_name() {
 }
 
 #[test]
-fn the_gate_refuses_by_name() {
+fn gate_refuses_by_name() {
     use shared::estimate::Refusal;
     let mut twin = twin();
     wait(&mut twin, 500);
@@ -82,7 +82,7 @@ fn the_gate_refuses_by_name() {
 /// The stage moves between capture and frame, the target does not. With any latency the stage must
 /// end at the target.
 #[test]
-fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
+fn own_motion_is_not_target_motion() {
     let mut twin = twin();
     wait(&mut twin, 100);
     let reference = twin.now();
@@ -106,7 +106,7 @@ fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
 }
 
 #[test]
-fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
+fn matrix_and_invert_map_axes() {
     let stage = Stage {
         matrix: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
         invert: [true, false, true],
@@ -135,7 +135,7 @@ fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
 /// Cameras beside the stage do not move with it, so the stage copies the displacement instead of
 /// chasing it for ever.
 #[test]
-fn with_fixed_cameras_the_stage_copies_the_target() {
+fn fixed_cameras_copy_target() {
     let mut twin = Twin::start(&default_stage(), "twin", Mounting::Fixed).unwrap();
     wait(&mut twin, 100);
     let reference = twin.now();

@@ -42,7 +42,7 @@ fn finish(twin: &mut Twin, before: [i64; 3]) -> ([i64; 3], f64) {
 }
 
 #[test]
-fn jog_from_outside_moves_only_its_axis() {
+fn jog_from_outside_moves_one_axis() {
     let mut twin = outside();
     let before = twin.steps();
     twin.command("jog", jog([0.0, 1.0, -2.0])).unwrap();
@@ -50,7 +50,7 @@ fn jog_from_outside_moves_only_its_axis() {
 }
 
 #[test]
-fn jog_from_outside_goes_inwards_slowly() {
+fn jog_from_outside_is_slow() {
     let mut twin = outside();
     let outwards = denial(twin.command("jog", jog([-1.0, 0.0, 0.0])));
     assert_eq!(outwards, Denial::OutsideTravel { axis: 0 });
@@ -70,7 +70,7 @@ fn jog_from_outside_goes_inwards_slowly() {
 
 /// A narrower configuration leaves the stage at its position; setpoints lead inwards only.
 #[test]
-fn narrower_travel_moves_nothing_by_itself() {
+fn narrower_travel_moves_nothing() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 2_000);
@@ -103,7 +103,7 @@ fn no_target_is_followed_from_outside() {
 
 /// Homing of a homed stage is stopped in its search, beyond the soft limit.
 #[test]
-fn stopped_search_moves_no_axis_afterwards() {
+fn stopped_homing_moves_no_axis() {
     let mut stage = default_stage();
     let side = Side::Negative;
     let position_mm = -66.0;
@@ -125,7 +125,7 @@ fn stopped_search_moves_no_axis_afterwards() {
 
 /// During a move, a jog of another axis lets the first one continue to its goal.
 #[test]
-fn jog_in_mid_move_leaves_other_axes_their_goals() {
+fn jog_keeps_goals_of_other_axes() {
     let mut twin = twin();
     let before = twin.steps();
     twin.command("jog", jog([20.0, 0.0, 0.0])).unwrap();
@@ -136,7 +136,7 @@ fn jog_in_mid_move_leaves_other_axes_their_goals() {
 
 /// A jog shorter than the braking distance ends at that distance and does not return.
 #[test]
-fn short_jog_in_mid_move_does_not_turn_round() {
+fn short_jog_in_move_does_not_return() {
     let mut twin = twin();
     twin.command("jog", jog([50.0, 0.0, 0.0])).unwrap();
     wait(&mut twin, 200);
@@ -153,7 +153,7 @@ fn short_jog_in_mid_move_does_not_turn_round() {
 
 /// One axis stands on its switch, between two steps. The others can move at any time.
 #[test]
-fn axis_on_its_switch_does_not_hold_others() {
+fn axis_on_switch_holds_no_other() {
     for moment in 0..60 {
         let mut twin = twin();
         twin.command("jog", jog([5.0, 0.0, 0.0])).unwrap();
@@ -178,7 +178,7 @@ fn axis_on_its_switch_does_not_hold_others() {
 
 /// A jog does not take up the backlash of an axis that it does not name.
 #[test]
-fn backlash_of_an_axis_not_named_stays() {
+fn backlash_of_unnamed_axis_stays() {
     let mut stage = default_stage();
     stage.care.backlash_mm = [0.5, 0.3, 0.0];
     let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
@@ -197,7 +197,7 @@ fn backlash_of_an_axis_not_named_stays() {
 
 /// Before a home or zero the stage always stays within 10 mm of its position at power-on.
 #[test]
-fn window_stays_where_the_power_came_on() {
+fn window_stays_at_power_on() {
     let narrow = [0, 1, 2, 3];
     for kind in narrow {
         let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
@@ -253,7 +253,7 @@ fn window_stays_where_the_power_came_on() {
 
 /// The frames show a target at rest: even at nine million steps the stage stays at rest.
 #[test]
-fn still_target_far_from_zero_moves_nothing() {
+fn far_still_target_moves_nothing() {
     let mut stage = default_stage();
     stage.steps_per_mm = [50_000.0; 3];
     stage.max_speed_mm_s = [8.0; 3];

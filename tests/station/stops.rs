@@ -30,7 +30,7 @@ fn burst(twin: &mut Twin, commands: &[Command]) -> Vec<u16> {
 /// Commands that came before a stop and still wait are dropped and answered as dropped, wherever
 /// the control tick falls. The stop ends the motion of commands done before it.
 #[test]
-fn nothing_sent_before_a_stop_outlives_it() {
+fn commands_before_stop_are_dropped() {
     let before = [
         vec![Command::Reset],
         vec![Command::Reset, jog(20)],
@@ -73,7 +73,7 @@ fn nothing_sent_before_a_stop_outlives_it() {
 }
 
 #[test]
-fn frames_before_a_stop_are_refused() {
+fn frames_before_stop_are_refused() {
     let mut twin = twin();
     wait(&mut twin, 500);
     let ago = |ms: u64| Instant::from_micros(twin.now().micros() - 1_000 * ms);
@@ -91,7 +91,7 @@ fn frames_before_a_stop_are_refused() {
 }
 
 #[test]
-fn commands_after_a_stop_are_done_in_their_order() {
+fn commands_after_stop_keep_order() {
     let mut twin = twin();
     let sent = burst(&mut twin, &[jog(9), Command::Stop, Command::Reset, jog(1)]);
     wait(&mut twin, 500);
@@ -116,7 +116,7 @@ fn every_stop_of_a_tick_is_answered() {
 
 /// The station counts commands of one tick beyond eight, and answers without room.
 #[test]
-fn what_finds_no_room_is_counted_by_name() {
+fn overflow_is_counted_by_name() {
     let mut twin = twin();
     let sent = burst(&mut twin, &[jog(0); 40]);
     wait(&mut twin, 5);
@@ -174,7 +174,7 @@ fn only_pings_are_a_heartbeat() {
 /// The station's own start is no ping. This test uses a bare station, because the twin's host pings
 /// from the start.
 #[test]
-fn no_motion_begins_before_the_first_ping() {
+fn no_motion_before_first_ping() {
     let mut machine = Machine::new(Board {
         name: "bare",
         version: [0; 3],
@@ -212,7 +212,7 @@ fn no_motion_begins_before_the_first_ping() {
 
 /// A motion without a heartbeat would end in a fault at once, so none begins.
 #[test]
-fn no_motion_begins_without_a_heartbeat() {
+fn no_motion_without_heartbeat() {
     let mut twin = twin();
     twin.set_pings(false);
     wait(&mut twin, 200);

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn options_are_read() {
+    fn options_are_parsed() {
         let options = parse("--kind loop --lives 7 --seed 3 --threads 1 --markdown").expect("fine");
         assert_eq!(
             (options.kind, options.lives, options.seed),

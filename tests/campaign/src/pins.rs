@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn rising_step_counts_with_its_direction() {
+    fn rising_step_counts_with_direction() {
         let [step, dir] = [1 << 2, 1 << 0];
         let words = [dir, 0, step, step << 16, dir << 16, 0, step, step << 16];
         let (edges, short) = fed(&words, DriverTiming::A4988);

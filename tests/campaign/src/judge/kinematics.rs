@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_within_all_bounds_passes() {
+    fn motion_within_bounds_passes() {
         let mut all = ramp(0.5, 0.05, 6);
         let back = all.clone();
         all.extend(std::iter::repeat_n(0.0, 200));
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn each_bound_is_noticed() {
+    fn each_exceeded_bound_is_noticed() {
         let still = || std::iter::repeat_n(0.0, 300);
         assert_eq!(
             excess(ramp(0.5, 0.05, 12).into_iter().chain(still())),
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn stop_takes_no_longer_than_said() {
+    fn stop_lasts_at_most_as_stated() {
         // From 8 steps/tick at rest of acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
         let ticks = BOUNDS.stop_ticks(7.9, 0.0);
         assert!((25.0..30.0).contains(&ticks), "{ticks}");
