@@ -114,7 +114,7 @@ pub fn c_library(package: &str) -> PathBuf {
 
 fn build() -> PathBuf {
     let messages = cargo_build(|cargo| {
-        // What the test itself needed has been fetched, and the program needs no more.
+        // Building the test has already fetched all dependencies.
         cargo.args(["--offline", "--bin", "trinocular"]);
         match cfg!(feature = "camera") {
             true => cargo.args(["--features", "host/camera"]),

@@ -140,7 +140,7 @@ fn day_with_a_station() {
     assert_eq!(status["position_steps"], json!([0, 0, 0]));
     assert_eq!(status["next"], Value::Null);
 
-    // The station keeps its configuration; without the rig file here steps are all that is known.
+    // The station keeps its configuration, but without the rig file only steps are known here.
     let jog = desk.run("jog z=2 --json").ended(0, &[]).json();
     assert_eq!(jog["moved_steps"], json!([0, 0, 160]));
     assert_eq!(jog["position_mm"], Value::Null);
@@ -315,7 +315,7 @@ fn homing_finds_the_switches() {
     let home = "--rig home.toml --heartbeat 5000";
     let done = desk.run(&format!("home {home}"));
     done.ended(0, &["-59.0", "59.0", "homed"]);
-    // 2 mm to back off from 70 mm. At 2 mm/s the station looks every 0.16 steps.
+    // The stage backs off 2 mm from 70 mm. At 2 mm/s the station polls the switch every 0.16 steps.
     for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
         assert!((steps - side * 5_440).abs() <= 1, "{steps}");
     }
@@ -325,7 +325,7 @@ fn homing_finds_the_switches() {
     for steps in at["position_steps"].as_array().expect("three axes") {
         assert!(steps.as_i64().expect("steps").abs() <= 1, "{at}");
     }
-    // The middle is where the rails say, 9 mm from the start.
+    // The switches determine the middle, 9 mm from the start.
     for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
         assert!((steps - side * 720).abs() <= 1, "{steps}");
     }

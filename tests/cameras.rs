@@ -144,7 +144,7 @@ fn stamps_pair_images_and_losses_count() {
         let off_us = time_s * 1e6 - periods(*time_s) * PERIOD_US as f64;
         assert!(off_us.abs() <= 5.0, "{time_s} s: {off_us} us");
     }
-    // Which picture was the first is not known: one of the standing target, or a later one on a
+    // The number of the first image is unknown: one of the standing target, or a later one on a
     // slow computer.
     let error_mm = |first: i64| {
         let at = |n: i64| target_mm(usize::try_from(n).unwrap_or(0));
@@ -238,8 +238,8 @@ fn camera_faults_name_the_camera() {
         &["/dev/video90: has no images of 320 x 240", "160 x 120"],
     );
 
-    // Too many cameras for one USB line (ENOSPC), and one that another program has started
-    // meanwhile (EBUSY).
+    // One error is too many cameras for one USB line (ENOSPC), the other a camera that another
+    // program has started (EBUSY).
     for (errno, words) in [(28, "its USB line is full"), (16, "in use")] {
         let bench = Bench::new(["", &format!("start_error {errno}"), ""]);
         let outcome = Outcome::of(&mut bench.track(&[]));

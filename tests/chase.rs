@@ -241,7 +241,7 @@ impl Chase {
             let bytes = encode(&Packet { sequence, command }).unwrap();
             machine.receive(Instant::from_micros(now), &bytes);
         };
-        // Where the pins are at the end of each segment, from time zero on.
+        // Pin positions at the end of each segment, from time zero on.
         let mut path: Vec<[i64; 3]> = vec![[0; 3]; 1 + (DELAY_US / SEGMENT_US) as usize];
         let start_us = 100_000u64;
         let mut waiting: VecDeque<(u64, Frame)> = VecDeque::new();
@@ -261,7 +261,7 @@ impl Chase {
         let mut load = [0.0; 3];
         let end_us = start_us + (seconds * 1e6) as u64;
         let at_pins = |path: &[[i64; 3]], us: u64| -> [f64; 3] {
-            // path[k] is where the pins are at k SEGMENT_US + 12 µs.
+            // path[k] is the pin position at k SEGMENT_US + 12 µs.
             let us = us.saturating_sub(DELAY_US % SEGMENT_US);
             let (k, rest) = ((us / SEGMENT_US) as usize, us % SEGMENT_US);
             let a = path[k.min(path.len() - 1)];
@@ -306,13 +306,13 @@ impl Chase {
             if machine.fault().is_some() && run.faulted_s.is_none() {
                 run.faulted_s = Some((now as f64 - start_us as f64) * 1e-6);
             }
-            // What happens before the next segment is given out.
+            // Handle everything before the next segment is given out.
             let next = now + SEGMENT_US;
             while let Some(shot) = shots.next_if(|shot| start_us + shot.capture_us < next) {
                 let capture = start_us + shot.capture_us;
                 let at_s = shot.capture_us as f64 * 1e-6;
                 let goal = target(at_s);
-                // The motors stand in whole steps.
+                // The motors rest at whole steps.
                 let stands = |us| {
                     at_pins(&path, us).map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM)
                 };
@@ -325,7 +325,7 @@ impl Chase {
                         stage[axis] = stuck[axis] + self.slips * (stage[axis] - stuck[axis]);
                     }
                 }
-                // The load stays where it is until the motor has taken up the slack.
+                // The load rests until the motor has taken up the backlash.
                 for (load, motor) in load.iter_mut().zip(stage) {
                     let half = 0.5 * self.slack_mm;
                     *load = f64::clamp(*load, motor - half, motor + half);

@@ -116,7 +116,7 @@ fn track_follows_with_station_on_port() {
         .filter(|line| line["displacement_mm"].is_array())
         .count();
     assert!(used >= 5 && 2 * used > lines.len(), "{out}");
-    // It stood still after the last move it saw, or was on its way there; it moved at any rate, and
+    // It stood still after the last move it saw, or was on its way there. In any case it moved, and
     // never beyond the target.
     let steps = end.steps();
     assert!(
@@ -201,7 +201,7 @@ fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<
     end.unplug();
     std::thread::sleep(away);
     end.plug();
-    // Whoever does not read holds up the writer.
+    // An unread pipe would block the writer.
     for line in lines {
         line.expect("UTF-8");
     }
@@ -252,7 +252,7 @@ fn silent_or_missing_port_is_named() {
 #[test]
 fn auto_without_station_lists_ports() {
     let (_, ports, _) = run(&["ports", "--json"]);
-    // With a board on the desk there is nothing to see here; it must not be written to.
+    // With a real board connected this test is skipped, because it must not write to it.
     if !ports.contains("\"is_station\":true") {
         let (code, _, err) = run(&["hello", "--port", "auto"]);
         assert_eq!(code, Some(1), "{err}");

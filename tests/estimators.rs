@@ -167,12 +167,12 @@ fn degenerate_input_is_refused() {
         !centred(&rig, &[]).add(&[views[0][2], views[0][1], views[0][0]]),
         "behind the cameras"
     );
-    // One point in one place.
+    // All points at one position.
     let same = vec![views[0].clone(); 20];
     let mut sums = centred(&rig, &[]);
     for p in &same {
-        // three cameras still look from three places, but refitted positions differ by disparity
-        // only
+        // Three cameras still see the point from three positions, but refitted positions differ
+        // only in disparity.
         assert!(sums.add(p));
     }
     assert!(

@@ -270,8 +270,8 @@ fn machine(
                 .map(|steps| [steps <= -RAIL_STEPS, steps >= RAIL_STEPS]),
             ..Inputs::default()
         });
-        // A computer that is busy elsewhere stops the station's clock, too: no real board misses a
-        // heartbeat for that.
+        // A busy computer delays the station's clock as well, because no real board would miss a
+        // heartbeat then.
         let passed = last.elapsed().min(Duration::from_millis(10));
         last = Instant::now();
         let until = station.now().micros() + passed.as_micros() as u64;

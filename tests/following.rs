@@ -63,7 +63,7 @@ fn step_settles_without_overshoot() {
             let took = settled(&run, [0.03, 0.03, 0.08]) - first_picture(1.01);
             println!("{name} step: settled after {took:.3} s, overshoot {over:.4?} mm");
             assert!(took <= 0.25, "{name}: {took} s");
-            // 5 %, and what noise makes of a rest.
+            // The bound is 5 % and the noise at rest.
             assert!(each([0.2, 0.2, 0.05 + 0.08], over), "{name}: {over:?}");
         }
     }
@@ -103,7 +103,7 @@ fn steady_motion_is_followed_without_lag() {
 #[test]
 fn still_target_keeps_motors_quiet() {
     for seed in SEEDS {
-        // In the middle of a step, and between two.
+        // The target rests in the middle of a step, or between two.
         let run = match seed % 2 {
             0 => Chase::new(seed).follow(|_| [0.0; 3], 20.0),
             _ => Chase::new(seed).follow(|t| [0.5 * t.min(0.0125); 3], 20.0),
@@ -175,7 +175,7 @@ fn single_outlier_is_refused() {
         "{:?}",
         moving.rms(1.0)
     );
-    // From frame 90 on, all of them.
+    // All frames from number 90 on are wrong.
     chase.wrong = Some((90, u64::MAX, [5.0, -5.0, 5.0]));
     let jumped = chase.follow(|_| [0.0; 3], 3.0);
     assert_eq!(jumped.denials, [Denial::Outlier]);
@@ -191,7 +191,7 @@ fn single_outlier_is_refused() {
 
 #[test]
 fn target_beyond_limits_stops_at_limit() {
-    // 30 mm/s to 69 mm and back; the stage ends at 60.
+    // The target moves at 30 mm/s to 69 mm and back; the stage's limit is 60 mm.
     let run = Chase::new(1).follow(
         |t| {
             let way = 30.0 * t;

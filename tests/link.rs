@@ -244,8 +244,8 @@ fn chunking_does_not_change_packets() {
 #[test]
 fn data_loss_sandwich() {
     let (packets, bytes) = stream();
-    // Every single byte lost in turn: the packet it was in is gone, all others arrive. Without its
-    // closing zero not even that, because the next packet begins with one.
+    // Every byte is lost in turn: its packet is gone, all others arrive. A lost closing zero loses
+    // no packet, because the next packet begins with a zero.
     let all = bytes.concat();
     for lost in 0..all.len() {
         let mut damaged = all.clone();
@@ -307,7 +307,7 @@ fn rejects_are_counted_by_reason() {
             }
         )
     );
-    // A sound packet with a variant that does not exist, and one with a byte too many.
+    // A valid packet with an unknown variant, and one with an extra byte.
     let unknown = encode(&(0x0102u16.to_le_bytes(), 200u8)).unwrap();
     let longer = encode(&(0x0102u16.to_le_bytes(), 0u8, 0u8)).unwrap();
     assert_eq!(

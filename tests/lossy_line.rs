@@ -78,7 +78,7 @@ fn packets(end: &FarEnd) -> Vec<Packet> {
 
 #[test]
 fn lost_stop_is_repeated_as_new_packet() {
-    // One is sent at the start, before anything moves.
+    // The client sends one stop at the start, before anything moves.
     let mut stops = 0;
     let end = station_behind(
         move |packet| {
@@ -106,7 +106,7 @@ fn lost_stop_is_repeated_as_new_packet() {
 
 #[test]
 fn first_answer_to_any_stop_counts() {
-    // The answers to the first stops in motion are lost, not the stops.
+    // The line loses the first answers to a stop in motion, not the stops.
     let mut answers = 0;
     let mut moves = false;
     let end = station_behind(
@@ -117,7 +117,7 @@ fn first_answer_to_any_stop_counts() {
             }
             let is_answer = matches!(report, Report::Answer { .. }) && moves;
             answers += usize::from(is_answer);
-            // The first answers the command to move.
+            // The first answer is for the motion command.
             (!is_answer || !(2..=4).contains(&answers)).then_some(report)
         },
     );
@@ -328,7 +328,7 @@ fn implausible_number_is_named() {
             report
         })
     };
-    // Only once the station is in use.
+    // Alter reports only once the station is in use.
     let later = |alter: fn(&mut Report)| {
         let mut reports = 0;
         follow(move |mut report| {
@@ -370,7 +370,7 @@ fn implausible_number_is_named() {
             "",
         ),
         (
-            // So little that only the world's clock shows it.
+            // The error is so small that only the extended clock shows it.
             later(|report| {
                 if let Report::Status(status) = report {
                     status.time = status.time.plus_micros(5_000_000);

@@ -122,7 +122,7 @@ fn retargets_at_1_khz_keep_limits() {
             "{} steps; speed, acceleration, jerk of the limits: {reached:.3?}",
             edges.len()
         );
-        // The limits were tested, for they were reached.
+        // The motion reached the limits, so they were tested.
         assert!(edges.len() > 20_000 && reached.iter().all(|share| *share > 0.9));
     }
 }

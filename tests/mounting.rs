@@ -79,7 +79,7 @@ fn turned_stage_is_found_within_3_sigma() {
             "{mirrored} mirrored: {off:.2} sigma off, sigma {}",
             found["fit"]["sigma"]
         );
-        // The rig file has it, and its comment still.
+        // The rig file has the new matrix and still its comment.
         let text = std::fs::read_to_string(desk.path().join("new.toml")).expect("it was written");
         assert!(text.starts_with("# our bench\n"));
         let written = RigFile::parse(Path::new("new.toml"), &text).expect("a rig file");

@@ -98,7 +98,7 @@ fn stop_ends_motion_of_last_frame() {
     };
     let (stopped, ran_on) = (end(true), end(false));
     println!("{stopped:.3} mm beyond the last picture's target after a stop, {ran_on:.3} without");
-    // A period and the frame's latency, and the ramp.
+    // The bound is one period, the frame's latency, and the ramp.
     assert!((0.0..=1.0).contains(&stopped), "{stopped}");
     assert!(ran_on > 5.0, "{ran_on}");
 }

@@ -82,8 +82,8 @@ impl Recording {
             }
             panic!("twin and emulated processor differ at {text}\n{closer}");
         }
-        // On request the image tells all edges of a segment: those of the one that steps most are
-        // the same, too.
+        // On request the image prints all edges of a segment. Those of the segment with most steps
+        // must agree, too.
         let busiest = |record: &Record| match record {
             Record::Digest(at, digest) => {
                 Some((digest.edges.rises.map(u32::from).iter().sum::<u32>(), *at))

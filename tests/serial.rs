@@ -121,7 +121,7 @@ fn other_firmware_is_named_and_not_moved() {
         }
         other => panic!("{other:?}"),
     }
-    // Hellos with their leading zeros came, and nothing else.
+    // The board received hellos with their leading zeros and nothing else.
     let received = end.received();
     assert!(!received.is_empty());
     let longest = received.split(|byte| *byte == 0).map(<[u8]>::len).max();
@@ -247,7 +247,7 @@ fn restarted_station_is_not_moved() {
         serial.resume(),
         Err(StationError::Restarted { .. })
     ));
-    // Starting again is a decision; the new station is at rest where the old one stood.
+    // The caller may start anew; the new station is at rest at the position of the old one.
     drop(serial);
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([1, 0, 0])).unwrap();
@@ -268,7 +268,7 @@ fn abandoned_motion_is_stopped_first() {
     arrived(&serial, [0, 80, 0]);
     assert_eq!(end.steps(), [stood[0], 80, 0]);
     drop(serial);
-    // Left alone while it moved, it has a fault to tell of.
+    // The station was left moving, so it reports a fault.
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
@@ -319,7 +319,7 @@ fn emulated_board_makes_exact_steps() {
     arrived(&serial, [0, 800, -240]);
     let (_, bound_us) = serial.offset_us().expect("pongs came");
     println!("time sync to {bound_us} us");
-    // The trace is written every 100 ms; the packets go on, so does the time.
+    // The trace is written every 100 ms; the packets continue meanwhile.
     let tick = serial.status().expect("a status").tick;
     wait(&serial, |status| status.tick > tick + 500);
     drop(serial);

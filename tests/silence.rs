@@ -39,7 +39,7 @@ fn bound_mm(v: f64, most: f64) -> f64 {
 
 /// Silences the host now and returns the distance that each axis moves until rest, mm.
 fn silence(twin: &mut Twin) -> [f64; 3] {
-    // A ping now: the last one.
+    // Send the last ping now.
     let host_us = twin.now().micros();
     twin.send(Command::Ping { host_us });
     twin.set_pings(false);
@@ -81,7 +81,7 @@ fn silence_at_random_times_keeps_bound() {
     let (mut worst, mut farthest, mut speeding) = (0.0f64, 0.0f64, 0);
     for _ in 0..1_000 {
         let mut twin = Twin::start(&stage(most), "twin", Mounting::OnStage).expect("it starts");
-        // A few targets one after the other, some in mid-move.
+        // Several targets follow one another, some in mid-move.
         for _ in 0..1 + random.below(4) {
             let position_um = [(); 3].map(|()| random.between(-200e3, 200e3) as i32);
             twin.command("setpoint", Command::Setpoint { position_um })
@@ -93,14 +93,14 @@ fn silence_at_random_times_keeps_bound() {
             let before = twin.position_mm();
             twin.advance(twin.now().plus_micros(1_000));
             let after = twin.position_mm();
-            // Read off whole steps, each of which may just have been missed.
+            // The speed is measured in whole steps, each of which may just have been missed.
             std::array::from_fn(|i| ((after[i] - before[i]).abs() + 2.0 / 1_600.0) * 1e3)
         };
         let earlier = speed(&mut twin);
         let now = speed(&mut twin);
         let ways = silence(&mut twin);
         for axis in 0..3 {
-            // What is on its way to the pins is a little faster yet.
+            // The axis may accelerate further during the words queued for the pins.
             let bound = bound_mm((now[axis] + 2_000.0 * RING_S).min(most), most);
             assert!(
                 ways[axis] <= bound,

@@ -80,7 +80,7 @@ fn runs_repeat_exactly_per_seed() {
 #[test]
 fn each_bound_is_judged() {
     let mut scenario = read("step.toml").with_points();
-    // Over the jumps, so that no figure is zero.
+    // Measure over the jumps, so that no figure is zero.
     scenario.measure.from_s = 0.0;
     let run = live(&scenario, true);
     let figures = Figures::of(&scenario, &run.trace);
@@ -158,7 +158,7 @@ fn scenario_replays_match_twin() {
 
 fn agree_in_qemu(name: &str) {
     let scenario = read(name);
-    // The station never learns where its sums come from.
+    // The station does not know the source of its sums.
     let scenario = match scenario.cameras.sight {
         Sight::Rendered { .. } => scenario.with_points(),
         Sight::Points { .. } => scenario,

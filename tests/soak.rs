@@ -133,10 +133,10 @@ impl Soak {
             3 => {
                 self.twin.send(Command::Stop);
             }
-            // Nothing is seen for a while.
+            // The target is hidden for a while.
             _ => self.pass(700_000),
         }
-        // Captures that were under way meanwhile are lost.
+        // Captures in progress are lost.
         self.waiting.clear();
         self.pass(50_000);
         self.twin.set_switches(Inputs::default());
@@ -169,7 +169,7 @@ fn memory_and_latency_hold_for_an_hour() {
         faults: 0,
         used: 0,
     };
-    // The latencies' own memory, touched once and for all: with zeros it would not be.
+    // Touch the memory for the latencies once; zeros would not allocate it.
     soak.latencies_us.resize(1 << 20, 1);
     soak.latencies_us.clear();
     let mut marks = Vec::new();
@@ -201,7 +201,7 @@ fn memory_and_latency_hold_for_an_hour() {
     }
     assert!(soak.faults as u64 >= minutes, "{} faults", soak.faults);
     assert!(used as u64 > minutes * 2_000, "{used} frames used");
-    // The first minute is for buffers that find their size.
+    // In the first minute buffers reach their size.
     let (settled, end) = (&marks[marks.len() / 12], &marks[marks.len() - 1]);
     if let (Some(before), Some(after)) = (settled.0, end.0) {
         assert!(
@@ -209,7 +209,7 @@ fn memory_and_latency_hold_for_an_hour() {
             "{before} KiB become {after} KiB"
         );
     }
-    // A frame waits for a control tick, at most; nothing more with time.
+    // A frame waits for one control tick at most, however long the run.
     let (first, last) = (marks[0].3, end.3);
     let within = |a: Option<u32>, b: Option<u32>| a.zip(b).is_some_and(|(a, b)| b <= a + 1_000);
     assert!(

@@ -94,10 +94,10 @@ fn unreachable_target_is_following_error() {
         (last.fault, last.state, last.trust),
         (Some(Fault::FollowingError), State::Faulted, Trust::Homed)
     );
-    // It stopped on the way.
+    // The stage stopped on the way.
     let stood = run.samples.last().expect("samples").stage_mm();
     assert!(stood[0] > 5.0 && stood[0] < 45.0, "{stood:?}");
-    // For a longer time it may be so far away.
+    // Over a longer time the stage may be this far away.
     chase.care.longest_error_s = 2.0;
     assert_eq!(fault(&chase.follow(dash, 2.0)), None);
 }
@@ -144,7 +144,7 @@ fn stall_is_found_at_20_to_1000_fps() {
         for (name, target, stalls_s) in
             [("step", step, 0.0), ("lissajous", lissajous as Target, 3.0)]
         {
-            // At 20 frames per second a twentieth of the steps brings the target nearer first.
+            // At 20 frames per second a twentieth of the steps first brings the target nearer.
             let slips = if frames_per_s < 60.0 {
                 vec![0.0]
             } else {

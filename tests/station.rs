@@ -127,7 +127,7 @@ fn unconfigured_stage_does_not_move() {
         Denial::PositionUnknown
     );
     assert_eq!(twin.steps(), [0; 3]);
-    // A jog is allowed, slowly: 2 mm at 5 mm/s take 0.4 s and not 0.05 s.
+    // A slow jog is allowed: 2 mm at 5 mm/s take 0.4 s instead of 0.05 s.
     twin.command(
         "jog",
         Command::Jog {
@@ -328,7 +328,8 @@ fn emergency_stop_degrades_position() {
     twin.set_switches(pressed);
     wait(&mut twin, 3);
     let after = twin.steps()[0];
-    // The rest of the present tick and what was queued: at 100 mm/s at most 2 ms, 16 steps.
+    // The bound is the rest of the present tick and the queued words: at 100 mm/s at most 2 ms, 16
+    // steps.
     assert!(after - before <= 20, "{}", after - before);
     wait(&mut twin, 200);
     assert_eq!(twin.steps()[0], after);

@@ -91,7 +91,7 @@ fn wrong_signs_are_named() {
 
 #[test]
 fn rotations_from_60_degrees_are_named() {
-    // At 60 degrees the loop takes its time to shake.
+    // At 60 degrees the oscillation grows slowly.
     for (degrees, most_s) in [
         (60.0, 4.0),
         (75.0, 3.0),

@@ -48,7 +48,8 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
 #[test]
 fn predicted_sigma_matches_measured() {
     let (sharp, soft) = (Texture::natural(3), Texture::blobs(3));
-    // Where interpolation governs, windows do not share their errors and less is stated.
+    // If interpolation errors dominate, windows do not share their errors and the stated sigma is
+    // smaller.
     assert_predicted(&sharp, 500.0, 2.0, 0.7);
     assert_predicted(&sharp, 850.0, 0.5, 0.5);
     assert_predicted(&sharp, 1400.0, 2.0, 0.7);

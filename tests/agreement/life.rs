@@ -206,7 +206,7 @@ impl Life {
         for _ in 0..count {
             let pause = 1_000 + self.random.below(4_000);
             self.wait(pause);
-            // Mostly the keyframe stays. Sometimes the previous picture becomes the new one, which
+            // Mostly the keyframe stays. Sometimes the previous image becomes the new one, which
             // the station knows if it used it.
             let status = self.twin.status();
             let used = status.and_then(|status| status.estimate.map(|e| e.sequence));
@@ -268,7 +268,7 @@ impl Life {
                 self.twin.write(noise.as_flattened());
             }
             4 => {
-                // Two halves, a while apart.
+                // Send two halves with a pause between them.
                 self.twin.write(&bytes[..at]);
                 self.wait(1_300);
                 bytes.drain(..at);
@@ -295,7 +295,7 @@ fn jog(um: i32) -> Command {
 const EVENTS: [fn(&mut Life); 20] = [
     |life| life.send(Command::Stop),
     |life| {
-        // Frames go on after a stop, and are refused.
+        // Frames continue after a stop and are refused.
         life.send(Command::Stop);
         life.follow(15);
     },
@@ -326,7 +326,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(40);
     },
     |life| {
-        // A whole new stage: other scale, one axis turned round, cameras beside it.
+        // Change the whole stage: another scale, one axis inverted, fixed cameras.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -348,7 +348,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.send(Command::Zero);
     },
     |life| {
-        // Setpoints in mid-move.
+        // Send setpoints in mid-move.
         for k in 0..20 {
             let um = 1_000 * (k % 7) - 2_500;
             life.send(Command::Setpoint {
@@ -358,14 +358,14 @@ const EVENTS: [fn(&mut Life); 20] = [
         }
     },
     |life| {
-        // More commands than one tick takes.
+        // Send more commands than one tick takes.
         for _ in 0..14 {
             life.twin.send(jog(100));
         }
         life.wait(50_000);
     },
     |life| {
-        // Onto a tripped limit switch, from rest.
+        // Move onto a tripped limit switch, from rest.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -377,12 +377,12 @@ const EVENTS: [fn(&mut Life); 20] = [
     },
     |life| life.twin.write(&[0x55; 700]),
     |life| {
-        // The host starts anew, with any number.
+        // The host reconnects with any sequence number.
         life.twin.send(Command::Hello);
         life.follow(5);
     },
     |life| {
-        // Lost motion, and home switches that are found.
+        // Backlash, and homing on switches.
         life.become_loose();
         life.find_home(usize::MAX);
         life.follow(20);
@@ -393,14 +393,14 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(40);
     },
     |life| {
-        // A stop in the middle of the search; its state must end with it.
+        // A stop during homing must end the homing state.
         life.become_loose();
         life.find_home(700);
         life.send(Command::Stop);
         life.follow(5);
     },
     |life| {
-        // Nothing there.
+        // Homing without any switch.
         life.become_loose();
         life.send(Command::Home {
             axes: [false, true, false],
@@ -408,7 +408,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.wait(1_500_000);
     },
     |life| {
-        // A stop is the last word: what came before it in one write is dropped.
+        // A stop drops the commands before it in the same write.
         life.send(Command::Stop);
         life.wait(400_000);
         for command in [Command::Reset, jog(9_000), Command::Zero, Command::Stop] {
@@ -417,7 +417,8 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.wait(100_000);
     },
     |life| {
-        // The stop is pressed behind a silent host's fault; noise; a reset that must be denied.
+        // The emergency stop is pressed during a heartbeat fault; noise follows; a reset must be
+        // denied.
         life.twin.send(jog(9_000));
         life.twin.set_pings(false);
         life.wait(300_000);
@@ -430,7 +431,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.send(Command::Reset);
     },
     |life| {
-        // An axis outside its travel: others move, it comes back inwards only.
+        // An axis outside its travel: others move, and it moves inwards only.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -446,7 +447,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(5);
     },
     |life| {
-        // Motors off, by command and after a rest.
+        // Switch the motors off, by command and after a rest.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);

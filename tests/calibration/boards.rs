@@ -120,8 +120,8 @@ fn grey(u: f64, v: f64) -> f64 {
         u / SQUARE_MM + sides[0] / 2.0,
         v / SQUARE_MM + sides[1] / 2.0,
     ];
-    // From -1 to 1 and back at every whole number, and from 0 to 1 where a distance becomes
-    // positive.
+    // `wave` alternates between -1 and 1 at whole numbers; `step` goes from 0 to 1 where a distance
+    // becomes positive.
     let wave = |a: f64| {
         let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
         sign * ((a - a.round()) * SQUARE_MM / SOFT_MM).tanh()

@@ -59,7 +59,7 @@ fn partial_board_is_not_found() {
     let whole = eye.view(&pose, 1);
     assert!(find(&whole, &BOARD, None).is_ok());
     let mut covered = whole.clone();
-    // A hand before a quarter of the board.
+    // A dark patch covers a quarter of the board, like a hand.
     for row in 60..180 {
         covered.grey[row * whole.width + 100..][..140].fill(120);
     }
@@ -123,8 +123,8 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
     assert_eq!(got.len(), moves.len() - 1);
     for (line, truth) in got.iter().zip(&moves[1..]) {
         let got = numbers(line, "displacement_mm");
-        // What a parallel rig may be off by, and one per cent of the way: three times what the
-        // calibration's own sigma makes of it (a third of a degree about y).
+        // The bound is that of a parallel rig plus one per cent of the displacement: three times
+        // the effect of the calibration's own sigma (a third of a degree about y).
         let way = truth.iter().map(|t| t * t).sum::<f64>().sqrt();
         for (i, tolerance) in [0.02, 0.02, 0.05].into_iter().enumerate() {
             let error = (got[i] - truth[i]).abs();
@@ -138,7 +138,7 @@ fn crooked_rig_is_calibrated() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let rig = crooked_rig();
     photograph(&desk.path().join("boards"), &rig, &TRINOCULAR, 14);
-    // One image of a blank wall, one that is no image.
+    // Add one image of a blank wall and one file that is no image.
     let wall = host::images::Image {
         width: 480,
         height: 360,
@@ -194,8 +194,8 @@ fn crooked_rig_is_calibrated() {
     {
         let [x, y] = camera.offset_mm;
         assert_true(stand, "offset_mm", "offset_sigma_mm", &[x, y, 0.0]);
-        // About y the rig's own axes lie a little elsewhere: they are found from the cameras'
-        // places, as sigma says.
+        // The rig's own axes differ slightly about y, because they follow from the cameras'
+        // positions, with the stated sigma.
         assert_true(
             stand,
             "rotation_deg",
@@ -210,7 +210,7 @@ fn crooked_rig_is_calibrated() {
     );
 
     assert_measures(desk.path(), &rig, "rig.toml");
-    // What was written for others is the same rig.
+    // The files for other programs describe the same rig.
     let own = RigFile::read(&desk.path().join("rig.toml")).expect("a rig file");
     for (folder, ending) in [("cv", "yml"), ("ros", "yaml")] {
         let files = TRINOCULAR.map(|name| format!("{folder}/{name}.{ending}"));
@@ -337,7 +337,7 @@ fn images_of_different_times_make_no_rig() {
     let boards = desk.path().join("boards");
     photograph(&boards, &crooked_rig(), &["left", "right"], 9);
     let right = boards.join("right");
-    // Each camera alone is as good as before: only the names are those of the next instant.
+    // Each camera alone is as good as before; only the names are those of the next instant.
     for index in 0..9 {
         let from = right.join(format!("{index:02}.png"));
         fs::rename(from, right.join(format!("{:02}.tmp", (index + 1) % 9))).expect("renamed");

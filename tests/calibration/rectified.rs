@@ -61,8 +61,7 @@ fn exact_points_give_exact_result() {
             largest([0, 1, 2].map(|i| got[i] - moved[i]))
         };
         assert!(error(&rig) < 1e-9, "{moved:?}: {} mm", error(&rig));
-        // The test can fail: taken for parallel, the same cameras are wrong by a good part of a
-        // millimetre.
+        // Control: treated as parallel, the same cameras are wrong by a good part of a millimetre.
         assert!(
             error(&Rig::paper()) > 0.1,
             "{moved:?}: {} mm",

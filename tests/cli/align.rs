@@ -82,7 +82,7 @@ fn align_prints_offsets_and_writes_rig() {
         let error = camera.principal_px[1] - height;
         assert!(error.abs() <= 0.02, "{error} px");
     }
-    // Nothing is left for a second alignment.
+    // A second alignment finds no offset.
     fs::copy(desk.path("aligned.toml"), desk.path("rig.toml")).expect("the desk");
     let again = &align(&desk, &["--json"]).json()[0];
     for camera in again["cameras"].as_array().expect("a list") {
@@ -116,7 +116,7 @@ fn json_has_offsets_and_sigma() {
     let [before, after] =
         ["before_percent", "after_percent"].map(|when| penalty(when, "closed_form"));
     assert!(before > 50.0 && after < 0.1 * before, "{before} {after}");
-    // What a scene shows costs the midpoint nothing.
+    // Offsets that a scene reveals cost the midpoint nothing.
     assert!(penalty("before_percent", "midpoint") < 1e-6);
     assert!((0.1..0.2).contains(&penalty("tenth_px_percent", "midpoint")));
     assert_eq!(outcome.stdout, align(&desk, &["--json"]).stdout);
@@ -204,7 +204,7 @@ fn photographs_show_errors_of_rig_file() {
             .collect()
     };
     let right = offsets(&text);
-    // Left is 6 px too high and 3 px too far left. Of the latter, with equal baselines, half shows
+    // Left is 6 px too high and 3 px too far left. With equal baselines, half of the latter shows
     // in left and half in right.
     let wrong = offsets(&text.replacen("[224.5, 187.0]", "[221.5, 181.0]", 1));
     let expected = [[1.5, 6.0], [0.0, 0.0], [1.5, 0.0]];

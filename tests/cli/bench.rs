@@ -55,7 +55,7 @@ fn folder_is_timed_as_often_as_asked() {
     assert_eq!(one["captures"], 3);
     assert_eq!(one["threads"], 1);
     assert_eq!(one["refused"], 0);
-    // Threads share the work; what is found is the same.
+    // Threads share the work without changing the result.
     let two = report(&bench(&[&with_rig[..], &["--threads", "2"]].concat()));
     assert_eq!(two["threads"], 2);
     assert_eq!(two["points"], one["points"]);

@@ -30,7 +30,7 @@ fn mismatch_with_rig_fails_before_opening() {
     let outcome = run(desk.folder.path(), &two);
     outcome.failed(2, &["2 devices", "3 cameras", "left, middle, right"]);
     assert_eq!(track(&desk, &[]).code, Some(2));
-    // By whatever name.
+    // One device given twice is recognised under any name.
     let (left, middle) = (desk.path("left"), desk.path("middle"));
     fs::write(&left, "").expect("ours");
     symlink(&left, &middle).expect("ours");
@@ -41,7 +41,7 @@ fn mismatch_with_rig_fails_before_opening() {
     }
     track(&desk, &["--rig", "rig.toml", "--window", "17"]).failed(2, &["--window is 17"]);
     track(&desk, &["--rig", "rig.toml", "--delay", "-101"]).failed(2, &["--delay is -101"]);
-    // What a real stage is must be known; nothing is opened or moved.
+    // A real stage must be described in the rig file; no device is opened or moved.
     let port = ["--rig", "rig.toml", "--port", "/dev/no-port"];
     track(&desk, &port).failed(1, &["rig.toml", "[stage]"]);
     let fixed = ["--rig", "rig.toml", "--fixed"];

@@ -141,7 +141,7 @@ mod unix {
             let mut verify = trinocular();
             verify.args(["verify", "/dev/stdin"]).stdin(output);
             let outcome = trinocular_tests::binary::Outcome::of(&mut verify);
-            // With it goes the reading end, without which the writer ends.
+            // Dropping it closes the reading end, so the writer ends.
             drop(verify);
             let _ = writer.wait();
             outcome

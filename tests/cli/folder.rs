@@ -119,7 +119,7 @@ fn frame_sets_are_measured_from_first() {
     assert_moved(&lines[0], [4.0, 4.0, 1.0]);
     assert_moved(&lines[1], [8.0, 8.0, 2.0]);
     assert_moved(&lines[2], [-3.0, 5.0, -2.0]);
-    // Frame by frame, so that the same images always give the same lines.
+    // Frame sets are processed in order, so the same images always give the same lines.
     assert_eq!(outcome.stdout, estimate(&desk, &["--json"]).stdout);
     let first = estimate(&desk, &["--json", "--reference", "first"]);
     assert_eq!(outcome.stdout, first.stdout);
@@ -146,8 +146,8 @@ fn paper_methods_work_on_images() {
         assert_eq!(line["method"], method);
         assert!(line["sigma_mm"].is_null());
         let moved = line["displacement_mm"].as_array().expect("a displacement");
-        // Their z comes from a small difference and leaks into x; the signs and the size must be
-        // right.
+        // Their z comes from a small difference and leaks into x, so only signs and magnitude are
+        // checked.
         for (got, expected) in moved.iter().zip([2.0, -1.0]) {
             assert!(
                 (got.as_f64().expect("a number") - expected).abs() < 0.5,
@@ -170,7 +170,7 @@ fn refused_frame_set_does_not_end_run() {
     assert_eq!(lines[1]["frame"], 2);
     assert_moved(&lines[1], [4.0, 4.0, 1.0]);
 
-    // Against the previous capture the blank one spoils two frames.
+    // Measured against the previous frame set, the blank one spoils two frames.
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(1));
     outcome.complained(&["2 of 2 frames refused"]);
@@ -232,11 +232,11 @@ fn missing_image_is_reported() {
     assert_moved(&lines[0], moved[0]);
     assert_moved(&lines[1], moved[1]);
     assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
-    // The paper's methods need all three, and the refusal says which one there was not.
+    // The paper's methods need all three cameras, and the refusal names the missing one.
     let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
     let refused = outcome.json()[0]["refused"].to_string();
     assert!(refused.contains(warning), "{refused}");
-    // A single one is too few: that frame alone is refused.
+    // A single image is too few: only that frame set is refused.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("it was there");
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -282,7 +282,7 @@ fn unreadable_image_is_reported() {
     assert_moved(&lines[1], moved[1]);
     assert_moved(&lines[2], moved[2]);
 
-    // Nothing is measured against it, either.
+    // The unreadable one does not become the keyframe, either.
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(1));
     let lines = outcome.json();

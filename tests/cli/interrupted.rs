@@ -41,7 +41,7 @@ fn signal_in_writing_mixes_no_files() {
             .stderr(Stdio::null())
             .spawn()
             .expect("it runs");
-        // At any moment of a run, and a little later.
+        // Send the signal at any moment of a run, and a little later.
         std::thread::sleep(whole * (attempt % 50) / 40);
         signal(&program, ["TERM", "INT", "QUIT"][attempt as usize % 3]);
         match program.wait().expect("it ends").success() {

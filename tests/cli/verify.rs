@@ -88,7 +88,7 @@ fn json_has_every_prediction() {
         let value = &depths[0]["sigma_mm"][points][axis];
         value.as_f64().expect("a number")
     };
-    // Four times the points: half the sigma, and a little more for windows that overlap.
+    // Four times the points give half the sigma, and a little more because windows overlap.
     let gain = sigma(0, 2) / sigma(1, 2);
     assert!((1.7..2.0).contains(&gain), "{gain}");
     assert!(sigma(0, 2) > 3.0 * sigma(0, 0));
@@ -217,7 +217,7 @@ fn stage_that_station_refuses_exits_1() {
         named(&outcome.json()[0], "refusal"),
         ["stage.max_speed_mm_s[2]"]
     );
-    // Nor is the host then free to fall silent for no time at all.
+    // The stated heartbeat timeout stays above zero.
     desk.change("rig.toml", "[[1.0, 0.0, 0.0]", "[[5.0, 0.0, 0.0]");
     let screen = verify(&desk, &[]).stdout;
     assert!(screen.contains("matrix[0][0]"), "{screen}");

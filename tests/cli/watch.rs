@@ -73,7 +73,7 @@ fn growing_folder_equals_complete_one() {
     give(&desk, 0);
     for (number, expected) in (1..).zip(&complete) {
         give(&desk, number);
-        // Only when the program has followed this one the next is given.
+        // Add the next frame set only after the program has followed this one.
         let line = lines.next().expect("a line").expect("UTF-8");
         let line: Value = serde_json::from_str(&line).expect("JSON");
         assert_eq!(&line, expected);
@@ -108,7 +108,7 @@ fn bad_or_missing_files_are_named() {
         "track", "--watch", "views", "--rig", "rig.toml", "--idle", "1",
     ];
     let images = ["track", "--images", "views", "--rig", "rig.toml"];
-    // A capture that cannot be read is named and does not end the others.
+    // An unreadable frame set is named and does not end the run.
     for arguments in [&watch[..], &images] {
         let outcome = run(desk.folder.path(), arguments);
         outcome.failed_after_notes(1, &["views: 1 of 2 frames refused"]);
@@ -117,7 +117,7 @@ fn bad_or_missing_files_are_named() {
         assert_eq!(outcome.stdout.lines().count(), 2, "{}", outcome.stdout);
         assert!(outcome.stdout.trim_end().ends_with("used"));
     }
-    // Unless it is the first, which the others are measured against.
+    // An unreadable first one ends it, because the others are measured against it.
     let first = fs::read(desk.path("views/right/0000.pgm")).expect("it was drawn");
     desk.write("views/right/0000.pgm", "P5\n320 240\n255\ntoo short");
     for arguments in [&watch[..], &images] {
@@ -139,7 +139,7 @@ fn bad_or_missing_files_are_named() {
     }
     assert_eq!(outcomes[0].stdout, outcomes[1].stdout);
 
-    // One with a single view is passed over.
+    // A frame set with a single image is skipped.
     fs::remove_file(desk.path("views/left/0001.pgm")).expect("ours");
     let outcome = run(desk.folder.path(), &watch);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);

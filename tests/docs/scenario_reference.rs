@@ -15,7 +15,7 @@ const HEAD: &str = "title = \"t\"\nseed = 1\n";
 const TARGET: &str = "[[target]]\nmotion = \"still\"\nseconds = 1\n";
 const EXPECT: &str = "[expect]\n";
 
-/// Fields that the parser knows in the section of the unknown one.
+/// Returns the fields that the parser knows in the section of the unknown one.
 #[track_caller]
 fn fields(text: &str) -> BTreeSet<String> {
     let outcome = judged(text, &["simulate", "{}", "--points"]);
@@ -23,7 +23,7 @@ fn fields(text: &str) -> BTreeSet<String> {
     known(&outcome.stderr)
 }
 
-/// Names of the kinds of a field, from the table of the section that lists them.
+/// Returns the names of the kinds of a field, from the table of the section that lists them.
 fn kinds(section: &str, field: &str) -> Vec<String> {
     let page = Page::read(PAGE).section(section);
     let all = rows(&page);
@@ -151,10 +151,10 @@ const TABLES: [(&str, &str); 11] = [
     ),
 ];
 
-/// Ends every scenario of the ranges with an error, so that none is run.
+/// Makes every scenario of the ranges end with an error, so that none is run.
 const UNMET: &str = "[[expect.at]]\ntime_s = 9999\n";
 
-/// A scenario with this table in the place of the usual one, if there is one.
+/// Returns a scenario with this table in the place of the usual one, if there is one.
 fn scenario(title: &str, table: &str) -> String {
     let usual = [("File", HEAD), ("Cameras", CAMERAS), ("Target", TARGET)];
     let mut text = String::new();

@@ -18,7 +18,7 @@ fn suspended_port_owner_is_named() {
     for part in [end.path.as_str(), kill.as_str(), "suspended", "button"] {
         assert!(err.contains(part), "`{part}` is not in: {err}");
     }
-    // It hears the stop's signal when it goes on.
+    // The owner receives the stop's signal when it continues.
     signal(&first, "CONT");
     assert_eq!(ended(first).0, Some(3));
     let (code, err) = ended(desk.start(&end, "stop"));

@@ -78,7 +78,7 @@ fn single_precision_is_enough() {
     let mut random = Random::seeded(11);
     let (mut worst, mut worst_speed) = (0.0f64, 0.0f64);
     for run in 0..50 {
-        // Far from zero, where a single f32 would have no fraction left.
+        // Test far from zero, where a single f32 has no fraction bits left.
         let far = random.between(-4e6, 4e6).round();
         let sigma = random.between(0.05, 4.0);
         let variance = sigma * sigma;

@@ -42,7 +42,7 @@ impl Life {
         if random.below(4) == 0 {
             chase.noise = spread(&mut random, 0.2, 6.0);
         }
-        // Out of reach of the limits, or not.
+        // The soft limits are within reach in one life of six.
         chase.travel_mm = Some(if random.below(6) == 0 { 60.0 } else { 500.0 });
         let story = format!(
             "{:?} at up to {:.0} mm/s and {:.0} mm/s², {pictures}, hidden {hidden_s:.2?}, mount \
@@ -119,7 +119,7 @@ impl Target {
         let mut events_s: Vec<f64> = (0..random.below(8))
             .map(|_| random.between(0.2, seconds))
             .collect();
-        // Something happens behind every cover.
+        // The motion changes during every occlusion.
         events_s.extend(hidden_s.iter().map(|[from, to]| random.between(*from, *to)));
         Self {
             kind,

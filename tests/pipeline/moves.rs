@@ -22,8 +22,8 @@ fn right_down_away_are_positive() {
     let bench = Bench::new(&Texture::natural(9), SceneSettings::default());
     let looking_at = |moved: [f64; 3]| bench.scene.render(moved, 0, 1);
     let (rest, right) = (looking_at([0.0; 3]), looking_at([3.0, 0.0, 0.0]));
-    // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further
-    // right in the picture itself.
+    // 3 mm at 850 mm is nearly 2 px. A bright or dark spot of the middle image must be found
+    // further right in the image itself.
     let difference = |before: usize, after: usize| -> u64 {
         let row = |capture: &FrameSet, column: usize| -> Vec<i64> {
             let view = &capture.images[1];
@@ -59,7 +59,7 @@ fn right_down_away_are_positive() {
 #[test]
 fn changed_lighting_moves_nothing() {
     for kind in [TextureKind::Natural, TextureKind::Blobs] {
-        // Contrast to spare, so that the brightest view does not saturate.
+        // The contrast is low, so that the brightest image does not saturate.
         let mut texture = Texture::of_kind(kind, 3);
         texture.grey.iter_mut().for_each(|g| *g = 35.0 + 0.6 * *g);
         let bench = Bench::new(&texture, SceneSettings::default());

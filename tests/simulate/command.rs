@@ -71,7 +71,7 @@ fn missed_expectation_exits_1() {
     let outcome = simulate(&[&desk.path("it.toml"), "--points"]);
     outcome.failed_after_notes(1, &["it.toml: missed: settle_ms is ", "above 5.0000"]);
     assert!(outcome.stdout.contains("1 missed"), "{}", outcome.stdout);
-    // Without prediction nothing is judged.
+    // Without prediction no bound is judged.
     let outcome = simulate(&[&desk.path("it.toml"), "--points", "--no-prediction"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
 }

@@ -58,7 +58,7 @@ fn worst_fault_is_shown() {
         assert_eq!(twin.steps(), at, "no step while the cause is there");
         twin.set_switches(RELEASED);
         wait(&mut twin, 2);
-        // Both are still latched.
+        // Both faults are still latched.
         assert_eq!(status(&mut twin).faults, set(&[Fault::Heartbeat, worse]));
         twin.command("reset", Command::Reset).unwrap();
         let cleared = status(&mut twin);
@@ -112,7 +112,7 @@ fn fault_is_named_before_reset() {
         (shown.state, shown.trust),
         (State::Faulted, Trust::Degraded)
     );
-    // Now it has been named.
+    // Now a status has named the fault.
     twin.command("reset", Command::Reset).unwrap();
     let off = [-1_000, 0, 0];
     twin.command("jog", Command::Jog { distance_um: off })

@@ -93,7 +93,7 @@ fn own_motion_is_not_target_motion() {
         let stage = twin.position_mm();
         pending.push((twin.now(), std::array::from_fn(|i| target[i] - stage[i])));
         if pending.len() > 4 {
-            // Four pictures late: 80 ms.
+            // The frame is four images late: 80 ms.
             let (capture, seen) = pending.remove(0);
             twin.send(frame(seen, capture, reference));
         }

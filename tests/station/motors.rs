@@ -19,7 +19,7 @@ fn motors_turn_on_with_first_config() {
     let config = Command::Config(config.unwrap());
     twin.command("config", config).unwrap();
     assert!(status(&mut twin).motors);
-    // Switched off by command they stay off, whatever is configured.
+    // Motors switched off by command stay off through any configuration.
     twin.command("motors", OFF).unwrap();
     twin.command("config", config).unwrap();
     assert!(!status(&mut twin).motors);

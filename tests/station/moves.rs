@@ -59,7 +59,7 @@ fn jog_from_outside_is_slow() {
     let (way, fastest) = finish(&mut twin, before);
     assert_eq!(way, [320, 0, 0]);
     assert!(fastest < 5.3, "{fastest} mm/s");
-    // Inside again, at full speed, and clamped at the far end.
+    // The axis is inside again: it moves at full speed and is clamped at the far end.
     twin.command("jog", jog([7.0, 0.0, 0.0])).unwrap();
     finish(&mut twin, before);
     twin.command("jog", jog([500.0, 0.0, 0.0])).unwrap();
@@ -85,7 +85,7 @@ fn narrower_travel_moves_nothing() {
     twin.command("setpoint", setpoint([50, 3, 1])).unwrap();
     assert_eq!(finish(&mut twin, before).0, [0, 240, 80]);
     twin.command("setpoint", setpoint([-30, 3, 1])).unwrap();
-    // From 50 to -20 mm at the pace of an unknown position.
+    // The axis moves from 50 to -20 mm at the speed for an unknown position.
     wait(&mut twin, 10_000);
     assert_eq!(finish(&mut twin, before).0, [-5_600, 240, 80]);
 }
@@ -211,7 +211,7 @@ fn window_stays_at_power_on() {
             let _ = twin.command("jog", jog([10.0, 0.0, 0.0]));
             wait(&mut twin, 1_950);
             match kind {
-                // An abrupt stop.
+                // Force an abrupt stop.
                 0 => {
                     let emergency_stop = true;
                     twin.set_switches(Inputs {
@@ -223,19 +223,19 @@ fn window_stays_at_power_on() {
                     wait(&mut twin, 110);
                     twin.command("reset", Command::Reset).unwrap();
                 }
-                // Another axis is turned round.
+                // Invert another axis.
                 1 => {
                     wait(&mut twin, 1_000);
                     stage.invert[1] = !stage.invert[1];
                     twin.command("config", config(&stage)).unwrap();
                 }
-                // A finer scale, as if less way had been made.
+                // Configure a finer scale, which makes the distance appear shorter.
                 2 => {
                     wait(&mut twin, 1_000);
                     stage.steps_per_mm = [80.0 * f64::from(round + 2); 3];
                     twin.command("config", config(&stage)).unwrap();
                 }
-                // The motors are off for a while.
+                // Switch the motors off for a while.
                 _ => {
                     wait(&mut twin, 1_000);
                     twin.command("motors", Command::Motors { on: false })

@@ -103,7 +103,7 @@ impl Camera {
             let number = self.next;
             let moment = first + number;
             let stamp_us = moment * self.plan.period_us;
-            // Some number that looks like none of the others.
+            // A hash of the image number scatters the arrivals.
             let scatter = number
                 .wrapping_mul(0x9E37_79B9_7F4A_7C15)
                 .wrapping_add(self.pictures.len() as u64)
@@ -118,7 +118,7 @@ impl Camera {
                 continue;
             }
             let Some(buffer) = self.queued.pop_front() else {
-                // No room: lost, as with a real driver.
+                // Without a free buffer the image is lost, as with a real driver.
                 continue;
             };
             let bytes = self.picture_bytes() as usize;
@@ -195,7 +195,7 @@ impl Camera {
         if request.memory != wire::MAPPED {
             return Err(libc::EINVAL);
         }
-        // Fewer than are usually asked for: a driver may.
+        // A driver may allocate fewer buffers than requested.
         self.buffers = request.count.min(4);
         request.count = self.buffers;
         let bytes = u64::from(self.buffers) * self.buffer_bytes();

@@ -61,8 +61,7 @@ fn failed(errno: Errno) -> c_int {
 /// # Safety
 /// `F` must be a pointer to a function of its type.
 unsafe fn hidden<F: Copy>(name: &CStr) -> F {
-    // SAFETY: `name` ends with a zero; the caller answers for the type, and every name asked for
-    // exists.
+    // SAFETY: `name` ends with a zero; the caller guarantees the type, and every name used exists.
     unsafe {
         let address = libc::dlsym(libc::RTLD_NEXT, name.as_ptr());
         assert!(!address.is_null());
@@ -72,7 +71,7 @@ unsafe fn hidden<F: Copy>(name: &CStr) -> F {
 
 /// Returns the time on the drivers' clock, µs.
 fn now_us() -> u64 {
-    // SAFETY: a `timespec` may be all zeros, and is the call's to write.
+    // SAFETY: a `timespec` may be all zeros, and the call may write to it.
     let now = unsafe {
         let mut now: libc::timespec = std::mem::zeroed();
         libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut now);
@@ -124,7 +123,7 @@ pub unsafe extern "C" fn close(fd: c_int) -> c_int {
         if let Some(flag) = flag(fd) {
             flag.store(false, SeqCst);
         }
-        // Its own files are closed when the lock is free again.
+        // The device's files are closed after the lock is released.
         let camera = cameras().remove(&fd);
         drop(camera);
     }
@@ -143,7 +142,7 @@ pub unsafe extern "C" fn poll(
     timeout: c_int,
 ) -> c_int {
     type Poll = unsafe extern "C" fn(*mut libc::pollfd, libc::nfds_t, c_int) -> c_int;
-    // SAFETY: one, or none.
+    // SAFETY: the pointer is to one descriptor, or null with none.
     let asked = match (count, unsafe { fds.as_mut() }) {
         (1, Some(asked)) if is_camera(asked.fd) => asked,
         // SAFETY: `poll` has this type; the same arguments.
@@ -185,7 +184,7 @@ pub unsafe extern "C" fn syscall(
         unsafe extern "C" fn(c_long, c_long, c_long, c_long, c_long, c_long, c_long) -> c_long;
     let fd = a as c_int;
     if number != libc::SYS_ioctl || !is_camera(fd) {
-        // SAFETY: it takes as many arguments as the call has, and leaves the others.
+        // SAFETY: the call takes as many of the arguments as it has, and ignores the others.
         return unsafe { hidden::<Syscall>(c"syscall")(number, a, b, c, d, e, f) };
     }
     let now_us = now_us();
@@ -193,7 +192,7 @@ pub unsafe extern "C" fn syscall(
     let Some(camera) = cameras.get_mut(&fd) else {
         return c_long::from(failed(libc::EBADF));
     };
-    // SAFETY: the request says how long the caller's argument is.
+    // SAFETY: the request states the length of the caller's argument.
     match unsafe { command(camera, b as u64, c as *mut c_void, now_us) } {
         Ok(()) => 0,
         Err(errno) => c_long::from(failed(errno)),

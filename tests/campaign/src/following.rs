@@ -143,7 +143,7 @@ impl Following {
         while capture < begin + seconds && !self.is_over() {
             waiting.push_back(capture);
             let next = capture + self.cameras.interval(&mut self.random).max(0.0005);
-            // What arrives before the next capture.
+            // Handle everything that arrives before the next capture.
             while let Some(&first) = waiting.front()
                 && (first + self.cameras.latency_s <= next)
             {
@@ -172,7 +172,7 @@ impl Following {
         let (target, stage) = (self.target.at(capture), self.plant.at(capture));
         let displacement = each(|axis| target[axis] - stage[axis]);
         let seen = self.cameras.see(&mut self.random, displacement);
-        // Out of view.
+        // The target is out of view.
         if seen.iter().any(|mm| mm.abs() > 60.0) {
             return;
         }
@@ -188,7 +188,7 @@ impl Following {
     fn run(&mut self, us: u64) {
         let end = self.shell.now_us() + us;
         loop {
-            // Every 5 ms a look at where everything is.
+            // Sample all positions every 5 ms.
             let look = (self.shell.now_us() / 5_000 + 1) * 5_000;
             let next = look.min(end).min(self.ping_us.max(self.shell.now_us()));
             self.play(next);
@@ -280,7 +280,8 @@ impl Following {
             let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
             high - low
         };
-        // The stage moves, and the distance changes by much, and not as a little lag would let it.
+        // Following is wrong if the stage moves and the distance changes by more than a small lag
+        // explains.
         let wrong = (0..3).any(|axis| {
             let useless = WRONG_MM.max(USELESS * span(1, axis));
             span(0, axis) > WRONG_MM && span(2, axis) > useless
@@ -290,7 +291,7 @@ impl Following {
             return;
         }
         let (since, from) = *self.wrong.get_or_insert((s, self.plant.pins));
-        // A stall shows itself by the way.
+        // A stall shows in the stage's motion.
         let far = (0..3).any(|axis| (self.plant.pins[axis] - from[axis]).abs() > UNSEEN_MM);
         let due = far || !matches!(self.sickness, Sickness::Stall(..));
         if self.sickness != Sickness::None && due && s - since > NAMED_WITHIN_S {
@@ -329,7 +330,7 @@ impl Following {
             axis.max_jerk_um_s3,
         ]
         .map(|um| f64::from(um) / 1000.0);
-        // From full speed, still speeding up by nearly all: the planner's bound.
+        // The planner's bound on the ramp from full speed while the axis still accelerates.
         let top = v + a * a / (2.0 * j);
         let stop = v * a / j + a.powi(3) / (3.0 * j * j) + top / 2.0 * (top / a + a / j);
         let most = UNSEEN_MM + stop;
@@ -400,7 +401,7 @@ fn sick_scene(
     sickness: &Sickness,
 ) -> (Target, Cameras) {
     let target = match sickness {
-        // A stall shows itself in motion only.
+        // A stall shows only in motion.
         Sickness::Stall(..) => Target::any(random, seconds, 0.8 * fastest),
         _ => match random.one_in(3) {
             true => Target::still(),

@@ -119,7 +119,7 @@ impl Life {
         }
         match self.random.below(4) {
             0 => {
-                // In any chunks.
+                // Deliver the bytes in random chunks.
                 let at = self.random.below(bytes.len() as u64) as usize;
                 self.shell.receive(&bytes[..at]);
                 self.shell.receive(&bytes[at..]);
@@ -193,7 +193,7 @@ impl Life {
         self.send(Command::Hello);
         self.send(Command::Stop);
         self.run(5_000);
-        // The longest ramp there may be.
+        // Wait for the longest possible ramp.
         let stops = self.until(2_000_000, |life| {
             life.state().is_some_and(|state| !state.is_moving())
         });

@@ -48,7 +48,7 @@ fn main() -> ExitCode {
             false => ExitCode::from(1),
         };
     }
-    // A panic is counted, not printed in full a thousand times.
+    // Panics are counted instead of printed in full a thousand times.
     std::panic::set_hook(Box::new(|_| ()));
     let (text, violations) = match options.markdown {
         true => page(&options),

@@ -85,7 +85,7 @@ impl Sabotage {
                 }
             }
             Self::Twice => {
-                // From behind, so that a copy is not copied.
+                // Iterate from the end, so that a copy is not copied again.
                 for at in (0..words.len() - 2).step_by(2).rev() {
                     if words[at] & step != 0 && words[at + 2] & step == 0 {
                         words[at + 2] |= words[at] & step;

@@ -69,7 +69,7 @@ impl Target {
         self.bends.clear();
         while at < seconds {
             let lasts = random.decades(0.1, 1.5);
-            // Towards a random speed, and back from far away.
+            // Aim for a random velocity, and return from far away.
             let wanted = each(|axis| {
                 let outward: f64 = place[axis] / 35.0;
                 (random.range(-1.0, 1.0) - outward) * fastest / 2.0

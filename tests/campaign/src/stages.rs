@@ -76,14 +76,14 @@ pub fn likely(random: &mut Random, rate: WordRate) -> Config {
 
 fn likely_axis(random: &mut Random, rate: WordRate) -> AxisConfig {
     let steps_per_m = random.decades(4_000.0, 3_200_000.0);
-    // At most what the word rate can do, steps/s.
+    // Limit of the word rate, steps/s.
     let fastest = f64::from(rate.slots_per_s()) / steps_per_m * 1e6 * 0.99;
     let speed = random.decades(100.0, 300_000.0).min(fastest).max(1.0);
     let acceleration = speed * random.decades(1.0, 200.0);
     let low = -random.decades(500.0, 300_000.0);
     let high = random.decades(500.0, 300_000.0);
     let shift = match random.below(8) {
-        // Travel that leaves out zero.
+        // Travel that excludes zero.
         0 => high - low,
         1 => low - high,
         _ => 0.0,
@@ -107,7 +107,7 @@ fn driver(random: &mut Random, rate: WordRate) -> DriverTiming {
     let word_ns = 1e9 / f64::from(rate.hz());
     match random.below(4) {
         3 => {
-            // Up to exactly what the words give.
+            // Up to exactly the limit of the word rate.
             let mut ns = |words: f64| (word_ns * words * random.unit()) as u32;
             DriverTiming {
                 step_high_ns: ns(1.0),

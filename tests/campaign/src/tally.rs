@@ -46,7 +46,7 @@ impl Tally {
                 said.push(line(seed, &violation));
             }
             kept.push((seed, violation));
-            // The order in which threads finish must not show.
+            // The result must not depend on the order in which threads finish.
             kept.sort_by_key(|(seed, _)| *seed);
             kept.truncate(KEPT);
         }

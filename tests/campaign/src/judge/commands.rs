@@ -34,7 +34,7 @@ impl Judge {
                     obeyed_us: now_us + BEGINS_US as u64,
                     ended_us: now_us as f64 + BEGINS_US + ramp,
                 };
-                // The first stop's ramp is the one that holds.
+                // The ramp of the first stop is the one in force.
                 self.stop = Some(match self.stop {
                     Some(first) => Stop {
                         obeyed_us: first.obeyed_us,
@@ -84,7 +84,7 @@ impl Judge {
             ways,
             strict: rests && matches!(command, Command::Jog { .. }),
         });
-        // In motion the newest command may turn every axis that is under way.
+        // In motion the newest command may reverse every axis that is under way.
         if !rests {
             for request in &mut self.requests {
                 request.ways = request.ways.map(|ways| any(ways != Ways::default()));
@@ -97,11 +97,11 @@ impl Judge {
     pub(super) fn ramp_us(&self) -> f64 {
         let axes = self.trails.iter().zip(&self.ramps);
         let ticks = axes.map(|(trail, bounds)| {
-            // It may speed up for two ticks more before it obeys.
+            // The axis may accelerate for two more ticks before it obeys.
             let speed = (trail.speed(bounds) + 2.0 * bounds.acceleration).min(bounds.speed);
             bounds.stop_ticks(speed, trail.acceleration(bounds))
         });
-        // The grid's rounding.
+        // Add the grid's rounding.
         let ticks = ticks.fold(0.0, f64::max);
         (ticks * 1.1 + 3.0) * 1000.0
     }
@@ -142,7 +142,7 @@ impl Judge {
             let speed = steps(limits.max_speed_um_s, axis) / 1e3;
             Bounds {
                 speed,
-                // More than the whole speed in one tick is not possible anyway.
+                // A larger change than the whole speed in one tick is impossible.
                 acceleration: (steps(limits.max_acceleration_um_s2, axis) / 1e6).min(speed),
                 jerk: (steps(limits.max_jerk_um_s3, axis) / 1e9).min(speed),
             }

@@ -103,7 +103,8 @@ impl Trail {
             let n = w as f64;
             self.compared += 1;
             let way = (at(0) - at(w)).abs();
-            // Few ways are longer than today's speed allows; then what held meanwhile is looked up.
+            // Distances are rarely longer than the present speed allows; only then look up the
+            // bounds that held.
             if way > bounds.speed * n + 1.0 {
                 let most = cap(w) * n + 1.0 + 1e-6;
                 if way > most {
@@ -214,11 +215,11 @@ mod tests {
 
     #[test]
     fn stop_lasts_at_most_as_stated() {
-        // From 8 steps/tick at rest of acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
+        // From 8 steps/tick without acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
         let ticks = BOUNDS.stop_ticks(7.9, 0.0);
         assert!((25.0..30.0).contains(&ticks), "{ticks}");
         assert_eq!(BOUNDS.stop_ticks(0.0, 0.0), 0.0);
-        // In the middle of a turn: ten ticks to get rid of the acceleration, then back from 2.5
+        // In the middle of a turn: ten ticks remove the acceleration, then the axis brakes from 2.5
         // steps per tick.
         let ticks = BOUNDS.stop_ticks(0.0, 0.5);
         assert!((20.0..30.0).contains(&ticks), "{ticks}");

@@ -240,7 +240,7 @@ impl Judge {
     /// Prints a line of the trace.
     pub fn note(&self, now_us: u64, text: impl FnOnce() -> String) {
         if self.trace {
-            // A reader that has seen enough is no reason to stop.
+            // A reader that closes the pipe is no reason to stop.
             let _ = writeln!(std::io::stdout(), "{:10.3} ms  {}", self.ms(now_us), text());
         }
     }
@@ -287,8 +287,7 @@ impl Judge {
                 (true, None) => cause.since_us = Some(now_us),
                 (true, Some(_)) => {}
                 (false, since_us) => {
-                    // However short it was, the shell has sensed it, unless it came and went
-                    // between two looks.
+                    // The shell has sensed even a short press, unless it fell between two polls.
                     let lasted = since_us.is_some_and(|since_us| since_us < now_us);
                     if lasted && !self.told.contains(&fault) {
                         self.owed.push(fault);

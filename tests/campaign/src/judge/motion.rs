@@ -192,8 +192,8 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let window = f64::from(config.stage.window_um) / 1e3;
-        // Both ends are rounded to whole steps, from places between two steps; which flank pushes
-        // is not known after a change of direction or lost motion.
+        // Both ends are rounded to whole steps. After a change of direction or backlash the side on
+        // which the motor pushes the load is unknown.
         let window = window + 4.0 * self.grain[axis] + 2.0 * self.slack[axis];
         let leaves = |anchor: &[f64; 3]| {
             let (before, after) = ((from - anchor[axis]).abs(), (to - anchor[axis]).abs());
@@ -225,9 +225,9 @@ impl Judge {
         if (low..=high).contains(&place) {
             self.rested[axis] = place;
         }
-        // From outside, where it stood at the last rest, it may come inwards and no farther out.
+        // From outside, where it stood at the last rest, the axis may move inwards only.
         let (low, high) = (low.min(self.rested[axis]), high.max(self.rested[axis]));
-        // Within a tick the load may be pushed by a step that the planner does not see.
+        // Within a tick the motor may push the load by a step that the planner does not see.
         let play = i64::from(self.play(axis) > 0);
         if (by > 0 && place > high + play) || (by < 0 && place < low - play) {
             self.breaks(Law::SoftLimit, || {
@@ -262,7 +262,7 @@ impl Judge {
 
     fn ended_abruptly(&mut self, cause_us: u64) {
         let since = |us: Option<u64>| us.is_some_and(|us| us + REMEMBERED_US > cause_us);
-        // A zero that came in between has set things right.
+        // A zero in between has restored the position.
         self.abrupt |= !since(self.zeroed_us);
         if since(self.named_us) {
             return;
@@ -304,7 +304,7 @@ impl Judge {
                 (false, _) => full.min(f64::from(config.slow_speed_um_s) * scale),
             };
             let (held, until) = self.caps[axis];
-            // A ramp from a speed that was allowed before.
+            // The ramp starts from a speed that was allowed before.
             if cap < held && now < until {
                 return held;
             }

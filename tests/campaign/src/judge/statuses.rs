@@ -31,7 +31,7 @@ impl Judge {
         self.check_trust(status);
         self.check_stop(status);
         if matches!(status.state, State::Idle | State::Stopped | State::Faulted) {
-            // What was asked for is done or given up.
+            // At rest the requested motion has been done or abandoned.
             self.requests.clear();
             self.rested = status.position_steps.map(i64::from);
         }
@@ -41,7 +41,7 @@ impl Judge {
         };
         self.homing = match status.state {
             State::Homing => true,
-            // Its ramp.
+            // The stop's ramp may still last.
             State::Stopping => self.homing,
             _ => false,
         };
@@ -99,8 +99,8 @@ impl Judge {
                 self.counts.comparisons += 3;
                 let differs = (0..3).find(|axis| {
                     let off = (origin[*axis] - known[*axis]).abs();
-                    // Within a tick the load may have been pushed by a step that the planner does
-                    // not see.
+                    // Within a tick the motor may have pushed the load by a step that the planner
+                    // does not see.
                     off > i64::from(self.play(*axis) > 0)
                 });
                 if let Some(axis) = differs {
@@ -168,8 +168,7 @@ impl Judge {
             self.anchors = vec![self.mm];
         }
         if ended && !homed {
-            // An axis that was found has its window round its home switch, from which it has backed
-            // off.
+            // A homed axis has its window around its home switch, from which it has backed off.
             let back_off = self
                 .config
                 .map_or(0.0, |config| f64::from(config.stage.back_off_um) / 1e3);

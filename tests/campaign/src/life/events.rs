@@ -149,7 +149,7 @@ impl Life {
                 1 => self.shell.inputs.driver_fault = true,
                 2 => self.shell.inputs.limits[axis][usize::from(far > 0.0)] = true,
                 3 => {
-                    // The same stage with an axis turned round.
+                    // Configure the same stage with one axis inverted.
                     let mut config = self.config.unwrap_or_else(stages::usual);
                     config.axes[axis].invert ^= true;
                     self.run(100_000);
@@ -229,13 +229,13 @@ impl Life {
                 self.judge.note(now, || format!("{count} bytes of noise"));
                 self.shell.receive(&bytes);
             }
-            // A packet from before, once more: nothing may come of it.
+            // Repeat an earlier packet, which must have no effect.
             1 => {
                 self.judge.note(now, || "the last packet again".to_string());
                 let last = self.last.clone();
                 self.shell.receive(&last);
             }
-            // From behind.
+            // Send a stale sequence number.
             2 => {
                 let sequence = self.shell.sequence;
                 self.shell.sequence = sequence.wrapping_sub(2 + self.random.below(30_000) as u16);
@@ -261,8 +261,8 @@ impl Life {
                 let (sequence, mut bytes) = self.shell.packet(Command::Jog {
                     distance_um: [3_000, -3_000, 2_000],
                 });
-                // The closing zero stays, or at least one byte more is missing: else the next
-                // packet's first zero would mend it.
+                // Keep the closing zero or drop at least one more byte; otherwise the next packet's
+                // first zero would complete the packet.
                 let last = bytes.len() - 1;
                 if kind == 3 {
                     bytes.truncate(1 + self.random.below(last as u64 - 1) as usize);
@@ -295,8 +295,8 @@ impl Life {
 
     /// Sends more commands at once than a tick takes.
     fn burst(&mut self) {
-        // An answer to a configuration must not be lost in it: the judge would not know the stage
-        // any more.
+        // An answer to a configuration must not be lost in the burst, because the judge would no
+        // longer know the stage.
         self.run(1_500);
         for _ in 0..self.random.below(14) {
             match self.random.below(10) {
