@@ -1,5 +1,5 @@
-//! The twin, a replay of its log here, and a replay on an emulated Cortex-M4 do the same, bit for
-//! bit: packets to the host, segments, port words.
+//! The twin, a replay of its log on this machine, and a replay on an emulated Cortex-M4 agree bit
+//! for bit in packets to the host, segments and port words.
 
 #[path = "agreement/life.rs"]
 mod life;
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
 use trinocular_tests::replaying::{BOARD, Recording, difference, replay, report};
 
-/// The recording, and how many frames were written in it.
+/// Returns the recording and the number of frames written in it.
 fn recording() -> &'static (Recording, usize) {
     static RECORDING: OnceLock<(Recording, usize)> = OnceLock::new();
     RECORDING.get_or_init(|| {
@@ -24,7 +24,7 @@ fn recording() -> &'static (Recording, usize) {
 }
 
 #[test]
-fn the_recorded_life_is_eventful() {
+fn recorded_life_is_eventful() {
     let (recording, frames) = recording();
     let mut states = BTreeSet::new();
     let mut faults = BTreeSet::new();
@@ -54,7 +54,8 @@ fn the_recorded_life_is_eventful() {
     }
     let last = last.expect("there was a status");
     println!(
-        "{} frames written, {} used, {} refused, {:?}\nstates {states:?}\nfaults {faults:?}\nsights {sights:?}\noutcomes {outcomes:#?}",
+        "{} frames written, {} used, {} refused, {:?}\nstates {states:?}\n\
+         faults {faults:?}\nsights {sights:?}\noutcomes {outcomes:#?}",
         frames, last.frames_used, last.frames_refused, last.drops
     );
     assert!(*frames >= 2_000);
@@ -91,12 +92,12 @@ fn the_recorded_life_is_eventful() {
 }
 
 #[test]
-fn a_replay_does_what_the_twin_did() {
+fn replay_matches_twin() {
     recording().0.check_here();
 }
 
-/// The sequence number of a frame for the midpoint that the station used, half way through its
-/// life.
+/// Returns the sequence number of a frame for the midpoint estimator that the station used half way
+/// through its life.
 fn frame_used(records: &[Record]) -> u16 {
     let used: Vec<u16> = records
         .iter()
@@ -115,7 +116,7 @@ fn frame_used(records: &[Record]) -> u16 {
 }
 
 #[test]
-fn a_nanometre_in_one_frame_is_noticed() {
+fn nanometre_in_one_frame_is_noticed() {
     let (recording, _) = recording();
     let mut log = Log::new(&recording.log);
     let mut changed = Vec::new();
@@ -150,7 +151,7 @@ fn a_nanometre_in_one_frame_is_noticed() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_processor_does_what_the_twin_did() {
+fn emulated_processor_matches_twin() {
     let (recording, frames) = recording();
     let [segments, packets] = recording.check_emulated();
     println!("{frames} frames: {segments} segments and {packets} packets agree");

@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 
-/// A command that runs the current `trinocular`.
+/// Returns a command that runs the current `trinocular`.
 pub fn trinocular() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     Command::new(PROGRAM.get_or_init(build))
 }
 
-/// Ctrl-C for a program that runs.
+/// Sends Ctrl-C (SIGINT) to a running program.
 pub fn interrupt(program: &Child) {
     signal(program, "INT");
 }
 
-/// The signal of this name, without `SIG`, for a program that runs.
+/// Sends the signal of this name, written without `SIG`, to a running program.
 pub fn signal(program: &Child, name: &str) {
     let mut kill = Command::new("kill");
     let sent = kill
@@ -24,10 +24,10 @@ pub fn signal(program: &Child, name: &str) {
     assert!(sent.expect("kill runs").success());
 }
 
-/// What a run of the program left behind.
+/// Exit code and output of a finished run.
 #[derive(Debug)]
 pub struct Outcome {
-    /// The exit code; none after a signal.
+    /// Exit code; `None` after a signal.
     pub code: Option<i32>,
     /// Standard output.
     pub stdout: String,
@@ -47,7 +47,7 @@ impl Outcome {
         }
     }
 
-    /// Every line of standard output as JSON.
+    /// Parses every line of standard output as JSON.
     #[track_caller]
     pub fn json(&self) -> Vec<serde_json::Value> {
         let lines = self.stdout.lines();
@@ -56,15 +56,15 @@ impl Outcome {
             .collect()
     }
 
-    /// The same, of a run that went well.
+    /// Parses every line of standard output as JSON after checking that the run succeeded.
     #[track_caller]
     pub fn good_json(&self) -> Vec<serde_json::Value> {
         assert_eq!(self.code, Some(0), "{}", self.stderr);
         self.json()
     }
 
-    /// The run ended with `code`, having printed nothing but one error line that contains all of
-    /// `parts`.
+    /// Checks that the run ended with `code` and printed nothing but one error line that contains
+    /// all of `parts`.
     #[track_caller]
     pub fn failed(&self, code: i32, parts: &[&str]) {
         assert_eq!(self.code, Some(code), "{}", self.stderr);
@@ -72,7 +72,7 @@ impl Outcome {
         self.complained(parts);
     }
 
-    /// Standard error is one line that contains all of `parts`.
+    /// Checks that standard error is one line that contains all of `parts`.
     #[track_caller]
     pub fn complained(&self, parts: &[&str]) {
         let text = &self.stderr;
@@ -81,7 +81,7 @@ impl Outcome {
         self.complained_among_others(parts);
     }
 
-    /// The run ended with `code` and an error line that contains all of `parts`.
+    /// Checks that the run ended with `code` and an error line that contains all of `parts`.
     #[track_caller]
     pub fn failed_after_notes(&self, code: i32, parts: &[&str]) {
         assert_eq!(self.code, Some(code), "{}", self.stderr);
@@ -98,7 +98,8 @@ impl Outcome {
     }
 }
 
-/// The C library that the package in this folder, a workspace of its own, is built into.
+/// Builds the package in this folder, a workspace of its own, and returns the path of its C
+/// library.
 pub fn c_library(package: &str) -> PathBuf {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join(package);
     let manifest = manifest.join("Cargo.toml");
@@ -113,7 +114,7 @@ pub fn c_library(package: &str) -> PathBuf {
 
 fn build() -> PathBuf {
     let messages = cargo_build(|cargo| {
-        // What the test itself needed has been fetched, and the program needs no more.
+        // Building the test has already fetched all dependencies.
         cargo.args(["--offline", "--bin", "trinocular"]);
         match cfg!(feature = "camera") {
             true => cargo.args(["--features", "host/camera"]),
@@ -127,12 +128,12 @@ fn build() -> PathBuf {
         .expect("cargo names the executable it built")
 }
 
-/// Builds what `choose` adds to the command, in the profile and target folder of the running test,
-/// and gives Cargo's messages.
+/// Builds the targets that `choose` adds to the command, in the profile and target folder of the
+/// running test, and returns Cargo's messages.
 ///
-/// Cargo tells a test where a binary is only within the binary's own package, and a binary found
-/// lying in the target folder may be an old one. So Cargo is asked to bring it up to date, which
-/// takes a fraction of a second if it is.
+/// Cargo passes a binary's path only to tests of the binary's own package, and a binary already in
+/// the target folder may be out of date. Cargo therefore brings it up to date, which takes a
+/// fraction of a second if nothing changed.
 fn cargo_build(choose: impl Fn(&mut Command) -> &mut Command) -> Vec<serde_json::Value> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or(env!("CARGO").into()));
     cargo
@@ -161,7 +162,7 @@ fn cargo_build(choose: impl Fn(&mut Command) -> &mut Command) -> Vec<serde_json:
         .collect()
 }
 
-/// The target folder above a profile's folder: the one Cargo has marked as a cache.
+/// Returns the target folder above a profile's folder: the one that Cargo has marked as a cache.
 fn target_folder(profile_folder: &Path) -> Option<&Path> {
     let mut above = profile_folder.ancestors().skip(1).take(2);
     above.find(|folder| folder.join("CACHEDIR.TAG").is_file())

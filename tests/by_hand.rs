@@ -1,5 +1,5 @@
-//! The commands that drive a station by hand, as their user meets them: a station on a
-//! pseudo-terminal, the built program, its words and exit codes.
+//! Commands that drive a station by hand, as a user meets them: a station on a pseudo-terminal, the
+//! built program, its messages and exit codes.
 
 use host::client::stage::default_stage;
 use host::rig_file::{HomeSwitch, RigFile};
@@ -13,10 +13,10 @@ use trinocular_tests::binary::{interrupt, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station, station_after};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What a run of the program left behind.
+/// Exit code and output of a finished run.
 struct Done {
     code: Option<i32>,
     out: String,
@@ -104,7 +104,8 @@ impl Desk {
     }
 }
 
-/// The machine that runs the tests has other things to do than a heartbeat every 20 ms.
+/// Options of every run. The heartbeat timeout is long because the test machine may be too busy for
+/// a heartbeat every 20 ms.
 const CONFIGURE: &str = "--rig rig.toml --heartbeat 5000";
 
 fn moving(end: &FarEnd) {
@@ -116,7 +117,7 @@ fn moving(end: &FarEnd) {
 }
 
 #[test]
-fn a_day_with_a_station() {
+fn day_with_a_station() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run("status")
@@ -139,7 +140,7 @@ fn a_day_with_a_station() {
     assert_eq!(status["position_steps"], json!([0, 0, 0]));
     assert_eq!(status["next"], Value::Null);
 
-    // The station keeps its configuration; without the rig file here steps are all that is known.
+    // The station keeps its configuration, but without the rig file only steps are known here.
     let jog = desk.run("jog z=2 --json").ended(0, &[]).json();
     assert_eq!(jog["moved_steps"], json!([0, 0, 160]));
     assert_eq!(jog["position_mm"], Value::Null);
@@ -147,7 +148,7 @@ fn a_day_with_a_station() {
 }
 
 #[test]
-fn a_stopped_station_says_how_to_go_on() {
+fn stopped_station_names_next_step() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
@@ -160,7 +161,7 @@ fn a_stopped_station_says_how_to_go_on() {
 }
 
 #[test]
-fn soft_limits_shorten_a_jog_and_it_says_so() {
+fn jog_beyond_soft_limit_is_shortened() {
     let end = station();
     let desk = Desk::new(&end.path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
@@ -175,10 +176,10 @@ fn soft_limits_shorten_a_jog_and_it_says_so() {
 }
 
 #[test]
-fn an_interrupted_jog_stops_on_a_ramp() {
+fn interrupted_jog_stops_on_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
-    // Slowly, at 5 mm/s: ten seconds, if nobody stopped it.
+    // At 5 mm/s the jog takes ten seconds unless it is interrupted.
     let jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
     moving(&end);
     interrupt(&jog);
@@ -202,7 +203,7 @@ fn an_interrupted_jog_stops_on_a_ramp() {
 }
 
 #[test]
-fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
+fn killed_jog_leaves_clearable_fault() {
     let end = station();
     let desk = Desk::new(&end.path);
     let mut jog = desk.start("jog x=50 --rig wide.toml --heartbeat 1000");
@@ -231,13 +232,13 @@ fn a_jog_whose_program_dies_leaves_a_fault_that_is_explained_and_cleared() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
+fn invalid_arguments_fail_before_port_opens() {
     let desk = Desk::new("/dev/no-such-port");
     for (words, part) in [
         ("jog", "AXIS=MM"),
         ("jog w=1", "no axis `w`"),
         ("jog x", "x=1.5"),
-        ("jog x=far", "`far` is no number"),
+        ("jog x=far", "`far` is not a number"),
         ("jog x=NaN", "-1000 to 1000"),
         ("jog x=1001", "-1000 to 1000"),
         ("jog x=0.0001", "shorter than 0.001 mm"),
@@ -263,7 +264,7 @@ fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
 }
 
 #[test]
-fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
+fn last_crash_is_reported_with_command() {
     let end = station_after(
         ResetCause::Watchdog,
         LastRun {
@@ -285,7 +286,7 @@ fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
         desk.run("hello --json").json()["last_run"],
         json!({"starts": 3, "fault": 2, "end": "panic", "addresses": [0x0800_1234, 0x0800_5676]})
     );
-    // Nothing moves until somebody has taken note, not even for a run that clears other faults.
+    // Nothing moves until the fault is acknowledged, not even for a run that clears other faults.
     let status = desk.run("status").ended(3, &["fault 9"]);
     assert!(status.out.contains("panicked"), "{}", status.out);
     assert!(status.out.contains("`trinocular hello`"), "{}", status.out);
@@ -302,7 +303,7 @@ fn a_crash_of_the_last_run_is_told_with_the_command_that_finds_it() {
     assert_eq!(end.steps(), [80, 0, 0]);
 }
 
-/// The rails have switches at 70 mm either way from where the stage starts.
+/// The rails have switches at 70 mm either way from the stage's starting point.
 #[test]
 fn homing_finds_the_switches() {
     let end = station();
@@ -314,7 +315,7 @@ fn homing_finds_the_switches() {
     let home = "--rig home.toml --heartbeat 5000";
     let done = desk.run(&format!("home {home}"));
     done.ended(0, &["-59.0", "59.0", "homed"]);
-    // 2 mm to back off from 70 mm. At 2 mm/s the station looks every 0.16 steps.
+    // The stage backs off 2 mm from 70 mm. At 2 mm/s the station polls the switch every 0.16 steps.
     for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
         assert!((steps - side * 5_440).abs() <= 1, "{steps}");
     }
@@ -324,7 +325,7 @@ fn homing_finds_the_switches() {
     for steps in at["position_steps"].as_array().expect("three axes") {
         assert!(steps.as_i64().expect("steps").abs() <= 1, "{at}");
     }
-    // The middle is where the rails say, 9 mm from the start.
+    // The switches determine the middle, 9 mm from the start.
     for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
         assert!((steps - side * 720).abs() <= 1, "{steps}");
     }
@@ -334,7 +335,7 @@ fn homing_finds_the_switches() {
 }
 
 #[test]
-fn an_interrupted_homing_stops_on_a_ramp() {
+fn interrupted_homing_stops_on_ramp() {
     let end = station();
     let desk = Desk::new(&end.path);
     let home = desk.start("home x --rig home.toml --heartbeat 5000");
@@ -354,7 +355,7 @@ fn an_interrupted_homing_stops_on_a_ramp() {
 }
 
 #[test]
-fn diagnose_lists_every_state_and_fault_with_its_number() {
+fn diagnose_lists_states_and_faults() {
     let done = trinocular().arg("diagnose").output().expect("it runs");
     assert!(done.status.success());
     let text = String::from_utf8(done.stdout).expect("UTF-8");
@@ -382,7 +383,7 @@ fn diagnose_lists_every_state_and_fault_with_its_number() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_board_is_driven_by_hand() {
+fn emulated_board_is_driven_by_hand() {
     let folder = tempfile::tempdir().expect("a folder");
     let trace = folder.path().join("trace");
     let (emulator, path) = Emulator::live(&trace);

@@ -1,4 +1,4 @@
-//! `calibrate` and `convert` as their user meets them, and rigs that are not parallel.
+//! `calibrate` and `convert` as a user meets them, and rigs that are not parallel.
 
 #[path = "calibration/boards.rs"]
 mod boards;
@@ -21,7 +21,7 @@ fn run(folder: &Path, arguments: &[&str]) -> Outcome {
     Outcome::of(trinocular().args(arguments).current_dir(folder))
 }
 
-/// Numbers under `key`.
+/// Returns the numbers under `key`.
 #[track_caller]
 fn numbers(value: &Value, key: &str) -> Vec<f64> {
     let list = value[key]

@@ -1,9 +1,9 @@
-//! `track --cameras` on a computer without cameras: the program as it is, and under it a
-//! [stand-in](../cameras) for the kernel's side of V4L2.
+//! `track --cameras` on a computer without cameras: the real program, with a [stand-in](../cameras)
+//! for the kernel's side of V4L2.
 //!
-//! Three cameras, triggered together, look at a poster that first stands and then moves. Their
-//! pictures come late, and each by another time: only their stamps tell which belong together. The
-//! twin follows.
+//! Three cameras with a common trigger see a poster that first stands and then moves. Their images
+//! arrive late, each with another delay, so only the time stamps show which belong together. The
+//! twin follows the poster.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
@@ -18,19 +18,19 @@ use trinocular_tests::binary::{Outcome, c_library, interrupt, trinocular};
 
 const PERIOD_US: u64 = 33_333;
 
-/// Pictures of a motion, once around.
+/// Number of images of one whole turn of the motion.
 const MOVING: usize = 45;
 
 const DEVICES: [&str; 3] = ["video90", "video91", "video92"];
 const NAMES: [&str; 3] = ["left", "middle", "right"];
 
-/// Where the target is in picture `n`, mm from where it was in the first.
+/// Returns the target's position in image `n` relative to the first, mm.
 fn target_mm(n: usize) -> [f64; 3] {
     let angle = std::f64::consts::TAU * n.min(MOVING) as f64 / MOVING as f64;
     [3.0 * angle.sin(), 2.0 - 2.0 * angle.cos(), angle.sin()]
 }
 
-/// What each camera sees, picture after picture.
+/// Returns the images of each camera in order.
 fn pictures() -> &'static [Vec<u8>; 3] {
     static PICTURES: OnceLock<[Vec<u8>; 3]> = OnceLock::new();
     PICTURES.get_or_init(|| {
@@ -53,7 +53,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Each camera with what its plan says besides the size.
+    /// Prepares the cameras; `plans` has the entries of each camera's plan besides the size.
     fn new(plans: [&str; 3]) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let write = |name: &str, bytes: &[u8]| {
@@ -81,7 +81,7 @@ impl Bench {
         command
     }
 
-    /// Number of each picture that was handed over, and whether it was spoilt.
+    /// Returns the number of each image that the camera handed over, and true if it was damaged.
     fn log(&self, camera: usize) -> Vec<(u64, bool)> {
         let file = self.folder.path().join(DEVICES[camera]);
         let text = fs::read_to_string(file.with_extension("log")).expect("a log");
@@ -92,7 +92,7 @@ impl Bench {
     }
 }
 
-/// The number before `what` in the line that says what became of a camera's pictures, or after it.
+/// Returns the number next to `what` in the line that counts a camera's images.
 fn count(stderr: &str, camera: usize, what: &str) -> u64 {
     let start = format!("{} (/dev/{}): ", NAMES[camera], DEVICES[camera]);
     let mut lines = stderr.lines().filter_map(|line| line.strip_prefix(&start));
@@ -107,7 +107,7 @@ fn count(stderr: &str, camera: usize, what: &str) -> u64 {
     found[0]
 }
 
-/// Times and positions of a run, s and mm.
+/// Returns the times, s, and positions, mm, of a run.
 fn seen(outcome: &Outcome) -> Vec<(f64, [f64; 3])> {
     let lines = outcome.json();
     let number = |value: &serde_json::Value| value.as_f64();
@@ -126,7 +126,7 @@ fn seen(outcome: &Outcome) -> Vec<(f64, [f64; 3])> {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
+fn stamps_pair_images_and_losses_count() {
     let late = "readout_us 9000\njitter_us 15000";
     let bench = Bench::new([
         &format!("{late}\nlose 20 21 40"),
@@ -144,7 +144,7 @@ fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
         let off_us = time_s * 1e6 - periods(*time_s) * PERIOD_US as f64;
         assert!(off_us.abs() <= 5.0, "{time_s} s: {off_us} us");
     }
-    // Which picture was the first is not known: one of the standing target, or a later one on a
+    // The number of the first image is unknown: one of the standing target, or a later one on a
     // slow computer.
     let error_mm = |first: i64| {
         let at = |n: i64| target_mm(usize::try_from(n).unwrap_or(0));
@@ -162,7 +162,7 @@ fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
     assert!(farthest >= 1.0, "{farthest} mm");
 
     for (camera, (lost, damaged)) in [(3, 0), (0, 1), (1, 2)].into_iter().enumerate() {
-        // The first is not looked at; after the last that is counted more may have come.
+        // The program skips the first image, and more may have arrived after the last counted one.
         let counted = count(&outcome.stderr, camera, "pictures") as usize;
         let log = &bench.log(camera)[1..=counted];
         let gaps: u64 = log.windows(2).map(|pair| pair[1].0 - pair[0].0 - 1).sum();
@@ -184,7 +184,7 @@ fn the_target_is_where_the_stamps_say_and_every_lost_picture_is_counted() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn a_driver_with_another_clock_is_named_once_and_its_pictures_are_used() {
+fn foreign_clock_is_reported_once() {
     let bench = Bench::new(["", "foreign_clock", ""]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "1", "--window", "16"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -209,11 +209,11 @@ fn a_driver_with_another_clock_is_named_once_and_its_pictures_are_used() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
+fn camera_faults_name_the_camera() {
     let bench = Bench::new(["", "unplug 25", "unplug 55"]);
     let outcome = Outcome::of(&mut bench.track(&[]));
     outcome.failed_after_notes(1, &["/dev/video92: was unplugged"]);
-    // One camera fewer is carried on without.
+    // The run continues without one camera.
     let first = "warning: /dev/video91: was unplugged";
     assert!(outcome.stderr.contains(first), "{}", outcome.stderr);
     let mut rows = outcome.json().into_iter();
@@ -224,7 +224,7 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
         outcome.stdout
     );
     assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
-    // What came before it was followed, and is accounted for.
+    // The images that came before were used and are counted.
     assert!(count(&outcome.stderr, 0, "used") > 0);
 
     let bench = Bench::new(["", "", "silent"]);
@@ -238,8 +238,8 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
         &["/dev/video90: has no images of 320 x 240", "160 x 120"],
     );
 
-    // Too many cameras for one USB line (ENOSPC), and one that another program has started
-    // meanwhile (EBUSY).
+    // One error is too many cameras for one USB line (ENOSPC), the other a camera that another
+    // program has started (EBUSY).
     for (errno, words) in [(28, "its USB line is full"), (16, "in use")] {
         let bench = Bench::new(["", &format!("start_error {errno}"), ""]);
         let outcome = Outcome::of(&mut bench.track(&[]));
@@ -247,13 +247,13 @@ fn what_goes_wrong_with_a_camera_is_said_by_its_name() {
     }
 }
 
-/// Many cameras on USB have their large images as JPEG only.
+/// Many USB cameras offer their large images as JPEG only.
 #[test]
 #[cfg_attr(
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn a_format_that_has_the_size_is_taken_though_a_better_one_has_another() {
+fn format_with_right_size_is_preferred() {
     let bench = Bench::new(["", "grey_of 160 120", ""]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "1"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -267,7 +267,7 @@ fn a_format_that_has_the_size_is_taken_though_a_better_one_has_another() {
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn cameras_that_open_in_the_dark_are_given_time_but_not_for_ever() {
+fn dark_start_is_waited_out_with_limit() {
     let bench = Bench::new(["dark 20"; 3]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "3"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -289,13 +289,13 @@ fn cameras_that_open_in_the_dark_are_given_time_but_not_for_ever() {
     }
 }
 
-/// The thread of a camera that sends nothing does not keep the program.
+/// The thread of a silent camera does not keep the program from ending.
 #[test]
 #[cfg_attr(
     not(feature = "camera"),
     ignore = "needs live cameras, which take libclang to build; tests/run includes it"
 )]
-fn ctrl_c_ends_it_also_with_a_silent_camera() {
+fn ctrl_c_ends_run_with_silent_camera() {
     let bench = Bench::new(["", "", "silent"]);
     let mut track = bench
         .track(&[])

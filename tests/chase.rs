@@ -1,5 +1,5 @@
-//! A station and a target that moves; between them nothing but what cameras would say, late and
-//! with their noise.
+//! A station and a moving target, joined by simulated measurements of the cameras with delay and
+//! noise.
 
 use host::client::stage::{configuration, default_stage};
 use host::random::Random;
@@ -17,69 +17,69 @@ use shared::time::Instant;
 use shared::track::pursuit::Settings;
 use std::collections::VecDeque;
 
-/// From a segment to its first word on the pins, µs.
+/// Delay from a segment to its first word on the pins, µs.
 const DELAY_US: u64 = 512;
 
-/// From a picture to its frame, µs.
+/// Delay from an image to its flow frame, µs.
 const LATENCY_US: u64 = 20_000;
 
 /// Steps per mm of the default stage.
 pub const STEPS_PER_MM: f64 = 80.0;
 
-/// Standard deviation of what the cameras say, mm: rendered pictures with noise of 2 grey levels.
+/// Standard deviation of a displacement, mm: that of rendered images with noise of 2 grey levels.
 const SIGMA_MM: [f64; 3] = [0.005, 0.005, 0.03];
 
-/// Where the target is at a time, s, mm.
+/// Position of a target in mm as a function of time in s.
 pub type Target = fn(f64) -> [f64; 3];
 
-/// A mount that is right.
+/// Matrix of a correct mount.
 pub const RIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// A picture.
+/// One exposure of the cameras.
 #[derive(Clone, Copy, Debug)]
 pub struct Shot {
-    /// Since the first one, µs.
+    /// Time since the first exposure, µs.
     pub capture_us: u64,
-    /// From the picture to its frame, µs.
+    /// Delay from the exposure to its flow frame, µs.
     pub latency_us: u64,
 }
 
-/// One millisecond of a run.
+/// State of a run at one millisecond.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Since the first picture.
+    /// Time since the first image, s.
     pub time_s: f64,
-    /// Where the target is.
+    /// Position of the target, mm.
     pub target_mm: [f64; 3],
-    /// What the pins have made, whole steps.
+    /// Motion at the pins, whole steps.
     pub steps: [i64; 3],
 }
 
 impl Sample {
-    /// Where the stage is.
+    /// Returns the position of the stage, mm.
     pub fn stage_mm(&self) -> [f64; 3] {
         self.steps.map(|steps| steps as f64 / STEPS_PER_MM)
     }
 
-    /// Stage minus target.
+    /// Returns the position of the stage minus that of the target, mm.
     pub fn error_mm(&self) -> [f64; 3] {
         let stage = self.stage_mm();
         std::array::from_fn(|i| stage[i] - self.target_mm[i])
     }
 }
 
-/// What happened.
+/// Record of a run.
 #[derive(Debug, Default)]
 pub struct Run {
-    /// Every millisecond.
+    /// Samples, one per millisecond.
     pub samples: Vec<Sample>,
-    /// What the station said of itself.
+    /// Statuses of the station.
     pub statuses: Vec<Status>,
-    /// What it refused.
+    /// Denials by the station.
     pub denials: Vec<Denial>,
-    /// When the station had a fault, s.
+    /// Time of the first fault, s.
     pub faulted_s: Option<f64>,
-    /// At the end of every segment, 2⁻³² steps.
+    /// Planned position at the end of every segment, 2⁻³² steps.
     pub planned: Vec<[i64; 3]>,
 }
 
@@ -88,7 +88,8 @@ impl Run {
         self.samples.iter().filter(move |s| s.time_s >= from_s)
     }
 
-    /// Root of the mean squared error, axis by axis, mm, as all figures here from a time on, s.
+    /// Returns the root mean square error per axis, mm. Like all figures here it is taken from
+    /// `from_s` on.
     pub fn rms(&self, from_s: f64) -> [f64; 3] {
         let n = self.after(from_s).count() as f64;
         std::array::from_fn(|i| {
@@ -101,12 +102,12 @@ impl Run {
         })
     }
 
-    /// The same of the distance, mm.
+    /// Returns the root mean square of the distance to the target, mm.
     pub fn rms_3d(&self, from_s: f64) -> f64 {
         self.rms(from_s).iter().map(|e| e * e).sum::<f64>().sqrt()
     }
 
-    /// Largest error either way, mm.
+    /// Returns the largest absolute error per axis, mm.
     pub fn worst(&self, from_s: f64) -> [f64; 3] {
         std::array::from_fn(|i| {
             self.after(from_s)
@@ -115,13 +116,13 @@ impl Run {
         })
     }
 
-    /// Stage minus target on average, mm.
+    /// Returns the mean of the stage's position minus the target's, mm.
     pub fn mean_error(&self, from_s: f64) -> [f64; 3] {
         let n = self.after(from_s).count() as f64;
         std::array::from_fn(|i| self.after(from_s).map(|s| s.error_mm()[i]).sum::<f64>() / n)
     }
 
-    /// How far the stage was in front of the target, which moves forwards, mm.
+    /// Returns the largest lead of the stage over a target that moves forwards, mm.
     pub fn farthest(&self, from_s: f64) -> [f64; 3] {
         std::array::from_fn(|i| {
             self.after(from_s)
@@ -130,7 +131,7 @@ impl Run {
         })
     }
 
-    /// Reversals of direction per second.
+    /// Returns the reversals of direction per second.
     pub fn reversals(&self, from_s: f64) -> [f64; 3] {
         let last = self.samples.last().map_or(1.0, |s| s.time_s);
         std::array::from_fn(|i| {
@@ -153,41 +154,41 @@ impl Run {
     }
 }
 
-/// What is chased, and under which conditions.
+/// Conditions of a run: tracking, cameras, target and disturbances.
 pub struct Chase {
-    /// How the station follows.
+    /// Settings of the station's tracker.
     pub tracking: Settings,
-    /// Pictures per second.
+    /// Images per second.
     pub frames_per_s: f64,
-    /// No frames from, to, s.
+    /// Interval without frames: start, end, s.
     pub hidden_s: Option<[f64; 2]>,
-    /// Wrong frames: from which number on, how many, by how much, mm.
+    /// Wrong frames: number of the first, count, error, mm.
     pub wrong: Option<(u64, u64, [f64; 3])>,
-    /// From when on, s, which axes' motors no longer move their axis.
+    /// Stall: start, s, and the axes whose motors lose their steps.
     pub stalled: Option<(f64, [bool; 3])>,
-    /// The share of their steps that such axes make all the same.
+    /// Share of the steps that stalled axes still make.
     pub slips: f64,
-    /// What the cameras see of a displacement: the mount's error as rows, the unit matrix if right.
+    /// Matrix from true to measured displacements, by rows; the identity for a correct mount.
     pub mount: [[f64; 3]; 3],
-    /// How much later than the capture its stamp is, µs.
+    /// Delay of the time stamps after the capture, µs.
     pub late_us: i64,
-    /// From a picture to its frame, µs.
+    /// Delay from an image to its flow frame, µs.
     pub latency_us: u64,
-    /// Instant and latency of every picture, µs; regular ones if there is none.
+    /// Exposures with instant and latency; regular ones if `None`.
     pub shots: Option<Vec<Shot>>,
-    /// Lost motion of every axis, mm, of which the station does not know.
+    /// Backlash of every axis that the station does not know, mm.
     pub slack_mm: f64,
-    /// Times the usual noise.
+    /// Factor on the usual noise.
     pub noise: f64,
-    /// The soft limits, mm either way; the stage's own if there are none.
+    /// Soft limits, mm either way; the stage's own if `None`.
     pub travel_mm: Option<f64>,
-    /// What the station watches.
+    /// Settings of the station's watch over following.
     pub care: Care,
     random: Random,
 }
 
 impl Chase {
-    /// 60 pictures per second, and nothing goes wrong.
+    /// Returns a run with 60 images per second and no disturbance.
     pub fn new(seed: u64) -> Self {
         Self {
             tracking: Settings::DEFAULT,
@@ -208,10 +209,10 @@ impl Chase {
         }
     }
 
-    /// The station follows `target` for so long.
+    /// Follows `target` for `seconds`.
     ///
     /// # Panics
-    /// If it refuses the stage of the experiments.
+    /// Panics if the station refuses the stage of the experiments.
     pub fn follow(&mut self, target: impl Fn(f64) -> [f64; 3], seconds: f64) -> Run {
         let board = Board {
             name: "chase",
@@ -240,7 +241,7 @@ impl Chase {
             let bytes = encode(&Packet { sequence, command }).unwrap();
             machine.receive(Instant::from_micros(now), &bytes);
         };
-        // Where the pins are at the end of each segment, from time zero on.
+        // Pin positions at the end of each segment, from time zero on.
         let mut path: Vec<[i64; 3]> = vec![[0; 3]; 1 + (DELAY_US / SEGMENT_US) as usize];
         let start_us = 100_000u64;
         let mut waiting: VecDeque<(u64, Frame)> = VecDeque::new();
@@ -260,7 +261,7 @@ impl Chase {
         let mut load = [0.0; 3];
         let end_us = start_us + (seconds * 1e6) as u64;
         let at_pins = |path: &[[i64; 3]], us: u64| -> [f64; 3] {
-            // path[k] is where the pins are at k SEGMENT_US + 12 µs.
+            // path[k] is the pin position at k SEGMENT_US + 12 µs.
             let us = us.saturating_sub(DELAY_US % SEGMENT_US);
             let (k, rest) = ((us / SEGMENT_US) as usize, us % SEGMENT_US);
             let a = path[k.min(path.len() - 1)];
@@ -305,13 +306,13 @@ impl Chase {
             if machine.fault().is_some() && run.faulted_s.is_none() {
                 run.faulted_s = Some((now as f64 - start_us as f64) * 1e-6);
             }
-            // What happens before the next segment is given out.
+            // Handle everything before the next segment is given out.
             let next = now + SEGMENT_US;
             while let Some(shot) = shots.next_if(|shot| start_us + shot.capture_us < next) {
                 let capture = start_us + shot.capture_us;
                 let at_s = shot.capture_us as f64 * 1e-6;
                 let goal = target(at_s);
-                // The motors stand in whole steps.
+                // The motors rest at whole steps.
                 let stands = |us| {
                     at_pins(&path, us).map(|mm| (mm * STEPS_PER_MM + 0.5).floor() / STEPS_PER_MM)
                 };
@@ -324,7 +325,7 @@ impl Chase {
                         stage[axis] = stuck[axis] + self.slips * (stage[axis] - stuck[axis]);
                     }
                 }
-                // The load stays where it is until the motor has taken up the slack.
+                // The load rests until the motor has taken up the backlash.
                 for (load, motor) in load.iter_mut().zip(stage) {
                     let half = 0.5 * self.slack_mm;
                     *load = f64::clamp(*load, motor - half, motor + half);
@@ -375,7 +376,7 @@ impl Chase {
     }
 }
 
-/// Sums that say the target was displaced by `mm`, and how well that is known.
+/// Returns the flow sums of a target displaced by `mm`, with their stated variance.
 fn sums(mm: [f64; 3], noise: f64) -> Sums {
     let spread = (SIGMA_MM[0] / SIGMA_MM[2]).powi(2);
     let exponent = spread.log2().floor() as i32 + 1;
@@ -394,7 +395,7 @@ fn sums(mm: [f64; 3], noise: f64) -> Sums {
     })
 }
 
-/// ±20, 20 and 5 mm, up to 20 mm/s.
+/// Returns a Lissajous figure of ±20, 20 and 5 mm, up to 20 mm/s.
 pub fn lissajous(time_s: f64) -> [f64; 3] {
     let angle = 0.47 * time_s;
     [
@@ -404,7 +405,7 @@ pub fn lissajous(time_s: f64) -> [f64; 3] {
     ]
 }
 
-/// A move of 4 mm at 50,000 mm/s³, as a share of the whole.
+/// Returns the progress, 0 to 1, of a move of 4 mm at 50,000 mm/s³.
 pub fn smooth(t: f64) -> f64 {
     let quarter = (4.0f64 / 100_000.0).cbrt();
     let j = 50_000.0 / 4.0;

@@ -1,4 +1,4 @@
-//! The command line as its user meets it: results, messages and exit codes of the built program.
+//! The command line as a user meets it: results, messages and exit codes of the built program.
 
 #[path = "cli/align.rs"]
 mod align;
@@ -41,7 +41,8 @@ fn run(folder: &Path, arguments: &[&str]) -> Outcome {
     Outcome::of(trinocular().args(arguments).current_dir(folder))
 }
 
-/// A folder with the paper's `rig.toml` and a `points.csv` of five points that have moved by (1, 0, 0) mm.
+/// A folder with the paper's `rig.toml` and a `points.csv` of five points that have moved by (1, 0,
+/// 0) mm.
 struct Desk {
     folder: TempDir,
 }
@@ -77,7 +78,7 @@ impl Desk {
         fs::write(self.path(name), content).expect("the folder can be written to");
     }
 
-    /// Replaces the first `from` in a file; returns the line it stood in.
+    /// Replaces the first `from` in a file and returns its line number.
     #[track_caller]
     fn change(&self, name: &str, from: &str, to: &str) -> usize {
         let text = self.read(name);

@@ -1,4 +1,4 @@
-//! The paper's closed loop with station B on a serial line, in real time: pictures on this side,
+//! The paper's closed loop with station B on a serial line in real time: images on this side,
 //! everything from frame to step pins on the other.
 
 use host::client::stage::default_stage;
@@ -14,14 +14,14 @@ use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station};
 
-/// The station's patience with us, ms. The machine that runs tests has other things to do, and is
-/// no part of what is tested.
+/// Heartbeat timeout, ms. It is long because the test machine may be busy, and the heartbeat is no
+/// part of these tests.
 const HEARTBEAT_MS: u16 = 5_000;
 
-/// One closed loop at a time: each wants a processor for itself.
+/// Lets one closed loop run at a time, because each needs a processor of its own.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Table 6 with the station on this port.
+/// Runs Table 6 with the station on this port.
 fn table_6(path: &str) -> Run {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let place = StationPlace::Port {
@@ -74,7 +74,7 @@ fn table_6_with_the_emulated_board() {
     assert_eq!(run.pulses[1].commanded, steps);
 }
 
-/// Exit code, standard output, standard error.
+/// Runs the program; returns exit code, standard output and standard error.
 fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
     let done = trinocular()
         .args(arguments)
@@ -101,7 +101,7 @@ fn track(end: &FarEnd) -> (Option<i32>, String, String) {
 }
 
 #[test]
-fn track_follows_with_a_station_on_a_port() {
+fn track_follows_with_station_on_port() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, out, err) = track(&end);
@@ -116,7 +116,7 @@ fn track_follows_with_a_station_on_a_port() {
         .filter(|line| line["displacement_mm"].is_array())
         .count();
     assert!(used >= 5 && 2 * used > lines.len(), "{out}");
-    // It stood still after the last move it saw, or was on its way there; it moved at any rate, and
+    // It stood still after the last move it saw, or was on its way there. In any case it moved, and
     // never beyond the target.
     let steps = end.steps();
     assert!(
@@ -125,10 +125,10 @@ fn track_follows_with_a_station_on_a_port() {
     );
 }
 
-/// The target goes 12 mm and farther; a stage of 2 mm of travel each way goes that far and no
-/// farther, by twin and by port.
+/// The target moves 12 mm and farther. A stage with 2 mm of travel each way moves exactly that far,
+/// as a twin and on a port.
 #[test]
-fn the_stage_of_the_rig_file_is_the_one_that_moves() {
+fn stage_of_rig_file_moves() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let mut rig = RigFile::paper();
@@ -176,9 +176,9 @@ fn the_stage_of_the_rig_file_is_the_one_that_moves() {
     );
 }
 
-/// `track` for eight seconds; the plug is out for `away`, from the second picture on. The program
-/// inherits the pseudo-terminal from this process, so to it the line does not break, as in
-/// `serial.rs`, but falls silent.
+/// Runs `track` for eight seconds with the line unplugged for `away` from the second image on. The
+/// program inherits the pseudo-terminal from this process, so its line falls silent instead of
+/// breaking as in `serial.rs`.
 fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<i32>, String) {
     let mut running = trinocular()
         .args([
@@ -201,7 +201,7 @@ fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<
     end.unplug();
     std::thread::sleep(away);
     end.plug();
-    // Whoever does not read holds up the writer.
+    // An unread pipe would block the writer.
     for line in lines {
         line.expect("UTF-8");
     }
@@ -211,7 +211,7 @@ fn track_with_a_break(end: &FarEnd, heartbeat: &str, away: Duration) -> (Option<
 }
 
 #[test]
-fn a_break_that_the_station_did_not_notice_is_got_over() {
+fn unnoticed_break_is_survived() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, err) = track_with_a_break(&end, "10000", Duration::from_millis(100));
@@ -220,7 +220,7 @@ fn a_break_that_the_station_did_not_notice_is_got_over() {
 }
 
 #[test]
-fn a_break_that_stopped_the_station_ends_the_run() {
+fn break_that_stops_station_ends_run() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let end = station();
     let (code, err) = track_with_a_break(&end, "1000", Duration::from_secs(3));
@@ -235,7 +235,7 @@ fn a_break_that_stopped_the_station_ends_the_run() {
 }
 
 #[test]
-fn a_port_with_nobody_or_nothing_is_named() {
+fn silent_or_missing_port_is_named() {
     let nobody = mute();
     let (code, out, err) = track(&nobody);
     assert_eq!(code, Some(3), "{err}");
@@ -250,9 +250,9 @@ fn a_port_with_nobody_or_nothing_is_named() {
 }
 
 #[test]
-fn without_a_station_auto_says_what_there_is() {
+fn auto_without_station_lists_ports() {
     let (_, ports, _) = run(&["ports", "--json"]);
-    // With a board on the desk there is nothing to see here; it must not be written to.
+    // With a real board connected this test is skipped, because it must not write to it.
     if !ports.contains("\"is_station\":true") {
         let (code, _, err) = run(&["hello", "--port", "auto"]);
         assert_eq!(code, Some(1), "{err}");

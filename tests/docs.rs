@@ -1,5 +1,5 @@
 //! The pages for users: their commands run as typed, their references match the parsers, their
-//! figures are those that the program prints, and the example data can be made again.
+//! figures are those that the program prints, and the example data can be reproduced.
 //!
 //! Pages are `README.md`, `RESULTS.md` and everything in `docs/`.
 

@@ -1,4 +1,4 @@
-//! The station in QEMU: builds the image, starts the emulator, and ends it whatever happens.
+//! The station in QEMU: builds the image, starts the emulator, and ends it in every case.
 
 use shared::replay::Record;
 use std::ffi::OsString;
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 const QEMU: &str = "qemu-system-arm";
 
-/// The image, built by whatever compiler `embedded-toolchain.sh` finds.
+/// Returns the image, built by the compiler that `embedded-toolchain.sh` finds.
 pub fn image() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
     IMAGE.get_or_init(|| {
@@ -27,7 +27,7 @@ pub fn image() -> &'static Path {
     })
 }
 
-/// The step pins of a station that has ended, from its trace: steps since the start, and rising
+/// Reads the step pins of a finished station from its trace: steps since the start, and rising
 /// edges per axis.
 pub fn pins(trace: &Path) -> ([i64; 3], [u64; 3]) {
     let bytes = std::fs::read(trace).expect("the image wrote its trace");
@@ -45,7 +45,7 @@ pub fn pins(trace: &Path) -> ([i64; 3], [u64; 3]) {
     (steps, rises)
 }
 
-/// A started emulator; ends with this value.
+/// A running emulator. Dropping the value ends it.
 pub struct Emulator {
     process: Child,
 }
@@ -57,11 +57,11 @@ impl Drop for Emulator {
     }
 }
 
-/// How an emulator ended.
+/// Result of an emulator that has ended.
 pub struct Ended {
-    /// Whether the image exited with 0.
+    /// True if the image exited with 0.
     pub success: bool,
-    /// What it printed.
+    /// Standard output of the emulator.
     pub output: String,
 }
 
@@ -91,7 +91,7 @@ impl Emulator {
     /// Runs the image with these arguments to its end.
     ///
     /// # Panics
-    /// If it does not end within `patience`.
+    /// Panics if it does not end within `patience`.
     pub fn run(machine: &[&str], arguments: &[OsString], patience: Duration) -> Ended {
         let mut emulator = Self::start(machine, arguments);
         let stdout = emulator.process.stdout.take().expect("stdout is a pipe");
@@ -113,8 +113,8 @@ impl Emulator {
         }
     }
 
-    /// A station that serves its UART; also returns the path of the pseudo-terminal it is on. What
-    /// the station does goes to `trace`.
+    /// Starts a station that serves its UART, and returns the path of its pseudo-terminal. The
+    /// station writes its actions to `trace`.
     pub fn live(trace: &Path) -> (Self, String) {
         let machine = ["-chardev", "pty,id=link", "-serial", "chardev:link"];
         let mut emulator = Self::start(&machine, &["live".into(), trace.into()]);

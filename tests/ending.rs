@@ -1,7 +1,7 @@
-//! How runs with a station in motion end: by signals, closed and full outputs, and other hosts.
+//! Ends of runs with a station in motion: by signals, closed and full outputs, and other hosts.
 //!
-//! Every command that moves a stage ends alike: the stage stands, stopped by command and without a
-//! fault, before the program ends.
+//! Every command that moves a stage ends alike: before the program ends, the stage is at rest,
+//! stopped by command and without a fault.
 
 use host::client::serial::Serial;
 use host::client::stage::{HEARTBEAT_MS, default_stage};
@@ -27,18 +27,18 @@ use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// One at a time: each measures pictures.
+/// Lets one test run at a time, because each processes images.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A jog of ten seconds, and other ways to be in motion for long. The computer that runs tests is
-/// busy, hence the long heartbeat.
+/// Runs with long motion: a jog of ten seconds, and other commands. The heartbeat timeout is long
+/// because the test machine may be busy.
 const RUNS: [&str; 4] = [
     "jog x=50 --rig wide.toml --heartbeat 5000",
     "home x --rig home.toml --heartbeat 5000",
@@ -96,7 +96,7 @@ fn moving(end: &FarEnd) {
     }
 }
 
-/// Exit code and standard error of a program that ends by itself.
+/// Waits for a program to end by itself; returns exit code and standard error.
 fn ended(mut program: Child) -> (Option<i32>, String) {
     let patience = Instant::now() + PATIENCE;
     while program.try_wait().expect("it is ours").is_none() {
@@ -113,7 +113,7 @@ fn ended(mut program: Child) -> (Option<i32>, String) {
     (program.wait().expect("it ended").code(), text)
 }
 
-/// The stage stands, because it was stopped and for no other reason.
+/// Checks that the stage is at rest because of a stop and for no other reason.
 #[track_caller]
 fn stands_stopped(end: &FarEnd) {
     let stood = end.steps();
@@ -124,7 +124,7 @@ fn stands_stopped(end: &FarEnd) {
 }
 
 #[test]
-fn signal_in_motion_stops_every_command() {
+fn signal_in_motion_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     for (words, name) in RUNS.into_iter().zip(["INT", "TERM", "HUP", "INT"]) {
@@ -160,7 +160,7 @@ fn signal_in_motion_stops_every_command() {
 }
 
 #[test]
-fn lost_stop_after_a_signal_is_sent_again() {
+fn stop_lost_after_signal_is_repeated() {
     let _alone = alone();
     let desk = Desk::new();
     for words in [RUNS[0], RUNS[2]] {
@@ -186,7 +186,7 @@ fn lost_stop_after_a_signal_is_sent_again() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn lost_stop_to_the_emulated_board_is_sent_again() {
+fn stop_lost_to_emulated_board_is_repeated() {
     let _alone = alone();
     let desk = Desk::new();
     let folder = tempfile::tempdir().expect("a folder");
@@ -246,7 +246,7 @@ fn second_signal_ends_at_once() {
 }
 
 #[test]
-fn unanswered_stop_after_a_signal_is_reported() {
+fn unanswered_stop_is_reported() {
     let _alone = alone();
     let desk = Desk::new();
     let mut is_moving = false;
@@ -264,9 +264,9 @@ fn unanswered_stop_after_a_signal_is_reported() {
     end.standing();
 }
 
-/// The reader of standard output goes away, or the disk is full, after the first picture.
+/// The reader of standard output closes it, or the disk is full, after the first image.
 #[test]
-fn closed_or_full_output_stops_the_stage() {
+fn closed_output_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     let words = "track --sim --path line --seconds 60 --heartbeat 5000 --json";
@@ -338,7 +338,7 @@ fn full_standard_error_ends_no_run() {
 }
 
 #[test]
-fn second_host_learns_who_has_the_port() {
+fn second_host_learns_port_owner() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -356,7 +356,7 @@ fn second_host_learns_who_has_the_port() {
 }
 
 #[test]
-fn control_characters_of_a_board_are_not_printed() {
+fn board_control_characters_are_hidden() {
     let end = station_behind(
         |_| false,
         |mut report| {
@@ -387,7 +387,7 @@ fn control_characters_of_a_board_are_not_printed() {
 }
 
 #[test]
-fn stop_command_ends_another_run_first() {
+fn stop_command_ends_other_run() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -401,7 +401,7 @@ fn stop_command_ends_another_run_first() {
 }
 
 #[test]
-fn signal_in_stage_calibration_stops_it() {
+fn signal_stops_stage_calibration() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -446,7 +446,7 @@ fn motors_are_switched_by_hand() {
     assert_eq!(end.steps(), [80, 0, 0]);
 }
 
-/// As many threads want a processor for themselves.
+/// Number of threads that each load a processor.
 const BUSY: usize = 20;
 
 struct Load(Arc<AtomicBool>, Vec<std::thread::JoinHandle<()>>);
@@ -471,7 +471,7 @@ impl Drop for Load {
     }
 }
 
-/// Largest time between two pings, as the host stamped them, ms.
+/// Returns the longest interval between two pings by the host's stamps, ms.
 fn largest_gap_ms(end: &FarEnd) -> u64 {
     let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
     let mut bytes = &bytes[..];
@@ -485,10 +485,10 @@ fn largest_gap_ms(end: &FarEnd) -> u64 {
     gaps.max().expect("there were pings") / 1_000
 }
 
-/// The station's clock here runs with this computer's, so the pings themselves are looked at.
+/// The test examines the pings themselves, because the station's clock is that of this computer.
 #[test]
 #[ignore = "loads the computer; tests/run includes it"]
-fn heartbeat_holds_on_a_busy_computer() {
+fn heartbeat_holds_on_busy_computer() {
     let _alone = alone();
     let may_raise = Command::new("nice").args(["-n", "-20", "true"]).output();
     let may_raise = may_raise.is_ok_and(|done| done.stderr.is_empty());

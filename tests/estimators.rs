@@ -22,7 +22,7 @@ fn cloud(displacement_mm: [f64; 3]) -> Cloud {
 
 /// A wrong sign makes the stage run away from the target.
 #[test]
-fn object_right_down_away_is_plus_x_y_z() {
+fn right_down_away_is_plus_x_y_z() {
     let rig = ideal_rig(530.0, &LINE);
     for axis in 0..3 {
         for direction in [1.0, -1.0] {
@@ -50,10 +50,10 @@ fn object_right_down_away_is_plus_x_y_z() {
     }
 }
 
-/// In image terms: the target moves right, so its pixels move right; away, so they move to the
-/// centre.
+/// In image terms: if the target moves right, so do its pixels; if it moves away, its pixels move
+/// to the centre.
 #[test]
-fn flow_signs_are_those_of_ordinary_images() {
+fn flow_signs_match_images() {
     let rig = ideal_rig(530.0, &LINE);
     let seen = |displacement| cloud(displacement).views(&rig, &mut Random::seeded(2));
     assert!(
@@ -76,10 +76,9 @@ fn flow_signs_are_those_of_ordinary_images() {
     );
 }
 
-/// The paper's Appendix A: disparity products of any two points commute, whatever the baselines
-/// (its eq. 3).
+/// Appendix A of the paper: disparity products of any two points commute for all baselines (eq. 3).
 #[test]
-fn appendix_a_disparity_products_commute() {
+fn appendix_a_products_commute() {
     let rig = ideal_rig(530.0, &[[-90.0, 0.0], [0.0, 0.0], [31.0, 0.0]]);
     let views = cloud([0.0; 3]).views(&rig, &mut Random::seeded(3));
     let x = |p: usize, camera: usize| views[p][camera].start[0];
@@ -92,10 +91,10 @@ fn appendix_a_disparity_products_commute() {
     }
 }
 
-/// The paper's Appendix B: the normal matrix of eq. 7 and its determinant (eq. 8), for sums of
-/// noisy, unrelated views too; and in the ideal geometry `a1 b3 = a3 b1`.
+/// Appendix B of the paper: the normal matrix of eq. 7 and its determinant (eq. 8), also for sums
+/// of noisy, unrelated images; in the ideal geometry `a1 b3 = a3 b1`.
 #[test]
-fn appendix_b_normal_matrix_and_determinant() {
+fn appendix_b_matrix_and_determinant() {
     let rig = ideal_rig(530.0, &LINE);
     for noise_px in [0.0, 20.0] {
         let scene = Cloud {
@@ -128,7 +127,7 @@ fn appendix_b_normal_matrix_and_determinant() {
 }
 
 #[test]
-fn midpoint_needs_no_third_camera_and_takes_eight() {
+fn midpoint_takes_2_to_8_cameras() {
     let eight: Vec<[f64; 2]> = (0..8)
         .map(|k| [f64::from(k % 4) * 50.0, f64::from(k / 4) * 40.0])
         .collect();
@@ -147,7 +146,7 @@ fn midpoint_needs_no_third_camera_and_takes_eight() {
 }
 
 #[test]
-fn degenerate_input_is_refused_by_name() {
+fn degenerate_input_is_refused() {
     let rig = ideal_rig(530.0, &LINE);
     let views = cloud([1.0, 1.0, 1.0]).views(&rig, &mut Random::seeded(6));
     // Cameras in the wrong order: disparities and q change sign.
@@ -168,12 +167,12 @@ fn degenerate_input_is_refused_by_name() {
         !centred(&rig, &[]).add(&[views[0][2], views[0][1], views[0][0]]),
         "behind the cameras"
     );
-    // One point in one place.
+    // All points at one position.
     let same = vec![views[0].clone(); 20];
     let mut sums = centred(&rig, &[]);
     for p in &same {
-        // three cameras still look from three places, but refitted positions differ by disparity
-        // only
+        // Three cameras still see the point from three positions, but refitted positions differ
+        // only in disparity.
         assert!(sums.add(p));
     }
     assert!(
@@ -204,8 +203,8 @@ struct Rated {
     seed: u64,
 }
 
-/// The whole rated range: depth 300-2000 mm, focal length 300-2500 px, displacement to 100 mm,
-/// 8-4000 points.
+/// Returns cases from the whole rated range: depth 300 to 2000 mm, focal length 300 to 2500 px,
+/// displacement up to 100 mm, 8 to 4000 points.
 fn rated(h: std::ops::Range<f64>) -> impl Strategy<Value = Rated> {
     let depth = (300.0..1900.0f64, 1.02..1.5f64)
         .prop_map(|(near, ratio)| [near, (near * ratio).min(2000.0)]);
@@ -243,8 +242,8 @@ fn worst_nm(fixed: [i32; 3], exact_mm: [f64; 3]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// 3,000 cases, or as many more as `PROPTEST_CASES` asks for; a test that cannot use two of three
-/// fails.
+/// Returns the number of cases: 3,000, or more by `PROPTEST_CASES`. A test that cannot use two of
+/// three fails.
 fn cases() -> ProptestConfig {
     let config = ProptestConfig::default();
     let cases = config.cases.max(3_000);
@@ -258,14 +257,16 @@ fn cases() -> ProptestConfig {
 proptest! {
     #![proptest_config(cases())]
 
-    /// Closed form: within 1 µm of the oracle on unquantised sums. One case in four is beyond it:
-    /// so far and noisy that the disparities mean nothing, or the answer leaves the rated range.
+    /// Closed form: within 1 µm of the oracle on unquantised sums. One case in four is out of
+    /// range, because the disparities are lost in noise at that distance or the answer leaves the
+    /// rated range.
     #[test]
     fn closed_form_fixed_point_follows_the_oracle(case in rated(60.0..300.0)) {
         let sums = pairs(&case.rig, &case.cloud.views(&case.rig, &mut Random::seeded(case.seed)));
         let words = sums.quantise();
         if words == Err(Refusal::OutOfRange) {
-            prop_assert!(case.cloud.depth_mm[0] + case.cloud.displacement_mm[2] < 300.0, "refused within the rated depth");
+            let nearest_mm = case.cloud.depth_mm[0] + case.cloud.displacement_mm[2];
+            prop_assert!(nearest_mm < 300.0, "refused within the rated depth");
             return Err(TestCaseError::reject("nearer than the rated depth"));
         }
         let words = words.unwrap();
@@ -277,7 +278,7 @@ proptest! {
         prop_assert!(worst_nm(fixed, exact) <= 1000.0, "{fixed:?} {exact:?}");
     }
 
-    /// Midpoint: within 0.1 µm, variances within 1 %.
+    /// Midpoint: within 0.1 µm of the oracle, variances within 1 %.
     #[test]
     fn midpoint_fixed_point_follows_the_oracle(case in rated(30.0..300.0)) {
         let sums = centred(&case.rig, &case.cloud.views(&case.rig, &mut Random::seeded(case.seed)));
@@ -285,27 +286,46 @@ proptest! {
         prop_assume!(exact.displacement_mm.iter().all(|v| v.abs() <= 110.0));
         let words = sums.quantise().unwrap();
         let fixed = midpoint::solve_fixed(&words).unwrap();
-        prop_assert!(worst_nm(fixed.displacement_nm, exact.displacement_mm) <= 100.0, "{fixed:?} {exact:?}");
+        let worst_nm = worst_nm(fixed.displacement_nm, exact.displacement_mm);
+        prop_assert!(worst_nm <= 100.0, "{fixed:?} {exact:?}");
         prop_assert_eq!(midpoint::displacement_fixed(&words).unwrap(), fixed.displacement_nm);
         for i in 0..3 {
             let variance = exact.covariance_mm2[i][i] * 1e12;
             if variance > 1e6 && sums.freedom() <= 65535 {
-                prop_assert!((fixed.variance_nm2[i] as f64 - variance).abs() <= 0.01 * variance + 2.0);
+                let error = (fixed.variance_nm2[i] as f64 - variance).abs();
+                prop_assert!(error <= 0.01 * variance + 2.0);
             }
         }
     }
 
-    /// Whatever arrives: an answer or a refusal, never a panic, and the same again.
+    /// Any input gives an answer or a refusal without a panic, and the same one again.
     #[test]
-    fn any_words_are_answered(w in prop::array::uniform10(any::<i32>()), points: u16, freedom: u16, exponent: i8, spread: u32, residual_nm: u32) {
-        let pair = FixedPairSums { points, a1: w[0], a2: w[1], a3: w[2], b1: w[3], b2: w[4], b3: w[5], d1: w[6], d2: w[7], d3: w[8], d4: w[9] };
+    fn any_words_are_answered(
+        w in prop::array::uniform10(any::<i32>()),
+        points: u16,
+        freedom: u16,
+        exponent: i8,
+        spread: u32,
+        residual_nm: u32,
+    ) {
+        let [a1, a2, a3, b1, b2, b3, d1, d2, d3, d4] = w;
+        let pair = FixedPairSums { points, a1, a2, a3, b1, b2, b3, d1, d2, d3, d4 };
         prop_assert_eq!(closed_form::solve_fixed(&pair), closed_form::solve_fixed(&pair));
-        let mid = FixedCentredSums { points, freedom, mean_nm: [w[0], w[1]], centroid: [w[2], w[3]], spread, exponent, coupling: w[4], residual_nm };
+        let mid = FixedCentredSums {
+            points,
+            freedom,
+            mean_nm: [w[0], w[1]],
+            centroid: [w[2], w[3]],
+            spread,
+            exponent,
+            coupling: w[4],
+            residual_nm,
+        };
         prop_assert_eq!(midpoint::solve_fixed(&mid), midpoint::solve_fixed(&mid));
     }
 }
 
-/// The corners of the formats, which random words rarely meet.
+/// Extreme values of the formats, which random words rarely reach.
 #[test]
 fn extreme_words_are_answered() {
     let edge = [i32::MIN, -1, 0, 1, i32::MAX];

@@ -29,7 +29,7 @@ fn within(off: [f64; 3], bound: [f64; 3]) -> bool {
     off.iter().zip(bound).all(|(o, b)| *o <= b)
 }
 
-/// The figures that the whole path must show, read from `tables --json`.
+/// The whole path must reach these figures, read from `tables --json`.
 #[test]
 fn tables_reach_their_figures() {
     let output = run(&["tables", "--json"]);
@@ -98,7 +98,7 @@ fn tables_reach_their_figures() {
 }
 
 #[test]
-fn without_a_command_it_tracks_and_writes_a_report_that_needs_nothing_else() {
+fn no_command_tracks_and_writes_report() {
     let folder = tempfile::tempdir().unwrap();
     let (page, figure) = (
         folder.path().join("run.html"),
@@ -140,7 +140,7 @@ fn without_a_command_it_tracks_and_writes_a_report_that_needs_nothing_else() {
 }
 
 #[test]
-fn the_stage_of_a_rig_file_is_moved() {
+fn stage_of_rig_file_is_moved() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let stage = Stage {
@@ -165,7 +165,7 @@ fn the_stage_of_a_rig_file_is_moved() {
 }
 
 #[test]
-fn a_repeating_poster_is_refused_with_the_reason() {
+fn repeating_poster_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let page = folder.path().join("run.html");
     let output = run(&["--texture", "bricks", "--report", page.to_str().unwrap()]);
@@ -175,7 +175,7 @@ fn a_repeating_poster_is_refused_with_the_reason() {
 }
 
 #[test]
-fn the_closed_loop_follows_a_circle_and_the_paper_estimator_works_too() {
+fn closed_loop_follows_circle() {
     for method in ["midpoint", "closed-form"] {
         let output = run(&[
             "track",
@@ -213,7 +213,7 @@ fn the_closed_loop_follows_a_circle_and_the_paper_estimator_works_too() {
 }
 
 #[test]
-fn recorded_images_drive_the_stage() {
+fn recorded_images_drive_stage() {
     let images = concat!(env!("CARGO_MANIFEST_DIR"), "/images/teddy");
     let rig = format!("{images}/rig.toml");
     let output = run(&["track", "--images", images, "--rig", &rig, "--json"]);
@@ -241,7 +241,7 @@ fn recorded_images_drive_the_stage() {
 }
 
 #[test]
-fn impossible_options_are_usage_errors() {
+fn impossible_options_exit_2() {
     for arguments in [
         &["track"][..],
         &["track", "--sim", "--fps", "0"],

@@ -1,5 +1,5 @@
-//! The far end of a pseudo-terminal: stations and strangers, each in a thread that ends with its
-//! handle.
+//! The far end of a pseudo-terminal: stations and other devices, each in a thread that ends with
+//! its handle.
 //!
 //! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged
 //! in again under the same name.
@@ -24,9 +24,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Somebody at the end of a line.
+/// A device at the far end of a line.
 pub struct FarEnd {
-    /// The port that leads there.
+    /// Path of the port that leads to the device.
     pub path: String,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -36,10 +36,10 @@ pub struct FarEnd {
 #[derive(Default)]
 struct Shared {
     received: Mutex<Vec<u8>>,
-    /// Steps that left the pins.
+    /// Steps made at the pins.
     steps: Mutex<[i64; 3]>,
     unplugged: AtomicBool,
-    /// How often the station was switched off and on.
+    /// Number of times that the station was power-cycled.
     restarts: AtomicU32,
     over: AtomicBool,
 }
@@ -54,7 +54,7 @@ impl Drop for FarEnd {
 }
 
 impl FarEnd {
-    /// Everything that came over the line.
+    /// Returns all bytes received over the line.
     pub fn received(&self) -> Vec<u8> {
         self.shared
             .received
@@ -63,15 +63,15 @@ impl FarEnd {
             .clone()
     }
 
-    /// Edges at a station's step pins since it was first switched on, backward ones subtracted.
+    /// Returns the edges at a station's step pins since power-on, with backward ones subtracted.
     pub fn steps(&self) -> [i64; 3] {
         *self.shared.steps.lock().expect("no thread panics")
     }
 
-    /// Waits until no more edges come, and tells where that is.
+    /// Waits until no more edges come and returns the position.
     ///
     /// # Panics
-    /// If they still come after a minute.
+    /// Panics if edges still come after a minute.
     pub fn standing(&self) -> [i64; 3] {
         let patience = Instant::now() + Duration::from_secs(60);
         loop {
@@ -84,7 +84,7 @@ impl FarEnd {
         }
     }
 
-    /// Pulls the plug; whoever is there lives on.
+    /// Unplugs the line. The device keeps running.
     pub fn unplug(&self) {
         self.shared.unplugged.store(true, Ordering::Relaxed);
         while Path::new(&self.path).exists() {
@@ -92,21 +92,21 @@ impl FarEnd {
         }
     }
 
-    /// Puts the plug back.
+    /// Plugs the line in again.
     pub fn plug(&self) {
         self.shared.unplugged.store(false, Ordering::Relaxed);
     }
 
-    /// Switches a station off and on.
+    /// Power-cycles the station.
     pub fn restart(&self) {
         self.shared.restarts.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// A pseudo-terminal under a name of ours.
+/// A pseudo-terminal under a link's name.
 struct Line {
     far: TTYPort,
-    /// Stays open here, or the line would end when the other program closes it.
+    /// Near end, kept open because the line would end when the other program closes it.
     _near: TTYPort,
 }
 
@@ -121,7 +121,7 @@ impl Line {
     }
 }
 
-/// Calls `live` with the bytes that came, every millisecond; what it returns goes back.
+/// Calls `live` every millisecond with the bytes received, and sends back the bytes it returns.
 fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> FarEnd {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("port");
@@ -152,7 +152,7 @@ fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> 
                 .extend_from_slice(&buffer[..count]);
             let answer = live(&theirs, &buffer[..count]);
             if let Some(line) = &mut line {
-                // A full line loses what nobody reads.
+                // A full line loses unread bytes.
                 let _ = line.far.write_all(&answer);
             }
         }
@@ -178,21 +178,22 @@ fn switched_on(session: u32, reset_cause: ResetCause, last_run: LastRun) -> Stat
     Station::new(board, PORT, RING_WORDS as u32).expect("possible pins")
 }
 
-/// The rails' limit switches open this far from where the stage starts, steps: 70 mm.
+/// Distance from the stage's starting point to the rails' limit switches, steps: 70 mm.
 const RAIL_STEPS: i64 = 5_600;
 
-/// The machine, on this computer's clock, with a stage on rails with limit switches at their ends.
+/// Starts the station on this computer's clock, with a stage on rails with limit switches at their
+/// ends.
 pub fn station() -> FarEnd {
     station_after(ResetCause::PowerOn, LastRun::UNKNOWN)
 }
 
-/// As [`station`], with something to remember.
+/// Starts a [`station`] that remembers a reset cause and its last run.
 pub fn station_after(reset_cause: ResetCause, last_run: LastRun) -> FarEnd {
     far_end(machine(reset_cause, last_run))
 }
 
-/// As [`station`], behind a line that loses packets from the host for which `lost` returns true,
-/// and on which `told` changes what the station says, or loses it.
+/// Starts a [`station`] behind a line that loses the host's packets for which `lost` returns true,
+/// and passes its reports through `told`, which may change or lose them.
 pub fn station_behind(
     mut lost: impl FnMut(&Packet) -> bool + Send + 'static,
     mut told: impl FnMut(Report) -> Option<Report> + Send + 'static,
@@ -214,8 +215,8 @@ pub fn station_behind(
     })
 }
 
-/// The station on the port `path`, behind a line that loses packets from the host for which `lost`
-/// returns true.
+/// Connects to the station on the port `path` through a line that loses the host's packets for
+/// which `lost` returns true.
 pub fn bridge(path: &str, mut lost: impl FnMut(&Packet) -> bool + Send + 'static) -> FarEnd {
     let port = serialport::new(path, 921_600).timeout(Duration::from_secs(1));
     let mut port = port.open().expect("the station's port opens");
@@ -230,7 +231,7 @@ pub fn bridge(path: &str, mut lost: impl FnMut(&Packet) -> bool + Send + 'static
     })
 }
 
-/// What is left of the bytes of a host when the packets that `lost` names are taken out.
+/// Returns the host's bytes without the packets for which `lost` returns true.
 fn without_lost(
     commands: &mut Receiver<Packet>,
     mut bytes: &[u8],
@@ -269,8 +270,8 @@ fn machine(
                 .map(|steps| [steps <= -RAIL_STEPS, steps >= RAIL_STEPS]),
             ..Inputs::default()
         });
-        // A computer that is busy elsewhere stops the station's clock, too: no real board misses a
-        // heartbeat for that.
+        // A busy computer delays the station's clock as well, because no real board would miss a
+        // heartbeat then.
         let passed = last.elapsed().min(Duration::from_millis(10));
         last = Instant::now();
         let until = station.now().micros() + passed.as_micros() as u64;
@@ -289,7 +290,7 @@ fn machine(
     }
 }
 
-/// Somebody who answers everything with the same bytes.
+/// Starts a device that answers everything with the same bytes.
 pub fn saying(bytes: Vec<u8>) -> FarEnd {
     far_end(move |_, received| {
         if received.is_empty() {
@@ -300,12 +301,12 @@ pub fn saying(bytes: Vec<u8>) -> FarEnd {
     })
 }
 
-/// Nobody.
+/// Starts a device that never answers.
 pub fn mute() -> FarEnd {
     far_end(|_, _| Vec::new())
 }
 
-/// A configuration that no station takes.
+/// Returns a configuration that every station refuses.
 pub fn impossible() -> Config {
     let mut config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
     config.slow_speed_um_s = 0;

@@ -1,9 +1,8 @@
-//! How well the station follows: the closed loop with its figures, asserted without rendering a
-//! picture.
+//! Quality of following: figures of the closed loop, asserted without rendering an image.
 //!
-//! Cameras are simulated by what they would say and by their noise; everything from the frame's
-//! bytes to the planned position is the station's own code. 60 frames/s, 20 ms from picture to
-//! frame, the stage of the experiments.
+//! Cameras are simulated by their measurements and noise; everything from the frame's bytes to the
+//! planned position is the station's own code. 60 frames/s, 20 ms from image to frame, the stage of
+//! the experiments.
 
 #[path = "following/consistency.rs"]
 mod consistency;
@@ -13,7 +12,7 @@ use shared::track::pursuit::Sight;
 use std::f64::consts::TAU;
 use trinocular_tests::chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 
-/// Different noise each.
+/// Seeds of the noise.
 const SEEDS: [u64; 4] = [1, 2, 3, 4];
 
 fn each(bound: [f64; 3], value: [f64; 3]) -> bool {
@@ -23,7 +22,7 @@ fn each(bound: [f64; 3], value: [f64; 3]) -> bool {
         .all(|(bound, value)| value <= *bound)
 }
 
-/// When the stage was last farther off than this, s.
+/// Returns the last time at which the error exceeded the bound, s.
 fn settled(run: &Run, bound_mm: [f64; 3]) -> f64 {
     let off = run
         .samples
@@ -32,12 +31,12 @@ fn settled(run: &Run, bound_mm: [f64; 3]) -> f64 {
     off.map(|sample| sample.time_s).fold(0.0, f64::max)
 }
 
-/// The first picture from `time_s` on, s.
+/// Returns the time of the first image from `time_s` on, s.
 fn first_picture(time_s: f64) -> f64 {
     (time_s * 60.0).ceil() / 60.0
 }
 
-/// Highest acceleration planned on any axis, mm/s².
+/// Returns the highest planned acceleration of any axis, mm/s².
 fn steepest(run: &Run) -> f64 {
     let ticks: Vec<[i64; 3]> = run.planned.iter().copied().step_by(4).collect();
     let of = |axis: usize| {
@@ -50,10 +49,10 @@ fn steepest(run: &Run) -> f64 {
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-/// Also in the shape that another stage gives it, and with the frame rate of the paper's
+/// The target also moves as another stage would move it, and with the frame rate of the paper's
 /// experiment.
 #[test]
-fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
+fn step_settles_without_overshoot() {
     type Step = fn(f64) -> [f64; 3];
     let sudden: Step = |t| if t < 1.01 { [0.0; 3] } else { [4.0, 4.0, 1.0] };
     let driven: Step = |t| [4.0, 4.0, 1.0].map(|mm| mm * smooth(t - 1.01));
@@ -64,14 +63,14 @@ fn a_step_is_settled_within_a_quarter_of_a_second_without_overshoot() {
             let took = settled(&run, [0.03, 0.03, 0.08]) - first_picture(1.01);
             println!("{name} step: settled after {took:.3} s, overshoot {over:.4?} mm");
             assert!(took <= 0.25, "{name}: {took} s");
-            // 5 %, and what noise makes of a rest.
+            // The bound is 5 % and the noise at rest.
             assert!(each([0.2, 0.2, 0.05 + 0.08], over), "{name}: {over:?}");
         }
     }
 }
 
 #[test]
-fn a_lissajous_is_followed_and_prediction_is_what_does_it() {
+fn prediction_follows_lissajous() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         let with = chase.follow(lissajous, 10.0);
@@ -89,7 +88,7 @@ fn a_lissajous_is_followed_and_prediction_is_what_does_it() {
 }
 
 #[test]
-fn a_steady_motion_is_followed_without_lag() {
+fn steady_motion_is_followed_without_lag() {
     for seed in SEEDS {
         let run = Chase::new(seed).follow(
             |t| [4.0, 4.0, 1.0].map(|d| d * 50.0 * t / 33f64.sqrt()),
@@ -102,9 +101,9 @@ fn a_steady_motion_is_followed_without_lag() {
 }
 
 #[test]
-fn at_a_still_target_the_motors_are_quiet() {
+fn still_target_keeps_motors_quiet() {
     for seed in SEEDS {
-        // In the middle of a step, and between two.
+        // The target rests in the middle of a step, or between two.
         let run = match seed % 2 {
             0 => Chase::new(seed).follow(|_| [0.0; 3], 20.0),
             _ => Chase::new(seed).follow(|t| [0.5 * t.min(0.0125); 3], 20.0),
@@ -117,7 +116,7 @@ fn at_a_still_target_the_motors_are_quiet() {
 }
 
 #[test]
-fn half_a_second_without_frames_is_coasted_through() {
+fn gap_of_half_a_second_is_coasted() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         chase.hidden_s = Some([3.0, 3.5]);
@@ -136,7 +135,7 @@ fn half_a_second_without_frames_is_coasted_through() {
 }
 
 #[test]
-fn a_lost_target_is_waited_for_at_rest_and_followed_again() {
+fn lost_target_is_reacquired_from_rest() {
     let mut chase = Chase::new(1);
     chase.hidden_s = Some([3.0, 5.0]);
     let run = chase.follow(lissajous, 8.0);
@@ -159,7 +158,7 @@ fn a_lost_target_is_waited_for_at_rest_and_followed_again() {
 }
 
 #[test]
-fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
+fn single_outlier_is_refused() {
     let mut chase = Chase::new(3);
     chase.wrong = Some((90, 1, [5.0, -5.0, 5.0]));
     let still = chase.follow(|_| [0.0; 3], 3.0);
@@ -176,7 +175,7 @@ fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
         "{:?}",
         moving.rms(1.0)
     );
-    // From frame 90 on, all of them.
+    // All frames from number 90 on are wrong.
     chase.wrong = Some((90, u64::MAX, [5.0, -5.0, 5.0]));
     let jumped = chase.follow(|_| [0.0; 3], 3.0);
     assert_eq!(jumped.denials, [Denial::Outlier]);
@@ -191,8 +190,8 @@ fn one_wrong_frame_is_refused_and_two_that_agree_are_followed() {
 }
 
 #[test]
-fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
-    // 30 mm/s to 69 mm and back; the stage ends at 60.
+fn target_beyond_limits_stops_at_limit() {
+    // The target moves at 30 mm/s to 69 mm and back; the stage's limit is 60 mm.
     let run = Chase::new(1).follow(
         |t| {
             let way = 30.0 * t;
@@ -209,10 +208,10 @@ fn a_target_beyond_the_soft_limits_is_followed_as_far_as_they_go() {
     );
 }
 
-/// As another stage carries a target that it is told about picture by picture: its speed goes up
-/// and down by a sixth with every one.
+/// The target moves as if another stage followed single images: its speed varies by a sixth with
+/// every image.
 #[test]
-fn an_uneven_motion_is_followed_without_lag_too() {
+fn uneven_motion_is_followed_without_lag() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         chase.frames_per_s = 30.0;

@@ -1,7 +1,7 @@
-//! The wire: committed bytes of every message, and what a bad line does to them.
+//! The wire: committed bytes of every message, and the effects of a bad line on them.
 //!
-//! The bytes are in `golden/wire.txt`. After a change that is meant,
-//! `REGENERATE=1 cargo test -p trinocular-tests --test link` writes them anew.
+//! The bytes are in `golden/wire.txt`. After an intended change, `REGENERATE=1 cargo test -p
+//! trinocular-tests --test link` writes them anew.
 
 #[path = "link/samples.rs"]
 mod samples;
@@ -57,7 +57,7 @@ fn golden_bytes_of_every_message() {
 
 /// The schema names every variant at its number: `command 3 setpoint` and so on.
 #[test]
-fn schema_lists_every_variant_at_its_number() {
+fn schema_numbers_every_variant() {
     let number = |bytes: &[u8], at: usize| {
         let mut plain = bytes[1..bytes.len() - 1].to_vec();
         let length = cobs_decode(&mut plain);
@@ -109,9 +109,9 @@ fn cobs_decode(bytes: &mut [u8]) -> usize {
     out.len()
 }
 
-/// Every field at its encodable extreme: a flow frame of either kind still fits one USB packet.
+/// Every field is at its encodable extreme: a flow frame of either kind still fits one USB packet.
 #[test]
-fn a_flow_frame_fits_64_bytes_at_every_extreme() {
+fn flow_frame_fits_64_bytes_at_extremes() {
     let month = Instant::from_micros(30 * 24 * 3_600 * 1_000_000);
     for time in [Instant::MAX, month, Instant::from_micros(0)] {
         for value in [i32::MIN, i32::MAX, 0, -1] {
@@ -138,7 +138,7 @@ fn a_flow_frame_fits_64_bytes_at_every_extreme() {
     }
 }
 
-/// The host relies on it.
+/// The host relies on this.
 #[test]
 fn every_message_fits() {
     let axis = AxisConfig {
@@ -230,7 +230,7 @@ fn stream() -> (Vec<Packet>, Vec<Vec<u8>>) {
 }
 
 #[test]
-fn any_chunking_gives_the_same_packets() {
+fn chunking_does_not_change_packets() {
     let (packets, bytes) = stream();
     let bytes = bytes.concat();
     for chunk in 1..=bytes.len() {
@@ -244,8 +244,8 @@ fn any_chunking_gives_the_same_packets() {
 #[test]
 fn data_loss_sandwich() {
     let (packets, bytes) = stream();
-    // Every single byte lost in turn: the packet it was in is gone, all others arrive. Without its
-    // closing zero not even that, because the next packet begins with one.
+    // Every byte is lost in turn: its packet is gone, all others arrive. A lost closing zero loses
+    // no packet, because the next packet begins with a zero.
     let all = bytes.concat();
     for lost in 0..all.len() {
         let mut damaged = all.clone();
@@ -255,15 +255,15 @@ fn data_loss_sandwich() {
         assert!(gone <= 1, "byte {lost}: {gone} packets gone");
         assert!(
             got.iter().all(|p| packets.contains(p)),
-            "a packet appeared that nobody sent"
+            "a packet appeared that was never sent"
         );
         assert!(rejects.total() > 0 || gone == 0 || lost + 1 == all.len());
     }
 }
 
-/// Noise on an idle line costs the noise, never the packet behind it.
+/// Noise on an idle line never costs the packet behind it.
 #[test]
-fn noise_before_a_packet_costs_nothing() {
+fn noise_before_packet_costs_nothing() {
     let (packets, bytes) = stream();
     for length in 1..=3 {
         for noise in [0x00, 0x01, 0x02, 0x55, 0x80, 0xff] {
@@ -276,7 +276,7 @@ fn noise_before_a_packet_costs_nothing() {
 }
 
 #[test]
-fn each_reject_is_counted_by_its_reason() {
+fn rejects_are_counted_by_reason() {
     let (_, bytes) = stream();
     let hello = &bytes[0];
     let mut flipped = bytes[3].clone(); // its third byte is no COBS code
@@ -307,7 +307,7 @@ fn each_reject_is_counted_by_its_reason() {
             }
         )
     );
-    // A sound packet with a variant that does not exist, and one with a byte too many.
+    // A valid packet with an unknown variant, and one with an extra byte.
     let unknown = encode(&(0x0102u16.to_le_bytes(), 200u8)).unwrap();
     let longer = encode(&(0x0102u16.to_le_bytes(), 0u8, 0u8)).unwrap();
     assert_eq!(
@@ -332,16 +332,22 @@ fn each_reject_is_counted_by_its_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.max(500), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: ProptestConfig::default().cases.max(500),
+        ..ProptestConfig::default()
+    })]
 
     #[test]
-    fn garbage_never_becomes_a_packet(garbage in prop::collection::vec(any::<u8>(), 0..2000), chunk in 1usize..300) {
+    fn garbage_never_becomes_a_packet(
+        garbage in prop::collection::vec(any::<u8>(), 0..2000),
+        chunk in 1usize..300,
+    ) {
         let (packets, _) = receive(&garbage, chunk);
         prop_assert!(packets.is_empty());
     }
 
     #[test]
-    fn a_sound_packet_after_garbage_arrives(garbage in prop::collection::vec(any::<u8>(), 0..600)) {
+    fn packet_after_garbage_arrives(garbage in prop::collection::vec(any::<u8>(), 0..600)) {
         let (_, bytes) = stream();
         let all = [garbage, vec![0], bytes[3].clone()].concat();
         prop_assert_eq!(receive(&all, 64).0.len(), 1);

@@ -1,9 +1,9 @@
-//! Random lives of a healthy stage: whatever the target and the cameras do, no fault.
+//! Random lives of a healthy stage: no fault with any target and cameras.
 //!
 //! ```text
 //! cargo test -p trinocular-tests --test lives -- --ignored --nocapture
 //! ```
-//! runs ten thousand lives and prints how many ended with a fault.
+//! runs ten thousand lives and prints the number that ended with a fault.
 
 #[path = "lives/life.rs"]
 mod life;
@@ -12,7 +12,8 @@ use life::Life;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Follows the lives of some seeds on all processors. Returns what ended with a fault.
+/// Follows the lives of a range of seeds on all processors. Returns descriptions of the lives that
+/// ended with a fault.
 fn faults(seeds: std::ops::Range<u64>) -> Vec<String> {
     let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
     let next = AtomicU64::new(seeds.start);
@@ -39,14 +40,14 @@ fn faults(seeds: std::ops::Range<u64>) -> Vec<String> {
 }
 
 #[test]
-fn healthy_stage_has_no_fault_in_300_lives() {
+fn healthy_stage_survives_300_lives() {
     let faults = faults(0..300);
     assert_eq!(faults, Vec::<String>::new());
 }
 
 #[test]
 #[ignore = "ten thousand lives take two minutes; tests/run includes it"]
-fn healthy_stage_has_no_fault_in_10000_lives() {
+fn healthy_stage_survives_10000_lives() {
     const LIVES: u64 = 10_000;
     let faults = faults(0..LIVES);
     // The rule of three: with 95 % confidence the rate is below 3/n if there was none in n.

@@ -1,5 +1,4 @@
-//! The host on a line that loses chosen packets, and at a station that sends numbers that cannot be
-//! true.
+//! The host on a line that loses chosen packets, and with a station that sends impossible numbers.
 
 use host::client::StationError;
 use host::client::serial::Serial;
@@ -16,15 +15,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use trinocular_tests::far_end::{FarEnd, station, station_behind};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn start(end: &FarEnd) -> Serial {
     Serial::start(&end.path, &default_stage(), Mounting::OnStage).expect("the station starts")
 }
 
-/// A stage in motion towards x = 50 mm, which takes 10 s: longer than a busy computer keeps a test
-/// waiting.
+/// Starts a stage towards x = 50 mm. The motion takes 10 s, longer than a busy computer delays a
+/// test.
 fn moving(end: &FarEnd) -> Serial {
     let stage = Stage {
         max_speed_mm_s: [5.0; 3],
@@ -55,7 +54,7 @@ fn stopped(serial: &Serial) -> Status {
     wait(serial, |status| status.state == State::Stopped)
 }
 
-/// Loses the first `count` packets that `is_meant` names.
+/// Returns a filter that loses the first `count` packets for which `is_meant` returns true.
 fn first(count: usize, is_meant: impl Fn(&Command) -> bool) -> impl FnMut(&Packet) -> bool {
     let mut seen = 0;
     move |packet| {
@@ -68,7 +67,7 @@ fn is_stop(command: &Command) -> bool {
     matches!(command, Command::Stop)
 }
 
-/// The packets that the host has sent.
+/// Returns the packets that the host has sent.
 fn packets(end: &FarEnd) -> Vec<Packet> {
     let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
     let mut bytes = &bytes[..];
@@ -78,8 +77,8 @@ fn packets(end: &FarEnd) -> Vec<Packet> {
 }
 
 #[test]
-fn lost_stops_are_sent_again_as_new_packets() {
-    // One is sent at the start, before anything moves.
+fn lost_stop_is_repeated_as_new_packet() {
+    // The client sends one stop at the start, before anything moves.
     let mut stops = 0;
     let end = station_behind(
         move |packet| {
@@ -107,7 +106,7 @@ fn lost_stops_are_sent_again_as_new_packets() {
 
 #[test]
 fn first_answer_to_any_stop_counts() {
-    // The answers to the first stops in motion are lost, not the stops.
+    // The line loses the first answers to a stop in motion, not the stops.
     let mut answers = 0;
     let mut moves = false;
     let end = station_behind(
@@ -118,7 +117,7 @@ fn first_answer_to_any_stop_counts() {
             }
             let is_answer = matches!(report, Report::Answer { .. }) && moves;
             answers += usize::from(is_answer);
-            // The first answers the command to move.
+            // The first answer is for the motion command.
             (!is_answer || !(2..=4).contains(&answers)).then_some(report)
         },
     );
@@ -128,7 +127,7 @@ fn first_answer_to_any_stop_counts() {
 }
 
 #[test]
-fn unanswered_stop_ends_the_heartbeat() {
+fn unanswered_stop_ends_heartbeat() {
     let mut is_moving = false;
     let end = station_behind(
         move |packet| {
@@ -159,9 +158,9 @@ fn unanswered_stop_ends_the_heartbeat() {
     assert_eq!(pings(&end), before);
 }
 
-/// Whoever looks at what the station said may take their time.
+/// A caller may take any time to look at the reports.
 #[test]
-fn heartbeat_goes_on_while_the_line_is_looked_at() {
+fn heartbeat_runs_while_caller_reads() {
     let end = station();
     let serial = start(&end);
     let pings = || {
@@ -181,7 +180,7 @@ fn heartbeat_goes_on_while_the_line_is_looked_at() {
 }
 
 #[test]
-fn dropped_connection_stops_the_stage() {
+fn dropped_connection_stops_stage() {
     let end = station_behind(first(0, is_stop), Some);
     drop(moving(&end));
     let stood = end.standing();
@@ -192,7 +191,7 @@ fn dropped_connection_stops_the_stage() {
 }
 
 #[test]
-fn panic_stops_the_stage() {
+fn panic_stops_stage() {
     let end = station();
     let panicked = catch_unwind(AssertUnwindSafe(|| {
         let _serial = moving(&end);
@@ -206,7 +205,7 @@ fn panic_stops_the_stage() {
 }
 
 #[test]
-fn connection_at_rest_ends_without_a_stop() {
+fn connection_at_rest_ends_without_stop() {
     let end = station();
     let mut serial = start(&end);
     let position_um = [1_000, 0, 0];
@@ -225,7 +224,7 @@ fn connection_at_rest_ends_without_a_stop() {
 }
 
 #[test]
-fn lost_config_zero_and_setpoint_are_repeated() {
+fn lost_setup_commands_are_repeated() {
     let mut seen = [0; 3];
     let lost = move |packet: &Packet| {
         let kind = match packet.command {
@@ -256,7 +255,7 @@ fn lost_reset_is_repeated() {
 }
 
 #[test]
-fn unanswered_jog_is_not_repeated_but_explained() {
+fn unanswered_jog_is_not_repeated() {
     let jog = Command::Jog {
         distance_um: [2_000, 0, 0],
     };
@@ -302,7 +301,7 @@ fn unanswered_jog_is_not_repeated_but_explained() {
     assert_eq!(end.steps(), [160, 0, 0]);
 }
 
-/// What a run in closed loop meets, and how it ends.
+/// Follows in closed loop with a station whose reports pass through `alter`.
 fn follow(alter: impl FnMut(Report) -> Report + Send + 'static) -> Result<(), StationError> {
     let mut alter = alter;
     let end = station_behind(|_| false, move |report| Some(alter(report)));
@@ -319,7 +318,7 @@ fn follow(alter: impl FnMut(Report) -> Report + Send + 'static) -> Result<(), St
 }
 
 #[test]
-fn implausible_number_is_named_and_not_waited_for() {
+fn implausible_number_is_named() {
     follow(|report| report).expect("plausible numbers are taken");
     let hello = |alter: fn(&mut Hello)| {
         follow(move |mut report| {
@@ -329,7 +328,7 @@ fn implausible_number_is_named_and_not_waited_for() {
             report
         })
     };
-    // Only once the station is in use.
+    // Alter reports only once the station is in use.
     let later = |alter: fn(&mut Report)| {
         let mut reports = 0;
         follow(move |mut report| {
@@ -371,7 +370,7 @@ fn implausible_number_is_named_and_not_waited_for() {
             "",
         ),
         (
-            // So little that only the world's clock shows it.
+            // The error is so small that only the extended clock shows it.
             later(|report| {
                 if let Report::Status(status) = report {
                     status.time = status.time.plus_micros(5_000_000);
@@ -428,7 +427,7 @@ fn implausible_number_is_named_and_not_waited_for() {
 }
 
 #[test]
-fn implausible_answer_tick_does_not_hang_a_wait() {
+fn implausible_tick_does_not_hang_wait() {
     let end = station_behind(
         |_| false,
         |mut report| {

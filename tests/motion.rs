@@ -16,7 +16,7 @@ const MAP: PortMap = PortMap {
     invert: [false; AXES],
 };
 
-/// 80 steps/mm, 100 mm/s, 2 m/s², 50 m/s³.
+/// Axis with 80 steps/mm, 100 mm/s, 2 m/s², 50 m/s³.
 const STAGE: AxisConfig = AxisConfig {
     steps_per_m: 80_000,
     max_speed_um_s: 100_000,
@@ -45,7 +45,7 @@ impl Station {
         }
     }
 
-    /// Plays one tick; `edge(word of the tick, pins before, pins after)`.
+    /// Plays one tick and calls `edge(word of the tick, pins before, pins after)` for every edge.
     fn tick(&mut self, mut edge: impl FnMut(usize, u32, u32)) {
         for (n, segment) in self.planner.plan_tick().iter().enumerate() {
             self.generator.load(segment).unwrap();
@@ -57,17 +57,17 @@ impl Station {
         }
     }
 
-    /// The pins made as many steps as were planned.
+    /// Checks that the pins made as many steps as were planned.
     fn check_counts(&self) {
         let planned = self.planner.positions().map(Position::whole_steps);
         assert_eq!(self.probe.steps(), planned);
     }
 }
 
-/// Every millisecond another target, at rest or moving: near the last one mostly, sometimes
+/// Every millisecond brings a new target, at rest or moving: mostly near the last one, sometimes
 /// anywhere in the travel.
 #[test]
-fn ten_thousand_retargets_at_1_khz_keep_all_limits() {
+fn retargets_at_1_khz_keep_limits() {
     let mut random = Random::seeded(1);
     let mut station = Station::new(STAGE, WordRate::MHZ_1);
     let mut edges = [(); AXES].map(|()| Edges::default());
@@ -122,14 +122,14 @@ fn ten_thousand_retargets_at_1_khz_keep_all_limits() {
             "{} steps; speed, acceleration, jerk of the limits: {reached:.3?}",
             edges.len()
         );
-        // The limits were tested, for they were reached.
+        // The motion reached the limits, so they were tested.
         assert!(edges.len() > 20_000 && reached.iter().all(|share| *share > 0.9));
     }
 }
 
-/// To and fro at up to one step per slot, turning in mid-move.
+/// The axis moves to and fro at up to one step per slot, with reversals in mid-move.
 #[test]
-fn no_step_is_lost_in_a_thousand_million() {
+fn no_step_is_lost_in_1e9_steps() {
     let config = AxisConfig {
         max_speed_um_s: 6_250_000,
         max_acceleration_um_s2: 50_000_000,

@@ -1,5 +1,5 @@
-//! `calibrate-stage`, as its user meets it: a simulated stage, and a station on a port whose
-//! pictures somebody puts into a folder.
+//! `calibrate-stage` as a user meets it: with a simulated stage, and with a station on a port and
+//! images that another program puts into a folder.
 
 use host::client::stage::default_stage;
 use host::images::folder::save;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use trinocular_tests::binary::trinocular;
 use trinocular_tests::far_end::station;
 
-/// A folder with a rig file whose matrix is wrong, and comments.
+/// Returns a folder with a rig file that has a wrong matrix and comments.
 fn desk() -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let mut rig = RigFile::paper();
@@ -37,13 +37,13 @@ fn rows(value: &Value) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| rows[i][j].as_f64().expect("a number"))
 }
 
-/// How the cameras move for a mm that the stage is sent.
+/// Returns the motion of the cameras per mm of commanded stage motion.
 fn mounted(turned_deg: [f64; 3], axes: [f64; 3]) -> Matrix3<f64> {
     let turn = Rotation3::new(Vector3::from(turned_deg).map(f64::to_radians));
     turn.matrix() * Matrix3::from_diagonal(&Vector3::from(axes))
 }
 
-/// The largest error in standard deviations.
+/// Returns the largest error in standard deviations.
 #[track_caller]
 fn judge(fit: &Value, mounted: Matrix3<f64>) -> f64 {
     let truth = mounted.try_inverse().expect("a mounting");
@@ -54,9 +54,10 @@ fn judge(fit: &Value, mounted: Matrix3<f64>) -> f64 {
     off
 }
 
-/// Turned by 5 degrees, 1.02 times as far as it is sent, one axis the wrong way round.
+/// The stage is rotated by 5 degrees, moves 1.02 times the commanded distance, and has one axis
+/// reversed.
 #[test]
-fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
+fn turned_stage_is_found_within_3_sigma() {
     let desk = desk();
     let options = "--turned 2.6726 -1.3363 4.0089 --scaled 1.02";
     for (seed, mirrored, axes) in [
@@ -65,7 +66,8 @@ fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
         (3, "z", [1.02, 1.02, -1.02]),
     ] {
         let words = format!(
-            "calibrate-stage --sim --rig rig.toml {options} --mirrored {mirrored} --seed {seed} --json --out new.toml --force"
+            "calibrate-stage --sim --rig rig.toml {options} --mirrored {mirrored} --seed {seed} \
+             --json --out new.toml --force"
         );
         let done = run(desk.path(), &words);
         let error = String::from_utf8_lossy(&done.stderr);
@@ -77,7 +79,7 @@ fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
             "{mirrored} mirrored: {off:.2} sigma off, sigma {}",
             found["fit"]["sigma"]
         );
-        // The rig file has it, and its comment still.
+        // The rig file has the new matrix and still its comment.
         let text = std::fs::read_to_string(desk.path().join("new.toml")).expect("it was written");
         assert!(text.starts_with("# our bench\n"));
         let written = RigFile::parse(Path::new("new.toml"), &text).expect("a rig file");
@@ -92,7 +94,7 @@ fn a_turned_scaled_and_mirrored_stage_is_found_within_three_sigma() {
 }
 
 #[test]
-fn delay_of_the_stamps_is_found_within_3_sigma() {
+fn stamp_delay_is_found_within_3_sigma() {
     let desk = desk();
     for (seed, late_ms) in [(1, 0.0), (2, 12.5), (3, -30.0)] {
         let words = format!("calibrate-stage --sim --rig rig.toml --late {late_ms} --seed {seed}");
@@ -115,9 +117,9 @@ fn delay_of_the_stamps_is_found_within_3_sigma() {
     assert!(text.contains("use `track --delay 12.5`"), "{text}");
 }
 
-/// With the matrix found, a stage mounted like this is sent where the target went.
+/// With the calibrated matrix, a stage with this mount follows the target.
 #[test]
-fn a_station_on_a_port_is_calibrated_from_a_folder_of_captures() {
+fn station_on_port_is_calibrated() {
     let end = station();
     let desk = desk();
     let mounted = mounted([0.0, 0.0, 5.0], [1.0, 1.0, 1.0]);
@@ -167,7 +169,7 @@ fn a_station_on_a_port_is_calibrated_from_a_folder_of_captures() {
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_refused() {
+fn impossible_calibration_is_refused() {
     let desk = desk();
     let mut rig = RigFile::paper();
     std::fs::write(desk.path().join("cameras.toml"), rig.to_toml()).expect("it is ours");

@@ -1,8 +1,8 @@
-//! The whole vision path, images to millimetres, against known truth: rendered posters, and
+//! The whole vision path, from images to millimetres, against known truth: rendered posters and
 //! photographs.
 //!
-//! Whatever is measured must be right or be refused with a reason. What a case may be off by is
-//! stated beside it.
+//! Every measurement must be right, or be refused with a reason. The bound of a case is stated
+//! beside it.
 
 #[path = "pipeline/bench.rs"]
 mod bench;

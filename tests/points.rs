@@ -6,7 +6,7 @@ use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
-/// A rig of ideal cameras with one focal length, principal point at the origin.
+/// Returns a rig of ideal cameras with one focal length and the principal point at the origin.
 pub fn ideal_rig(focal_px: f64, offsets_mm: &[[f64; 2]]) -> Rig {
     let camera = |offset: &[f64; 2]| Camera::ideal([focal_px; 2], [0.0; 2], *offset);
     Rig {
@@ -15,14 +15,14 @@ pub fn ideal_rig(focal_px: f64, offsets_mm: &[[f64; 2]]) -> Rig {
     }
 }
 
-/// A cloud of points in front of a rig, and how it moves.
+/// A cloud of points in front of a rig, and its motion.
 #[derive(Clone, Debug)]
 pub struct Cloud {
-    /// Nearest and farthest point, mm.
+    /// Depth of the nearest and of the farthest point, mm.
     pub depth_mm: [f64; 2],
     /// Largest direction from the axis, per axis: |X/Z|, |Y/Z|.
     pub field: [f64; 2],
-    /// How many points.
+    /// Number of points.
     pub points: usize,
     /// Displacement, mm.
     pub displacement_mm: [f64; 3],
@@ -31,7 +31,7 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// The views of every point in every camera, normalised.
+    /// Returns the normalised image positions of every point in every camera.
     pub fn views(&self, rig: &Rig, random: &mut Random) -> Vec<Vec<View>> {
         (0..self.points).map(|_| self.point(rig, random)).collect()
     }
@@ -56,7 +56,7 @@ impl Cloud {
     }
 }
 
-/// The midpoint's sums over `views`.
+/// Returns the midpoint's sums over `views`.
 pub fn centred(rig: &Rig, views: &[Vec<View>]) -> CentredSums {
     let mut sums = CentredSums::new(rig).expect("a rig of two cameras or more");
     for point in views {
@@ -65,7 +65,7 @@ pub fn centred(rig: &Rig, views: &[Vec<View>]) -> CentredSums {
     sums
 }
 
-/// The paper's sums over `views`.
+/// Returns the paper's sums over `views`.
 pub fn pairs(rig: &Rig, views: &[Vec<View>]) -> PairSums {
     let mut sums = PairSums::new(rig).expect("three cameras in a line");
     for point in views {

@@ -1,6 +1,5 @@
-//! Captures that come from outside, followed by a station whose stage carries the cameras: what
-//! `track --cameras` does, but for the cameras. The twin is the station, so that no second is
-//! waited for.
+//! Frame sets from outside, followed by a station whose stage carries the cameras: `track
+//! --cameras` without cameras. The twin is the station, so the tests wait for no real time.
 
 use host::client::stage::default_stage;
 use host::flow::CameraRefusal;
@@ -15,11 +14,11 @@ use shared::safety::Trust;
 
 const PERIOD_US: u64 = 33_333;
 
-/// Where the target ends, and how long it takes to get there.
+/// Final position of the target, mm.
 const TARGET_MM: [f64; 3] = [4.0, -3.0, 1.5];
 const WAY_US: u64 = 2_000_000;
 
-/// Of the cameras from the target at rest, mm: what the project sets itself for the paper's Table 6.
+/// Largest distance of the cameras from the target at rest, mm: the project's bound for Table 6.
 const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
 struct Bench {
@@ -40,7 +39,7 @@ impl Bench {
         }
     }
 
-    /// What the cameras see now of a target at `target_mm`.
+    /// Renders the frame set of a target at `target_mm`.
     fn capture(&self, target_mm: [f64; 3], time_us: u64) -> FrameSet {
         let camera_mm = self.servo.station().position_mm();
         let relative_mm = std::array::from_fn(|i| target_mm[i] - camera_mm[i]);
@@ -49,7 +48,7 @@ impl Bench {
 }
 
 #[test]
-fn cameras_on_the_stage_stay_with_the_target() {
+fn cameras_on_stage_stay_with_target() {
     let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,
@@ -75,9 +74,9 @@ fn cameras_on_the_stage_stay_with_the_target() {
     }
 }
 
-/// The target is followed at its speed, so the stage is under way when the pictures end.
+/// The target is followed at its speed, so the stage is moving when the images end.
 #[test]
-fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
+fn stop_ends_motion_of_last_frame() {
     const SPEED_MM_S: f64 = 12.0;
     let end = |stop: bool| {
         let mut bench = Bench::new(CaptureClock::Virtual {
@@ -99,15 +98,15 @@ fn a_stop_ends_the_motion_that_the_last_frame_would_have_gone_on_with() {
     };
     let (stopped, ran_on) = (end(true), end(false));
     println!("{stopped:.3} mm beyond the last picture's target after a stop, {ran_on:.3} without");
-    // A period and the frame's latency, and the ramp.
+    // The bound is one period, the frame's latency, and the ramp.
     assert!((0.0..=1.0).contains(&stopped), "{stopped}");
     assert!(ran_on > 5.0, "{ran_on}");
 }
 
-/// The captures' clock is five seconds ahead; a frame that is taken for one of the future would be
-/// refused, as one is whose time is really wrong.
+/// The captures' clock is five seconds ahead. A frame stamped in the future would be refused, like
+/// one whose time is really wrong.
 #[test]
-fn two_real_clocks_are_brought_together() {
+fn two_real_clocks_are_aligned() {
     const AHEAD_US: i64 = 5_000_000;
     let mut bench = Bench::new(CaptureClock::Real {
         offset_us: -AHEAD_US,
@@ -144,10 +143,10 @@ fn two_real_clocks_are_brought_together() {
     }
 }
 
-/// From the fifth picture on a camera gives none: the target is followed with the other two, and
-/// every row says which is missing, and that the position can be trusted.
+/// From the fifth frame set on, one camera's image is missing: the other two follow the target, and
+/// every row names the missing camera and states that the position can be trusted.
 #[test]
-fn a_lost_camera_is_named_and_the_others_carry_on() {
+fn lost_camera_is_named() {
     let mut bench = Bench::new(CaptureClock::Virtual {
         latency_us: 20_000,
         period_us: PERIOD_US,

@@ -1,5 +1,5 @@
-//! A recorded life, repeated here and on an emulated Cortex-M4, and compared with what the twin
-//! did, record by record.
+//! A recorded life, replayed on this machine and on an emulated Cortex-M4, and compared with the
+//! twin record by record.
 
 use crate::emulator::Emulator;
 use host::client::twin::{PORT, RING_WORDS, Twin};
@@ -13,7 +13,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
-/// As in `qemu/src/board.rs`.
+/// Board of the twin, as in `qemu/src/board.rs`.
 pub const BOARD: Board = Board {
     name: "qemu-mps2-an386",
     version: [0, 1, 0],
@@ -24,18 +24,18 @@ pub const BOARD: Board = Board {
     last_run: LastRun::UNKNOWN,
 };
 
-/// The log of one life and what the twin did in it.
+/// Log and records of one life of the twin.
 pub struct Recording {
-    /// What went into the station, and when.
+    /// Inputs of the station with their instants.
     pub log: Vec<u8>,
-    /// What came out.
+    /// Outputs of the station.
     pub records: Vec<Record>,
     /// Steps at the pins, counted by the simulated drivers.
     pub steps: [i64; 3],
 }
 
 impl Recording {
-    /// The life so far of a twin that keeps a tape and calls itself as [`BOARD`] does.
+    /// Returns the recording of a twin that keeps a log and has the board name of [`BOARD`].
     pub fn of(twin: &Twin) -> Self {
         let tape = twin.tape().expect("it was recorded");
         Self {
@@ -45,7 +45,7 @@ impl Recording {
         }
     }
 
-    /// Panics unless a replay on this machine does what the twin did.
+    /// Checks that a replay on this machine does as the twin did.
     pub fn check_here(&self) {
         let replayed = replay(&self.log, |_, _, _| {});
         if let Some((text, _)) = difference(&self.records, &replayed) {
@@ -62,8 +62,8 @@ impl Recording {
         );
     }
 
-    /// Panics unless the emulated processor does what the twin did; gives the numbers of segments
-    /// and packets that agree.
+    /// Checks that the emulated processor does as the twin did; returns the numbers of segments and
+    /// packets that agree.
     pub fn check_emulated(&self) -> [usize; 2] {
         let folder = tempfile::tempdir().expect("a folder");
         let (log, trace) = (folder.path().join("log"), folder.path().join("trace"));
@@ -82,8 +82,8 @@ impl Recording {
             }
             panic!("twin and emulated processor differ at {text}\n{closer}");
         }
-        // On request the image tells all edges of a segment: those of the one that steps most are
-        // the same, too.
+        // On request the image prints all edges of a segment. Those of the segment with most steps
+        // must agree, too.
         let busiest = |record: &Record| match record {
             Record::Digest(at, digest) => {
                 Some((digest.edges.rises.map(u32::from).iter().sum::<u32>(), *at))
@@ -122,7 +122,7 @@ pub fn replay(log: &[u8], mut segment: impl FnMut(Instant, &Segment, &[Edge])) -
     records
 }
 
-/// The report in a packet.
+/// Returns the report in a packet.
 pub fn report(bytes: &[u8]) -> Option<Report> {
     let mut bytes = bytes;
     Receiver::default().next(&mut bytes)?.ok()
@@ -139,7 +139,8 @@ fn describe(record: Option<&Record>) -> String {
     }
 }
 
-/// The first record in which two machines differ, described; and its instant if it is a segment.
+/// Returns the first record in which two machines differ, as text, and its instant if it is a
+/// segment.
 pub fn difference(a: &[Record], b: &[Record]) -> Option<(String, Option<Instant>)> {
     let at = (0..a.len().max(b.len())).find(|i| a.get(*i) != b.get(*i))?;
     let segments = a[..at.min(a.len())]
@@ -158,7 +159,7 @@ pub fn difference(a: &[Record], b: &[Record]) -> Option<(String, Option<Instant>
     Some((text, instant))
 }
 
-/// Replays in QEMU; with `closer`, what the image prints about the segment given out at that
+/// Replays a log in QEMU; with `closer`, the image prints details of the segment given out at that
 /// instant.
 fn emulate(log: &Path, trace: &Path, closer: Option<Instant>) -> String {
     let mut arguments = vec!["replay".into(), log.into(), trace.into()];
@@ -168,7 +169,7 @@ fn emulate(log: &Path, trace: &Path, closer: Option<Instant>) -> String {
     ended.output
 }
 
-/// The same about the segment here.
+/// Returns the same details of the segment on this machine.
 fn edges_here(log: &[u8], chosen: Instant) -> String {
     let mut text = String::new();
     replay(log, |at, segment, edges| {

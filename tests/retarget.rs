@@ -1,4 +1,5 @@
-//! From a new setpoint to the first port word that it changes, in the step generator's own time.
+//! Delay from a new setpoint to the first port word that it changes, in the step generator's own
+//! time.
 
 use host::client::stage::{configuration, default_stage};
 use host::client::twin::Twin;
@@ -7,12 +8,12 @@ use shared::frame::message::{Command, Mounting};
 use shared::replay::Record;
 use shared::time::Instant;
 
-/// What users of such a stage may rely on, µs.
+/// Largest delay, µs, that users of a stage may rely on.
 const MOST_US: u64 = 2_000;
 
 const MOMENTS: usize = 200;
 
-/// A twin on its way to 50 mm on all axes, `after_us` after it was sent there, and when that is.
+/// Returns a twin on its way to 50 mm on all axes, `after_us` after the setpoint was sent.
 fn on_its_way(after_us: u64) -> Twin {
     let stage = default_stage();
     let mut twin = Twin::power_on_recorded(&stage, "retarget").unwrap();
@@ -26,7 +27,7 @@ fn on_its_way(after_us: u64) -> Twin {
     twin
 }
 
-/// The plan of every segment, and when it was given out.
+/// Returns the plan of every segment, and the instant at which it was given out.
 fn plans(twin: &Twin) -> impl Iterator<Item = (Instant, u32)> {
     let records = twin.tape().expect("it was recorded").records().iter();
     records.filter_map(|record| match record {
@@ -35,11 +36,11 @@ fn plans(twin: &Twin) -> impl Iterator<Item = (Instant, u32)> {
     })
 }
 
-/// Two twins do the same until one of them is sent elsewhere; the first segment in which they
-/// differ shows when that took effect. Before the way's end every setpoint changes something at
-/// once: the axes speed up, cruise or brake.
+/// Two twins are identical until one of them gets a new setpoint; the first segment in which they
+/// differ shows the delay. Before the end of the move every setpoint has an immediate effect,
+/// because the axes accelerate, cruise or brake.
 #[test]
-fn a_new_setpoint_changes_the_pins_within_2_ms() {
+fn new_setpoint_moves_pins_within_2_ms() {
     let mut random = Random::seeded(11);
     let (mut least_us, mut most_us) = (u64::MAX, 0);
     for _ in 0..MOMENTS {

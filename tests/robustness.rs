@@ -3,11 +3,11 @@
 use host::accuracy_study::tally::{Tally, failures_of_all};
 use host::accuracy_study::{condition, phase, sweep};
 
-/// Every condition with one poster: measured or refused as it should be, no gross error, and sigma
-/// near the truth. Some 330 measurements share a poster, so limits are half as wide again as those
-/// of the full sweep.
+/// Every condition with one poster: measured or refused as expected, no gross error, and sigma near
+/// the truth. Some 330 measurements share a poster, so the limits are 1.5 times those of the full
+/// sweep.
 #[test]
-fn every_condition_is_measured_rightly_or_refused_for_its_reason() {
+fn conditions_are_measured_or_refused() {
     let all: Vec<&condition::Condition> = condition::ALL.iter().collect();
     let rows = sweep::run(&all, 1, 2, |_| {}).expect("scenes that can be rendered");
     let mut total = Tally::default();
@@ -29,9 +29,9 @@ fn every_condition_is_measured_rightly_or_refused_for_its_reason() {
     );
 }
 
-/// The claim about sub-pixel bias, with two posters.
+/// Bound of the sub-pixel bias, with two posters.
 #[test]
-fn no_phase_of_the_pixel_grid_pulls_all_points_along() {
+fn pixel_phase_causes_no_common_bias() {
     let phases = phase::run(2, |_| {}).expect("a scene that can be rendered");
     assert_eq!(phases.len(), phase::PHASES);
     for phase in phases {

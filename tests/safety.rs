@@ -1,14 +1,14 @@
-//! SAFETY.md names tests and laws as evidence: each must exist.
+//! SAFETY.md names tests and laws as evidence; each of them must exist.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// The repository's root.
+/// Returns the repository's root.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// All Rust sources of the repository.
+/// Collects all Rust sources of a folder.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     let entries = std::fs::read_dir(folder).expect("a folder of the repository");
     for entry in entries.map(|entry| entry.expect("an entry").path()) {
@@ -26,7 +26,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Names of functions that are marked as tests.
+/// Returns the names of functions that are marked as tests.
 fn tests() -> BTreeSet<String> {
     let mut files = Vec::new();
     for folder in ["shared", "host", "firmware", "tests"] {
@@ -49,7 +49,7 @@ fn tests() -> BTreeSet<String> {
     names
 }
 
-/// The last cell of each row of the table of hazards.
+/// Returns the last cell of each row of the table of hazards.
 fn evidence() -> Vec<String> {
     let page = std::fs::read_to_string(root().join("SAFETY.md")).expect("SAFETY.md");
     let (_, hazards) = page.split_once("## Hazards").expect("a section of hazards");

@@ -1,5 +1,5 @@
-//! The host's end of a serial line, against stations behind a pseudo-terminal: the machine on this
-//! computer's clock, strangers, and QEMU.
+//! The host's end of a serial line, against stations behind a pseudo-terminal: the station on this
+//! computer's clock, other devices, and QEMU.
 
 use host::client::StationError;
 use host::client::serial::Serial;
@@ -13,7 +13,7 @@ use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{self, FarEnd, mute, saying, station};
 
-/// Long enough for any machine; a test that waits as long has failed.
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn start(path: &str) -> Serial {
@@ -45,7 +45,7 @@ fn arrived(serial: &Serial, steps: [i32; 3]) -> Status {
     })
 }
 
-/// Exit code, standard output, standard error.
+/// Runs `hello`; returns exit code, standard output and standard error.
 fn hello(path: &str, options: &[&str]) -> (Option<i32>, String, String) {
     let done = trinocular()
         .args(["hello", "--port", path])
@@ -56,7 +56,7 @@ fn hello(path: &str, options: &[&str]) -> (Option<i32>, String, String) {
     (done.status.code(), text(done.stdout), text(done.stderr))
 }
 
-/// Says hello with another protocol and schema.
+/// Starts a station that states another protocol and schema.
 fn stranger() -> FarEnd {
     let hello = Report::Hello(Hello {
         protocol: PROTOCOL + 1,
@@ -72,7 +72,7 @@ fn stranger() -> FarEnd {
 }
 
 #[test]
-fn a_station_is_configured_moved_and_stopped() {
+fn station_is_configured_and_moved() {
     let end = station();
     let mut serial = start(&end.path);
     assert_eq!(
@@ -93,10 +93,10 @@ fn a_station_is_configured_moved_and_stopped() {
     assert!(serial.offset_us().is_some());
 }
 
-/// The heartbeat has its own thread: it goes on while the caller is busy, and a station without it
+/// The heartbeat has its own thread, so it continues while the caller is busy. A station without it
 /// stops.
 #[test]
-fn the_heartbeat_goes_on_without_the_caller() {
+fn heartbeat_runs_without_caller() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([40, 0, 0])).unwrap();
@@ -112,7 +112,7 @@ fn the_heartbeat_goes_on_without_the_caller() {
 }
 
 #[test]
-fn other_firmware_is_named_field_by_field_and_never_moved() {
+fn other_firmware_is_named_and_not_moved() {
     let end = stranger();
     match Serial::start(&end.path, &default_stage(), Mounting::OnStage) {
         Err(StationError::Mismatch(fields)) => {
@@ -121,7 +121,7 @@ fn other_firmware_is_named_field_by_field_and_never_moved() {
         }
         other => panic!("{other:?}"),
     }
-    // Hellos with their leading zeros came, and nothing else.
+    // The board received hellos with their leading zeros and nothing else.
     let received = end.received();
     assert!(!received.is_empty());
     let longest = received.split(|byte| *byte == 0).map(<[u8]>::len).max();
@@ -143,7 +143,7 @@ fn other_firmware_is_named_field_by_field_and_never_moved() {
 }
 
 #[test]
-fn silence_and_noise_are_told_apart() {
+fn silence_and_noise_are_distinguished() {
     match Serial::connect(&mute().path) {
         Err(StationError::Silent { command, .. }) => assert_eq!(command, "hello"),
         other => panic!("{other:?}"),
@@ -161,7 +161,7 @@ fn silence_and_noise_are_told_apart() {
 }
 
 #[test]
-fn a_line_that_stays_away_is_reported() {
+fn line_that_stays_away_is_reported() {
     let end = station();
     let mut serial = start(&end.path);
     serial.set_reconnect_patience(Duration::from_millis(300));
@@ -175,7 +175,7 @@ fn a_line_that_stays_away_is_reported() {
     }
 }
 
-/// Waits until the line is back, or something else is said of it.
+/// Waits until the connection is back or another error is reported.
 fn back(serial: &Serial) -> StationError {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -188,7 +188,7 @@ fn back(serial: &Serial) -> StationError {
 }
 
 #[test]
-fn a_line_is_found_again_and_used_when_told() {
+fn returning_line_is_used_after_resume() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
@@ -200,8 +200,7 @@ fn a_line_is_found_again_and_used_when_told() {
         matches!(error, StationError::Interrupted { .. }) && error.to_string().contains(&end.path),
         "{error}"
     );
-    // Nothing goes through until somebody has decided, and nothing that was sent meanwhile does
-    // later.
+    // No command passes before the caller resumes, and no command sent meanwhile passes later.
     serial.send(setpoint([9, 9, 9]));
     assert!(serial.command("setpoint", setpoint([9, 9, 9])).is_err());
     serial.resume().expect("nothing was lost");
@@ -211,7 +210,7 @@ fn a_line_is_found_again_and_used_when_told() {
 }
 
 #[test]
-fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
+fn motion_does_not_return_with_line() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
@@ -233,7 +232,7 @@ fn motion_ends_with_the_line_and_does_not_come_back_with_it() {
 }
 
 #[test]
-fn a_station_that_restarted_is_not_moved() {
+fn restarted_station_is_not_moved() {
     let end = station();
     let mut serial = start(&end.path);
     end.unplug();
@@ -248,7 +247,7 @@ fn a_station_that_restarted_is_not_moved() {
         serial.resume(),
         Err(StationError::Restarted { .. })
     ));
-    // Starting again is a decision; the new station is at rest where the old one stood.
+    // The caller may start anew; the new station is at rest at the position of the old one.
     drop(serial);
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([1, 0, 0])).unwrap();
@@ -256,7 +255,7 @@ fn a_station_that_restarted_is_not_moved() {
 }
 
 #[test]
-fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
+fn abandoned_motion_is_stopped_first() {
     let end = station();
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
@@ -269,7 +268,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
     arrived(&serial, [0, 80, 0]);
     assert_eq!(end.steps(), [stood[0], 80, 0]);
     drop(serial);
-    // Left alone while it moved, it has a fault to tell of.
+    // The station was left moving, so it reports a fault.
     let mut serial = start(&end.path);
     serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&serial, |status| status.position_steps[0] > 80);
@@ -279,7 +278,7 @@ fn a_station_that_a_host_left_moving_is_stopped_and_starts_anew() {
 }
 
 #[test]
-fn a_port_that_does_not_exist_is_bad_input() {
+fn missing_port_is_bad_input() {
     let (code, _, err) = hello("/dev/no-such-port", &[]);
     assert_eq!(code, Some(1));
     assert!(err.contains("/dev/no-such-port"), "{err}");
@@ -303,7 +302,7 @@ fn ports_are_listed() {
 
 #[test]
 #[ignore = "needs QEMU and a thumbv7em compiler; tests/run includes it"]
-fn the_emulated_board_makes_exactly_the_commanded_steps() {
+fn emulated_board_makes_exact_steps() {
     let folder = tempfile::tempdir().expect("a folder");
     let trace = folder.path().join("trace");
     let (emulator, path) = Emulator::live(&trace);
@@ -320,7 +319,7 @@ fn the_emulated_board_makes_exactly_the_commanded_steps() {
     arrived(&serial, [0, 800, -240]);
     let (_, bound_us) = serial.offset_us().expect("pongs came");
     println!("time sync to {bound_us} us");
-    // The trace is written every 100 ms; the packets go on, so does the time.
+    // The trace is written every 100 ms; the packets continue meanwhile.
     let tick = serial.status().expect("a status").tick;
     wait(&serial, |status| status.tick > tick + 500);
     drop(serial);

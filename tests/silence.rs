@@ -1,4 +1,4 @@
-//! A host that falls silent: how far the stage goes then, at the pins, at any moment of any motion.
+//! Loss of the host: stopping distance at the pins, from any instant of any motion.
 
 use host::client::stage::{HEARTBEAT_MS, default_stage};
 use host::client::twin::Twin;
@@ -7,14 +7,14 @@ use host::rig_file::Stage;
 use shared::frame::message::{Command, Mounting};
 use shared::safety::{Fault, State, Trust};
 
-/// From the last ping to the stop, s: the heartbeat time, the tick that notices, the tick already
-/// planned, and the one in which the ping came.
+/// Longest time from the last ping to the stop, s: the heartbeat timeout, the tick that notices,
+/// the tick already planned, and the one in which the ping came.
 const SILENCE_S: f64 = 1e-3 * HEARTBEAT_MS as f64 + 3e-3;
 
-/// What is on its way to the pins, s.
+/// Duration of the words queued for the pins, s.
 const RING_S: f64 = 1e-3;
 
-/// Fine steps: a speed is read off the pins.
+/// Returns a stage with fine steps, because its speed is measured at the pins.
 fn stage(max_speed_mm_s: f64) -> Stage {
     Stage {
         steps_per_mm: [1_600.0; 3],
@@ -24,9 +24,9 @@ fn stage(max_speed_mm_s: f64) -> Stage {
     }
 }
 
-/// Farthest way from a moment with the speed `v`, mm/s, mm: it may have sped up at full
-/// acceleration `a` for all of the silence, up to `most`; then it eases off at the jerk `j` and
-/// brakes. On the planner's grid the jerk is up to a sixth lower.
+/// Returns the longest stopping distance, mm, from an instant with the speed `v`, mm/s. The axis
+/// may have accelerated with `a` up to `most` for all of the silence; then it brakes with the jerk
+/// `j`. On the planner's grid the jerk is up to a sixth lower.
 fn bound_mm(v: f64, most: f64) -> f64 {
     let (a, j, t) = (2_000.0, 50_000.0 * 5.0 / 6.0, SILENCE_S + RING_S);
     let first = (v + a * t).min(most);
@@ -37,9 +37,9 @@ fn bound_mm(v: f64, most: f64) -> f64 {
     silent + easing + braking + (second + a * 1e-3) * 1e-3
 }
 
-/// Lets the host fall silent now; the ways of the axes until they stand, mm.
+/// Silences the host now and returns the distance that each axis moves until rest, mm.
 fn silence(twin: &mut Twin) -> [f64; 3] {
-    // A ping now: the last one.
+    // Send the last ping now.
     let host_us = twin.now().micros();
     twin.send(Command::Ping { host_us });
     twin.set_pings(false);
@@ -52,7 +52,7 @@ fn silence(twin: &mut Twin) -> [f64; 3] {
 }
 
 #[test]
-fn at_50_mm_s_on_three_axes_it_stops_within_the_bound_and_keeps_its_position() {
+fn silence_at_50_mm_s_stops_within_bound() {
     let mut twin = Twin::start(&stage(50.0), "twin", Mounting::OnStage).expect("it starts");
     let position_um = [400_000; 3];
     twin.command("setpoint", Command::Setpoint { position_um })
@@ -75,13 +75,13 @@ fn at_50_mm_s_on_three_axes_it_stops_within_the_bound_and_keeps_its_position() {
 }
 
 #[test]
-fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
+fn silence_at_random_times_keeps_bound() {
     let mut random = Random::seeded(11);
     let most = 50.0;
     let (mut worst, mut farthest, mut speeding) = (0.0f64, 0.0f64, 0);
     for _ in 0..1_000 {
         let mut twin = Twin::start(&stage(most), "twin", Mounting::OnStage).expect("it starts");
-        // A few targets one after the other, some in mid-move.
+        // Several targets follow one another, some in mid-move.
         for _ in 0..1 + random.below(4) {
             let position_um = [(); 3].map(|()| random.between(-200e3, 200e3) as i32);
             twin.command("setpoint", Command::Setpoint { position_um })
@@ -93,14 +93,14 @@ fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
             let before = twin.position_mm();
             twin.advance(twin.now().plus_micros(1_000));
             let after = twin.position_mm();
-            // Read off whole steps, each of which may just have been missed.
+            // The speed is measured in whole steps, each of which may just have been missed.
             std::array::from_fn(|i| ((after[i] - before[i]).abs() + 2.0 / 1_600.0) * 1e3)
         };
         let earlier = speed(&mut twin);
         let now = speed(&mut twin);
         let ways = silence(&mut twin);
         for axis in 0..3 {
-            // What is on its way to the pins is a little faster yet.
+            // The axis may accelerate further during the words queued for the pins.
             let bound = bound_mm((now[axis] + 2_000.0 * RING_S).min(most), most);
             assert!(
                 ways[axis] <= bound,
@@ -114,7 +114,8 @@ fn at_a_thousand_random_moments_it_never_goes_farther_than_the_bound() {
         }
     }
     println!(
-        "1,000 moments, {speeding} axes accelerating: at most {farthest:.3} mm, {:.1} % of the bound",
+        "1,000 moments, {speeding} axes accelerating: at most {farthest:.3} mm, {:.1} % of the \
+         bound",
         100.0 * worst
     );
     assert!(speeding > 300, "{speeding}");

@@ -1,5 +1,5 @@
-//! Scenarios: each does what its file expects, the same in every run and on an emulated Cortex-M4;
-//! and what the command says of bad files.
+//! Scenarios: each meets its expectations, is the same in every run and on an emulated Cortex-M4;
+//! and the command's messages about bad files.
 
 #[path = "simulate/command.rs"]
 mod command;
@@ -38,7 +38,7 @@ fn live(scenario: &Scenario, prediction: bool) -> Run {
     run(scenario, options, |_| {}).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What a scenario expects and does not get.
+/// Returns the expectations that a scenario does not meet.
 fn missed(scenario: &Scenario) -> Vec<String> {
     let figures = |prediction| {
         let run = live(scenario, prediction);
@@ -50,10 +50,10 @@ fn missed(scenario: &Scenario) -> Vec<String> {
     scenario.missed(&trace, &with, without.as_ref())
 }
 
-/// Rendered scenarios take a minute and are a stage of their own in `tests/run`; with points in
-/// place of pictures the same must come of them.
+/// Rendered scenarios take a minute and are a stage of their own in `tests/run`. With points in
+/// place of images they must meet the same expectations.
 #[test]
-fn every_scenario_does_what_it_expects_with_points_for_cameras() {
+fn scenarios_meet_expectations_on_points() {
     let names = files();
     assert!(names.len() >= 8, "{names:?}");
     let mut all = Vec::new();
@@ -65,7 +65,7 @@ fn every_scenario_does_what_it_expects_with_points_for_cameras() {
 }
 
 #[test]
-fn a_run_repeats_to_the_bit_and_another_seed_differs() {
+fn runs_repeat_exactly_per_seed() {
     let mut scenario = read("frames.toml");
     let [first, second] = [live(&scenario, true), live(&scenario, true)];
     assert_eq!(first.trace, second.trace);
@@ -75,12 +75,12 @@ fn a_run_repeats_to_the_bit_and_another_seed_differs() {
     assert_ne!(log(&first), log(&live(&scenario, true)));
 }
 
-/// A scenario that cannot meet its expectations says so: each bound, one at a time, just below what
-/// was found.
+/// A scenario that misses its expectations is reported: each bound, one at a time, just below the
+/// measured value.
 #[test]
 fn each_bound_is_judged() {
     let mut scenario = read("step.toml").with_points();
-    // Over the jumps, so that no figure is zero.
+    // Measure over the jumps, so that no figure is zero.
     scenario.measure.from_s = 0.0;
     let run = live(&scenario, true);
     let figures = Figures::of(&scenario, &run.trace);
@@ -149,7 +149,7 @@ fn each_bound_is_judged() {
 }
 
 #[test]
-fn a_replay_of_every_scenario_does_what_the_twin_did() {
+fn scenario_replays_match_twin() {
     for name in files() {
         println!("{name}");
         Recording::of(&live(&read(&name).with_points(), true).twin).check_here();
@@ -158,7 +158,7 @@ fn a_replay_of_every_scenario_does_what_the_twin_did() {
 
 fn agree_in_qemu(name: &str) {
     let scenario = read(name);
-    // The station never learns where its sums come from.
+    // The station does not know the source of its sums.
     let scenario = match scenario.cameras.sight {
         Sight::Rendered { .. } => scenario.with_points(),
         Sight::Points { .. } => scenario,
@@ -167,7 +167,7 @@ fn agree_in_qemu(name: &str) {
     println!("{name}: {segments} segments and {packets} packets agree");
 }
 
-/// A test per scenario, and the list of their files.
+/// Defines a test per scenario, and the list of their files.
 macro_rules! in_qemu {
     ($($test:ident: $file:literal)*) => {
         const EMULATED: &[&str] = &[$($file),*];
@@ -182,7 +182,7 @@ macro_rules! in_qemu {
 }
 
 #[test]
-fn no_scenario_is_left_out_on_the_emulated_processor() {
+fn emulated_scenarios_are_complete() {
     let mut emulated = EMULATED.to_vec();
     emulated.sort_unstable();
     assert_eq!(files(), emulated);

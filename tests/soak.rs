@@ -1,9 +1,8 @@
-//! The station and the host's conversation with it for a long time, on virtual time: memory and
-//! latency stay what they are.
+//! The station and its host for a long time, on virtual time: memory and latency do not grow.
 //!
-//! A target is followed at 60 frames per second while faults come at random: silence, stops,
-//! emergency stops, limit switches, noise on the line, occlusions. Each is mended as a person
-//! would. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
+//! A target is followed at 60 frames per second while faults occur at random: silence, stops,
+//! emergency stops, limit switches, noise on the line, occlusions. Each fault is cleared as an
+//! operator would clear it. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
 
 use host::client::stage::default_stage;
 use host::client::twin::Twin;
@@ -15,24 +14,23 @@ use shared::time::Instant;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-/// From the capture to the arrival of its sums, µs.
+/// Delay from a capture to the arrival of its sums, µs.
 const LATENCY_US: u64 = 20_000;
 
-/// Between two captures, µs.
+/// Interval between two captures, µs.
 const FRAME_US: u64 = 16_667;
 
 /// Growth of the resident set that an allocator may show without any leak, KiB.
 const GROWTH_KIB: u64 = 256;
 
-/// Resident memory of this process, KiB; `None` where the system does not say.
+/// Returns the resident memory of this process, KiB; `None` if the system does not state it.
 fn resident_kib() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Sums of a target that was displaced by this, mm: the midpoint estimator's, with a spread of
-/// 2^-5.
+/// Returns the midpoint's sums of a target displaced by `mm`, with a spread of 2^-5.
 fn displaced(mm: [f64; 3]) -> Sums {
     let nm = |mm: f64| (mm * 1e6).round() as i32;
     Sums::Midpoint(FixedCentredSums {
@@ -47,7 +45,7 @@ fn displaced(mm: [f64; 3]) -> Sums {
     })
 }
 
-/// Where the target is, mm.
+/// Returns the position of the target, mm.
 fn target_mm(us: u64) -> [f64; 3] {
     let s = us as f64 / 1e6;
     [0.31, 0.23, 0.11].map(|hz| 5.0 * (TAU * hz * s).sin())
@@ -56,9 +54,9 @@ fn target_mm(us: u64) -> [f64; 3] {
 struct Soak {
     twin: Twin,
     random: Random,
-    /// The view to be kept: when, and target minus stage.
+    /// Keyframe: its instant, and the target's position minus the stage's, mm.
     reference: Option<(Instant, [f64; 3])>,
-    /// Captures whose sums are being made.
+    /// Frames whose sums are being computed.
     waiting: VecDeque<Frame>,
     latencies_us: Vec<u32>,
     faults: u32,
@@ -71,7 +69,8 @@ impl Soak {
         std::array::from_fn(|axis| target[axis] - stage[axis])
     }
 
-    /// One capture, and the arrival of the one before: the computer takes longer than a frame.
+    /// Takes one capture and delivers the previous one, because the computation takes longer than a
+    /// frame.
     fn frame(&mut self) {
         let capture = self.twin.now();
         let (reference, kept) = *self.reference.get_or_insert((
@@ -112,7 +111,7 @@ impl Soak {
         self.twin.advance(self.twin.now().plus_micros(us));
     }
 
-    /// Something goes wrong, and is mended.
+    /// Causes a random fault and recovers from it.
     fn trouble(&mut self) {
         let open = Inputs {
             emergency_stop: self.random.below(2) == 0,
@@ -134,10 +133,10 @@ impl Soak {
             3 => {
                 self.twin.send(Command::Stop);
             }
-            // Nothing is seen for a while.
+            // The target is hidden for a while.
             _ => self.pass(700_000),
         }
-        // Captures that were under way meanwhile are lost.
+        // Captures in progress are lost.
         self.waiting.clear();
         self.pass(50_000);
         self.twin.set_switches(Inputs::default());
@@ -155,7 +154,7 @@ impl Soak {
 }
 
 #[test]
-fn hour_of_following_keeps_memory_and_latency() {
+fn memory_and_latency_hold_for_an_hour() {
     let minutes: u64 = match std::env::var("SOAK_MINUTES") {
         Ok(text) => text.parse().expect("SOAK_MINUTES is a number of minutes"),
         Err(_) => 5,
@@ -170,7 +169,7 @@ fn hour_of_following_keeps_memory_and_latency() {
         faults: 0,
         used: 0,
     };
-    // The latencies' own memory, touched once and for all: with zeros it would not be.
+    // Touch the memory for the latencies once; zeros would not allocate it.
     soak.latencies_us.resize(1 << 20, 1);
     soak.latencies_us.clear();
     let mut marks = Vec::new();
@@ -202,7 +201,7 @@ fn hour_of_following_keeps_memory_and_latency() {
     }
     assert!(soak.faults as u64 >= minutes, "{} faults", soak.faults);
     assert!(used as u64 > minutes * 2_000, "{used} frames used");
-    // The first minute is for buffers that find their size.
+    // In the first minute buffers reach their size.
     let (settled, end) = (&marks[marks.len() / 12], &marks[marks.len() - 1]);
     if let (Some(before), Some(after)) = (settled.0, end.0) {
         assert!(
@@ -210,7 +209,7 @@ fn hour_of_following_keeps_memory_and_latency() {
             "{before} KiB become {after} KiB"
         );
     }
-    // A frame waits for a control tick, at most; nothing more with time.
+    // A frame waits for one control tick at most, however long the run.
     let (first, last) = (marks[0].3, end.3);
     let within = |a: Option<u32>, b: Option<u32>| a.zip(b).is_some_and(|(a, b)| b <= a + 1_000);
     assert!(

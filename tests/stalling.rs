@@ -1,19 +1,19 @@
-//! Motors that stall, and targets that only look like it: what the station makes of commanded
-//! motion that the cameras do not see.
+//! Stalled motors, and targets that only look like them: the station's handling of commanded motion
+//! that the cameras do not see.
 
 use host::rig_file::Care;
 use shared::frame::message::Denial;
 use shared::safety::{Fault, State, Trust};
 use trinocular_tests::chase::{Chase, Run, Target, lissajous, smooth};
 
-/// Steps that the cameras need not see, mm.
+/// Limit of commanded motion that the cameras do not see, mm.
 const UNSEEN_MM: f64 = 10.0;
 
-/// Real motion keeps within less.
+/// Stricter limit within which real motion stays, mm.
 const STRICT_MM: f64 = 8.0;
 
-/// From the stall to the rest, mm, at 20 frames per second and more: half of the steps that need
-/// not be seen, a ramp, and as much again if one trial is not enough; and the target's own way.
+/// Longest distance from the stall to rest, mm, at 20 frames per second and more: half of the
+/// unseen limit, a ramp, the same again if one trial is not enough, and the target's own motion.
 const STALLED_MM: f64 = UNSEEN_MM + 15.0;
 
 fn care() -> Care {
@@ -29,13 +29,14 @@ fn fault(run: &Run) -> Option<Fault> {
     run.statuses.last().expect("a status").fault
 }
 
-/// 100 mm/s, as fast as the stage, from rest: it is never caught up with.
+/// Returns a target that leaves rest at 100 mm/s, as fast as the stage, so that the stage never
+/// catches up.
 fn dash(t: f64) -> [f64; 3] {
     let x = (100.0 * (t - 0.5)).clamp(0.0, 50.0);
     [x, -x, 0.0]
 }
 
-/// 10 mm at 0.8 Hz: up to 50 mm/s and 253 mm/s² on two axes.
+/// Returns a swing of 10 mm at 0.8 Hz: up to 50 mm/s and 253 mm/s² on two axes.
 fn swing(t: f64) -> [f64; 3] {
     let angle = 0.8 * std::f64::consts::TAU * t;
     [
@@ -79,7 +80,7 @@ fn real_motion_is_no_fault() {
 }
 
 #[test]
-fn target_out_of_reach_is_a_following_error() {
+fn unreachable_target_is_following_error() {
     let mut chase = Chase::new(1);
     chase.care = Care {
         largest_unseen_mm: None,
@@ -93,16 +94,16 @@ fn target_out_of_reach_is_a_following_error() {
         (last.fault, last.state, last.trust),
         (Some(Fault::FollowingError), State::Faulted, Trust::Homed)
     );
-    // It stopped on the way.
+    // The stage stopped on the way.
     let stood = run.samples.last().expect("samples").stage_mm();
     assert!(stood[0] > 5.0 && stood[0] < 45.0, "{stood:?}");
-    // For a longer time it may be so far away.
+    // Over a longer time the stage may be this far away.
     chase.care.longest_error_s = 2.0;
     assert_eq!(fault(&chase.follow(dash, 2.0)), None);
 }
 
 #[test]
-fn stalled_motor_is_a_fault_within_25_mm() {
+fn stalled_motor_is_fault_within_25_mm() {
     let step: Target = |t| if t < 1.0 { [0.0; 3] } else { [4.0, 3.0, 2.0] };
     for (name, target, stalls_s) in [
         ("step", step, 0.5),
@@ -135,15 +136,15 @@ fn stalled_motor_is_a_fault_within_25_mm() {
     }
 }
 
-/// A motor that is off, one that makes a twentieth of its steps, from the start and in mid-run.
+/// A motor that is off, or that makes a twentieth of its steps, from the start and in mid-run.
 #[test]
-fn stall_is_found_at_20_to_1000_frames_per_s() {
+fn stall_is_found_at_20_to_1000_fps() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
     for frames_per_s in [20.0, 60.0, 200.0, 1_000.0] {
         for (name, target, stalls_s) in
             [("step", step, 0.0), ("lissajous", lissajous as Target, 3.0)]
         {
-            // At 20 frames per second a twentieth of the steps brings the target nearer first.
+            // At 20 frames per second a twentieth of the steps first brings the target nearer.
             let slips = if frames_per_s < 60.0 {
                 vec![0.0]
             } else {
@@ -167,9 +168,9 @@ fn stall_is_found_at_20_to_1000_frames_per_s() {
     }
 }
 
-/// A target that rests, and frames so seldom that the stage goes 10 to 20 mm from one to the next.
+/// A target at rest, with frames so rare that the stage moves 10 to 20 mm from one to the next.
 #[test]
-fn stall_is_found_at_5_frames_per_s() {
+fn stall_is_found_at_5_fps() {
     let step: Target = |t| if t < 0.5 { [0.0; 3] } else { [4.0, 4.0, 2.0] };
     for frames_per_s in [5.0, 10.0] {
         let run = stall(frames_per_s, step, (0.0, 0), 0.0);
@@ -181,7 +182,7 @@ fn stall_is_found_at_5_frames_per_s() {
     }
 }
 
-/// The stage follows for 10 s; from a time on, one axis makes only a share of its steps.
+/// Follows for 10 s; from `stalls_s` on, one axis makes only a share of its steps.
 fn stall(frames_per_s: f64, target: Target, (stalls_s, axis): (f64, usize), slips: f64) -> Run {
     let mut chase = Chase::new(7);
     chase.care = Care {
@@ -197,9 +198,10 @@ fn stall(frames_per_s: f64, target: Target, (stalls_s, axis): (f64, usize), slip
     chase.follow(target, 10.0)
 }
 
-/// 25 mm at 45 mm/s, with so few frames that the stage is 1.6 mm behind in every turn.
+/// The target moves 25 mm at 45 mm/s, with so few frames that the stage lags by 1.6 mm in every
+/// turn.
 #[test]
-fn few_frames_of_a_swing_are_no_fault() {
+fn few_frames_of_swing_are_no_fault() {
     let swing = |per_s: f64| {
         move |t: f64| {
             let angle = per_s * t;
@@ -220,9 +222,9 @@ fn few_frames_of_a_swing_are_no_fault() {
     }
 }
 
-/// The target goes from one speed to another behind a cover.
+/// The target changes its speed while it is hidden.
 #[test]
-fn speed_that_changes_unseen_is_no_fault() {
+fn unseen_speed_change_is_no_fault() {
     for (before, after, hidden_s) in [
         (50.0, 55.0, 0.4),
         (40.0, 43.0, 0.7),
@@ -248,10 +250,10 @@ fn speed_that_changes_unseen_is_no_fault() {
     }
 }
 
-/// Frames that contradict each other: the stage goes no farther on them than a quarter of the
-/// bound, what two frames take, and a ramp.
+/// Frames contradict each other: the stage moves no farther on them than a quarter of the bound,
+/// the motion of two frames, and a ramp.
 #[test]
-fn outliers_do_not_keep_the_stage_going() {
+fn outliers_do_not_keep_stage_moving() {
     let mut chase = Chase::new(1);
     chase.travel_mm = Some(300.0);
     let target = |t: f64| {
@@ -279,7 +281,7 @@ fn outliers_do_not_keep_the_stage_going() {
 }
 
 #[test]
-fn watch_is_off_without_bound_or_prediction() {
+fn watch_needs_bound_and_prediction() {
     let mut chase = Chase::new(7);
     chase.stalled = Some((0.5, [true; 3]));
     let step: Target = |t| if t < 1.0 { [0.0; 3] } else { [4.0, 3.0, 2.0] };

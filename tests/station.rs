@@ -1,5 +1,5 @@
-//! The station as its host meets it: commands over the link, switches, frames, and what the pins
-//! do.
+//! The station as its host meets it: commands over the link, switches, frames, and the motion at
+//! the pins.
 
 #[path = "station/faults.rs"]
 mod faults;
@@ -38,7 +38,7 @@ fn wait(twin: &mut Twin, ms: u64) {
     twin.advance(twin.now().plus_micros(ms * 1000));
 }
 
-/// A status made now: one goes out at least every 100 ms.
+/// Returns a fresh status; the station sends one at least every 100 ms.
 fn status(twin: &mut Twin) -> Status {
     wait(twin, 110);
     *twin.status().unwrap()
@@ -51,7 +51,7 @@ fn denial<T: std::fmt::Debug>(outcome: Result<T, StationError>) -> Denial {
     }
 }
 
-/// A frame that says the target moved by `mm`: every point at the same depth, without noise.
+/// Returns a frame of a target displaced by `mm`: every point at the same depth, without noise.
 fn frame(mm: [f64; 3], capture: Instant, reference: Instant) -> Command {
     let spread = 0.05f64;
     let sums = FixedCentredSums {
@@ -72,7 +72,7 @@ fn frame(mm: [f64; 3], capture: Instant, reference: Instant) -> Command {
 }
 
 #[test]
-fn a_setpoint_is_reached_with_exactly_the_commanded_pulses() {
+fn setpoint_takes_exact_pulses() {
     let mut twin = twin();
     for target in [[4, -4, 1], [-20, 30, 7], [0, 0, 0]] {
         twin.command("setpoint", setpoint(target)).unwrap();
@@ -94,7 +94,7 @@ fn a_setpoint_is_reached_with_exactly_the_commanded_pulses() {
 }
 
 #[test]
-fn nothing_moves_before_it_is_configured_and_zeroed() {
+fn unconfigured_stage_does_not_move() {
     let stage = default_stage();
     let mut twin = Twin::power_on(&stage, "twin").unwrap();
     assert_eq!(
@@ -127,7 +127,7 @@ fn nothing_moves_before_it_is_configured_and_zeroed() {
         Denial::PositionUnknown
     );
     assert_eq!(twin.steps(), [0; 3]);
-    // A jog is allowed, slowly: 2 mm at 5 mm/s take 0.4 s and not 0.05 s.
+    // A slow jog is allowed: 2 mm at 5 mm/s take 0.4 s instead of 0.05 s.
     twin.command(
         "jog",
         Command::Jog {
@@ -142,7 +142,7 @@ fn nothing_moves_before_it_is_configured_and_zeroed() {
 }
 
 #[test]
-fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
+fn impossible_config_is_refused_whole() {
     let stage = default_stage();
     let good = configuration(&stage, Mounting::OnStage).unwrap();
     let with = |change: fn(&mut Config)| {
@@ -231,7 +231,7 @@ fn a_config_with_one_impossible_value_is_refused_as_a_whole() {
 }
 
 #[test]
-fn a_silent_host_means_a_ramped_stop_and_no_resume() {
+fn silent_host_ramps_down_for_good() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 50, 50])).unwrap();
     wait(&mut twin, 200);
@@ -268,9 +268,9 @@ fn a_silent_host_means_a_ramped_stop_and_no_resume() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
-/// Also in the very tick in which braking ends.
+/// This includes the tick in which braking ends.
 #[test]
-fn a_stop_while_braking_for_a_fault_changes_nothing() {
+fn stop_while_braking_changes_nothing() {
     for after_ms in 100..300 {
         let mut twin = twin();
         twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
@@ -288,7 +288,7 @@ fn a_stop_while_braking_for_a_fault_changes_nothing() {
 }
 
 #[test]
-fn stop_ramps_down_and_stays_stopped_until_reset() {
+fn stop_holds_until_reset() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 200);
@@ -316,7 +316,7 @@ fn stop_ramps_down_and_stays_stopped_until_reset() {
 }
 
 #[test]
-fn the_emergency_stop_latches_and_degrades_the_position() {
+fn emergency_stop_degrades_position() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 200);
@@ -328,7 +328,8 @@ fn the_emergency_stop_latches_and_degrades_the_position() {
     twin.set_switches(pressed);
     wait(&mut twin, 3);
     let after = twin.steps()[0];
-    // The rest of the present tick and what was queued: at 100 mm/s at most 2 ms, 16 steps.
+    // The bound is the rest of the present tick and the queued words: at 100 mm/s at most 2 ms, 16
+    // steps.
     assert!(after - before <= 20, "{}", after - before);
     wait(&mut twin, 200);
     assert_eq!(twin.steps()[0], after);
@@ -356,7 +357,7 @@ fn the_emergency_stop_latches_and_degrades_the_position() {
 }
 
 #[test]
-fn a_limit_switch_stops_the_way_onto_it_and_allows_the_way_off() {
+fn limit_switch_allows_the_way_off() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 200);
@@ -410,7 +411,7 @@ fn soft_limits_clamp() {
 }
 
 #[test]
-fn repeated_old_and_garbled_packets_are_counted_and_change_nothing() {
+fn bad_packets_change_only_counters() {
     let mut twin = twin();
     let jog = |sequence| {
         encode(&Packet {
@@ -442,7 +443,7 @@ fn repeated_old_and_garbled_packets_are_counted_and_change_nothing() {
 }
 
 #[test]
-fn a_driver_that_needs_slower_words_is_refused_before_anything_moves() {
+fn too_slow_driver_is_refused() {
     let stage = Stage {
         driver: Driver::Drv8825,
         ..default_stage()
@@ -451,10 +452,9 @@ fn a_driver_that_needs_slower_words_is_refused_before_anything_moves() {
     assert_eq!(denial(refused), Denial::Config(ConfigField::Driver));
 }
 
-/// Whatever the host sends, in whatever pieces: the same log gives the same reports and the same
-/// pulses.
+/// With any input in any pieces, the same log gives the same reports and the same pulses.
 #[test]
-fn the_same_inputs_give_the_same_bits() {
+fn same_inputs_give_same_bits() {
     let run = |chunk: usize| {
         let mut twin = twin();
         wait(&mut twin, 100);

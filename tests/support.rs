@@ -1,4 +1,4 @@
-//! What the tests in this folder share.
+//! Modules that the tests in this folder share.
 
 pub mod binary;
 pub mod chase;

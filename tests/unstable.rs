@@ -1,5 +1,5 @@
-//! Mounts, scales and time stamps that are wrong: a loop that they make unstable is a fault by
-//! name, one that they only make slower settles.
+//! Wrong mounts, scales and time stamps: an unstable loop ends in a named fault, and a loop that is
+//! only slower settles.
 
 #[path = "unstable/wrong.rs"]
 mod wrong;
@@ -8,11 +8,11 @@ use shared::safety::{Fault, State, Trust};
 use trinocular_tests::chase::{Chase, Run, Target};
 use wrong::{Wrong, signs, turned};
 
-/// When the target of a step moves, s.
+/// Time of the target's step, s.
 const STEP_S: f64 = 0.5;
 
-/// Farthest that a stage runs from where the target is, mm: the way to the first trial, to the
-/// second, and two ramps from full speed.
+/// Largest distance of the stage from the target, mm: the motion to the first and to the second
+/// trial, and two ramps from full speed.
 const FARTHEST_MM: f64 = 27.0;
 
 const MOTIONS: [(&str, Target); 3] = [("step", step), ("line", line), ("figure", figure)];
@@ -29,7 +29,7 @@ fn line(time_s: f64) -> [f64; 3] {
     [20.0 * time_s, -10.0 * time_s, 5.0 * time_s]
 }
 
-/// Up to 19 and 38 mm/s.
+/// Returns a target with speeds up to 19 and 38 mm/s.
 fn figure(time_s: f64) -> [f64; 3] {
     let angle = 0.94 * time_s;
     [
@@ -48,7 +48,7 @@ fn follow(wrong: &Wrong, target: Target, seed: u64) -> Run {
     chase.follow(target, 8.0)
 }
 
-/// From the stage's first motion to the fault, s.
+/// Returns the time from the stage's first motion to the fault, s.
 fn lasted_s(run: &Run) -> f64 {
     let moved = run.samples.iter().find(|sample| sample.steps != [0; 3]);
     let moved_s = moved.map_or(0.0, |sample| sample.time_s);
@@ -56,7 +56,7 @@ fn lasted_s(run: &Run) -> f64 {
         .map_or(f64::INFINITY, |faulted_s| faulted_s - moved_s)
 }
 
-/// The fault has its name within a time from the stage's first motion.
+/// Checks that the fault is named within a time from the stage's first motion.
 fn judge_unstable(wrong: &Wrong, most_s: f64) {
     for (motion, target) in MOTIONS {
         let run = follow(wrong, target, 1);
@@ -83,7 +83,7 @@ fn judge_unstable(wrong: &Wrong, most_s: f64) {
 }
 
 #[test]
-fn wrong_signs_and_swapped_axes_are_named() {
+fn wrong_signs_are_named() {
     for wrong in signs() {
         judge_unstable(&wrong, 2.0);
     }
@@ -91,7 +91,7 @@ fn wrong_signs_and_swapped_axes_are_named() {
 
 #[test]
 fn rotations_from_60_degrees_are_named() {
-    // At 60 degrees the loop takes its time to shake.
+    // At 60 degrees the oscillation grows slowly.
     for (degrees, most_s) in [
         (60.0, 4.0),
         (75.0, 3.0),
@@ -125,9 +125,9 @@ fn wrong_time_stamps_are_named() {
     }
 }
 
-/// Nothing moves before noise sets it off; after that it is the same.
+/// The loop rests until noise sets it off, and then behaves the same.
 #[test]
-fn resting_target_does_not_hide_a_wrong_loop() {
+fn resting_target_hides_no_wrong_loop() {
     for wrong in signs() {
         let runs = (0..4).map(|seed| follow(&wrong, |_| [0.0; 3], seed));
         let named = runs.filter(|run| {
@@ -144,7 +144,7 @@ fn resting_target_does_not_hide_a_wrong_loop() {
     }
 }
 
-/// After 10 s a loop stands still, or its fault has a name.
+/// After 10 s a loop is at rest, or its fault has been named.
 #[test]
 fn small_shaking_is_named_or_ends() {
     let mut wrongs: Vec<Wrong> = [-20, -15, -10].map(|ms| wrong::late(ms, 20)).into();
@@ -167,7 +167,7 @@ fn small_shaking_is_named_or_ends() {
 }
 
 #[test]
-fn stable_variants_settle_without_a_fault() {
+fn stable_variants_settle() {
     let mut wrongs: Vec<Wrong> = [0.1, 0.3, 0.5, 1.5, 1.8]
         .map(|scale| wrong::scaled([scale; 3]))
         .into();
@@ -187,7 +187,7 @@ fn stable_variants_settle_without_a_fault() {
     }
 }
 
-/// Peak to peak from a time on, on the axis that moves most, mm.
+/// Returns the peak-to-peak motion from a time on, mm, of the axis that moves most.
 fn range_mm(run: &Run, from_s: f64) -> f64 {
     let of = |axis: usize| {
         let samples = run.samples.iter().filter(|sample| sample.time_s >= from_s);

@@ -70,7 +70,7 @@ fn mm(nm: [i32; 3]) -> [f64; 3] {
 }
 
 #[test]
-fn midpoint_agrees_with_the_reference_cases() {
+fn midpoint_agrees_with_reference() {
     let cases = cases();
     assert_eq!(cases.len(), 9);
     for Case {
@@ -123,7 +123,7 @@ fn midpoint_agrees_with_the_reference_cases() {
 }
 
 #[test]
-fn the_papers_estimators_agree_with_the_reference_cases() {
+fn paper_estimators_agree_with_reference() {
     let mut compared = 0;
     for Case {
         name,

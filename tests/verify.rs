@@ -1,4 +1,4 @@
-//! What `verify` predicts, against pictures that are rendered, tracked and estimated as any others.
+//! Predictions of `verify` against images that are rendered, tracked and estimated like any others.
 
 use host::budget::sigma::{MARGIN_PX, Predictor};
 use host::field_of_view::FieldOfView;
@@ -8,8 +8,9 @@ use host::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
-/// The sigma that a measurement states, which `tests/pipeline/sigma.rs` holds against true errors,
-/// and the one predicted for the same number of points and the noise that its own residual shows.
+/// Compares the sigma that a measurement states, which `tests/pipeline/sigma.rs` checks against
+/// true errors, with the prediction for the same number of points and the noise of the
+/// measurement's own residual.
 #[track_caller]
 fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f64) {
     let rig = Rig::paper();
@@ -32,7 +33,8 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
         .expect("a common view")
         .predict(points);
     println!(
-        "{depth_mm} mm, {noise_grey} grey levels: noise {:.4} px, {points} points, sigma stated {:.5?} predicted {:.5?} mm",
+        "{depth_mm} mm, {noise_grey} grey levels: noise {:.4} px, {points} points, sigma stated \
+         {:.5?} predicted {:.5?} mm",
         stated.sigma_px,
         stated.sigma_mm(),
         predicted.sigma_mm
@@ -44,9 +46,10 @@ fn assert_predicted(texture: &Texture, depth_mm: f64, noise_grey: f64, least: f6
 }
 
 #[test]
-fn predicted_sigma_is_what_a_measurement_states() {
+fn predicted_sigma_matches_measured() {
     let (sharp, soft) = (Texture::natural(3), Texture::blobs(3));
-    // Where interpolation governs, windows do not share their errors and less is stated.
+    // If interpolation errors dominate, windows do not share their errors and the stated sigma is
+    // smaller.
     assert_predicted(&sharp, 500.0, 2.0, 0.7);
     assert_predicted(&sharp, 850.0, 0.5, 0.5);
     assert_predicted(&sharp, 1400.0, 2.0, 0.7);

@@ -1,4 +1,5 @@
-//! An eventful life of a station: a few thousand frames and everything that can go wrong with them.
+//! An eventful life of a station: a few thousand flow frames with every kind of fault and
+//! disturbance.
 
 use host::client::stage::{configuration, default_stage};
 use host::client::twin::Twin;
@@ -12,13 +13,13 @@ use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 use shared::time::Instant;
 
-/// Frames between two events.
+/// Number of frames between two events.
 const FRAMES: usize = 60;
 
-/// How often each event comes.
+/// Number of times that each event occurs.
 pub const ROUNDS: usize = 3;
 
-/// The life so far.
+/// A life as far as it has been simulated.
 pub struct Life {
     pub twin: Twin,
     random: Random,
@@ -26,20 +27,20 @@ pub struct Life {
     points_mm: Vec<[f64; 3]>,
     /// A packet that may come again much later.
     old: Vec<u8>,
-    /// Frames written to the link, whatever became of them.
+    /// Number of frames written to the link, delivered or not.
     pub frames: usize,
 }
 
-/// A moment at which pictures were taken, and where target and stage were.
+/// Instant at which images were taken, with the positions of target and stage.
 #[derive(Clone, Copy)]
 struct Picture {
     at: Instant,
-    /// Target minus cameras, mm.
+    /// Target position minus camera position, mm.
     view_mm: [f64; 3],
 }
 
 impl Life {
-    /// Lives it all.
+    /// Simulates the whole life.
     pub fn new(board: &'static str) -> Self {
         let twin = Twin::power_on_recorded(&default_stage(), board).expect("the twin answers");
         let mut random = Random::seeded(20_260_101);
@@ -76,14 +77,14 @@ impl Life {
         self.twin.advance(self.twin.now().plus_micros(us as u64));
     }
 
-    /// Sends, and lets the station live on for a moment of odd length.
+    /// Sends a command and runs the station for a short time that is not a whole number of ticks.
     fn send(&mut self, command: Command) {
         self.twin.send(command);
         let us = 500 + self.random.below(2_000);
         self.wait(us);
     }
 
-    /// Everything is refused at first; then the stage is configured and zeroed.
+    /// Checks that every command is refused at first, then configures and zeroes the stage.
     fn begin(&mut self) {
         self.send(Command::Zero);
         self.send(jog(1_000));
@@ -99,7 +100,7 @@ impl Life {
         self.send(Command::Zero);
     }
 
-    /// Back to a known position at rest, whatever happened.
+    /// Brings the stage to rest at a known position from any state.
     fn recover(&mut self) {
         self.twin.set_switches(Inputs::default());
         self.twin.set_pings(true);
@@ -124,7 +125,7 @@ impl Life {
         }
     }
 
-    /// What the cameras saw of the target between two pictures.
+    /// Returns the flow sums of the target's motion between two images.
     fn sums(&mut self, from: Picture, to: Picture, noise: f64) -> Sums {
         let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
         let mut centred = CentredSums::new(&self.rig).expect("the paper's rig");
@@ -155,7 +156,7 @@ impl Life {
         }
     }
 
-    /// A short stage with lost motion and home switches.
+    /// Configures a short stage with backlash and home switches.
     fn become_loose(&mut self) {
         self.send(Command::Stop);
         self.wait(400_000);
@@ -173,7 +174,8 @@ impl Life {
         self.send(Command::Config(config));
     }
 
-    /// Homes all axes on switches 3 mm from here that bounce, for so many looks.
+    /// Homes all axes on bouncing switches 3 mm from here, over at most `looks` polls of the
+    /// switches.
     fn find_home(&mut self, looks: usize) {
         let start = self.twin.steps();
         self.send(Command::Home { axes: [true; 3] });
@@ -197,14 +199,14 @@ impl Life {
         self.twin.set_switches(Inputs::default());
     }
 
-    /// `count` frames, some of them bad, on a line that is not good either.
+    /// Sends `count` frames, some of them bad, over a faulty line.
     fn follow(&mut self, count: usize) {
         let mut keyframe = self.picture();
         let mut last = (keyframe, None);
         for _ in 0..count {
             let pause = 1_000 + self.random.below(4_000);
             self.wait(pause);
-            // Mostly the keyframe stays. Sometimes the previous picture becomes the new one, which
+            // Mostly the keyframe stays. Sometimes the previous image becomes the new one, which
             // the station knows if it used it.
             let status = self.twin.status();
             let used = status.and_then(|status| status.estimate.map(|e| e.sequence));
@@ -230,7 +232,7 @@ impl Life {
         }
     }
 
-    /// One frame in six is wrong in some way.
+    /// Spoils one frame in six.
     fn spoil(&mut self, frame: &mut Frame) {
         let kind = self.random.below(48);
         match (kind, &mut frame.sums) {
@@ -266,7 +268,7 @@ impl Life {
                 self.twin.write(noise.as_flattened());
             }
             4 => {
-                // Two halves, a while apart.
+                // Send two halves with a pause between them.
                 self.twin.write(&bytes[..at]);
                 self.wait(1_300);
                 bytes.drain(..at);
@@ -289,11 +291,11 @@ fn jog(um: i32) -> Command {
     }
 }
 
-/// What happens between the frames.
+/// Events between the frames.
 const EVENTS: [fn(&mut Life); 20] = [
     |life| life.send(Command::Stop),
     |life| {
-        // Frames go on after a stop, and are refused.
+        // Frames continue after a stop and are refused.
         life.send(Command::Stop);
         life.follow(15);
     },
@@ -324,7 +326,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(40);
     },
     |life| {
-        // A whole new stage: other scale, one axis turned round, cameras beside it.
+        // Change the whole stage: another scale, one axis inverted, fixed cameras.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -346,7 +348,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.send(Command::Zero);
     },
     |life| {
-        // Setpoints in mid-move.
+        // Send setpoints in mid-move.
         for k in 0..20 {
             let um = 1_000 * (k % 7) - 2_500;
             life.send(Command::Setpoint {
@@ -356,14 +358,14 @@ const EVENTS: [fn(&mut Life); 20] = [
         }
     },
     |life| {
-        // More commands than one tick takes.
+        // Send more commands than one tick takes.
         for _ in 0..14 {
             life.twin.send(jog(100));
         }
         life.wait(50_000);
     },
     |life| {
-        // Onto a tripped limit switch, from rest.
+        // Move onto a tripped limit switch, from rest.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -375,12 +377,12 @@ const EVENTS: [fn(&mut Life); 20] = [
     },
     |life| life.twin.write(&[0x55; 700]),
     |life| {
-        // The host starts anew, with any number.
+        // The host reconnects with any sequence number.
         life.twin.send(Command::Hello);
         life.follow(5);
     },
     |life| {
-        // Lost motion, and home switches that are found.
+        // Backlash, and homing on switches.
         life.become_loose();
         life.find_home(usize::MAX);
         life.follow(20);
@@ -391,14 +393,14 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(40);
     },
     |life| {
-        // A stop in the middle of the search; its state must end with it.
+        // A stop during homing must end the homing state.
         life.become_loose();
         life.find_home(700);
         life.send(Command::Stop);
         life.follow(5);
     },
     |life| {
-        // Nothing there.
+        // Homing without any switch.
         life.become_loose();
         life.send(Command::Home {
             axes: [false, true, false],
@@ -406,7 +408,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.wait(1_500_000);
     },
     |life| {
-        // A stop is the last word: what came before it in one write is dropped.
+        // A stop drops the commands before it in the same write.
         life.send(Command::Stop);
         life.wait(400_000);
         for command in [Command::Reset, jog(9_000), Command::Zero, Command::Stop] {
@@ -415,7 +417,8 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.wait(100_000);
     },
     |life| {
-        // The stop is pressed behind a silent host's fault; noise; a reset that must be denied.
+        // The emergency stop is pressed during a heartbeat fault; noise follows; a reset must be
+        // denied.
         life.twin.send(jog(9_000));
         life.twin.set_pings(false);
         life.wait(300_000);
@@ -428,7 +431,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.send(Command::Reset);
     },
     |life| {
-        // An axis outside its travel: others move, it comes back inwards only.
+        // An axis outside its travel: others move, and it moves inwards only.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);
@@ -444,7 +447,7 @@ const EVENTS: [fn(&mut Life); 20] = [
         life.follow(5);
     },
     |life| {
-        // Motors off, by command and after a rest.
+        // Switch the motors off, by command and after a rest.
         life.send(Command::Stop);
         life.wait(400_000);
         life.send(Command::Reset);

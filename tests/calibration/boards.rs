@@ -1,4 +1,4 @@
-//! A chessboard before a rig, drawn from the camera models alone.
+//! A chessboard in front of a rig, drawn from the camera models alone.
 
 use std::path::Path;
 
@@ -6,17 +6,17 @@ use host::images::{Image, folder};
 use host::random::Random;
 use shared::rig::{Camera, Rig, Rotation};
 
-/// Side of a square, mm.
+/// Side of a square of the board, mm.
 pub const SQUARE_MM: f64 = 18.0;
-/// Inner corners.
+/// Inner corners of the board, columns and rows.
 pub const CORNERS: [usize; 2] = [9, 6];
-/// Noise of the images, grey levels.
+/// Standard deviation of the image noise, grey levels.
 const NOISE_GREY: f64 = 2.0;
-/// Places in a pixel, along either side, whose light makes the pixel's.
+/// Samples per pixel and axis.
 const SAMPLES: usize = 2;
 
-/// Three cameras as somebody built them who meant them to be parallel. Their optical axes are level
-/// on the whole.
+/// Returns three cameras that were meant to be parallel and are not. Their optical axes are level
+/// on average.
 pub fn crooked_rig() -> Rig {
     let camera = |focal_px, principal_px, x, degrees| Camera {
         focal_px,
@@ -37,7 +37,7 @@ pub fn crooked_rig() -> Rig {
     }
 }
 
-/// Where the board is: its middle, and how it is turned about x, y and z.
+/// Pose of the board: its middle, and its rotation about x, y and z.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
     pub middle_mm: [f64; 3],
@@ -45,7 +45,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// One of many different ones before the rig.
+    /// Returns one of many different poses in front of the rig.
     pub fn number(index: u64) -> Self {
         let mut random = Random::new(index, 100);
         let mut within = |reach: f64| random.between(-reach, reach);
@@ -76,7 +76,7 @@ impl Eye {
         }
     }
 
-    /// What the camera sees.
+    /// Renders the board as the camera sees it.
     pub fn view(&self, pose: &Pose, seed: u64) -> Image {
         let mut random = Random::new(seed, 0);
         let [right, down, ahead] = axes(pose.turn_deg);
@@ -111,8 +111,8 @@ impl Eye {
     }
 }
 
-/// Grey level of the board at a place from its middle, mm: black outside the first corner, a white
-/// border one square wide, then a desk. Every edge is as soft as a lens makes it.
+/// Returns the grey level of the board at an offset from its middle, mm: black outside the first
+/// corner, a white border one square wide, then a desk. Every edge is as soft as a lens makes it.
 fn grey(u: f64, v: f64) -> f64 {
     const SOFT_MM: f64 = 0.9;
     let sides = CORNERS.map(|n| n as f64 + 1.0);
@@ -120,8 +120,8 @@ fn grey(u: f64, v: f64) -> f64 {
         u / SQUARE_MM + sides[0] / 2.0,
         v / SQUARE_MM + sides[1] / 2.0,
     ];
-    // From -1 to 1 and back at every whole number, and from 0 to 1 where a distance becomes
-    // positive.
+    // `wave` alternates between -1 and 1 at whole numbers; `step` goes from 0 to 1 where a distance
+    // becomes positive.
     let wave = |a: f64| {
         let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
         sign * ((a - a.round()) * SQUARE_MM / SOFT_MM).tanh()
@@ -136,7 +136,7 @@ fn grey(u: f64, v: f64) -> f64 {
     90.0 + inside(1.0) * (paper - 90.0)
 }
 
-/// The board's right, down and away along the rig's axes.
+/// Returns the board's right, down and away directions along the rig's axes.
 fn axes(turn_deg: [f64; 3]) -> [[f64; 3]; 3] {
     let rows = Rotation::from_degrees(turn_deg).rows();
     [0, 1, 2].map(|axis| rows.map(|row| row[axis]))
@@ -146,7 +146,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Photographs of the board at `count` instants by the cameras called `names`, in `dir`.
+/// Writes images of the board at `count` instants by the cameras called `names` into `dir`.
 pub fn photograph(dir: &Path, rig: &Rig, names: &[&str], count: u64) {
     for ((name, camera), number) in names.iter().zip(&rig.cameras).zip(0..) {
         let eye = Eye::new(camera, rig.image_size_px);

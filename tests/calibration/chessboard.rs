@@ -1,5 +1,4 @@
-//! Photographs of a real board, against what OpenCV makes of them
-//! (`images/chessboard/opencv.json`).
+//! Images of a real board, calibrated here and by OpenCV (`images/chessboard/opencv.json`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -26,15 +25,15 @@ fn calibrate(more: &[&str]) -> Outcome {
     run(&folder(), &arguments)
 }
 
-/// OpenCV's results for corners refined within `half` px.
+/// Returns OpenCV's results for corners refined within `half` px.
 fn opencv(half: &str) -> Value {
     let text = fs::read_to_string(folder().join("opencv.json")).expect("the reference figures");
     let all: Value = serde_json::from_str(&text).expect("JSON");
     all["half_windows"][half].clone()
 }
 
-/// Every focal length and principal point within `share` standard deviations, OpenCV's and ours;
-/// the distortion within twice as many.
+/// Checks that every focal length and principal point agrees within `share` standard deviations of
+/// either result, and the distortion within twice as many.
 #[track_caller]
 fn assert_agree(ours: &Value, theirs: &Value, share: f64) {
     for (key, sigma, share) in [
@@ -64,7 +63,7 @@ fn used(camera: &Value) -> usize {
 }
 
 #[test]
-fn it_agrees_with_opencv_within_one_standard_deviation() {
+fn calibration_agrees_with_opencv() {
     let lines = calibrate(&[]).good_json();
     let reference = opencv("5");
     assert_eq!(lines.len(), 3);
@@ -92,10 +91,10 @@ fn it_agrees_with_opencv_within_one_standard_deviation() {
     );
 }
 
-/// With OpenCV's window the same corners, and from the same corners the same camera: nothing but
-/// rounding is left.
+/// With OpenCV's window the corners are OpenCV's, and the same corners give the same camera but for
+/// rounding.
 #[test]
-fn the_same_window_gives_the_same_result() {
+fn same_window_gives_same_result() {
     for half in ["5", "11"] {
         let lines = calibrate(&["--window", half, "--outlier", "99"]).good_json();
         let reference = opencv(half);
@@ -117,9 +116,9 @@ fn the_same_window_gives_the_same_result() {
     }
 }
 
-/// The large window sees the board's border on some images: just these are rejected.
+/// The large window includes the board's border on some images; exactly these are rejected.
 #[test]
-fn images_with_large_residuals_are_rejected_by_name() {
+fn large_residuals_are_rejected_by_name() {
     let lines = calibrate(&["--window", "11"]).good_json();
     let rejected = |camera: &Value| -> Vec<String> {
         let images = camera["images"].as_array().expect("a list of images");
@@ -152,7 +151,7 @@ fn images_with_large_residuals_are_rejected_by_name() {
 }
 
 #[test]
-fn the_wrong_board_is_said_to_be_another() {
+fn wrong_board_is_reported() {
     let outcome = run(
         &folder(),
         &["calibrate", ".", "--board", "8x6", "--square", "25"],

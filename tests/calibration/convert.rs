@@ -1,4 +1,4 @@
-//! `convert` between our rig file, OpenCV's and ROS's.
+//! `convert` between our rig file, OpenCV's files and ROS's.
 
 use std::fs;
 
@@ -19,7 +19,7 @@ fn desk() -> TempDir {
 }
 
 #[test]
-fn a_rig_file_goes_out_and_comes_back() {
+fn rig_file_survives_conversion() {
     let desk = desk();
     let own = RigFile::read(&desk.path().join("rig.toml")).expect("a rig file");
     let outcome = run(
@@ -56,17 +56,20 @@ fn a_rig_file_goes_out_and_comes_back() {
         .failed_after_notes(1, &["cv.toml", "exists"]);
 }
 
-/// As OpenCV's calibration sample writes it: no word on where the camera is.
+/// Returns a file as OpenCV's calibration sample writes it, without the position of the camera.
 fn opencv(focal: f64) -> String {
     format!(
-        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
-         data: [ {focal}, 0., 3.2e+02, 0.,\n       {focal}, 240., 0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 5\n   \
-         cols: 1\n   dt: d\n   data: [ -1.6e-01, 0., 0., 0., 0. ]\navg_reprojection_error: 3.9e-01\n"
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\n\
+         camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
+         data: [ {focal}, 0., 3.2e+02, 0.,\n       {focal}, 240., 0., 0., 1. ]\n\
+         distortion_coefficients: !!opencv-matrix\n   rows: 5\n   \
+         cols: 1\n   dt: d\n   data: [ -1.6e-01, 0., 0., 0., 0. ]\n\
+         avg_reprojection_error: 3.9e-01\n"
     )
 }
 
 #[test]
-fn opencvs_own_files_make_a_rig_with_offsets_given() {
+fn opencv_files_and_offsets_make_rig() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     for (name, focal) in [("left", 530.0), ("right", 540.0)] {
         fs::write(desk.path().join(format!("{name}.yml")), opencv(focal)).expect("written");

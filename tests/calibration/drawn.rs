@@ -1,4 +1,4 @@
-//! Drawn boards before a rig that is known: calibration, rig file, displacement.
+//! Drawn boards in front of a known rig: calibration, rig file and displacement.
 
 use std::fs;
 
@@ -20,7 +20,7 @@ const BOARD: Board = Board {
 const CALIBRATE: [&str; 6] = ["calibrate", "boards", "--board", "9x6", "--square", "18"];
 
 #[test]
-fn corners_are_found_to_a_few_hundredths_of_a_pixel() {
+fn corners_are_within_hundredths_of_px() {
     let rig = crooked_rig();
     let camera = &rig.cameras[0];
     let eye = Eye::new(camera, rig.image_size_px);
@@ -49,7 +49,7 @@ fn corners_are_found_to_a_few_hundredths_of_a_pixel() {
 }
 
 #[test]
-fn what_is_no_whole_board_is_not_found() {
+fn partial_board_is_not_found() {
     let rig = crooked_rig();
     let eye = Eye::new(&rig.cameras[1], rig.image_size_px);
     let pose = Pose {
@@ -59,7 +59,7 @@ fn what_is_no_whole_board_is_not_found() {
     let whole = eye.view(&pose, 1);
     assert!(find(&whole, &BOARD, None).is_ok());
     let mut covered = whole.clone();
-    // A hand before a quarter of the board.
+    // A dark patch covers a quarter of the board, like a hand.
     for row in 60..180 {
         covered.grey[row * whole.width + 100..][..140].fill(120);
     }
@@ -88,7 +88,7 @@ fn what_is_no_whole_board_is_not_found() {
     assert_eq!(find(&tiny, &BOARD, None), Err(NotFound::Nothing));
 }
 
-/// Every figure within four and a half of its standard deviations of the truth.
+/// Checks that every figure is within 4.5 of its standard deviations of the truth.
 #[track_caller]
 fn assert_true(value: &Value, key: &str, sigma: &str, truth: &[f64]) {
     for ((got, sigma), truth) in numbers(value, key)
@@ -103,7 +103,8 @@ fn assert_true(value: &Value, key: &str, sigma: &str, truth: &[f64]) {
     }
 }
 
-/// Moves a poster before the rig as it is, and measures it with the rig as it was found.
+/// Renders a moving poster with the true rig and checks its displacement measured with the
+/// calibrated rig.
 fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
     let moves: [[f64; 3]; 4] = [
         [0.0; 3],
@@ -122,8 +123,8 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
     assert_eq!(got.len(), moves.len() - 1);
     for (line, truth) in got.iter().zip(&moves[1..]) {
         let got = numbers(line, "displacement_mm");
-        // What a parallel rig may be off by, and one per cent of the way: three times what the
-        // calibration's own sigma makes of it (a third of a degree about y).
+        // The bound is that of a parallel rig plus one per cent of the displacement: three times
+        // the effect of the calibration's own sigma (a third of a degree about y).
         let way = truth.iter().map(|t| t * t).sum::<f64>().sqrt();
         for (i, tolerance) in [0.02, 0.02, 0.05].into_iter().enumerate() {
             let error = (got[i] - truth[i]).abs();
@@ -133,11 +134,11 @@ fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
 }
 
 #[test]
-fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
+fn crooked_rig_is_calibrated() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let rig = crooked_rig();
     photograph(&desk.path().join("boards"), &rig, &TRINOCULAR, 14);
-    // One image of a blank wall, one that is no image.
+    // Add one image of a blank wall and one file that is no image.
     let wall = host::images::Image {
         width: 480,
         height: 360,
@@ -193,8 +194,8 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
     {
         let [x, y] = camera.offset_mm;
         assert_true(stand, "offset_mm", "offset_sigma_mm", &[x, y, 0.0]);
-        // About y the rig's own axes lie a little elsewhere: they are found from the cameras'
-        // places, as sigma says.
+        // The rig's own axes differ slightly about y, because they follow from the cameras'
+        // positions, with the stated sigma.
         assert_true(
             stand,
             "rotation_deg",
@@ -209,7 +210,7 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
     );
 
     assert_measures(desk.path(), &rig, "rig.toml");
-    // What was written for others is the same rig.
+    // The files for other programs describe the same rig.
     let own = RigFile::read(&desk.path().join("rig.toml")).expect("a rig file");
     for (folder, ending) in [("cv", "yml"), ("ros", "yaml")] {
         let files = TRINOCULAR.map(|name| format!("{folder}/{name}.{ending}"));
@@ -237,7 +238,7 @@ fn a_crooked_rig_is_found_and_measures_like_a_straight_one() {
 }
 
 #[test]
-fn nothing_is_overwritten_unasked_and_the_stage_survives() {
+fn existing_rig_file_keeps_its_stage() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     photograph(
         &desk.path().join("boards"),
@@ -250,8 +251,9 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
         arguments.extend(more);
         run(desk.path(), &arguments)
     };
-    let stage = "\n[stage]\nsteps_per_mm = [80, 80, 400]\nmax_speed_mm_s = [50, 50, 10]\nmax_acceleration_mm_s2 = [500, 500, 100]\n\
-                 max_jerk_mm_s3 = [5e3, 5e3, 1e3]\ntravel_mm = [[-50, 50], [-50, 50], [0, 30]]\ninvert = [false, true, false]\n\
+    let stage = "\n[stage]\nsteps_per_mm = [80, 80, 400]\nmax_speed_mm_s = [50, 50, 10]\n\
+                 max_acceleration_mm_s2 = [500, 500, 100]\nmax_jerk_mm_s3 = [5e3, 5e3, 1e3]\n\
+                 travel_mm = [[-50, 50], [-50, 50], [0, 30]]\ninvert = [false, true, false]\n\
                  matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ndriver = \"TMC2209\"\n";
     let old = RigFile::paper().to_toml() + stage;
     let path = desk.path().join("rig.toml");
@@ -284,10 +286,10 @@ fn nothing_is_overwritten_unasked_and_the_stage_survives() {
     with(&["--out", "none/rig.toml"]).failed_after_notes(1, &["none", "no such folder"]);
 }
 
-/// Copies of a picture would make every standard deviation too small; one pose alone leaves the
-/// lens open.
+/// Copies of an image would make every standard deviation too small. A single pose leaves the lens
+/// parameters undetermined.
 #[test]
-fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
+fn repeated_images_are_rejected() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let left = desk.path().join("boards/left");
     photograph(&desk.path().join("boards"), &crooked_rig(), &["left"], 3);
@@ -330,12 +332,12 @@ fn repeated_pictures_are_rejected_and_vague_lenses_are_said_to_be() {
 }
 
 #[test]
-fn images_of_different_instants_make_no_rig() {
+fn images_of_different_times_make_no_rig() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let boards = desk.path().join("boards");
     photograph(&boards, &crooked_rig(), &["left", "right"], 9);
     let right = boards.join("right");
-    // Each camera alone is as good as before: only the names are those of the next instant.
+    // Each camera alone is as good as before; only the names are those of the next instant.
     for index in 0..9 {
         let from = right.join(format!("{index:02}.png"));
         fs::rename(from, right.join(format!("{:02}.tmp", (index + 1) % 9))).expect("renamed");
@@ -348,7 +350,7 @@ fn images_of_different_instants_make_no_rig() {
 }
 
 #[test]
-fn what_makes_no_rig_is_refused_by_name() {
+fn unusable_images_are_refused_by_name() {
     let desk = tempfile::tempdir().expect("a temporary folder");
     let boards = desk.path().join("boards");
     photograph(&boards, &crooked_rig(), &["left", "right"], 4);

@@ -1,5 +1,5 @@
-//! A rig whose cameras are turned by a degree or two measures like a parallel one, if its file says
-//! how they are turned.
+//! A rig whose cameras are rotated by a degree or two measures like a parallel one if its file
+//! states the rotations.
 
 use host::flow::{Correspondence, Flow, FlowSettings};
 use host::images::{Scene, SceneSettings, Texture};
@@ -13,7 +13,7 @@ const MOVES_MM: [[f64; 3]; 4] = [
     [0.0, 0.0, 7.0],
     [-12.0, 8.0, -4.0],
 ];
-/// What the project sets itself for a parallel rig.
+/// Largest error of a displacement, mm: the project's bound for a parallel rig.
 const TOLERANCE_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
 fn turned_rig() -> Rig {
@@ -37,7 +37,7 @@ fn largest(error: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn exact_points_give_the_exact_displacement() {
+fn exact_points_give_exact_result() {
     let rig = turned_rig();
     let points = [
         [0.0, 0.0, 900.0],
@@ -61,8 +61,7 @@ fn exact_points_give_the_exact_displacement() {
             largest([0, 1, 2].map(|i| got[i] - moved[i]))
         };
         assert!(error(&rig) < 1e-9, "{moved:?}: {} mm", error(&rig));
-        // The test can fail: taken for parallel, the same cameras are wrong by a good part of a
-        // millimetre.
+        // Control: treated as parallel, the same cameras are wrong by a good part of a millimetre.
         assert!(
             error(&Rig::paper()) > 0.1,
             "{moved:?}: {} mm",
@@ -72,7 +71,7 @@ fn exact_points_give_the_exact_displacement() {
 }
 
 #[test]
-fn images_give_the_displacement_of_a_parallel_rig() {
+fn rectified_rig_measures_like_parallel() {
     for (rig, what) in [(Rig::paper(), "parallel"), (turned_rig(), "turned")] {
         let scene =
             Scene::new(&rig, &Texture::natural(4), SceneSettings::default()).expect("a scene");

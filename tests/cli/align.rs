@@ -1,4 +1,4 @@
-//! `align`: pictures of a poster, taken with principal points that the rig file does not know.
+//! `align`: images of a poster, taken with principal points that differ from those of the rig file.
 
 use std::fs;
 use std::path::Path;
@@ -11,15 +11,16 @@ use shared::rig::Rig;
 
 use super::{Desk, Outcome, run};
 
-/// What left and right are off by across the line of cameras, where all of it shows, px.
+/// Errors of the principal points across the line of cameras, left, middle and right, px. All of
+/// them can be found.
 const OFF_PX: [f64; 3] = [-2.6, 0.0, 1.7];
 
-/// What right is off by along it, px: constraint (3) shows that part of it which is no common error
-/// of all disparities.
+/// Error of the right principal point along the line of cameras, px. Constraint (3) shows only the
+/// part that is not common to all disparities.
 const ALONG_PX: f64 = 1.0;
 
-/// A desk with two captures in `views`, a comment in its rig file, and the true heights of the
-/// principal points.
+/// Returns a desk with two frame sets in `views` and a comment in its rig file, and the true
+/// heights of the principal points.
 fn desk() -> (Desk, [f64; 3]) {
     let desk = Desk::new();
     let mut truth = Rig::paper();
@@ -55,7 +56,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn offsets_are_printed_and_the_corrected_rig_is_written() {
+fn align_prints_offsets_and_writes_rig() {
     let (desk, heights) = desk();
     let outcome = align(&desk, &["--out", "aligned.toml"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -81,7 +82,7 @@ fn offsets_are_printed_and_the_corrected_rig_is_written() {
         let error = camera.principal_px[1] - height;
         assert!(error.abs() <= 0.02, "{error} px");
     }
-    // Nothing is left for a second alignment.
+    // A second alignment finds no offset.
     fs::copy(desk.path("aligned.toml"), desk.path("rig.toml")).expect("the desk");
     let again = &align(&desk, &["--json"]).json()[0];
     for camera in again["cameras"].as_array().expect("a list") {
@@ -93,7 +94,7 @@ fn offsets_are_printed_and_the_corrected_rig_is_written() {
 }
 
 #[test]
-fn json_holds_offsets_sigma_and_penalties() {
+fn json_has_offsets_and_sigma() {
     let (desk, _) = desk();
     let outcome = align(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -115,7 +116,7 @@ fn json_holds_offsets_sigma_and_penalties() {
     let [before, after] =
         ["before_percent", "after_percent"].map(|when| penalty(when, "closed_form"));
     assert!(before > 50.0 && after < 0.1 * before, "{before} {after}");
-    // What a scene shows costs the midpoint nothing.
+    // Offsets that a scene reveals cost the midpoint nothing.
     assert!(penalty("before_percent", "midpoint") < 1e-6);
     assert!((0.1..0.2).contains(&penalty("tenth_px_percent", "midpoint")));
     assert_eq!(outcome.stdout, align(&desk, &["--json"]).stdout);
@@ -124,7 +125,7 @@ fn json_holds_offsets_sigma_and_penalties() {
 }
 
 #[test]
-fn a_file_that_exists_is_replaced_only_by_force() {
+fn existing_file_needs_force() {
     let (desk, _) = desk();
     let before = desk.read("rig.toml");
     align(&desk, &["--out", "rig.toml"]).failed(1, &["rig.toml", "exists", "--force"]);
@@ -137,7 +138,7 @@ fn a_file_that_exists_is_replaced_only_by_force() {
 }
 
 #[test]
-fn bad_folders_and_options_are_refused() {
+fn bad_folders_and_options_fail() {
     let (desk, _) = desk();
     for (more, part) in [
         (&["--reach", "0"][..], "--reach"),
@@ -167,7 +168,7 @@ fn bad_folders_and_options_are_refused() {
 }
 
 #[test]
-fn pictures_without_texture_are_refused_and_write_nothing() {
+fn blank_images_are_refused() {
     let desk = Desk::new();
     let blank = Image {
         width: 320,
@@ -184,9 +185,9 @@ fn pictures_without_texture_are_refused_and_write_nothing() {
     assert!(!desk.path("aligned.toml").exists());
 }
 
-/// Photographs of a scene with depth: what the rig file is made wrong by comes back.
+/// On images of a real scene with depth, `align` finds the errors that were put into the rig file.
 #[test]
-fn photographs_show_what_the_rig_file_was_made_wrong_by() {
+fn photographs_show_errors_of_rig_file() {
     let teddy = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/teddy");
     let teddy = teddy.to_str().expect("UTF-8");
     let desk = Desk::new();
@@ -203,7 +204,7 @@ fn photographs_show_what_the_rig_file_was_made_wrong_by() {
             .collect()
     };
     let right = offsets(&text);
-    // Left is 6 px too high and 3 px too far left. Of the latter, with equal baselines, half shows
+    // Left is 6 px too high and 3 px too far left. With equal baselines, half of the latter shows
     // in left and half in right.
     let wrong = offsets(&text.replacen("[224.5, 187.0]", "[221.5, 181.0]", 1));
     let expected = [[1.5, 6.0], [0.0, 0.0], [1.5, 0.0]];

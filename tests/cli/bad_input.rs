@@ -1,12 +1,11 @@
-//! Bad input ends with exit code 1, nothing on standard output, nothing left behind, and one line
-//! that names file, line and field. (Every single rule of the two file formats is tested beside its
-//! reader.)
+//! Bad input ends with exit code 1, an empty standard output, no new files, and one line that names
+//! file, line and field. (The rules of the two file formats are tested beside their readers.)
 
 use std::fs;
 
 use super::{Desk, run};
 
-/// The names in the desk's folder: a bad input must not add to them.
+/// Returns the names in the desk's folder; a bad input must not add to them.
 fn listing(desk: &Desk) -> Vec<String> {
     let entries = fs::read_dir(desk.folder.path()).expect("the folder is there");
     let mut names: Vec<String> = entries
@@ -17,7 +16,8 @@ fn listing(desk: &Desk) -> Vec<String> {
     names
 }
 
-/// Changes one place of `file`; the program must name file, line and `field`, and give `reason`.
+/// Changes one place of `file` and checks that the program names file, line and `field` with
+/// `reason`.
 #[track_caller]
 fn refused(file: &str, from: &str, to: &str, field: &str, reason: &str) {
     let desk = Desk::new();
@@ -30,7 +30,7 @@ fn refused(file: &str, from: &str, to: &str, field: &str, reason: &str) {
     assert_eq!(listing(&desk), before);
 }
 
-/// Keeps only the lines of `points.csv` that `keep` likes.
+/// Keeps only the lines of `points.csv` for which `keep` returns true.
 fn keep_lines(desk: &Desk, keep: impl Fn(&str) -> bool) {
     let text = desk.read("points.csv");
     let kept: Vec<&str> = text.lines().filter(|line| keep(line)).collect();
@@ -38,7 +38,7 @@ fn keep_lines(desk: &Desk, keep: impl Fn(&str) -> bool) {
 }
 
 #[test]
-fn a_wrong_header() {
+fn wrong_header() {
     refused(
         "points.csv",
         "x0,y0,x1,y1",
@@ -63,7 +63,7 @@ fn a_wrong_header() {
 }
 
 #[test]
-fn a_wrong_field_in_a_row() {
+fn wrong_field_in_row() {
     refused(
         "points.csv",
         "2,middle,",
@@ -83,7 +83,7 @@ fn a_wrong_field_in_a_row() {
 }
 
 #[test]
-fn a_coordinate_that_is_not_finite() {
+fn non_finite_coordinate() {
     for word in ["NaN", "nan", "inf", "-inf", "1e999"] {
         let desk = Desk::new();
         let row = format!("5,left,160,120,161,{word}\n");
@@ -94,7 +94,7 @@ fn a_coordinate_that_is_not_finite() {
 }
 
 #[test]
-fn a_point_far_outside_the_image() {
+fn point_far_outside_image() {
     let desk = Desk::new();
     desk.write(
         "points.csv",
@@ -105,7 +105,7 @@ fn a_point_far_outside_the_image() {
 }
 
 #[test]
-fn a_camera_that_is_missing_from_the_points() {
+fn camera_missing_from_points() {
     let desk = Desk::new();
     keep_lines(&desk, |line| !line.contains("right"));
     desk.estimate(&["--json"])
@@ -113,7 +113,7 @@ fn a_camera_that_is_missing_from_the_points() {
 }
 
 #[test]
-fn a_camera_that_is_missing_from_the_rig() {
+fn camera_missing_from_rig() {
     let desk = Desk::new();
     let text = desk.read("rig.toml");
     let last = text.rfind("\n[[camera]]").expect("three cameras");
@@ -127,7 +127,7 @@ fn a_camera_that_is_missing_from_the_rig() {
 }
 
 #[test]
-fn a_rig_of_one_camera() {
+fn rig_of_one_camera() {
     let desk = Desk::new();
     let text = desk.read("rig.toml");
     let blocks: Vec<&str> = text.split("\n[[camera]]").collect();
@@ -137,7 +137,7 @@ fn a_rig_of_one_camera() {
 }
 
 #[test]
-fn an_impossible_number_in_the_rig() {
+fn impossible_number_in_rig() {
     refused(
         "rig.toml",
         "538.14",
@@ -176,7 +176,7 @@ fn an_impossible_number_in_the_rig() {
 }
 
 #[test]
-fn an_unknown_or_missing_field_in_the_rig() {
+fn unknown_or_missing_field_in_rig() {
     refused(
         "rig.toml",
         "focal_px",
@@ -191,7 +191,7 @@ fn an_unknown_or_missing_field_in_the_rig() {
 }
 
 #[test]
-fn a_rig_that_is_not_toml() {
+fn rig_that_is_not_toml() {
     refused("rig.toml", "\"right\"", "\"right", "name", "not valid TOML");
     let desk = Desk::new();
     desk.write("rig.toml", [0xff, 0xfe, 0x00]);
@@ -213,7 +213,7 @@ fn empty_and_binary_points() {
 }
 
 #[test]
-fn files_that_are_not_there() {
+fn missing_files() {
     let desk = Desk::new();
     fs::remove_file(desk.path("points.csv")).expect("it was there");
     desk.estimate(&[])

@@ -1,4 +1,4 @@
-//! `bench flow`: what it prints. How long anything takes is the machine's affair and no test's.
+//! `bench flow`: its output. No test judges the durations themselves, which depend on the machine.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const STAGES: [&str; 6] = [
     "consensus",
 ];
 
-/// One JSON object with the documented keys, its times in order.
+/// Returns the only JSON object printed, after checking its keys and the order of its times.
 #[track_caller]
 fn report(outcome: &Outcome) -> Value {
     let lines = outcome.good_json();
@@ -41,7 +41,7 @@ fn report(outcome: &Outcome) -> Value {
 }
 
 #[test]
-fn a_folder_is_timed_as_often_as_wanted() {
+fn folder_is_timed_as_often_as_asked() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0]), Some([4.0, 4.0, 1.0])]);
     let bench = |more: &[&str]| {
         let mut arguments = vec!["bench", "flow", "views"];
@@ -55,7 +55,7 @@ fn a_folder_is_timed_as_often_as_wanted() {
     assert_eq!(one["captures"], 3);
     assert_eq!(one["threads"], 1);
     assert_eq!(one["refused"], 0);
-    // Threads share the work; what is found is the same.
+    // Threads share the work without changing the result.
     let two = report(&bench(&[&with_rig[..], &["--threads", "2"]].concat()));
     assert_eq!(two["threads"], 2);
     assert_eq!(two["points"], one["points"]);
@@ -74,7 +74,7 @@ fn a_folder_is_timed_as_often_as_wanted() {
 }
 
 #[test]
-fn photographs_are_timed_with_their_rig() {
+fn photographs_are_timed_with_rig() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let rig = "images/teddy/rig.toml";
     let mut bench = vec!["bench", "flow", "images/teddy", "--repeat", "1", "--json"];
@@ -91,7 +91,7 @@ fn photographs_are_timed_with_their_rig() {
 }
 
 #[test]
-fn what_cannot_be_timed_is_refused() {
+fn unusable_input_is_refused() {
     let desk = desk_with_views(&[None]);
     let bench = |words: &[&str]| run(desk.folder.path(), words);
     bench(&["bench", "flow", "nowhere", "--rig", "rig.toml", "--json"])
@@ -119,7 +119,7 @@ fn what_cannot_be_timed_is_refused() {
 }
 
 #[test]
-fn more_captures_than_memory_are_refused() {
+fn folder_beyond_memory_is_refused() {
     let desk = super::Desk::new();
     let line = desk.change("rig.toml", "[320, 240]", "[8000, 6000]");
     assert_eq!(line, 1);

@@ -1,4 +1,4 @@
-//! `track --cameras` on a computer without cameras: what is wrong is named, with what to do.
+//! `track --cameras` on a computer without cameras: errors name the problem and the remedy.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -14,7 +14,7 @@ fn track(desk: &Desk, more: &[&str]) -> super::Outcome {
 }
 
 #[test]
-fn a_device_that_is_not_there_is_named_with_what_to_do() {
+fn missing_device_is_named_with_remedy() {
     let advice = match cfg!(feature = "camera") {
         true => "no such camera: plug it in",
         false => "cargo build --release --features host/camera",
@@ -24,13 +24,13 @@ fn a_device_that_is_not_there_is_named_with_what_to_do() {
 }
 
 #[test]
-fn cameras_and_rig_must_fit_before_a_device_is_opened() {
+fn mismatch_with_rig_fails_before_opening() {
     let desk = Desk::new();
     let two = ["track", "--cameras", "/dev/a,/dev/b", "--rig", "rig.toml"];
     let outcome = run(desk.folder.path(), &two);
     outcome.failed(2, &["2 devices", "3 cameras", "left, middle, right"]);
     assert_eq!(track(&desk, &[]).code, Some(2));
-    // By whatever name.
+    // One device given twice is recognised under any name.
     let (left, middle) = (desk.path("left"), desk.path("middle"));
     fs::write(&left, "").expect("ours");
     symlink(&left, &middle).expect("ours");
@@ -41,7 +41,7 @@ fn cameras_and_rig_must_fit_before_a_device_is_opened() {
     }
     track(&desk, &["--rig", "rig.toml", "--window", "17"]).failed(2, &["--window is 17"]);
     track(&desk, &["--rig", "rig.toml", "--delay", "-101"]).failed(2, &["--delay is -101"]);
-    // What a real stage is must be known; nothing is opened or moved.
+    // A real stage must be described in the rig file; no device is opened or moved.
     let port = ["--rig", "rig.toml", "--port", "/dev/no-port"];
     track(&desk, &port).failed(1, &["rig.toml", "[stage]"]);
     let fixed = ["--rig", "rig.toml", "--fixed"];

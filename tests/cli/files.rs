@@ -1,4 +1,4 @@
-//! What a command reads is bounded, and what it writes is whole, asked for, and in its place.
+//! Commands limit the size of their input, and write whole files, only as requested.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ fn report(desk: &Desk, file: &str, more: &[&str]) -> trinocular_tests::binary::O
 }
 
 #[test]
-fn report_replaces_its_like_and_nothing_else() {
+fn report_replaces_only_a_report() {
     let desk = Desk::new();
     for _ in 0..2 {
         assert_eq!(report(&desk, "a.html", &[]).code, Some(0));
@@ -25,7 +25,7 @@ fn report_replaces_its_like_and_nothing_else() {
 }
 
 #[test]
-fn unwritable_report_is_refused_before_the_work() {
+fn unwritable_report_fails_before_work() {
     let desk = Desk::new();
     let place = ["--report", "no/such/page.html"];
     for command in [&["tables"][..], &["verify", "rig.toml"], &[]] {
@@ -38,7 +38,7 @@ fn unwritable_report_is_refused_before_the_work() {
 }
 
 #[test]
-fn converted_files_are_all_written_or_none() {
+fn converted_files_are_all_or_none() {
     let desk = Desk::new();
     fs::create_dir_all(desk.path("ros/right.yaml")).expect("ours");
     let convert = |more: &[&str]| {
@@ -68,10 +68,11 @@ fn converted_files_are_all_written_or_none() {
 }
 
 #[test]
-fn picture_that_breaks_its_decoder_is_named() {
+fn image_that_breaks_decoder_is_named() {
     let desk = super::folder::desk_with_views(&[super::folder::AT_REST; 3]);
     // 400000 x 400000 px, and a side of no pixels.
-    let huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x06\x1a\x80\0\x06\x1a\x80\x08\0\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB\x60\x82";
+    let huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x06\x1a\x80\0\x06\x1a\x80\x08\
+                 \0\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB\x60\x82";
     for bytes in [&huge[..], b"P5 0 1 255\n"] {
         desk.write("views/left/0001.pgm", bytes);
         let estimate = ["estimate", "views", "--rig", "rig.toml"];
@@ -94,7 +95,7 @@ fn picture_that_breaks_its_decoder_is_named() {
 }
 
 #[test]
-fn control_characters_in_names_are_not_printed() {
+fn control_characters_are_not_printed() {
     let desk = Desk::new();
     let name = "a\u{1b}[2J\u{202e}.toml";
     for argument in [name, "\u{9b}31m"] {
@@ -130,7 +131,7 @@ mod unix {
     }
 
     #[test]
-    fn pipe_is_read_up_to_the_limit() {
+    fn pipe_is_read_up_to_limit() {
         let desk = Desk::new();
         let verify = |input: &str| {
             let mut writer = Command::new("sh");
@@ -140,7 +141,7 @@ mod unix {
             let mut verify = trinocular();
             verify.args(["verify", "/dev/stdin"]).stdin(output);
             let outcome = trinocular_tests::binary::Outcome::of(&mut verify);
-            // With it goes the reading end, without which the writer ends.
+            // Dropping it closes the reading end, so the writer ends.
             drop(verify);
             let _ = writer.wait();
             outcome
@@ -150,7 +151,7 @@ mod unix {
     }
 
     #[test]
-    fn report_to_standard_output_joins_the_rest() {
+    fn report_to_stdout_joins_output() {
         let desk = Desk::new();
         let outcome = report(&desk, "/dev/stdout", &[]);
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -160,7 +161,7 @@ mod unix {
     }
 
     #[test]
-    fn limit_of_the_file_size_leaves_nothing() {
+    fn file_size_limit_leaves_no_file() {
         let desk = Desk::new();
         let names = fs::read_dir(desk.folder.path()).expect("ours").count();
         let program = trinocular().get_program().to_owned();

@@ -10,11 +10,11 @@ use shared::rig::{Camera, Rig};
 
 use super::{Desk, Outcome, run};
 
-/// Where the poster hangs at first, mm from the cameras.
+/// Initial distance of the poster from the cameras, mm.
 const DEPTH_MM: f64 = 900.0;
 
-/// Grey levels of the poster at a place on it, mm: smooth random blots in three sizes, the smallest
-/// five pixels wide.
+/// Returns the poster's grey level at a position on it, mm: smooth random blots in three sizes, the
+/// smallest five pixels wide.
 fn poster(x: f64, y: f64) -> f64 {
     let octaves = [(37.0, 60.0), (19.0, 35.0), (9.0, 25.0)];
     let blots = octaves
@@ -24,7 +24,7 @@ fn poster(x: f64, y: f64) -> f64 {
     128.0 + blots.sum::<f64>()
 }
 
-/// Random numbers from -1 to 1 on a grid, blended smoothly between its nodes.
+/// Returns a random number from -1 to 1, interpolated smoothly between the nodes of a grid.
 fn blot(x: f64, y: f64, seed: i64) -> f64 {
     let node = |i: f64, j: f64| {
         let key = (i as i64) * 0x1F12_3BB5 + (j as i64) * 0x5851_F42D + seed * 0x2545_F491;
@@ -37,7 +37,7 @@ fn blot(x: f64, y: f64, seed: i64) -> f64 {
     row(j) * (1.0 - v) + row(j + 1.0) * v
 }
 
-/// What the camera sees of the poster after its displacement, as a binary PGM.
+/// Renders a camera's image of the poster after its displacement, as a binary PGM.
 fn view(camera: &Camera, [width, height]: [u32; 2], moved_mm: [f64; 3]) -> Vec<u8> {
     let mut pgm = format!("P5\n{width} {height}\n255\n").into_bytes();
     let depth = DEPTH_MM + moved_mm[2];
@@ -58,7 +58,8 @@ fn blank([width, height]: [u32; 2]) -> Vec<u8> {
     pgm
 }
 
-/// A desk with a folder `views`: one capture per displacement, `None` for lens caps left on.
+/// Returns a desk with a folder `views`: one frame set per displacement, and a dark one for each
+/// `None`.
 pub fn desk_with_views(displacements_mm: &[Option<[f64; 3]>]) -> Desk {
     let desk = Desk::new();
     let rig = Rig::paper();
@@ -81,7 +82,7 @@ fn estimate(desk: &Desk, more: &[&str]) -> Outcome {
     run(desk.folder.path(), &arguments)
 }
 
-/// Where the poster hangs at first.
+/// Displacement of the poster's initial position.
 pub const AT_REST: Option<[f64; 3]> = Some([0.0; 3]);
 
 #[track_caller]
@@ -93,11 +94,11 @@ fn assert_moved(line: &Value, expected_mm: [f64; 3]) {
     }
 }
 
-/// What the tracker may be off by, mm.
+/// Largest error of a displacement, mm.
 const TOLERANCE_MM: [f64; 3] = [0.01, 0.01, 0.04];
 
 #[test]
-fn every_capture_is_measured_against_the_first() {
+fn frame_sets_are_measured_from_first() {
     let desk = desk_with_views(&[
         AT_REST,
         Some([4.0, 4.0, 1.0]),
@@ -118,14 +119,14 @@ fn every_capture_is_measured_against_the_first() {
     assert_moved(&lines[0], [4.0, 4.0, 1.0]);
     assert_moved(&lines[1], [8.0, 8.0, 2.0]);
     assert_moved(&lines[2], [-3.0, 5.0, -2.0]);
-    // Frame by frame, so that the same images always give the same lines.
+    // Frame sets are processed in order, so the same images always give the same lines.
     assert_eq!(outcome.stdout, estimate(&desk, &["--json"]).stdout);
     let first = estimate(&desk, &["--json", "--reference", "first"]);
     assert_eq!(outcome.stdout, first.stdout);
 }
 
 #[test]
-fn every_capture_is_measured_against_the_previous() {
+fn frame_sets_are_measured_from_previous() {
     let desk = desk_with_views(&[AT_REST, Some([4.0, 4.0, 1.0]), Some([3.0, 9.0, -1.0])]);
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -136,7 +137,7 @@ fn every_capture_is_measured_against_the_previous() {
 }
 
 #[test]
-fn the_papers_methods_serve_images_too() {
+fn paper_methods_work_on_images() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
     for method in ["closed-form", "least-squares"] {
         let outcome = estimate(&desk, &["--json", "--method", method]);
@@ -145,8 +146,8 @@ fn the_papers_methods_serve_images_too() {
         assert_eq!(line["method"], method);
         assert!(line["sigma_mm"].is_null());
         let moved = line["displacement_mm"].as_array().expect("a displacement");
-        // Their z comes from a small difference and leaks into x; the signs and the size must be
-        // right.
+        // Their z comes from a small difference and leaks into x, so only signs and magnitude are
+        // checked.
         for (got, expected) in moved.iter().zip([2.0, -1.0]) {
             assert!(
                 (got.as_f64().expect("a number") - expected).abs() < 0.5,
@@ -157,7 +158,7 @@ fn the_papers_methods_serve_images_too() {
 }
 
 #[test]
-fn a_refused_frame_does_not_end_the_run() {
+fn refused_frame_set_does_not_end_run() {
     let desk = desk_with_views(&[AT_REST, None, Some([4.0, 4.0, 1.0])]);
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -169,7 +170,7 @@ fn a_refused_frame_does_not_end_the_run() {
     assert_eq!(lines[1]["frame"], 2);
     assert_moved(&lines[1], [4.0, 4.0, 1.0]);
 
-    // Against the previous capture the blank one spoils two frames.
+    // Measured against the previous frame set, the blank one spoils two frames.
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(1));
     outcome.complained(&["2 of 2 frames refused"]);
@@ -189,7 +190,7 @@ fn a_refused_frame_does_not_end_the_run() {
 }
 
 #[test]
-fn a_blank_reference_refuses_every_frame_with_its_reason() {
+fn blank_keyframe_refuses_all_frames() {
     let desk = desk_with_views(&[None, AT_REST, AT_REST]);
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -201,7 +202,7 @@ fn a_blank_reference_refuses_every_frame_with_its_reason() {
 }
 
 #[test]
-fn folders_that_hold_no_captures_are_refused() {
+fn folders_without_frame_sets_fail() {
     let desk = Desk::new();
     fs::create_dir(desk.path("views")).expect("the desk can be written to");
     estimate(&desk, &["--json"]).failed(1, &["left", "no such folder"]);
@@ -212,13 +213,13 @@ fn folders_that_hold_no_captures_are_refused() {
 }
 
 #[test]
-fn one_capture_is_too_few() {
+fn single_frame_set_is_refused() {
     let desk = desk_with_views(&[AT_REST]);
     estimate(&desk, &["--json"]).failed(1, &["views", "at least two"]);
 }
 
 #[test]
-fn a_view_that_is_missing_is_done_without_and_said() {
+fn missing_image_is_reported() {
     let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0]];
     let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1])]);
     fs::remove_file(desk.path("views/left/0001.pgm")).expect("it was there");
@@ -231,11 +232,11 @@ fn a_view_that_is_missing_is_done_without_and_said() {
     assert_moved(&lines[0], moved[0]);
     assert_moved(&lines[1], moved[1]);
     assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
-    // The paper's methods need all three, and the refusal says which one there was not.
+    // The paper's methods need all three cameras, and the refusal names the missing one.
     let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
     let refused = outcome.json()[0]["refused"].to_string();
     assert!(refused.contains(warning), "{refused}");
-    // A single one is too few: that frame alone is refused.
+    // A single image is too few: only that frame set is refused.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("it was there");
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(1));
@@ -246,7 +247,7 @@ fn a_view_that_is_missing_is_done_without_and_said() {
 }
 
 #[test]
-fn a_missing_camera_is_named() {
+fn missing_camera_is_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     for frame in ["0000", "0001"] {
         fs::remove_file(desk.path(&format!("views/middle/{frame}.pgm"))).expect("it was there");
@@ -259,14 +260,14 @@ fn a_missing_camera_is_named() {
 }
 
 #[test]
-fn images_of_unequal_size_are_named() {
+fn unequal_image_sizes_are_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     desk.write("views/right/0000.pgm", blank([320, 200]));
     estimate(&desk, &["--json"]).failed(1, &["right", "0000.pgm", "320 x 200", "320 x 240"]);
 }
 
 #[test]
-fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
+fn unreadable_image_is_reported() {
     let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0], [3.0, 2.0, 1.0]];
     let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1]), Some(moved[2])]);
     desk.write("views/middle/0001.pgm", b"P5\n320 240\n255\ncut off");
@@ -281,7 +282,7 @@ fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
     assert_moved(&lines[1], moved[1]);
     assert_moved(&lines[2], moved[2]);
 
-    // Nothing is measured against it, either.
+    // The unreadable one does not become the keyframe, either.
     let outcome = estimate(&desk, &["--json", "--reference", "previous"]);
     assert_eq!(outcome.code, Some(1));
     let lines = outcome.json();
@@ -291,7 +292,7 @@ fn an_image_that_cannot_be_read_refuses_its_frame_by_name_and_no_other() {
 }
 
 #[test]
-fn a_file_that_is_no_image_is_named() {
+fn non_image_file_is_named() {
     let desk = desk_with_views(&[AT_REST, AT_REST]);
     desk.write("views/left/0000.pgm", "P5\n320 240\n255\ntoo short");
     estimate(&desk, &["--json"]).failed(1, &["left", "0000.pgm", "cannot read the image"]);
@@ -307,7 +308,7 @@ fn track(desk: &Desk) -> Outcome {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_picture_file_is_refused_by_name() {
+fn unknown_file_type_is_named() {
     let moved = Some([2.0, -1.0, 0.0]);
     let desk = desk_with_views(&[AT_REST, moved, moved, moved, moved]);
     let mut files: Vec<_> = fs::read_dir(desk.path("views/left"))
@@ -342,7 +343,7 @@ fn what_is_no_picture_file_is_refused_by_name() {
 }
 
 #[test]
-fn pictures_of_other_formats_are_told_by_name() {
+fn unsupported_formats_are_named() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
     desk.write("views/left/9.tif", "II*");
     desk.write("views/left/a.WebP", "RIFF");

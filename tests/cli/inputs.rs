@@ -1,4 +1,4 @@
-//! No output replaces a file that the same command reads, whatever name it is given by.
+//! No output replaces an input of the same command, under any name of the file.
 
 use std::fs;
 
@@ -9,7 +9,7 @@ use super::{Desk, run};
 const LOST: &str = "is an input of this command";
 
 #[test]
-fn report_over_an_input_is_refused() {
+fn report_over_input_is_refused() {
     let desk = Desk::new();
     std::os::unix::fs::symlink("rig.toml", desk.path("link")).expect("ours");
     fs::hard_link(desk.path("rig.toml"), desk.path("second")).expect("ours");
@@ -33,7 +33,7 @@ fn report_over_an_input_is_refused() {
 }
 
 #[test]
-fn scenario_is_not_replaced_by_its_report() {
+fn scenario_is_not_replaced_by_report() {
     let desk = Desk::new();
     let scenario = include_str!("../scenarios/still.toml");
     desk.write("still.toml", scenario);
@@ -49,7 +49,7 @@ fn scenario_is_not_replaced_by_its_report() {
 }
 
 #[test]
-fn converted_files_do_not_replace_their_origins() {
+fn converted_files_keep_their_inputs() {
     let desk = Desk::new();
     let folder = desk.folder.path();
     let convert = run(folder, &["convert", "rig.toml", "--opencv", "cv"]);
@@ -67,7 +67,7 @@ fn converted_files_do_not_replace_their_origins() {
 }
 
 #[test]
-fn corrected_rig_does_not_replace_a_picture() {
+fn corrected_rig_replaces_no_image() {
     let desk = desk_with_views(&[AT_REST, Some([2.0, -1.0, 0.0])]);
     let picture = fs::read_dir(desk.path("views/left")).expect("ours").next();
     let picture = picture.expect("a picture").expect("ours").path();

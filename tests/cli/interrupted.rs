@@ -1,4 +1,4 @@
-//! A signal while files are written leaves all of them old or all new, and nothing else.
+//! A signal while files are written leaves all of them old or all of them new, and no other file.
 
 use std::fs;
 use std::process::Stdio;
@@ -17,11 +17,11 @@ const ARGUMENTS: [&str; 7] = [
     "--force",
 ];
 
-/// Focal lengths that tell two rigs apart.
+/// Focal lengths that distinguish two rigs.
 const FOCAL: [&str; 2] = ["533.16", "544.44"];
 
 #[test]
-fn signal_while_files_are_written_mixes_none() {
+fn signal_in_writing_mixes_no_files() {
     let desk = Desk::new();
     let folder = desk.folder.path();
     fs::create_dir(desk.path("rig")).expect("ours");
@@ -41,7 +41,7 @@ fn signal_while_files_are_written_mixes_none() {
             .stderr(Stdio::null())
             .spawn()
             .expect("it runs");
-        // At any moment of a run, and a little later.
+        // Send the signal at any moment of a run, and a little later.
         std::thread::sleep(whole * (attempt % 50) / 40);
         signal(&program, ["TERM", "INT", "QUIT"][attempt as usize % 3]);
         match program.wait().expect("it ends").success() {

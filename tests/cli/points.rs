@@ -8,7 +8,7 @@ use trinocular_tests::points::ideal_rig;
 
 use super::{Desk, run};
 
-/// Agreement asked for between the program's output and the reference, mm.
+/// Largest difference between the program's output and the reference, mm.
 const TOLERANCE_MM: f64 = 1e-6;
 
 const PRINCIPAL_PX: [f64; 2] = [160.0, 120.0];
@@ -26,7 +26,7 @@ fn numbers<const N: usize>(value: &Value) -> [f64; N] {
     std::array::from_fn(|i| list[i].as_f64().expect("a number"))
 }
 
-/// The reference case as the files a user would have.
+/// Returns a desk with the reference case as a user's files.
 fn desk_of(case: &Value) -> Desk {
     let desk = Desk::new();
     let offsets = case["camera_offsets_mm"].as_array().expect("a list");
@@ -70,7 +70,7 @@ fn assert_close(got: &Value, expected: &Value, what: &str) {
 }
 
 #[test]
-fn every_reference_case_is_met_by_every_method() {
+fn methods_agree_with_reference() {
     let mut compared = 0;
     for case in reference_cases() {
         let desk = desk_of(&case);
@@ -114,7 +114,7 @@ fn every_reference_case_is_met_by_every_method() {
 }
 
 #[test]
-fn the_json_line_has_exactly_the_documented_keys_in_order() {
+fn json_line_has_documented_keys() {
     let outcome = Desk::new().estimate(&["--json"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     assert_eq!(outcome.stderr, "");
@@ -135,7 +135,7 @@ fn the_json_line_has_exactly_the_documented_keys_in_order() {
 }
 
 #[test]
-fn the_table_shows_the_same_figures() {
+fn table_shows_same_figures() {
     let desk = Desk::new();
     let outcome = desk.estimate(&[]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -156,7 +156,7 @@ fn the_table_shows_the_same_figures() {
 }
 
 #[test]
-fn points_missing_from_a_camera_are_rejected_and_counted() {
+fn points_missing_in_a_camera_are_counted() {
     let desk = Desk::new();
     let text = desk.read("points.csv");
     let kept: Vec<&str> = text
@@ -175,7 +175,7 @@ fn points_missing_from_a_camera_are_rejected_and_counted() {
 }
 
 #[test]
-fn a_point_behind_the_cameras_is_rejected() {
+fn point_behind_cameras_is_rejected() {
     let desk = Desk::new();
     // Left and right swapped: the disparity is negative.
     let rows = "9,left,100,120,101,120\n9,middle,160,120,161,120\n9,right,220,120,221,120\n";
@@ -187,7 +187,7 @@ fn a_point_behind_the_cameras_is_rejected() {
 }
 
 #[test]
-fn points_that_allow_no_estimate_are_refused_with_a_reason() {
+fn degenerate_points_are_refused() {
     let desk = Desk::new();
     // Each point is missing from some camera, each camera has seen some point.
     desk.write(
@@ -214,7 +214,7 @@ fn points_that_allow_no_estimate_are_refused_with_a_reason() {
 }
 
 #[test]
-fn two_cameras_of_any_name_serve_the_midpoint_only() {
+fn two_cameras_need_midpoint() {
     let desk = Desk::new();
     let rig = RigFile::read(&desk.path("rig.toml")).expect("the rig just written");
     let two = RigFile {
@@ -253,7 +253,7 @@ fn two_cameras_of_any_name_serve_the_midpoint_only() {
 }
 
 #[test]
-fn cameras_off_the_line_serve_the_midpoint_only() {
+fn cameras_off_line_need_midpoint() {
     let desk = Desk::new();
     let line = desk.change("rig.toml", "[68.0, 0.0]", "[68.0, 1.0]");
     assert_eq!(desk.estimate(&[]).code, Some(0));
@@ -263,7 +263,7 @@ fn cameras_off_the_line_serve_the_midpoint_only() {
 }
 
 #[test]
-fn both_references_are_the_same_for_points() {
+fn references_are_equal_for_points() {
     let desk = Desk::new();
     let first = desk.estimate(&["--json", "--reference", "first"]);
     let previous = desk.estimate(&["--json", "--reference", "previous"]);
@@ -273,7 +273,7 @@ fn both_references_are_the_same_for_points() {
 }
 
 #[test]
-fn absolute_paths_serve_as_well() {
+fn absolute_paths_are_accepted() {
     let desk = Desk::new();
     let (points, rig) = (desk.path("points.csv"), desk.path("rig.toml"));
     let elsewhere = tempfile::tempdir().expect("a temporary folder");

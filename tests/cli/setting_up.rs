@@ -4,7 +4,7 @@ use super::run;
 use tempfile::tempdir;
 
 #[test]
-fn init_writes_a_rig_file_that_verify_takes() {
+fn init_writes_rig_that_verify_accepts() {
     let folder = tempdir().expect("a folder");
     let folder = folder.path();
     let written = run(folder, &["init", "--defaults"]);
@@ -21,7 +21,7 @@ fn init_writes_a_rig_file_that_verify_takes() {
 }
 
 #[test]
-fn init_takes_values_and_refuses_wrong_ones() {
+fn init_refuses_wrong_values() {
     let folder = tempdir().expect("a folder");
     let values = "init - --board skr-2 --cameras left,right --size 320x240 --focal 500 \
                   --baseline 12.5 --steps-per-mm 80,80,400 --travel -5,80 --driver a4988";
@@ -68,7 +68,7 @@ fn missing_fields_are_named_together() {
 }
 
 #[test]
-fn completions_know_commands_and_options() {
+fn completions_list_all_options() {
     let folder = tempdir().expect("a folder");
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let printed = run(folder.path(), &["completions", shell]);
@@ -79,7 +79,7 @@ fn completions_know_commands_and_options() {
 }
 
 #[test]
-fn manual_has_a_page_for_each_command() {
+fn manual_has_page_per_command() {
     let folder = tempdir().expect("a folder");
     assert_eq!(run(folder.path(), &["man", "pages/man1"]).code, Some(0));
     for page in ["trinocular.1", "trinocular-jog.1", "trinocular-track.1"] {
@@ -90,7 +90,7 @@ fn manual_has_a_page_for_each_command() {
 }
 
 #[test]
-fn version_names_commit_protocol_and_features() {
+fn version_names_commit_and_protocol() {
     let folder = tempdir().expect("a folder");
     let long = run(folder.path(), &["--version"]);
     let keys: Vec<_> = long

@@ -1,4 +1,4 @@
-//! Help, version, and command lines that make no sense.
+//! Help, version, and invalid command lines.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -15,7 +15,7 @@ fn misused(arguments: &[&str]) {
 }
 
 #[test]
-fn a_command_line_that_makes_no_sense_ends_with_2() {
+fn invalid_command_line_exits_2() {
     misused(&["no-such-command"]);
     misused(&["--no-such-option"]);
     misused(&["estimate"]);
@@ -25,7 +25,7 @@ fn a_command_line_that_makes_no_sense_ends_with_2() {
 }
 
 #[test]
-fn an_option_with_an_unknown_value_ends_with_2() {
+fn unknown_option_value_exits_2() {
     let desk = Desk::new();
     for (option, known) in [("--method", "closed-form"), ("--reference", "previous")] {
         let outcome = desk.estimate(&[option, "guess"]);
@@ -36,7 +36,7 @@ fn an_option_with_an_unknown_value_ends_with_2() {
 }
 
 #[test]
-fn version_and_help_end_with_0() {
+fn version_and_help_exit_0() {
     let version = run(Path::new("."), &["-V"]);
     assert_eq!(version.code, Some(0));
     let expected = concat!("trinocular ", env!("CARGO_PKG_VERSION"), "\n");
@@ -50,7 +50,7 @@ fn version_and_help_end_with_0() {
 }
 
 #[test]
-fn help_explains_every_option_with_units_and_examples() {
+fn help_explains_every_option() {
     let help = run(Path::new("."), &["estimate", "--help"]).stdout;
     for part in [
         "--rig <RIG.toml>",
@@ -70,7 +70,7 @@ fn help_explains_every_option_with_units_and_examples() {
 }
 
 #[test]
-fn a_closed_output_is_no_fault() {
+fn closed_output_is_no_fault() {
     let desk = Desk::new();
     for arguments in [
         &["estimate", "points.csv", "--rig", "rig.toml"][..],
@@ -93,10 +93,10 @@ fn a_closed_output_is_no_fault() {
     }
 }
 
-/// More pictures a second leave less time for the latency that is usual, and a run may end before
-/// there is anything to sum up.
+/// More images per second leave less time for the usual latency, and a run may end before there is
+/// anything to summarise.
 #[test]
-fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
+fn track_fits_latency_to_frame_rate() {
     let short = ["track", "--sim", "--fps", "100", "--seconds", "0.5"];
     let outcome = run(Path::new("."), &short);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -108,7 +108,7 @@ fn track_fits_its_latency_to_the_rate_and_sums_up_only_what_there_was() {
 }
 
 #[test]
-fn scene_out_of_range_names_the_option() {
+fn scene_out_of_range_names_option() {
     for (option, value) in [("--noise", "500"), ("--depth", "0"), ("--tilt", "90")] {
         let mut arguments = vec!["track", "--sim", option, value];
         if option == "--tilt" {

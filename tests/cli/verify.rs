@@ -1,4 +1,4 @@
-//! `verify`: what it prints, and what it says of rigs and options that cannot be.
+//! `verify`: its output, and its messages about impossible rigs and options.
 
 use serde_json::Value;
 
@@ -16,7 +16,7 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 driver = \"TMC2209\"
 ";
 
-/// A desk whose rig has a stage.
+/// Returns a desk whose rig has a stage.
 fn desk() -> Desk {
     let desk = Desk::new();
     desk.write("rig.toml", desk.read("rig.toml") + STAGE);
@@ -29,7 +29,7 @@ fn verify(desk: &Desk, more: &[&str]) -> Outcome {
     run(desk.folder.path(), &arguments)
 }
 
-/// Names in the list of limitations, of one severity.
+/// Returns the names of the limitations of one severity.
 fn named(found: &Value, severity: &str) -> Vec<String> {
     let all = found["limitations"].as_array().expect("a list").iter();
     all.filter(|limit| limit["severity"] == severity)
@@ -38,7 +38,7 @@ fn named(found: &Value, severity: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_good_rig_is_described_on_screen_and_on_a_page() {
+fn good_rig_is_described() {
     let desk = desk();
     let outcome = verify(&desk, &["--report", "rig.html"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -66,7 +66,7 @@ fn a_good_rig_is_described_on_screen_and_on_a_page() {
 }
 
 #[test]
-fn json_holds_every_prediction() {
+fn json_has_every_prediction() {
     let desk = desk();
     let more = [
         "--json",
@@ -88,7 +88,7 @@ fn json_holds_every_prediction() {
         let value = &depths[0]["sigma_mm"][points][axis];
         value.as_f64().expect("a number")
     };
-    // Four times the points: half the sigma, and a little more for windows that overlap.
+    // Four times the points give half the sigma, and a little more because windows overlap.
     let gain = sigma(0, 2) / sigma(1, 2);
     assert!((1.7..2.0).contains(&gain), "{gain}");
     assert!(sigma(0, 2) > 3.0 * sigma(0, 0));
@@ -105,7 +105,7 @@ fn json_holds_every_prediction() {
 }
 
 #[test]
-fn what_limits_a_rig_is_named() {
+fn limitations_are_named() {
     let desk = desk();
     desk.change("rig.toml", "[0.0, 60.0]]", "[0.0, 1.0]]");
     desk.change("rig.toml", "[-70.0,", "[-2.0,");
@@ -121,9 +121,9 @@ fn what_limits_a_rig_is_named() {
     assert!(names.iter().any(|n| n == "camera.offset_mm"), "{names:?}");
 }
 
-/// What the matching drops, no sigma is promised for.
+/// No sigma is stated for points that the matching drops.
 #[test]
-fn nothing_is_predicted_where_nothing_is_matched() {
+fn unmatched_points_get_no_sigma() {
     let desk = Desk::new();
     desk.change("rig.toml", "[-70.0,", "[-1.0,");
     desk.change("rig.toml", "[68.0,", "[1.0,");
@@ -153,10 +153,10 @@ fn nothing_is_predicted_where_nothing_is_matched() {
     );
 }
 
-/// 1.3 times the focal length still is matched well enough, twice is not; and a strip of a view
-/// holds but some points.
+/// A focal length 1.3 times as long is still matched well enough, twice as long is not. A narrow
+/// strip of an image holds only some points.
 #[test]
-fn unlike_lenses_and_narrow_views_are_named() {
+fn unlike_lenses_are_named() {
     let desk = Desk::new();
     let warned = |desk: &Desk| {
         let found = verify(desk, &["--json"]).json().remove(0);
@@ -188,9 +188,9 @@ fn unlike_lenses_and_narrow_views_are_named() {
     );
 }
 
-/// No Z that is less certain than X, no sigma with sixteen digits.
+/// Z is never stated as more accurate than X, and no sigma has sixteen digits.
 #[test]
-fn extreme_angles_are_put_in_words_that_hold() {
+fn extreme_angles_give_true_text() {
     let desk = Desk::new();
     for focal in ["533.16, 529.12", "538.14, 534.18", "534.55, 530.76"] {
         desk.change("rig.toml", focal, "20.0, 20.0");
@@ -201,7 +201,7 @@ fn extreme_angles_are_put_in_words_that_hold() {
 }
 
 #[test]
-fn a_stage_that_the_station_would_refuse_ends_with_1() {
+fn stage_that_station_refuses_exits_1() {
     let desk = desk();
     desk.change("rig.toml", "TMC2209", "DRV8825");
     let outcome = verify(&desk, &[]);
@@ -217,7 +217,7 @@ fn a_stage_that_the_station_would_refuse_ends_with_1() {
         named(&outcome.json()[0], "refusal"),
         ["stage.max_speed_mm_s[2]"]
     );
-    // Nor is the host then free to fall silent for no time at all.
+    // The stated heartbeat timeout stays above zero.
     desk.change("rig.toml", "[[1.0, 0.0, 0.0]", "[[5.0, 0.0, 0.0]");
     let screen = verify(&desk, &[]).stdout;
     assert!(screen.contains("matrix[0][0]"), "{screen}");
@@ -225,7 +225,7 @@ fn a_stage_that_the_station_would_refuse_ends_with_1() {
 }
 
 #[test]
-fn rigs_of_other_shapes_and_without_a_stage() {
+fn other_rigs_are_verified() {
     let desk = Desk::new();
     let text = desk.read("rig.toml");
     let last = text.rfind("\n[[camera]]").expect("three cameras");
@@ -239,7 +239,7 @@ fn rigs_of_other_shapes_and_without_a_stage() {
 }
 
 #[test]
-fn cameras_without_a_common_view_are_told_apart() {
+fn cameras_without_overlap_are_named() {
     let desk = Desk::new();
     desk.change("rig.toml", "[68.0,", "[9000.0,");
     let outcome = verify(&desk, &["--json"]);
@@ -255,7 +255,7 @@ fn cameras_without_a_common_view_are_told_apart() {
 }
 
 #[test]
-fn bad_rigs_and_options_are_refused() {
+fn bad_rigs_and_options_fail() {
     let desk = desk();
     for (more, part) in [
         (&["--noise", "0"][..], "--noise"),
@@ -281,7 +281,7 @@ fn bad_rigs_and_options_are_refused() {
 }
 
 #[test]
-fn absurd_lens_is_refused_by_line_and_field() {
+fn absurd_lens_is_refused_by_field() {
     for focal in ["1e-308", "0.5", "1e7"] {
         let desk = desk();
         let line = desk.change("rig.toml", "533.16", focal);

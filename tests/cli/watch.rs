@@ -1,5 +1,4 @@
-//! `track --watch`: a folder that grows while the program runs is followed as if it had been
-//! complete.
+//! `track --watch`: a folder that grows during the run gives the same result as a complete one.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -16,7 +15,7 @@ use super::{Desk, run, trinocular};
 
 const NAMES: [&str; 3] = ["left", "middle", "right"];
 
-/// A steady motion, which no station takes for an outlier.
+/// Displacements of a steady motion, which the station takes for no outlier.
 const MOVES_MM: [Option<[f64; 3]>; 4] = [
     AT_REST,
     Some([0.3, 0.2, -0.1]),
@@ -36,8 +35,8 @@ fn watching(desk: &Desk, more: &[&str]) -> Child {
         .expect("the program starts")
 }
 
-/// Puts a capture into the growing folder as a slow camera program does: one file half, a pause
-/// longer than any that is taken for an end, the rest.
+/// Adds a frame set to the growing folder as a slow camera program does: half a file, a pause
+/// longer than the settling time, and the rest.
 fn give(desk: &Desk, number: usize) {
     for name in NAMES {
         let view = Path::new(name).join(format!("{number:04}.pgm"));
@@ -53,7 +52,7 @@ fn give(desk: &Desk, number: usize) {
     }
 }
 
-/// The rest of standard error, and the exit code.
+/// Returns the rest of standard error and the exit code.
 fn end(mut child: Child) -> (Option<i32>, String) {
     let mut text = String::new();
     let mut stderr = child.stderr.take().expect("piped");
@@ -62,7 +61,7 @@ fn end(mut child: Child) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_folder_that_grows_is_followed_like_one_that_is_complete() {
+fn growing_folder_equals_complete_one() {
     let desk = desk_with_views(&MOVES_MM);
     let images = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
     let complete = run(desk.folder.path(), &images).good_json();
@@ -74,7 +73,7 @@ fn a_folder_that_grows_is_followed_like_one_that_is_complete() {
     give(&desk, 0);
     for (number, expected) in (1..).zip(&complete) {
         give(&desk, number);
-        // Only when the program has followed this one the next is given.
+        // Add the next frame set only after the program has followed this one.
         let line = lines.next().expect("a line").expect("UTF-8");
         let line: Value = serde_json::from_str(&line).expect("JSON");
         assert_eq!(&line, expected);
@@ -89,7 +88,7 @@ fn a_folder_that_grows_is_followed_like_one_that_is_complete() {
 }
 
 #[test]
-fn ctrl_c_ends_it_well() {
+fn ctrl_c_ends_run_cleanly() {
     let desk = desk_with_views(&MOVES_MM[..2]);
     fs::rename(desk.path("views"), desk.path("growing")).expect("ours");
     let mut child = watching(&desk, &[]);
@@ -102,14 +101,14 @@ fn ctrl_c_ends_it_well() {
 }
 
 #[test]
-fn files_that_stay_bad_or_away_are_named() {
+fn bad_or_missing_files_are_named() {
     let desk = desk_with_views(&MOVES_MM[..3]);
     desk.write("views/right/0001.pgm", "P5\n320 240\n255\ntoo short");
     let watch = [
         "track", "--watch", "views", "--rig", "rig.toml", "--idle", "1",
     ];
     let images = ["track", "--images", "views", "--rig", "rig.toml"];
-    // A capture that cannot be read is named and does not end the others.
+    // An unreadable frame set is named and does not end the run.
     for arguments in [&watch[..], &images] {
         let outcome = run(desk.folder.path(), arguments);
         outcome.failed_after_notes(1, &["views: 1 of 2 frames refused"]);
@@ -118,7 +117,7 @@ fn files_that_stay_bad_or_away_are_named() {
         assert_eq!(outcome.stdout.lines().count(), 2, "{}", outcome.stdout);
         assert!(outcome.stdout.trim_end().ends_with("used"));
     }
-    // Unless it is the first, which the others are measured against.
+    // An unreadable first one ends it, because the others are measured against it.
     let first = fs::read(desk.path("views/right/0000.pgm")).expect("it was drawn");
     desk.write("views/right/0000.pgm", "P5\n320 240\n255\ntoo short");
     for arguments in [&watch[..], &images] {
@@ -126,8 +125,8 @@ fn files_that_stay_bad_or_away_are_named() {
     }
     fs::write(desk.path("views/right/0000.pgm"), first).expect("ours");
 
-    // A capture that lacks a view is followed without, and told; so is one of a folder that is
-    // complete.
+    // A frame set that lacks an image is followed with the others and a warning, in a growing
+    // folder as in a complete one.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("ours");
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {
@@ -140,7 +139,7 @@ fn files_that_stay_bad_or_away_are_named() {
     }
     assert_eq!(outcomes[0].stdout, outcomes[1].stdout);
 
-    // One with a single view is passed over.
+    // A frame set with a single image is skipped.
     fs::remove_file(desk.path("views/left/0001.pgm")).expect("ours");
     let outcome = run(desk.folder.path(), &watch);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);

@@ -68,7 +68,7 @@ fn matches(expected: &[&str], actual: &[&str]) -> bool {
     same && matches(rest, others)
 }
 
-/// Lines of progress, which a terminal shows in place.
+/// Returns true for a line of progress, which a terminal overwrites in place.
 fn is_progress(line: &str) -> bool {
     line.rsplit_once(": ").is_some_and(|(_, share)| {
         let digits = share.strip_suffix(" %");
@@ -214,7 +214,7 @@ fn scenario_file_runs_as_typed() {
 }
 
 #[test]
-fn every_page_with_commands_is_run() {
+fn pages_with_commands_are_run() {
     for page in Page::all() {
         let runs = page
             .blocks()

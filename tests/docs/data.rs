@@ -39,7 +39,7 @@ pub fn renew() -> bool {
     std::env::var_os("RENEW").is_some()
 }
 
-/// Matched points of a cloud before the cameras, with noise.
+/// Returns the matched points of a cloud in front of the cameras, with noise.
 fn points() -> String {
     let rig = rig();
     let mut random = Random::new(1, 0);
@@ -74,7 +74,7 @@ fn render(captures: &Path) {
     }
 }
 
-/// Files below a folder.
+/// Returns the files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{folder:?}: {error}"));
     let mut all = Vec::new();
@@ -90,7 +90,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn example_data_points_can_be_made_again() {
+fn example_data_points_are_reproducible() {
     let path = folder_of_data().join("points.csv");
     if renew() {
         fs::write(&path, points()).expect("the file can be written");
@@ -100,7 +100,7 @@ fn example_data_points_can_be_made_again() {
 }
 
 #[test]
-fn example_data_images_can_be_made_again() {
+fn example_data_images_are_reproducible() {
     let captures = folder_of_data().join("captures");
     if renew() {
         render(&captures);

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Root of the repository.
+/// Returns the root of the repository.
 pub fn root() -> PathBuf {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
     tests.parent().expect("tests/ is in a folder").to_owned()
@@ -37,7 +37,7 @@ impl Page {
         }
     }
 
-    /// All pages for users.
+    /// Reads all pages for users.
     pub fn all() -> Vec<Self> {
         let entries = fs::read_dir(root().join("docs")).expect("the folder of the pages");
         let names = entries.map(|entry| entry.expect("an entry").file_name());
@@ -51,7 +51,7 @@ impl Page {
         pages.iter().map(|name| Self::read(name)).collect()
     }
 
-    /// Fenced code blocks in the order of the page.
+    /// Returns the fenced code blocks in the order of the page.
     pub fn blocks(&self) -> Vec<Block<'_>> {
         let mut blocks = Vec::new();
         let mut open: Option<Block<'_>> = None;
@@ -73,7 +73,7 @@ impl Page {
         blocks
     }
 
-    /// Lines outside code blocks, with their numbers from 1.
+    /// Returns the lines outside code blocks, with their numbers from 1.
     pub fn prose(&self) -> Vec<(usize, &str)> {
         let mut inside = false;
         let mut prose = Vec::new();
@@ -87,7 +87,7 @@ impl Page {
         prose
     }
 
-    /// Text from the heading with this title to the next heading of its level or above.
+    /// Returns the text from the heading with this title to the next heading of its level or above.
     #[track_caller]
     pub fn section(&self, title: &str) -> Self {
         let level = |line: &str| line.bytes().take_while(|byte| *byte == b'#').count();
@@ -105,7 +105,7 @@ impl Page {
         }
     }
 
-    /// Targets of Markdown links and images, with the numbers of their lines.
+    /// Returns the targets of Markdown links and images, with their line numbers.
     pub fn links(&self) -> Vec<(usize, &str)> {
         let mut links = Vec::new();
         for (number, line) in self.prose() {
@@ -121,7 +121,7 @@ impl Page {
         links
     }
 
-    /// Anchors that a link to this page may name, formed as GitHub forms them.
+    /// Returns the anchors that a link to this page may name, formed as GitHub forms them.
     pub fn anchors(&self) -> Vec<String> {
         let titles = self.prose().into_iter().map(|(_, line)| line);
         titles
@@ -131,7 +131,7 @@ impl Page {
     }
 }
 
-/// Anchor of a heading: lower case, spaces to hyphens, no other punctuation.
+/// Returns the anchor of a heading: lower case, hyphens for spaces, no other punctuation.
 fn anchor(title: &str) -> String {
     let kept = title.to_lowercase();
     kept.chars()

@@ -1,5 +1,5 @@
-//! The moving picture of the README, drawn from a run of the program: what a camera at rest sees of
-//! a moving target, beside what the camera on the stage sees.
+//! The animation of the README, drawn from a run of the program: the images of a camera at rest and
+//! of a camera on the stage, side by side.
 //!
 //! To draw it anew: `RENEW=1 cargo test -p trinocular-tests --test docs picture`.
 
@@ -24,7 +24,7 @@ const LEFT: [f64; 2] = [12.0, 328.0];
 /// Largest difference between a drawn and a committed coordinate, units.
 const ROUNDING: f64 = 1.0;
 
-/// Positions per drawn frame, mm: the target's, and the target's less the cameras'.
+/// Returns the positions per drawn frame, mm: the target's, and the target's less the cameras'.
 fn run() -> [Vec<[f64; 2]>; 2] {
     let seconds = SECONDS.to_string();
     let mut command = trinocular();
@@ -45,7 +45,7 @@ fn run() -> [Vec<[f64; 2]>; 2] {
         let rows = lines.iter().step_by(EVERY);
         let mut all = vec![[0.0; 2]];
         all.extend(rows.map(|line| [of(line, 0), of(line, 1)]));
-        // The first frame, which a printer or a still shows, has the target off its place.
+        // The first frame, which a printout or still shows, has the target away from its origin.
         let eighth = all.len() / 8;
         all.rotate_left(eighth);
         all
@@ -57,7 +57,7 @@ fn run() -> [Vec<[f64; 2]>; 2] {
     [seen(&moved), seen(&kept)]
 }
 
-/// A poster of irregular shapes about the origin, as SVG.
+/// Draws a poster of irregular shapes about the origin, as SVG.
 fn poster() -> String {
     let mut random = Random::new(7, 0);
     let mut shapes = String::new();

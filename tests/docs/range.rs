@@ -23,7 +23,7 @@ impl Range {
         })
     }
 
-    /// Values at both ends and beyond them, and whether each is within the range.
+    /// Returns values at both ends and beyond them, each with true if it is within the range.
     pub fn probes(self) -> [(f64, bool); 4] {
         let Self {
             least,
@@ -44,7 +44,7 @@ impl Range {
     }
 }
 
-/// An example with every number replaced by `value`.
+/// Returns an example with every number replaced by `value`.
 pub fn filled(example: &str, value: f64) -> String {
     let count = example.matches(',').count() + 1;
     match example.starts_with('[') {

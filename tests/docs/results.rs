@@ -38,12 +38,13 @@ fn evidence<'a>(row: &Row<'a>) -> Evidence<'a> {
     }
 }
 
-/// Numbers of a text in a form that is found again: without sign.
+/// Returns the numbers of a text without their signs.
 fn sizes(text: &str) -> Vec<f64> {
     numbers(text).into_iter().map(f64::abs).collect()
 }
 
-/// Runs a command of the page in the root of the repository; its output without standard error.
+/// Runs a command of the page in the root of the repository and returns its output without standard
+/// error.
 fn run(command: &str) -> Outcome {
     let folder = tempfile::tempdir().expect("a folder");
     for name in ["tests", "examples"] {
@@ -53,7 +54,7 @@ fn run(command: &str) -> Outcome {
     Outcome::of(trinocular().args(words).current_dir(folder.path()))
 }
 
-/// Rust files in a folder and below, and the file of the same name.
+/// Returns the Rust files in a folder and below, and the file of the same name.
 fn sources(path: &Path) -> Vec<PathBuf> {
     let mut all = vec![path.with_extension("rs")];
     if let Ok(entries) = fs::read_dir(path) {
@@ -96,7 +97,7 @@ fn results_have_short_cells() {
 }
 
 #[test]
-fn readme_has_figures_of_the_results_page() {
+fn readme_has_figures_of_results() {
     let all = sizes(&Page::read("RESULTS.md").text);
     let five = Page::read("README.md").section("Five results");
     let figures: Vec<f64> = rows(&five)
@@ -127,7 +128,7 @@ fn results_name_tests_that_exist() {
 }
 
 #[test]
-fn results_stand_in_the_tables_they_name() {
+fn results_are_in_named_tables() {
     let page = Page::read("RESULTS.md");
     let mut compared = 0;
     for row in rows(&page) {
@@ -181,7 +182,7 @@ fn vector(value: &Value) -> [f64; 3] {
     std::array::from_fn(|axis| value[axis].as_f64().expect("a number"))
 }
 
-/// Largest difference of two columns of a table, per axis.
+/// Returns the largest difference of two columns of a table, per axis.
 fn largest(table: &Value, one: &str, other: &str) -> [f64; 3] {
     let mut most = [0.0f64; 3];
     for row in table.as_array().expect("rows") {

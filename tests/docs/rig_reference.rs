@@ -22,7 +22,7 @@ pub fn judged(text: &str, arguments: &[&str]) -> Outcome {
     Outcome::of(trinocular().args(arguments))
 }
 
-/// The only TOML block of a page.
+/// Returns the only TOML block of a page.
 pub fn complete_file(page: &Page) -> String {
     let blocks = page.blocks();
     let mut toml = blocks.iter().filter(|block| block.language == "toml");
@@ -31,7 +31,7 @@ pub fn complete_file(page: &Page) -> String {
     block.lines.join("\n") + "\n"
 }
 
-/// Fields of a section that the parser names when it meets one it does not know.
+/// Returns the fields of a section that the parser names when it meets an unknown one.
 #[track_caller]
 pub fn known(error: &str) -> BTreeSet<String> {
     let (_, list) = error
@@ -40,7 +40,7 @@ pub fn known(error: &str) -> BTreeSet<String> {
     list.trim().split(", ").map(String::from).collect()
 }
 
-/// Fields in the first column of a section's tables.
+/// Returns the fields in the first column of a section's tables.
 pub fn documented(section: &Page) -> BTreeSet<String> {
     let names = rows(section)
         .into_iter()
@@ -52,7 +52,7 @@ fn accepted(text: &str) -> Outcome {
     judged(text, &["convert", "{}"])
 }
 
-/// The complete file with one line put after the first line that begins with `after`.
+/// Returns the complete file with one line put after the first line that begins with `after`.
 fn with_line(after: &str, line: &str) -> String {
     let text = complete_file(&Page::read(PAGE));
     let begin = format!("\n{after}");
@@ -61,7 +61,7 @@ fn with_line(after: &str, line: &str) -> String {
     format!("{}{line}\n{}", &text[..end], &text[end..])
 }
 
-/// The complete file without the lines of a field, and with `line` in its section.
+/// Returns the complete file without the lines of a field, and with `line` in its section.
 fn replaced(field: &str, line: &str) -> String {
     let text = complete_file(&Page::read(PAGE));
     let value: toml_edit::DocumentMut = text.parse().expect("TOML");
@@ -93,7 +93,7 @@ fn complete_rig_file_is_accepted() {
 }
 
 #[test]
-fn complete_rig_file_has_every_field() {
+fn complete_rig_file_has_all_fields() {
     let text = complete_file(&Page::read(PAGE));
     let page = Page::read(PAGE);
     for title in ["File", "Cameras", "Stage"] {
@@ -125,7 +125,7 @@ fn rig_reference_lists_every_field() {
 }
 
 #[test]
-fn rig_reference_states_the_defaults() {
+fn rig_reference_states_defaults() {
     let page = Page::read(PAGE);
     let minimal = fs::read_to_string(super::page::root().join("examples/data/rig.toml"));
     let minimal = minimal.expect("the example");
@@ -148,7 +148,7 @@ fn rig_reference_states_the_defaults() {
 }
 
 #[test]
-fn rig_reference_states_the_ranges() {
+fn rig_reference_states_ranges() {
     let page = Page::read(PAGE);
     let mut checked = 0;
     for title in ["Cameras", "Stage"] {

@@ -15,7 +15,7 @@ const HEAD: &str = "title = \"t\"\nseed = 1\n";
 const TARGET: &str = "[[target]]\nmotion = \"still\"\nseconds = 1\n";
 const EXPECT: &str = "[expect]\n";
 
-/// Fields that the parser knows in the section of the unknown one.
+/// Returns the fields that the parser knows in the section of the unknown one.
 #[track_caller]
 fn fields(text: &str) -> BTreeSet<String> {
     let outcome = judged(text, &["simulate", "{}", "--points"]);
@@ -23,7 +23,7 @@ fn fields(text: &str) -> BTreeSet<String> {
     known(&outcome.stderr)
 }
 
-/// Names of the kinds of a field, from the table of the section that lists them.
+/// Returns the names of the kinds of a field, from the table of the section that lists them.
 fn kinds(section: &str, field: &str) -> Vec<String> {
     let page = Page::read(PAGE).section(section);
     let all = rows(&page);
@@ -46,7 +46,7 @@ fn complete_scenario_file_runs() {
 }
 
 #[test]
-fn scenario_reference_lists_every_section() {
+fn scenario_reference_lists_sections() {
     let page = Page::read(PAGE);
     let section = |title: &str| documented(&page.section(title));
     let file = fields(&format!("{HEAD}{UNKNOWN}{CAMERAS}{TARGET}{EXPECT}"));
@@ -60,7 +60,7 @@ fn scenario_reference_lists_every_section() {
 }
 
 #[test]
-fn scenario_reference_lists_every_camera_field() {
+fn scenario_reference_lists_camera_fields() {
     let mut all = BTreeSet::new();
     for kind in kinds("Cameras", "kind") {
         let cameras = CAMERAS.replace("points\"", &format!("{kind}\""));
@@ -70,7 +70,7 @@ fn scenario_reference_lists_every_camera_field() {
 }
 
 #[test]
-fn scenario_reference_lists_every_motion() {
+fn scenario_reference_lists_motions() {
     let mut all = BTreeSet::new();
     for kind in kinds("Target", "motion") {
         let target = TARGET.replace("still", &kind);
@@ -83,7 +83,7 @@ fn scenario_reference_lists_every_motion() {
 }
 
 #[test]
-fn scenario_reference_lists_every_event() {
+fn scenario_reference_lists_events() {
     let event =
         |kind: &str| format!("{HEAD}{CAMERAS}{TARGET}[[event]]\nat_s = 0.5\nwhat = \"{kind}\"\n");
     let page = Page::read(PAGE).section("Events");
@@ -151,10 +151,10 @@ const TABLES: [(&str, &str); 11] = [
     ),
 ];
 
-/// Ends every scenario of the ranges with an error, so that none is run.
+/// Makes every scenario of the ranges end with an error, so that none is run.
 const UNMET: &str = "[[expect.at]]\ntime_s = 9999\n";
 
-/// A scenario with this table in the place of the usual one, if there is one.
+/// Returns a scenario with this table in the place of the usual one, if there is one.
 fn scenario(title: &str, table: &str) -> String {
     let usual = [("File", HEAD), ("Cameras", CAMERAS), ("Target", TARGET)];
     let mut text = String::new();
@@ -170,7 +170,7 @@ fn scenario(title: &str, table: &str) -> String {
 }
 
 #[test]
-fn scenario_reference_states_the_ranges() {
+fn scenario_reference_states_ranges() {
     let page = Page::read(PAGE);
     let titles: BTreeSet<&str> = TABLES.iter().map(|(title, _)| *title).collect();
     let mut checked = 0;

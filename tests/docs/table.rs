@@ -10,7 +10,7 @@ pub struct Row<'a> {
     pub cells: Vec<&'a str>,
 }
 
-/// Rows of all tables of a page; header and rule are left out.
+/// Returns the rows of all tables of a page without header and rule.
 pub fn rows(page: &Page) -> Vec<Row<'_>> {
     let mut rows = Vec::new();
     let mut header = true;
@@ -32,12 +32,12 @@ pub fn rows(page: &Page) -> Vec<Row<'_>> {
     rows
 }
 
-/// Text between the first pair of backticks in a cell.
+/// Returns the text between the first pair of backticks in a cell.
 pub fn code(cell: &str) -> Option<&str> {
     cell.split('`').nth(1)
 }
 
-/// Numbers in a text, as they are written.
+/// Returns the numbers in a text, as they are written.
 pub fn numbers(text: &str) -> Vec<f64> {
     let kept = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | ',' | 'e');
     text.split(|c: char| !kept(c))

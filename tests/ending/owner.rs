@@ -1,11 +1,11 @@
-//! `trinocular stop` when another program has the port.
+//! `trinocular stop` while another program has the port.
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
 use trinocular_tests::binary::signal;
 use trinocular_tests::far_end::station;
 
 #[test]
-fn suspended_owner_of_the_port_is_named() {
+fn suspended_port_owner_is_named() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -18,7 +18,7 @@ fn suspended_owner_of_the_port_is_named() {
     for part in [end.path.as_str(), kill.as_str(), "suspended", "button"] {
         assert!(err.contains(part), "`{part}` is not in: {err}");
     }
-    // It hears the stop's signal when it goes on.
+    // The owner receives the stop's signal when it continues.
     signal(&first, "CONT");
     assert_eq!(ended(first).0, Some(3));
     let (code, err) = ended(desk.start(&end, "stop"));
@@ -27,7 +27,7 @@ fn suspended_owner_of_the_port_is_named() {
 }
 
 #[test]
-fn stop_after_the_owner_left_succeeds() {
+fn stop_after_owner_left_succeeds() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();

@@ -8,14 +8,14 @@ use std::process::{Command, Stdio};
 use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::far_end::station;
 
-/// Signals whose default ends a program, beside those of the other tests, and Ctrl-Z's.
+/// Signals that end a program by default, without those of the other tests, and SIGTSTP (Ctrl-Z).
 const SIGNALS: [&str; 15] = [
     "QUIT", "ALRM", "VTALRM", "PROF", "USR1", "USR2", "XCPU", "SYS", "TRAP", "ABRT", "BUS", "TSTP",
     "IO", "STKFLT", "RTMIN+3",
 ];
 
 #[test]
-fn every_ending_signal_stops_the_stage() {
+fn every_ending_signal_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     for name in SIGNALS {
@@ -31,7 +31,7 @@ fn every_ending_signal_stops_the_stage() {
 }
 
 #[test]
-fn file_limit_stops_the_stage() {
+fn file_limit_stops_stage() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();
@@ -53,9 +53,9 @@ fn file_limit_stops_the_stage() {
     stands_stopped(&end);
 }
 
-/// SIGSTOP cannot be caught: the heartbeat stands still with the program.
+/// SIGSTOP cannot be caught, so the heartbeat stops with the program.
 #[test]
-fn suspended_host_stops_by_its_heartbeat() {
+fn suspended_host_stops_by_heartbeat() {
     let _alone = alone();
     let desk = Desk::new();
     let end = station();

@@ -1,4 +1,4 @@
-//! Runs end whatever the station says of itself, or if it says nothing.
+//! Runs end with any report of the station, and without one.
 
 use super::{Desk, alone, ended, moving, stands_stopped};
 use shared::frame::message::{Command as StationCommand, Packet, Report};
@@ -8,7 +8,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use trinocular_tests::far_end::{FarEnd, mute, station_behind};
 
-/// A station that says, after the first command that `starts` it, that it moves for ever.
+/// Returns a station that reports endless motion after the first command for which `starts` returns
+/// true.
 fn restless(mut starts: impl FnMut(&StationCommand) -> bool + Send + 'static) -> FarEnd {
     let is_restless = Arc::new(AtomicBool::new(false));
     let says = Arc::clone(&is_restless);
@@ -29,7 +30,7 @@ fn restless(mut starts: impl FnMut(&StationCommand) -> bool + Send + 'static) ->
 }
 
 #[test]
-fn endless_jog_and_homing_are_given_up() {
+fn endless_motion_is_given_up() {
     let _alone = alone();
     let desk = Desk::new();
     let jog = |command: &StationCommand| matches!(command, StationCommand::Jog { .. });
@@ -41,7 +42,7 @@ fn endless_jog_and_homing_are_given_up() {
 }
 
 #[test]
-fn unknown_rest_after_a_run_is_no_success() {
+fn unknown_rest_is_no_success() {
     let _alone = alone();
     let desk = Desk::new();
     let end = restless(|command| matches!(command, StationCommand::Frame(_)));
@@ -52,7 +53,7 @@ fn unknown_rest_after_a_run_is_no_success() {
 }
 
 #[test]
-fn stop_precedes_an_implausible_hello() {
+fn stop_precedes_implausible_hello() {
     let _alone = alone();
     let desk = Desk::new();
     let is_strange = Arc::new(AtomicBool::new(false));
@@ -84,7 +85,7 @@ fn stop_precedes_an_implausible_hello() {
 }
 
 #[test]
-fn mute_line_gets_a_stop_behind_the_first_hello() {
+fn mute_line_gets_stop_after_hello() {
     let desk = Desk::new();
     let end = mute();
     let (code, err) = ended(desk.start(&end, "stop"));
@@ -107,7 +108,7 @@ fn mute_line_gets_a_stop_behind_the_first_hello() {
 }
 
 #[test]
-fn format_characters_of_a_board_are_not_printed() {
+fn board_format_characters_are_hidden() {
     let end = station_behind(
         |_| false,
         |mut report| {

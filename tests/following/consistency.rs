@@ -1,5 +1,5 @@
-//! The filter itself: against a textbook's in `f64`, against its own statement of how good it is,
-//! and bit for bit.
+//! The filter itself: against a textbook's in `f64`, against its own stated covariance, and bit for
+//! bit.
 
 use host::random::Random;
 use nalgebra::{Matrix2, RowVector2, Vector2};
@@ -7,13 +7,13 @@ use shared::time::Instant;
 use shared::track::filter::{Filter, Reach};
 use shared::track::pursuit::{Measurement, Pursuit, Settings};
 
-/// The stage of the experiments, steps and ms: 100 mm/s, 2,000 mm/s² at 80 steps/mm.
+/// Limits of the stage of the experiments, steps and ms: 100 mm/s, 2,000 mm/s² at 80 steps/mm.
 const REACH: Reach = Reach {
     speed: 8.0,
     acceleration: 0.16,
 };
 
-/// 60 frames/s, ms.
+/// Frame interval at 60 frames/s, ms.
 const DT: f32 = 1000.0 / 60.0;
 
 const STEP: f64 = 4_294_967_296.0;
@@ -22,8 +22,8 @@ fn fine(steps: f64) -> i64 {
     (steps * STEP) as i64
 }
 
-/// A filter of constant velocity as textbooks have it, with the adaptation that the module's
-/// documentation states.
+/// A textbook constant-velocity Kalman filter, with the adaptation that the module's documentation
+/// states.
 struct Textbook {
     state: Vector2<f64>,
     covariance: Matrix2<f64>,
@@ -72,13 +72,13 @@ impl Textbook {
 }
 
 /// Targets that rest, drift, turn and jump in speed: within 0.005 step and 0.0002 steps/ms of the
-/// textbook's.
+/// textbook's filter.
 #[test]
 fn single_precision_is_enough() {
     let mut random = Random::seeded(11);
     let (mut worst, mut worst_speed) = (0.0f64, 0.0f64);
     for run in 0..50 {
-        // Far from zero, where a single f32 would have no fraction left.
+        // Test far from zero, where a single f32 has no fraction bits left.
         let far = random.between(-4e6, 4e6).round();
         let sigma = random.between(0.05, 4.0);
         let variance = sigma * sigma;
@@ -108,10 +108,10 @@ fn single_precision_is_enough() {
     );
 }
 
-/// The normalised squared error of position and speed, on average, for targets of different
-/// restlessness. A filter that knew it would have 2.
+/// Mean normalised squared error of position and speed for targets of different process noise. A
+/// filter with the true noise would have 2.
 #[test]
-fn the_covariance_is_honest() {
+fn covariance_matches_true_error() {
     let mut random = Random::seeded(12);
     for acceleration in [0.0, 0.0002, 0.001, 0.005, 0.02] {
         let (mut sum, mut count) = (0.0, 0);
@@ -149,9 +149,9 @@ fn the_covariance_is_honest() {
     }
 }
 
-/// Ten thousand measurements, some of them wild, give these bits on every machine.
+/// Ten thousand measurements, including outliers, give these bits on every machine.
 #[test]
-fn the_same_bits_everywhere() {
+fn filter_has_same_bits_everywhere() {
     let mut random = Random::seeded(13);
     let mut pursuit = Pursuit::default();
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
@@ -188,5 +188,5 @@ fn the_same_bits_everywhere() {
     assert_eq!(hash, GOLDEN, "{hash:#018x}");
 }
 
-/// FNV-1a of all aims, from an x86-64.
+/// FNV-1a hash of all aims, computed on an x86-64.
 const GOLDEN: u64 = 0x08a1_1878_0dc8_0cb2;

@@ -1,4 +1,4 @@
-//! A message of every kind, every field different from its neighbours.
+//! Messages of every kind, with all fields of a message different.
 
 use shared::estimate::{Gate, Refusal};
 use shared::frame::message::*;

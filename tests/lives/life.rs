@@ -1,24 +1,24 @@
-//! One random life: a target, pictures of it, and a stage that does all it is told.
+//! One random life: a target, images of it, and a stage that makes every commanded step.
 
 use host::random::Random;
 use shared::safety::Fault;
 use trinocular_tests::chase::{Chase, RIGHT, Shot};
 
-/// Milliseconds after the end that a target is known for.
+/// Duration beyond the end for which the target's position is known, ms.
 const BEYOND_MS: usize = 10;
 
-/// A target's way, and everything else that a chase needs.
+/// A target's path and all other conditions of a chase.
 pub struct Life {
     chase: Chase,
-    /// Where the target is, every ms.
+    /// Target positions, one per ms.
     places: Vec<[f64; 3]>,
     seconds: f64,
-    /// What it is about.
+    /// Description of the life.
     pub story: String,
 }
 
 impl Life {
-    /// The life of a seed: 3 to 7 s.
+    /// Returns the life of a seed, 3 to 7 s long.
     pub fn new(seed: u64) -> Self {
         let mut random = Random::new(seed, 1);
         let seconds = random.between(3.0, 7.0);
@@ -42,11 +42,11 @@ impl Life {
         if random.below(4) == 0 {
             chase.noise = spread(&mut random, 0.2, 6.0);
         }
-        // Out of reach of the limits, or not.
+        // The soft limits are within reach in one life of six.
         chase.travel_mm = Some(if random.below(6) == 0 { 60.0 } else { 500.0 });
         let story = format!(
-            "{:?} at up to {:.0} mm/s and {:.0} mm/s², {pictures}, hidden {hidden_s:.2?}, mount {:.2?}, \
-             slack {:.3} mm, noise {:.1}",
+            "{:?} at up to {:.0} mm/s and {:.0} mm/s², {pictures}, hidden {hidden_s:.2?}, mount \
+             {:.2?}, slack {:.3} mm, noise {:.1}",
             target.kind,
             target.speed,
             target.acceleration,
@@ -62,7 +62,7 @@ impl Life {
         }
     }
 
-    /// Follows the target to the end of the life, or to a fault.
+    /// Follows the target to the end of the life or to a fault.
     pub fn follow(&mut self) -> Option<Fault> {
         let places = &self.places;
         let at = |time_s: f64| {
@@ -77,24 +77,24 @@ impl Life {
     }
 }
 
-/// How a target moves.
+/// Kind of motion of a target.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
-    /// Jumps.
+    /// Sudden jumps.
     Jumps,
     /// Straight lines, with sudden changes of speed and direction.
     Polygon,
-    /// The same with a limited acceleration.
+    /// Straight lines with limited acceleration.
     Ramps,
-    /// A figure of sines.
+    /// A sum of sines.
     Figure,
-    /// A speed that wanders.
+    /// A velocity that wanders.
     Wander,
     /// A straight line whose speed changes by up to 30 %.
     Line,
     /// Constant accelerations.
     Parabolas,
-    /// A vibration, at rest or on a line.
+    /// A vibration, at rest or on a straight line.
     Vibration,
     /// Starts and stops.
     StopAndGo,
@@ -102,10 +102,10 @@ enum Kind {
 
 struct Target {
     kind: Kind,
-    /// Highest speed, mm/s, and acceleration, mm/s².
+    /// Highest speed, mm/s, and acceleration, mm/s², of the motion.
     speed: f64,
     acceleration: f64,
-    /// When something changes, s.
+    /// Times of changes in the motion, s.
     events_s: Vec<f64>,
 }
 
@@ -119,7 +119,7 @@ impl Target {
         let mut events_s: Vec<f64> = (0..random.below(8))
             .map(|_| random.between(0.2, seconds))
             .collect();
-        // Something happens behind every cover.
+        // The motion changes during every occlusion.
         events_s.extend(hidden_s.iter().map(|[from, to]| random.between(*from, *to)));
         Self {
             kind,
@@ -129,7 +129,7 @@ impl Target {
         }
     }
 
-    /// Where it is every ms.
+    /// Returns the target's position at every ms.
     fn places(&self, random: &mut Random, seconds: f64) -> Vec<[f64; 3]> {
         let count = (seconds * 1e3) as usize + BEYOND_MS;
         let figure = Figure::new(random, self.speed);
@@ -198,7 +198,7 @@ impl Target {
     }
 }
 
-/// Sines on each axis, from zero on.
+/// Sines on each axis, starting at zero.
 struct Figure {
     amplitude_mm: [f64; 3],
     per_s: [f64; 3],
@@ -246,7 +246,7 @@ impl Vibration {
     }
 }
 
-/// When pictures are taken, and how late their frames come.
+/// Returns the exposures with the latency of their frames, and a description of them.
 fn shots(random: &mut Random, seconds: f64, hidden_s: &[[f64; 2]]) -> (Vec<Shot>, String) {
     let per_s = match random.below(3) {
         0 => 60.0,
@@ -292,7 +292,7 @@ fn shots(random: &mut Random, seconds: f64, hidden_s: &[[f64; 2]]) -> (Vec<Shot>
     (shots, story)
 }
 
-/// Off by up to 20 % along each axis, and turned by up to 8 degrees.
+/// Returns a mount with scale errors up to 20 % per axis, rotated by up to 8 degrees.
 fn mount(random: &mut Random) -> [[f64; 3]; 3] {
     let axis = nalgebra::Unit::new_normalize(nalgebra::Vector3::from(direction(random)));
     let turn = nalgebra::Rotation3::from_axis_angle(&axis, random.between(0.0, 0.14));
@@ -306,7 +306,7 @@ fn mount(random: &mut Random) -> [[f64; 3]; 3] {
     mount
 }
 
-/// A direction: along x once in three, else any, less often along z.
+/// Returns a direction: along x once in three times, otherwise random with less along z.
 fn direction(random: &mut Random) -> [f64; 3] {
     if random.below(3) == 0 {
         return [if random.below(2) == 0 { 1.0 } else { -1.0 }, 0.0, 0.0];
@@ -320,7 +320,7 @@ fn direction(random: &mut Random) -> [f64; 3] {
     to.map(|d| d / size)
 }
 
-/// Evenly spread in its logarithm.
+/// Returns a random number uniform in its logarithm.
 fn spread(random: &mut Random, low: f64, high: f64) -> f64 {
     random.between(low.ln(), high.ln()).exp()
 }

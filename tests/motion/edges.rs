@@ -16,11 +16,11 @@
 /// Least distance of the samples for speed, acceleration and jerk, s.
 const SPACING: [f64; 3] = [0.002, 0.005, 0.010];
 
-/// Acceleration changes in steps, once per millisecond: a mean of the jerk over 30 of these is that
-/// of a steady one to within 1 %.
+/// Factor on the jerk limit. The acceleration changes in steps once per millisecond, and a mean of
+/// the jerk over 30 of these is within 1 % of that of a steady one.
 const JERK_IN_STEPS: f64 = 1.01;
 
-/// What an axis may do, and the scale of its edges.
+/// Limits of an axis, and the scale of its edges.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     pub steps_per_m: u32,
@@ -34,25 +34,28 @@ pub struct Bounds {
 #[derive(Clone, Debug, Default)]
 pub struct Edges {
     count: i64,
-    /// Slot, and the whole step the axis passed.
+    /// Slot and position of each edge: the whole step that the axis passed.
     passed: Vec<(u64, i64)>,
 }
 
 impl Edges {
-    /// A step in this slot.
+    /// Records a step in this slot.
     pub fn step(&mut self, slot: u64, forwards: bool) {
         let before = self.count;
         self.count += if forwards { 1 } else { -1 };
         self.passed.push((slot, before.max(self.count)));
     }
 
-    /// How many steps were made, either way.
+    /// Returns the number of steps in both directions.
     pub fn len(&self) -> usize {
         self.passed.len()
     }
 
-    /// Panics if a limit was broken; gives the shares of speed, acceleration and jerk that were
-    /// certainly reached.
+    /// Returns the shares of the limits of speed, acceleration and jerk that were certainly
+    /// reached.
+    ///
+    /// # Panics
+    /// Panics if a limit was broken.
     pub fn check(&self, bounds: &Bounds) -> [f64; 3] {
         let steps = |um: u32| f64::from(um) * 1e-6 * f64::from(bounds.steps_per_m);
         let limits = [
@@ -72,7 +75,8 @@ impl Edges {
                 let (limit, error) = (limits[order - 1], error * half);
                 assert!(
                     mean.abs() - error <= limit,
-                    "derivative {order} is {mean} ± {error} after slot {}, above {limit} steps/s^{order}",
+                    "derivative {order} is {mean} ± {error} after slot {}, above {limit} \
+                     steps/s^{order}",
                     self.passed[first].0
                 );
                 let share = &mut reached[order - 1];
@@ -82,8 +86,8 @@ impl Edges {
         reached
     }
 
-    /// The mean derivative of this order from edge `first` on, and how much an error of 1 in all
-    /// samples makes of it.
+    /// Returns the mean derivative of this order from edge `first` on, and its error for an error
+    /// of 1 in all samples.
     fn derivative(&self, first: usize, order: usize, slots_per_s: u32) -> Option<(f64, f64)> {
         let time = |edge: usize| self.passed[edge].0 as f64 / f64::from(slots_per_s);
         let mut samples = vec![first];

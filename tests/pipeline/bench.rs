@@ -1,4 +1,4 @@
-//! A poster before a rig, photographed and measured as `estimate` does it.
+//! A poster in front of a rig, rendered and measured as `estimate` measures it.
 
 use host::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
 use host::images::{FrameSet, Scene, SceneSettings, Texture};
@@ -6,16 +6,16 @@ use host::paper::moves;
 use host::sums::Sums;
 use shared::rig::Rig;
 
-/// How exact an estimate has to be at the paper's distance: what the project sets itself for the
-/// paper's Table 5.
+/// Largest error of an estimate at the paper's distance, mm: the project's bound for the paper's
+/// Table 5.
 pub const TOLERANCE_MM: [f64; 3] = moves::BOUND_MM;
 
-/// The true displacements of the paper's Table 5, mm.
+/// Returns the true displacements of the paper's Table 5, mm.
 pub fn table_5_mm() -> [[f64; 3]; 8] {
     moves::PRINTED.map(|(true_mm, _)| true_mm)
 }
 
-/// A displacement that the whole path gave.
+/// A displacement measured by the whole path.
 #[derive(Clone, Debug)]
 pub struct Got {
     pub displacement_mm: [f64; 3],
@@ -43,8 +43,7 @@ impl Got {
         (0..3).all(|i| error[i].abs() <= bound_mm[i])
     }
 
-    /// Neither wrong nor wrongly sure: off by at most five standard deviations beyond the
-    /// tolerance.
+    /// Returns true if the error is at most five standard deviations beyond the tolerance.
     pub fn is_honest(&self, truth_mm: [f64; 3]) -> bool {
         let bound = |i: usize| TOLERANCE_MM[i] + 5.0 * self.sigma_mm[i];
         self.is_within(truth_mm, std::array::from_fn(bound))
@@ -62,7 +61,7 @@ impl Got {
     }
 }
 
-/// Measures captures against one reference, as the sequence of a folder is.
+/// Measures frame sets against one keyframe, like the sequence of a folder.
 pub struct Watch {
     rig: Rig,
     flow: Flow,
@@ -82,14 +81,14 @@ impl Watch {
     }
 }
 
-/// A poster before a rig.
+/// A poster in front of a rig.
 pub struct Bench {
     pub rig: Rig,
     pub scene: Scene,
 }
 
 impl Bench {
-    /// Before the paper's rig.
+    /// Returns a poster in front of the paper's rig.
     pub fn new(texture: &Texture, settings: SceneSettings) -> Self {
         Self::with_rig(Rig::paper(), texture, settings)
     }
@@ -99,7 +98,8 @@ impl Bench {
         Self { rig, scene }
     }
 
-    /// Measures each displacement from rest. `seed` draws the noise, anew for every capture.
+    /// Measures each displacement from rest. `seed` determines the noise, which differs between
+    /// frame sets.
     pub fn measure_all(&self, moves_mm: &[[f64; 3]], seed: u64) -> Vec<Result<Got, FlowRefusal>> {
         let seed = seed * 1000;
         let mut watch = match Watch::new(&self.rig, &self.scene.render([0.0; 3], 0, seed)) {

@@ -1,11 +1,11 @@
-//! Posters with rich texture, before the paper's rig.
+//! Posters with rich texture in front of the paper's rig.
 
 use host::images::{FrameSet, SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, TOLERANCE_MM, Watch, table_5_mm};
 
 #[test]
-fn table_5_is_met_within_its_tolerance_on_every_natural_poster() {
+fn table_5_is_met_on_natural_posters() {
     for seed in 0..4 {
         let bench = Bench::new(&Texture::natural(seed), SceneSettings::default());
         let got = bench.measure_all(&table_5_mm(), seed);
@@ -16,14 +16,14 @@ fn table_5_is_met_within_its_tolerance_on_every_natural_poster() {
     }
 }
 
-/// Wrong here, the stage would run away from its target.
+/// With a wrong sign the stage would run away from its target.
 #[test]
-fn right_down_and_away_are_positive_x_y_and_z() {
+fn right_down_away_are_positive() {
     let bench = Bench::new(&Texture::natural(9), SceneSettings::default());
     let looking_at = |moved: [f64; 3]| bench.scene.render(moved, 0, 1);
     let (rest, right) = (looking_at([0.0; 3]), looking_at([3.0, 0.0, 0.0]));
-    // 3 mm at 850 mm is near 2 px. A bright or dark place of the middle view must be found further
-    // right in the picture itself.
+    // 3 mm at 850 mm is nearly 2 px. A bright or dark spot of the middle image must be found
+    // further right in the image itself.
     let difference = |before: usize, after: usize| -> u64 {
         let row = |capture: &FrameSet, column: usize| -> Vec<i64> {
             let view = &capture.images[1];
@@ -55,11 +55,11 @@ fn right_down_and_away_are_positive_x_y_and_z() {
     }
 }
 
-/// Every view brightens or darkens by its own gain and offset between the two instants.
+/// Every image changes brightness by its own gain and offset between the two instants.
 #[test]
 fn changed_lighting_moves_nothing() {
     for kind in [TextureKind::Natural, TextureKind::Blobs] {
-        // Contrast to spare, so that the brightest view does not saturate.
+        // The contrast is low, so that the brightest image does not saturate.
         let mut texture = Texture::of_kind(kind, 3);
         texture.grey.iter_mut().for_each(|g| *g = 35.0 + 0.6 * *g);
         let bench = Bench::new(&texture, SceneSettings::default());
@@ -92,10 +92,9 @@ fn changed_lighting_moves_nothing() {
     }
 }
 
-/// Far from the paper's distance and square view: what comes out is right, or honest about how far
-/// it is off.
+/// Distances and angles far from the paper's: the result is right, or its sigma covers the error.
 #[test]
-fn near_far_tilted_and_large_moves_are_right_or_refused() {
+fn extreme_moves_are_right_or_refused() {
     let mut answered = 0;
     for (seed, depth_mm) in [(1, 500.0), (2, 850.0), (3, 1400.0)] {
         for tilt_rad in [[0.0, 0.0], [0.5, 0.0], [-0.3, 0.4]] {
@@ -128,9 +127,9 @@ fn near_far_tilted_and_large_moves_are_right_or_refused() {
     assert!(answered >= 28, "only {answered} of 36 were answered");
 }
 
-/// A poster nearer by hangs in front of the right two fifths of every view and moves on its own.
+/// A nearer poster covers the right two fifths of every image and moves on its own.
 #[test]
-fn two_fifths_hidden_behind_something_that_moves_differently_never_deceive() {
+fn moving_occluder_never_deceives() {
     let settings = SceneSettings::default();
     let nearer = SceneSettings {
         depth_mm: 700.0,

@@ -1,4 +1,4 @@
-//! Photographs: a real scene, and a real picture as poster.
+//! Photographs: a real scene, and a real photograph as poster.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ fn teddy() -> (RigFile, Vec<FrameSet>) {
     (rig, captures.expect("images"))
 }
 
-/// True displacements from the first capture, and what an estimate may be off by.
+/// Returns the true displacements from the first frame set, and the largest error of an estimate.
 fn teddy_truth() -> (Vec<[f64; 3]>, [f64; 3]) {
     let text = std::fs::read_to_string(teddy_folder().join("truth.json")).expect("the truth");
     let truth: Value = serde_json::from_str(&text).expect("JSON");
@@ -42,7 +42,7 @@ fn teddy_truth() -> (Vec<[f64; 3]>, [f64; 3]) {
 }
 
 #[test]
-fn teddy_is_right_against_the_first_capture() {
+fn teddy_is_right_from_first() {
     let (rig, captures) = teddy();
     let (truth, tolerance) = teddy_truth();
     let mut watch = Watch::new(&rig.rig, &captures[0]).expect("a reference");
@@ -54,7 +54,7 @@ fn teddy_is_right_against_the_first_capture() {
 }
 
 #[test]
-fn teddy_is_right_from_capture_to_capture() {
+fn teddy_is_right_from_previous() {
     let (rig, captures) = teddy();
     let (truth, tolerance) = teddy_truth();
     for pair in captures.windows(2) {
@@ -65,7 +65,7 @@ fn teddy_is_right_from_capture_to_capture() {
 }
 
 #[test]
-fn a_photograph_as_poster_is_as_good_as_a_drawn_one() {
+fn photograph_poster_is_as_exact_as_drawn() {
     let (_, captures) = teddy();
     let texture = Texture::from_image(&captures[0].images[1], 1.2);
     let bench = Bench::new(&texture, SceneSettings::default());

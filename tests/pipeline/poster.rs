@@ -1,5 +1,5 @@
-//! Posters that mislead: exact repetition in several forms, faint texture, and few marks that tell
-//! places apart.
+//! Misleading posters: exact repetition in several forms, faint texture, and few marks that
+//! distinguish places.
 
 use host::images::Texture;
 use host::random::Random;
@@ -7,7 +7,7 @@ use host::random::Random;
 /// Size of a texel, mm; a pixel of the paper's rig at 850 mm is four texels.
 const MM_PER_TEXEL: f64 = 0.4;
 
-/// What one period of a repeating poster looks like.
+/// One period of a repeating poster.
 #[derive(Clone, Copy, Debug)]
 pub enum Motif {
     /// Two dark squares on the diagonal.
@@ -16,9 +16,9 @@ pub enum Motif {
     Dots,
     /// Dark lines along both axes, an eighth of the period wide.
     Lines,
-    /// Vertical stripes: nothing to hold on to along y.
+    /// Vertical stripes, without any texture along y.
     Stripes,
-    /// Random grey blots: rich in texture, yet each period equals the next.
+    /// Random grey blots: rich in texture, but all periods are equal.
     Wallpaper,
 }
 
@@ -31,7 +31,7 @@ impl Motif {
         Self::Wallpaper,
     ];
 
-    /// Brightness 0..=1 at a place of the period, both 0..1.
+    /// Returns the brightness, 0 to 1, at a position in the period, 0 to 1 on both axes.
     fn level(self, [u, v]: [f64; 2], blots: Option<&Texture>) -> f64 {
         let dark = match self {
             Self::Checks => (u < 0.5) == (v < 0.5),
@@ -48,7 +48,8 @@ impl Motif {
     }
 }
 
-/// An endless poster of `motif` with the given period: grey 128 plus and minus half of `contrast`.
+/// Returns an endless poster of `motif` with the given period: grey 128 plus and minus half of
+/// `contrast`.
 pub fn repeating(motif: Motif, period_mm: f64, contrast: f64, seed: u64) -> Texture {
     // One period is the whole texture, which repeats by itself, so the repetition is exact.
     let side = (period_mm / MM_PER_TEXEL).round() as usize;
@@ -65,7 +66,7 @@ pub fn repeating(motif: Motif, period_mm: f64, contrast: f64, seed: u64) -> Text
     }
 }
 
-/// The upper left part of a poster.
+/// Returns the upper left part of a poster.
 fn corner_of(texture: &Texture, side: usize) -> Texture {
     let texel = |i: usize| texture.grey[i / side * texture.width + i % side];
     Texture {
@@ -76,8 +77,8 @@ fn corner_of(texture: &Texture, side: usize) -> Texture {
     }
 }
 
-/// The same poster over an area of about 820 mm, with `count` small black or white squares of
-/// `size_mm` strewn over it.
+/// Returns the same poster over an area of about 820 mm, with `count` small black or white squares
+/// of `size_mm` at random positions.
 pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) -> Texture {
     let periods = (2048 / repeating.width).max(1);
     let side = periods * repeating.width;
@@ -108,7 +109,7 @@ pub fn with_marks(repeating: &Texture, count: usize, size_mm: f64, seed: u64) ->
     }
 }
 
-/// The poster with its contrast scaled about mid grey.
+/// Returns the poster with its contrast scaled about mid grey.
 pub fn fainter(mut texture: Texture, contrast: f32) -> Texture {
     for level in &mut texture.grey {
         *level = 128.0 + contrast * (*level - 128.0);

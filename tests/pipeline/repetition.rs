@@ -1,5 +1,5 @@
-//! Posters on which every place looks like others: the answer is right, or refused with a reason.
-//! Never wrong and sure.
+//! Posters on which every place looks like others: the answer is right, or refused with a reason,
+//! but never wrong with a small sigma.
 
 use host::flow::FlowRefusal;
 use host::images::{SceneSettings, Texture, TextureKind};
@@ -8,7 +8,7 @@ use host::random::Random;
 use super::bench::{Bench, Got};
 use super::poster::{Motif, fainter, repeating, with_marks};
 
-/// Counts answers, and fails on one that is wrong.
+/// Counts answers, and fails on a wrong one.
 #[derive(Default)]
 struct Jury {
     right: usize,
@@ -45,8 +45,8 @@ impl Jury {
     }
 }
 
-/// Whole periods and half periods, along one axis and both, and two displacements that are no
-/// multiples.
+/// Returns whole periods and half periods, along one axis and both, and two displacements that are
+/// no multiples.
 fn treacherous(period_mm: f64, random: &mut Random) -> [[f64; 3]; 6] {
     let any = |random: &mut Random, most: f64| random.between(-most, most);
     [
@@ -82,7 +82,7 @@ fn exact_repetition_never_deceives() {
             }
         }
     }
-    assert!(jury.refused > 0, "nothing of this can be told apart");
+    assert!(jury.refused > 0, "at least one case must be refused");
 }
 
 #[test]
@@ -106,9 +106,9 @@ fn bricks_and_grids_never_deceive() {
     assert!(jury.refused > 0);
 }
 
-/// Few marks make the answer no easier, many do: with both, it is right or refused.
+/// Few marks make the answer no easier, many do. With both, it is right or refused.
 #[test]
-fn marks_on_a_repeating_poster_help_or_do_no_harm() {
+fn marked_repetition_never_deceives() {
     let mut random = Random::seeded(13);
     let mut right = Vec::new();
     for marks in [10, 60, 400, 2500] {

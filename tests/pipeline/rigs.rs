@@ -1,4 +1,4 @@
-//! Other rigs than the paper's: the midpoint takes any cameras in a plane.
+//! Rigs other than the paper's: the midpoint takes any cameras in a plane.
 
 use host::images::{SceneSettings, Texture};
 use shared::rig::{Camera, Rig};
@@ -12,7 +12,7 @@ const MOVES_MM: [[f64; 3]; 4] = [
     [4.0, 4.0, 1.0],
 ];
 
-/// Cameras of the paper's kind at the given places, no two quite alike.
+/// Returns cameras of the paper's kind at the given positions, all slightly different.
 fn rig(offsets_mm: &[[f64; 2]]) -> Rig {
     let mut rig = Rig::paper();
     let camera = |(i, offset_mm): (usize, &[f64; 2])| {
@@ -44,7 +44,7 @@ fn two_cameras_are_enough() {
 }
 
 #[test]
-fn five_cameras_in_a_cross() {
+fn five_cameras_in_a_cross_measure() {
     let cross = [
         [0.0, 0.0],
         [-60.0, 0.0],
@@ -55,10 +55,10 @@ fn five_cameras_in_a_cross() {
     assert_measures(rig(&cross), "cross");
 }
 
-/// What `verify` warns of: half of the points are matched where one camera magnifies 1.3 times as
-/// much as another, and nearly none at 1.7.
+/// `verify` warns of this: half of the points are matched if one camera magnifies 1.3 times as much
+/// as another, and nearly none at 1.7.
 #[test]
-fn unlike_focal_lengths_are_matched_up_to_a_limit() {
+fn unlike_focal_lengths_have_a_limit() {
     let measured = |times: f64| {
         let mut rig = Rig::paper();
         rig.cameras[0].focal_px = rig.cameras[0].focal_px.map(|f| times * f);

@@ -1,5 +1,4 @@
-//! Whether the stated sigma is the true one: errors over many captures, each divided by its own
-//! sigma.
+//! The stated sigma against true errors: errors of many frame sets, each divided by its own sigma.
 
 use host::images::{SceneSettings, Texture, TextureKind};
 use host::random::Random;
@@ -7,9 +6,9 @@ use shared::rig::Rig;
 
 use super::bench::{Bench, Watch};
 
-/// Mean square per axis of error over sigma: 1 if sigma is right, above 1 if it promises too much.
-/// Every displacement has its own reference, since the noise of a shared one would be in all of
-/// them.
+/// Returns the mean square per axis of error over sigma: 1 if sigma is right, above 1 if it is too
+/// small. Every displacement has its own keyframe, because the noise of a shared one would be in
+/// all of them.
 fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     let (posters, pairs) = (2, 20);
     let (mut squares, mut random) = ([0.0; 3], Random::seeded(21));
@@ -36,10 +35,10 @@ fn normalised_errors(kind: TextureKind, noise_grey: f64) -> [f64; 3] {
     squares.map(|sum| sum / (posters * pairs) as f64)
 }
 
-/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), so 1 is told from 0.5
-/// and 1.65. Many more are in `trinocular bench robustness`.
+/// 40 pairs leave the mean square uncertain by 22 % (one standard deviation), which is enough to
+/// distinguish 1 from 0.5 and 1.65. `trinocular bench robustness` measures many more pairs.
 #[test]
-fn sigma_is_true_where_noise_governs() {
+fn sigma_is_true_for_noise() {
     for noise_grey in [2.0, 6.0] {
         let mean_squares = normalised_errors(TextureKind::Blobs, noise_grey);
         for square in mean_squares {
@@ -51,11 +50,11 @@ fn sigma_is_true_where_noise_governs() {
     }
 }
 
-/// With sharp texture and little noise the points scatter because each one's place between the
-/// pixels differs. That is not shared by windows that overlap, so it averages out better than noise
-/// does, and sigma says so.
+/// With sharp texture and little noise the points scatter because their sub-pixel positions differ.
+/// Overlapping windows do not share this error, so it averages out better than noise does, and
+/// sigma is smaller.
 #[test]
-fn sigma_is_true_where_interpolation_governs() {
+fn sigma_is_true_for_interpolation() {
     for noise_grey in [0.5, 2.0] {
         let mean_squares = normalised_errors(TextureKind::Natural, noise_grey);
         for square in mean_squares {
@@ -67,10 +66,10 @@ fn sigma_is_true_where_interpolation_governs() {
     }
 }
 
-/// The wire carries the honest value: what the station computes from the integers is what the host
+/// The wire carries the same sigma: the station computes from the integers the value that the host
 /// computes.
 #[test]
-fn the_station_is_told_the_same_sigma() {
+fn station_gets_same_sigma() {
     use host::flow::{Flow, FlowSettings};
     use host::sums::Sums;
     use shared::estimate::midpoint;

@@ -1,4 +1,4 @@
-//! The committed results: `tests/golden/pipeline.txt`, renewed by running these tests with
+//! The committed results: `tests/golden/pipeline.txt`, rewritten by running these tests with
 //! `REGENERATE=1`.
 
 use std::fmt::Write;
@@ -10,7 +10,8 @@ use host::images::{SceneSettings, Texture, TextureKind};
 use super::bench::{Bench, Got, table_5_mm};
 
 const HEADER: &str = "\
-# Estimates of the whole vision path on rendered posters: the paper's rig, 850 mm, noise of 2 grey levels, midpoint.
+# Estimates of the whole vision path on rendered posters: the paper's rig, 850 mm, noise of 2 \
+grey levels, midpoint.
 # poster seed, true x y z -> estimated x y z, sigma x y z (mm), points
 ";
 
@@ -18,10 +19,10 @@ fn file() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/pipeline.txt")
 }
 
-/// One line of the table: what was asked, and the numbers that came out.
+/// One line of the table: a case and its results.
 struct Row {
     case: String,
-    /// Displacement, sigma, points; none if refused.
+    /// Displacement, sigma and number of points; `None` if refused.
     numbers: Option<[f64; 7]>,
 }
 
@@ -57,13 +58,13 @@ impl Row {
         writeln!(out, "{} -> {result}", self.case).expect("text grows");
     }
 
-    /// The same result, but for what another machine's arithmetic may change.
+    /// Returns true if the results agree but for differences of another machine's arithmetic.
     ///
-    /// The renderer's noise is drawn through logarithms, sines and cosines of the system's own
-    /// library, the last bits of which differ between systems. Where a grey level is then near the
-    /// edge between two values, it may fall on the other side. Few pixels of many do, so an
-    /// estimate changes by much less than its standard deviation; but a point at the limit of a
-    /// test may come or go.
+    /// The renderer's noise is drawn with logarithms, sines and cosines of the system's own
+    /// library, whose last bits differ between systems. A grey level near the edge between two
+    /// values may then fall on the other side. Only a few of many pixels do, so an estimate changes
+    /// by much less than its standard deviation; but a point at the limit of a test may appear or
+    /// disappear.
     fn agrees_with(&self, other: &Self) -> bool {
         let numbers_agree = match (self.numbers, other.numbers) {
             (None, None) => true,
@@ -95,7 +96,7 @@ fn measured() -> Vec<Row> {
 }
 
 #[test]
-fn results_are_those_committed() {
+fn results_match_committed_table() {
     let measured = measured();
     if std::env::var_os("REGENERATE").is_some() {
         let mut text = HEADER.to_owned();

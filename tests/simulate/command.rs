@@ -1,4 +1,4 @@
-//! `trinocular simulate` as its user meets it.
+//! `trinocular simulate` as a user meets it.
 
 use super::folder;
 use serde_json::Value;
@@ -11,7 +11,7 @@ fn simulate(arguments: &[&str]) -> Outcome {
     Outcome::of(command.current_dir(folder()))
 }
 
-/// A folder with one scenario file of this text.
+/// A folder with one scenario file.
 struct Desk(tempfile::TempDir);
 
 impl Desk {
@@ -27,7 +27,7 @@ impl Desk {
     }
 }
 
-/// The text of a scenario with one thing changed.
+/// Returns the text of a scenario with one thing changed.
 fn changed(name: &str, from: &str, to: &str) -> String {
     let text = fs::read_to_string(folder().join(name)).expect("a scenario");
     assert!(text.contains(from), "{name} has no {from:?}");
@@ -38,8 +38,9 @@ fn changed(name: &str, from: &str, to: &str) -> String {
 fn json_has_every_figure() {
     let outcome = simulate(&["step.toml", "switches.toml", "--points", "--json"]);
     let [step, switches] = outcome.good_json().try_into().expect("two lines");
-    let keys = "scenario rms_mm max_mm settle_ms latency_ms steps lost faults states sights rms_3d_mm lag_mm overshoot jitter_mm reversals_per_s \
-                speed_mm_s acceleration_mm_s2 frames silences refused_commands missed";
+    let keys = "scenario rms_mm max_mm settle_ms latency_ms steps lost faults states sights \
+                rms_3d_mm lag_mm overshoot jitter_mm reversals_per_s speed_mm_s \
+                acceleration_mm_s2 frames silences refused_commands missed";
     let line = outcome.stdout.lines().next().expect("a line");
     let mut rest = line;
     for key in keys.split_whitespace() {
@@ -61,7 +62,7 @@ fn json_has_every_figure() {
 }
 
 #[test]
-fn a_missed_expectation_is_named_and_ends_with_1() {
+fn missed_expectation_exits_1() {
     let desk = Desk::with(&changed(
         "step.toml",
         "settle_ms = 250.0",
@@ -70,13 +71,13 @@ fn a_missed_expectation_is_named_and_ends_with_1() {
     let outcome = simulate(&[&desk.path("it.toml"), "--points"]);
     outcome.failed_after_notes(1, &["it.toml: missed: settle_ms is ", "above 5.0000"]);
     assert!(outcome.stdout.contains("1 missed"), "{}", outcome.stdout);
-    // Without prediction nothing is judged.
+    // Without prediction no bound is judged.
     let outcome = simulate(&[&desk.path("it.toml"), "--points", "--no-prediction"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
 }
 
 #[test]
-fn a_report_is_a_page_with_plots() {
+fn report_is_page_with_plots() {
     let desk = Desk::with("");
     let page = desk.path("page.html");
     let outcome = simulate(&["heartbeat.toml", "--report", &page]);
@@ -93,7 +94,7 @@ fn a_report_is_a_page_with_plots() {
     assert!(html.matches("<svg").count() >= 5);
 }
 
-/// Bad files end with 1 and are refused before anything is run, by file, line and field.
+/// Bad files end with 1 before any run, with a message that names file, line and field.
 #[test]
 fn bad_files_are_refused_by_name() {
     for (from, to, parts) in [

@@ -26,7 +26,7 @@ fn set(faults: &[Fault]) -> Faults {
     faults.iter().copied().collect()
 }
 
-/// A station whose host fell silent in mid-move, and speaks again.
+/// Returns a station whose host fell silent in mid-move and has returned.
 fn silent_host() -> Twin {
     let mut twin = twin();
     twin.command("setpoint", setpoint([10, 0, 0])).unwrap();
@@ -38,9 +38,9 @@ fn silent_host() -> Twin {
     twin
 }
 
-/// Whatever was latched first, the worst fault is shown and its cause must go before a reset.
+/// Whichever fault was latched first, the worst one is shown, and its cause must go before a reset.
 #[test]
-fn worse_fault_behind_another_is_shown() {
+fn worst_fault_is_shown() {
     for (pressed, worse) in [(PRESSED, Fault::EmergencyStop), (OVERHEATED, Fault::Driver)] {
         let mut twin = silent_host();
         twin.set_switches(pressed);
@@ -58,7 +58,7 @@ fn worse_fault_behind_another_is_shown() {
         assert_eq!(twin.steps(), at, "no step while the cause is there");
         twin.set_switches(RELEASED);
         wait(&mut twin, 2);
-        // Both are still latched.
+        // Both faults are still latched.
         assert_eq!(status(&mut twin).faults, set(&[Fault::Heartbeat, worse]));
         twin.command("reset", Command::Reset).unwrap();
         let cleared = status(&mut twin);
@@ -66,7 +66,7 @@ fn worse_fault_behind_another_is_shown() {
     }
 }
 
-/// The cause of one fault is gone, that of the other is not: no reset.
+/// The cause of one fault is gone and that of the other is not, so the reset is refused.
 #[test]
 fn reset_needs_every_cause_gone() {
     let mut twin = twin();
@@ -88,9 +88,9 @@ fn reset_needs_every_cause_gone() {
     twin.command("reset", Command::Reset).unwrap();
 }
 
-/// A limit switch is met at full speed, and in the same tick comes a reset that was sent before.
+/// A limit switch trips at full speed, and a reset that was sent before arrives in the same tick.
 #[test]
-fn fault_is_named_before_it_can_be_cleared() {
+fn fault_is_named_before_reset() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([30, 0, 0])).unwrap();
     wait(&mut twin, 100);
@@ -112,16 +112,16 @@ fn fault_is_named_before_it_can_be_cleared() {
         (shown.state, shown.trust),
         (State::Faulted, Trust::Degraded)
     );
-    // Now it has been named.
+    // Now a status has named the fault.
     twin.command("reset", Command::Reset).unwrap();
     let off = [-1_000, 0, 0];
     twin.command("jog", Command::Jog { distance_um: off })
         .unwrap();
 }
 
-/// A contact bounces while the fault is being cleared: the press falls in the tick of the reset.
+/// A contact bounces while the fault is being cleared: the press falls into the tick of the reset.
 #[test]
-fn press_in_the_tick_of_a_reset_counts() {
+fn press_in_tick_of_reset_counts() {
     for pressed in [PRESSED, OVERHEATED] {
         let mut twin = twin();
         twin.set_switches(pressed);
@@ -143,7 +143,7 @@ fn press_in_the_tick_of_a_reset_counts() {
 }
 
 #[test]
-fn limit_in_the_ramp_of_a_silent_host_is_shown() {
+fn limit_in_silence_ramp_is_shown() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 300);

@@ -1,5 +1,4 @@
-//! What the station makes of a frame: when its pictures were taken, whether it can be trusted, and
-//! which way the motors turn for it.
+//! The station's handling of a frame: its capture time, the gate, and the direction of the motors.
 
 use super::{denial, frame, status, twin, wait};
 use host::client::stage::default_stage;
@@ -9,13 +8,13 @@ use shared::frame::message::{Command, Denial, Mounting, Sums};
 use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;
 
-/// Within a step, mm.
+/// Returns true if the positions agree within a step, mm.
 fn close(got: [f64; 3], want: [f64; 3]) -> bool {
     got.iter().zip(want).all(|(g, w)| (g - w).abs() <= 0.0126)
 }
 
 #[test]
-fn frames_that_cannot_be_placed_in_time_are_refused_by_name() {
+fn untimed_frames_are_refused_by_name() {
     let mut twin = twin();
     wait(&mut twin, 1_000);
     let now = twin.now();
@@ -41,7 +40,7 @@ fn frames_that_cannot_be_placed_in_time_are_refused_by_name() {
 }
 
 #[test]
-fn the_gate_refuses_by_name() {
+fn gate_refuses_by_name() {
     use shared::estimate::Refusal;
     let mut twin = twin();
     wait(&mut twin, 500);
@@ -80,10 +79,10 @@ fn the_gate_refuses_by_name() {
     assert_eq!(twin.steps_from_zero(), [0; 3]);
 }
 
-/// The stage moves between capture and frame; the target does not. Whatever the latency, the stage
-/// must end where the target is.
+/// The stage moves between capture and frame, the target does not. With any latency the stage must
+/// end at the target.
 #[test]
-fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
+fn own_motion_is_not_target_motion() {
     let mut twin = twin();
     wait(&mut twin, 100);
     let reference = twin.now();
@@ -94,7 +93,7 @@ fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
         let stage = twin.position_mm();
         pending.push((twin.now(), std::array::from_fn(|i| target[i] - stage[i])));
         if pending.len() > 4 {
-            // Four pictures late: 80 ms.
+            // The frame is four images late: 80 ms.
             let (capture, seen) = pending.remove(0);
             twin.send(frame(seen, capture, reference));
         }
@@ -107,7 +106,7 @@ fn the_stages_own_motion_after_the_capture_is_no_motion_of_the_target() {
 }
 
 #[test]
-fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
+fn matrix_and_invert_map_axes() {
     let stage = Stage {
         matrix: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
         invert: [true, false, true],
@@ -133,10 +132,10 @@ fn the_matrix_turns_camera_axes_into_stage_axes_and_invert_turns_the_motor() {
     );
 }
 
-/// Beside the stage the cameras do not move with it: the stage copies the displacement instead of
+/// Cameras beside the stage do not move with it, so the stage copies the displacement instead of
 /// chasing it for ever.
 #[test]
-fn with_fixed_cameras_the_stage_copies_the_target() {
+fn fixed_cameras_copy_target() {
     let mut twin = Twin::start(&default_stage(), "twin", Mounting::Fixed).unwrap();
     wait(&mut twin, 100);
     let reference = twin.now();

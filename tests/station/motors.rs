@@ -1,4 +1,4 @@
-//! Motors are switched on and off as asked, and never while the stage moves.
+//! Motors are switched on and off by command, and never while the stage moves.
 
 use super::{denial, frame, setpoint, status, twin, wait};
 use host::client::stage::default_stage;
@@ -11,7 +11,7 @@ const OFF: Command = Command::Motors { on: false };
 const ON: Command = Command::Motors { on: true };
 
 #[test]
-fn motors_go_on_with_the_first_configuration() {
+fn motors_turn_on_with_first_config() {
     let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
     assert!(!status(&mut twin).motors);
     assert_eq!(denial(twin.command("motors", ON)), Denial::Unconfigured);
@@ -19,14 +19,14 @@ fn motors_go_on_with_the_first_configuration() {
     let config = Command::Config(config.unwrap());
     twin.command("config", config).unwrap();
     assert!(status(&mut twin).motors);
-    // Switched off by command they stay off, whatever is configured.
+    // Motors switched off by command stay off through any configuration.
     twin.command("motors", OFF).unwrap();
     twin.command("config", config).unwrap();
     assert!(!status(&mut twin).motors);
 }
 
 #[test]
-fn nothing_moves_while_the_motors_are_off() {
+fn stage_rests_while_motors_are_off() {
     let mut twin = twin();
     twin.command("motors", OFF).unwrap();
     let off = status(&mut twin);
@@ -57,7 +57,7 @@ fn motors_are_not_switched_in_motion() {
 }
 
 #[test]
-fn motors_stay_off_while_the_stop_is_pressed() {
+fn motors_stay_off_while_stop_is_pressed() {
     let mut twin = twin();
     twin.set_switches(Inputs {
         emergency_stop: true,
@@ -69,7 +69,7 @@ fn motors_stay_off_while_the_stop_is_pressed() {
 }
 
 #[test]
-fn motors_go_off_after_the_time_at_rest() {
+fn motors_turn_off_after_rest() {
     let mut stage = default_stage();
     stage.care.motors_off_after_s = 2;
     let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
@@ -84,7 +84,7 @@ fn motors_go_off_after_the_time_at_rest() {
 }
 
 #[test]
-fn following_without_frames_counts_as_rest() {
+fn following_without_frames_is_rest() {
     let mut stage = default_stage();
     stage.care.motors_off_after_s = 2;
     let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();

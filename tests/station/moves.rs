@@ -1,4 +1,4 @@
-//! Only what was asked moves, in the direction that was asked, within the window and the travel.
+//! Only the commanded axes move, in the commanded direction, within the window and the travel.
 
 use super::{denial, frame, setpoint, status, twin, wait};
 use host::client::stage::{configuration, default_stage};
@@ -18,14 +18,15 @@ fn config(stage: &Stage) -> Command {
     Command::Config(configuration(stage, Mounting::OnStage).unwrap())
 }
 
-/// X from 10 to 110 mm: declared to be zero, it stands outside.
+/// Returns a stage with an X travel of 10 to 110 mm that stands outside it after a zero.
 fn outside() -> Twin {
     let mut stage = default_stage();
     stage.travel_mm[0] = [10.0, 110.0];
     Twin::start(&stage, "twin", Mounting::OnStage).unwrap()
 }
 
-/// Waits for rest; the way of each axis since `before`, steps, and the highest speed of X, mm/s.
+/// Waits for rest; returns the motion of each axis since `before`, steps, and the highest speed of
+/// X, mm/s.
 fn finish(twin: &mut Twin, before: [i64; 3]) -> ([i64; 3], f64) {
     let mut fastest = 0.0_f64;
     let mut last = twin.position_mm()[0];
@@ -41,7 +42,7 @@ fn finish(twin: &mut Twin, before: [i64; 3]) -> ([i64; 3], f64) {
 }
 
 #[test]
-fn jog_from_outside_moves_only_its_axis() {
+fn jog_from_outside_moves_one_axis() {
     let mut twin = outside();
     let before = twin.steps();
     twin.command("jog", jog([0.0, 1.0, -2.0])).unwrap();
@@ -49,7 +50,7 @@ fn jog_from_outside_moves_only_its_axis() {
 }
 
 #[test]
-fn jog_from_outside_goes_inwards_slowly() {
+fn jog_from_outside_is_slow() {
     let mut twin = outside();
     let outwards = denial(twin.command("jog", jog([-1.0, 0.0, 0.0])));
     assert_eq!(outwards, Denial::OutsideTravel { axis: 0 });
@@ -58,7 +59,7 @@ fn jog_from_outside_goes_inwards_slowly() {
     let (way, fastest) = finish(&mut twin, before);
     assert_eq!(way, [320, 0, 0]);
     assert!(fastest < 5.3, "{fastest} mm/s");
-    // Inside again, at full speed, and clamped at the far end.
+    // The axis is inside again: it moves at full speed and is clamped at the far end.
     twin.command("jog", jog([7.0, 0.0, 0.0])).unwrap();
     finish(&mut twin, before);
     twin.command("jog", jog([500.0, 0.0, 0.0])).unwrap();
@@ -67,9 +68,9 @@ fn jog_from_outside_goes_inwards_slowly() {
     assert!(fastest > 90.0, "{fastest} mm/s");
 }
 
-/// A narrower configuration leaves the stage where it is; setpoints lead inwards only.
+/// A narrower configuration leaves the stage at its position; setpoints lead inwards only.
 #[test]
-fn narrower_travel_moves_nothing_by_itself() {
+fn narrower_travel_moves_nothing() {
     let mut twin = twin();
     twin.command("setpoint", setpoint([50, 0, 0])).unwrap();
     wait(&mut twin, 2_000);
@@ -84,7 +85,7 @@ fn narrower_travel_moves_nothing_by_itself() {
     twin.command("setpoint", setpoint([50, 3, 1])).unwrap();
     assert_eq!(finish(&mut twin, before).0, [0, 240, 80]);
     twin.command("setpoint", setpoint([-30, 3, 1])).unwrap();
-    // From 50 to -20 mm at the pace of an unknown position.
+    // The axis moves from 50 to -20 mm at the speed for an unknown position.
     wait(&mut twin, 10_000);
     assert_eq!(finish(&mut twin, before).0, [-5_600, 240, 80]);
 }
@@ -100,9 +101,9 @@ fn no_target_is_followed_from_outside() {
     assert_eq!(twin.steps(), [0; 3]);
 }
 
-/// `home` of a homed stage is stopped in its search, beyond the soft limit.
+/// Homing of a homed stage is stopped in its search, beyond the soft limit.
 #[test]
-fn stopped_search_moves_no_axis_afterwards() {
+fn stopped_homing_moves_no_axis() {
     let mut stage = default_stage();
     let side = Side::Negative;
     let position_mm = -66.0;
@@ -122,9 +123,9 @@ fn stopped_search_moves_no_axis_afterwards() {
     assert_eq!(finish(&mut twin, before).0, [0, 80, 0]);
 }
 
-/// In mid-move a jog of another axis lets the first go on to its goal.
+/// During a move, a jog of another axis lets the first one continue to its goal.
 #[test]
-fn jog_in_mid_move_leaves_other_axes_their_goals() {
+fn jog_keeps_goals_of_other_axes() {
     let mut twin = twin();
     let before = twin.steps();
     twin.command("jog", jog([20.0, 0.0, 0.0])).unwrap();
@@ -133,9 +134,9 @@ fn jog_in_mid_move_leaves_other_axes_their_goals() {
     assert_eq!(finish(&mut twin, before).0, [1_600, 240, 0]);
 }
 
-/// A jog shorter than the braking distance ends there, and does not come back.
+/// A jog shorter than the braking distance ends at that distance and does not return.
 #[test]
-fn short_jog_in_mid_move_does_not_turn_round() {
+fn short_jog_in_move_does_not_return() {
     let mut twin = twin();
     twin.command("jog", jog([50.0, 0.0, 0.0])).unwrap();
     wait(&mut twin, 200);
@@ -150,9 +151,9 @@ fn short_jog_in_mid_move_does_not_turn_round() {
     assert_eq!(status(&mut twin).state, State::Idle);
 }
 
-/// One axis stands on its switch, between two steps: the others move, at any moment.
+/// One axis stands on its switch, between two steps. The others can move at any time.
 #[test]
-fn axis_on_its_switch_does_not_hold_others() {
+fn axis_on_switch_holds_no_other() {
     for moment in 0..60 {
         let mut twin = twin();
         twin.command("jog", jog([5.0, 0.0, 0.0])).unwrap();
@@ -175,9 +176,9 @@ fn axis_on_its_switch_does_not_hold_others() {
     }
 }
 
-/// Lost motion of an axis that a jog does not name is not taken up.
+/// A jog does not take up the backlash of an axis that it does not name.
 #[test]
-fn backlash_of_an_axis_not_named_stays() {
+fn backlash_of_unnamed_axis_stays() {
     let mut stage = default_stage();
     stage.care.backlash_mm = [0.5, 0.3, 0.0];
     let mut twin = Twin::start(&stage, "twin", Mounting::OnStage).unwrap();
@@ -194,9 +195,9 @@ fn backlash_of_an_axis_not_named_stays() {
     }
 }
 
-/// Until home or zero the stage stays within 10 mm of where the power came on, whatever happens.
+/// Before a home or zero the stage always stays within 10 mm of its position at power-on.
 #[test]
-fn window_stays_where_the_power_came_on() {
+fn window_stays_at_power_on() {
     let narrow = [0, 1, 2, 3];
     for kind in narrow {
         let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
@@ -210,7 +211,7 @@ fn window_stays_where_the_power_came_on() {
             let _ = twin.command("jog", jog([10.0, 0.0, 0.0]));
             wait(&mut twin, 1_950);
             match kind {
-                // An abrupt stop.
+                // Force an abrupt stop.
                 0 => {
                     let emergency_stop = true;
                     twin.set_switches(Inputs {
@@ -222,19 +223,19 @@ fn window_stays_where_the_power_came_on() {
                     wait(&mut twin, 110);
                     twin.command("reset", Command::Reset).unwrap();
                 }
-                // Another axis is turned round.
+                // Invert another axis.
                 1 => {
                     wait(&mut twin, 1_000);
                     stage.invert[1] = !stage.invert[1];
                     twin.command("config", config(&stage)).unwrap();
                 }
-                // A finer scale, as if less way had been made.
+                // Configure a finer scale, which makes the distance appear shorter.
                 2 => {
                     wait(&mut twin, 1_000);
                     stage.steps_per_mm = [80.0 * f64::from(round + 2); 3];
                     twin.command("config", config(&stage)).unwrap();
                 }
-                // The motors are off for a while.
+                // Switch the motors off for a while.
                 _ => {
                     wait(&mut twin, 1_000);
                     twin.command("motors", Command::Motors { on: false })
@@ -250,9 +251,9 @@ fn window_stays_where_the_power_came_on() {
     }
 }
 
-/// The frames say that the target stands still: at nine million steps the stage does, too.
+/// The frames show a target at rest: even at nine million steps the stage stays at rest.
 #[test]
-fn still_target_far_from_zero_moves_nothing() {
+fn far_still_target_moves_nothing() {
     let mut stage = default_stage();
     stage.steps_per_mm = [50_000.0; 3];
     stage.max_speed_mm_s = [8.0; 3];

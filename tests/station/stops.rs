@@ -1,4 +1,4 @@
-//! A stop is the last word, and every command is answered.
+//! A stop cancels everything before it, and every command is answered.
 
 use super::{denial, frame, setpoint, status, twin, wait};
 use host::client::stage::{configuration, default_stage};
@@ -19,7 +19,7 @@ fn jog(mm: i32) -> Command {
     }
 }
 
-/// Sends all at once, as one write of the host; returns the sequence numbers.
+/// Sends all commands at once, as one write of the host; returns the sequence numbers.
 fn burst(twin: &mut Twin, commands: &[Command]) -> Vec<u16> {
     let packets = commands.iter().map(|command| twin.packet(*command));
     let (sequences, bytes): (Vec<u16>, Vec<_>) = packets.unzip();
@@ -27,10 +27,10 @@ fn burst(twin: &mut Twin, commands: &[Command]) -> Vec<u16> {
     sequences
 }
 
-/// Commands that came before a stop and wait are dropped and answered as such, wherever the control
-/// tick falls; what was done before the stop is undone by it.
+/// Commands that came before a stop and still wait are dropped and answered as dropped, wherever
+/// the control tick falls. The stop ends the motion of commands done before it.
 #[test]
-fn nothing_sent_before_a_stop_outlives_it() {
+fn commands_before_stop_are_dropped() {
     let before = [
         vec![Command::Reset],
         vec![Command::Reset, jog(20)],
@@ -73,7 +73,7 @@ fn nothing_sent_before_a_stop_outlives_it() {
 }
 
 #[test]
-fn frames_before_a_stop_are_refused() {
+fn frames_before_stop_are_refused() {
     let mut twin = twin();
     wait(&mut twin, 500);
     let ago = |ms: u64| Instant::from_micros(twin.now().micros() - 1_000 * ms);
@@ -91,7 +91,7 @@ fn frames_before_a_stop_are_refused() {
 }
 
 #[test]
-fn commands_after_a_stop_are_done_in_their_order() {
+fn commands_after_stop_keep_order() {
     let mut twin = twin();
     let sent = burst(&mut twin, &[jog(9), Command::Stop, Command::Reset, jog(1)]);
     wait(&mut twin, 500);
@@ -114,9 +114,9 @@ fn every_stop_of_a_tick_is_answered() {
     assert_eq!(status(&mut twin).drops.answers, 0);
 }
 
-/// What has no room is counted: commands of one tick beyond eight, and answers.
+/// The station counts commands of one tick beyond eight, and answers without room.
 #[test]
-fn what_finds_no_room_is_counted_by_name() {
+fn overflow_is_counted_by_name() {
     let mut twin = twin();
     let sent = burst(&mut twin, &[jog(0); 40]);
     wait(&mut twin, 5);
@@ -136,7 +136,7 @@ fn what_finds_no_room_is_counted_by_name() {
     assert_eq!((drops.overflow, drops.answers), (32, 12));
 }
 
-/// Noise on an idle line, then a stop in mid-jog: the stop is understood.
+/// Noise on an idle line precedes a stop in mid-jog.
 #[test]
 fn stop_behind_noise_is_understood() {
     for length in 1..=3 {
@@ -171,9 +171,10 @@ fn only_pings_are_a_heartbeat() {
     }
 }
 
-/// The station's own start is no ping. A bare machine, for the twin's host pings from the start.
+/// The station's own start is no ping. This test uses a bare station, because the twin's host pings
+/// from the start.
 #[test]
-fn no_motion_begins_before_the_first_ping() {
+fn no_motion_before_first_ping() {
     let mut machine = Machine::new(Board {
         name: "bare",
         version: [0; 3],
@@ -209,9 +210,9 @@ fn no_motion_begins_before_the_first_ping() {
     assert_eq!(machine.motors(), [0; 3]);
 }
 
-/// Without a heartbeat no motion begins, so that none is cut short by a fault at once.
+/// A motion without a heartbeat would end in a fault at once, so none begins.
 #[test]
-fn no_motion_begins_without_a_heartbeat() {
+fn no_motion_without_heartbeat() {
     let mut twin = twin();
     twin.set_pings(false);
     wait(&mut twin, 200);

@@ -1,17 +1,17 @@
-//! What may be wrong between a target's displacement and a frame.
+//! Errors between a target's displacement and a frame.
 
 use nalgebra::{Rotation3, Unit, Vector3};
 use trinocular_tests::chase::RIGHT;
 
-/// A wrong mount, or wrong time stamps.
+/// A loop with a wrong mount or wrong time stamps.
 #[derive(Clone, Debug)]
 pub struct Wrong {
     pub name: String,
-    /// What the cameras see of a displacement, as rows.
+    /// Matrix from true to measured displacements, by rows.
     pub mount: [[f64; 3]; 3],
-    /// How much later than the capture its stamp is, µs.
+    /// Delay of the time stamps after the capture, µs.
     pub late_us: i64,
-    /// From picture to frame, µs.
+    /// Delay from an image to its flow frame, µs.
     pub latency_us: u64,
 }
 
@@ -24,7 +24,7 @@ fn mounted(name: &str, mount: [[f64; 3]; 3]) -> Wrong {
     }
 }
 
-/// Axes the wrong way round, swapped, or cycled.
+/// Returns loops with reversed, swapped or cycled axes.
 pub fn signs() -> [Wrong; 7] {
     let [x, y, z] = RIGHT;
     let back = |row: [f64; 3]| row.map(|element| -element);
@@ -39,7 +39,7 @@ pub fn signs() -> [Wrong; 7] {
     ]
 }
 
-/// Turned about an axis.
+/// Returns a loop rotated about an axis.
 pub fn turned(axis: [i32; 3], degrees: f64) -> Wrong {
     let about = Unit::new_normalize(Vector3::from(axis.map(f64::from)));
     let turn = Rotation3::from_axis_angle(&about, degrees.to_radians());
@@ -55,13 +55,13 @@ pub fn turned(axis: [i32; 3], degrees: f64) -> Wrong {
     )
 }
 
-/// As many times too large along each axis.
+/// Returns a loop with measured displacements too large by a factor per axis.
 pub fn scaled([x, y, z]: [f64; 3]) -> Wrong {
     let mount = [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]];
     mounted(&format!("scaled by {x}, {y}, {z}"), mount)
 }
 
-/// Stamps that are late, with frames that take so long.
+/// Returns a loop whose stamps are late by `late_ms`, with `latency_ms` from image to frame.
 pub fn late(late_ms: i64, latency_ms: u64) -> Wrong {
     Wrong {
         late_us: 1_000 * late_ms,

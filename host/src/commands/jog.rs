@@ -61,7 +61,7 @@ enum WrongDistance {
     Form,
     #[error("no axis `{0}`: x, y, z")]
     Axis(String),
-    #[error("`{0}` is no number")]
+    #[error("`{0}` is not a number")]
     NotANumber(String),
     #[error("must be -{LONGEST_MM} to {LONGEST_MM} mm")]
     TooLong,

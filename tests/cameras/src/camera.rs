@@ -1,8 +1,8 @@
-//! One device: what its driver would do.
+//! One video device, as its driver would behave.
 //!
-//! All cameras expose at the same moments, multiples of the period on the monotonic clock, as if by
-//! one trigger. The first of their pictures is shown until [`LEAD`] moments after the first camera
-//! was started; then one follows the other to the last, which stays.
+//! All cameras expose at the same instants, multiples of the period on the monotonic clock, as with
+//! one trigger. The first image is shown until [`LEAD`] periods after the start of the first
+//! camera. The other images then follow in order, and the last one stays.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -13,17 +13,18 @@ use std::sync::OnceLock;
 use crate::plan::{self, Plan};
 use crate::wire::{self, Buffer, Errno, FormatDescription, PixelFormat, RequestBuffers};
 
-/// Moments before anything moves.
+/// Periods before the second image is shown.
 const LEAD: u64 = 15;
 
-/// Formats: luminance, and luminance before colours, which are never looked at and so not there.
+/// Formats: luminance, and luminance followed by colours. The colours are left out because the
+/// program never reads them.
 const GREY: [u8; 4] = *b"GREY";
 const YU12: [u8; 4] = *b"YU12";
 
-/// The moment at which the second picture is shown, counted in periods.
+/// Instant at which the second image is shown, in periods.
 static BEGIN: OnceLock<u64> = OnceLock::new();
 
-/// A picture that waits to be fetched.
+/// An exposed image that waits to be fetched.
 struct Done {
     buffer: u32,
     number: u64,
@@ -41,17 +42,17 @@ pub struct Camera {
     buffers: u32,
     queued: VecDeque<u32>,
     done: VecDeque<Done>,
-    /// The moment of its picture 0, in periods; `None` while it does not stream.
+    /// Period number of its image 0; `None` while the camera does not stream.
     first: Option<u64>,
-    /// The next picture to be exposed.
+    /// Number of the next image to be exposed.
     next: u64,
     is_gone: bool,
-    /// What its images come as.
+    /// Pixel format of its images.
     fourcc: [u8; 4],
 }
 
 impl Camera {
-    /// The device `name`, if it is there. `memory` will hold its buffers.
+    /// Opens the device `name` if it exists. `memory` will hold its buffers.
     pub fn open(name: &str, memory: File) -> Option<Self> {
         let (plan, pictures, log) = plan::read(name)?;
         Some(Self {
@@ -69,12 +70,12 @@ impl Camera {
         })
     }
 
-    /// Bytes of a picture.
+    /// Returns the bytes of an image.
     fn picture_bytes(&self) -> u64 {
         self.plan.size.iter().map(|side| u64::from(*side)).product()
     }
 
-    /// Bytes from one buffer to the next: whole pages.
+    /// Returns the distance of two buffers in bytes: whole pages.
     fn buffer_bytes(&self) -> u64 {
         self.picture_bytes().next_multiple_of(65_536)
     }
@@ -93,7 +94,7 @@ impl Camera {
         }
     }
 
-    /// Takes the pictures that have become due.
+    /// Exposes the images that have become due.
     fn run(&mut self, now_us: u64) {
         let Some(first) = self.first.filter(|_| !self.plan.silent) else {
             return;
@@ -102,7 +103,7 @@ impl Camera {
             let number = self.next;
             let moment = first + number;
             let stamp_us = moment * self.plan.period_us;
-            // Some number that looks like none of the others.
+            // A hash of the image number scatters the arrivals.
             let scatter = number
                 .wrapping_mul(0x9E37_79B9_7F4A_7C15)
                 .wrapping_add(self.pictures.len() as u64)
@@ -117,7 +118,7 @@ impl Camera {
                 continue;
             }
             let Some(buffer) = self.queued.pop_front() else {
-                // No room: lost, as with a real driver.
+                // Without a free buffer the image is lost, as with a real driver.
                 continue;
             };
             let bytes = self.picture_bytes() as usize;
@@ -144,7 +145,7 @@ impl Camera {
         }
     }
 
-    /// What there is to wait for.
+    /// Returns the events that `poll` reports for the device.
     pub fn poll(&mut self, now_us: u64) -> i16 {
         self.run(now_us);
         match (self.is_gone || self.first.is_none(), self.done.is_empty()) {
@@ -154,7 +155,7 @@ impl Camera {
         }
     }
 
-    /// Its formats.
+    /// Describes one of the device's formats.
     pub fn describe(&self, of: &mut FormatDescription) -> Result<(), Errno> {
         Self::is_of(of.kind)?;
         of.fourcc = match (of.index, self.plan.grey_of) {
@@ -165,7 +166,7 @@ impl Camera {
         Ok(())
     }
 
-    /// The format it has.
+    /// Returns the present format.
     pub fn format(&self, format: &mut PixelFormat) -> Result<(), Errno> {
         Self::is_of(format.kind)?;
         let grey_size = self.plan.grey_of.filter(|_| self.fourcc == GREY);
@@ -177,7 +178,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Takes one of its formats; the size is the format's only one, whichever was asked for.
+    /// Sets one of the device's formats. The size stays the only one of that format, whatever the
+    /// request.
     pub fn set_format(&mut self, format: &mut PixelFormat) -> Result<(), Errno> {
         self.fourcc = match format.fourcc == YU12 && self.plan.grey_of.is_some() {
             true => YU12,
@@ -186,14 +188,14 @@ impl Camera {
         self.format(format)
     }
 
-    /// Makes buffers, or gives them up.
+    /// Allocates buffers, or frees them if the count is 0.
     pub fn allocate(&mut self, request: &mut RequestBuffers) -> Result<(), Errno> {
         self.present()?;
         Self::is_of(request.kind)?;
         if request.memory != wire::MAPPED {
             return Err(libc::EINVAL);
         }
-        // Fewer than are usually asked for: a driver may.
+        // A driver may allocate fewer buffers than requested.
         self.buffers = request.count.min(4);
         request.count = self.buffers;
         let bytes = u64::from(self.buffers) * self.buffer_bytes();
@@ -204,7 +206,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Where a buffer is.
+    /// Returns the place of a buffer in memory.
     pub fn query(&self, buffer: &mut Buffer) -> Result<(), Errno> {
         self.present()?;
         Self::is_of(buffer.kind)?;
@@ -216,7 +218,7 @@ impl Camera {
         Ok(())
     }
 
-    /// A buffer may be filled. One that is the driver's already is refused.
+    /// Gives a buffer to the driver to be filled. Fails if the driver already has it.
     pub fn queue(&mut self, buffer: &mut Buffer, now_us: u64) -> Result<(), Errno> {
         self.run(now_us);
         self.present()?;
@@ -230,7 +232,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Hands over the oldest picture.
+    /// Hands over the oldest image.
     pub fn dequeue(&mut self, buffer: &mut Buffer, now_us: u64) -> Result<(), Errno> {
         self.run(now_us);
         self.present()?;
@@ -267,7 +269,7 @@ impl Camera {
         .map_err(|_| libc::EIO)
     }
 
-    /// Begins to expose.
+    /// Starts streaming.
     pub fn start(&mut self, now_us: u64) -> Result<(), Errno> {
         self.present()?;
         if let Some(errno) = self.plan.start_error {
@@ -280,7 +282,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Ends it; no buffer is the driver's any more.
+    /// Stops streaming and takes all buffers from the driver.
     pub fn stop(&mut self) -> Result<(), Errno> {
         self.present()?;
         self.first = None;

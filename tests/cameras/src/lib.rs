@@ -1,14 +1,14 @@
-//! Cameras for a computer that has none, in place of the kernel's side of V4L2.
+//! Stand-in for the kernel's side of V4L2 on a computer without cameras.
 //!
-//! Preloaded into a program (`LD_PRELOAD`), it answers for the devices `/dev/video90` to
-//! `/dev/video99`: opening them, asking and commanding them, waiting for them. Everything else goes
-//! to the C library, which comes after it. A device's memory is an anonymous file, so that mapping
-//! it needs no help.
+//! The library is preloaded into a program (`LD_PRELOAD`) and answers `open`, `close`, `poll` and
+//! `ioctl` for the devices `/dev/video90` to `/dev/video99`. All other calls go to the C library
+//! behind it. The memory of a device is an anonymous file, which the program maps without further
+//! support.
 //!
-//! What a device has to show is in the folder that `TRINOCULAR_CAMERAS` names: see [`plan`]. What
-//! it did is in its log there.
+//! The plan and images of a device are in the folder that `TRINOCULAR_CAMERAS` names; see [`plan`].
+//! Each device writes its log there.
 //!
-//! For Linux on computers of 64 bits, whose V4L2 structures are in [`wire`].
+//! The library is for 64-bit Linux, whose V4L2 structures are in [`wire`].
 #![allow(unsafe_code)]
 
 mod camera;
@@ -26,16 +26,16 @@ use std::time::Duration;
 use camera::Camera;
 use wire::{Buffer, Errno, FormatDescription, PixelFormat, RequestBuffers};
 
-/// File descriptors beyond are not looked at.
+/// Number of file descriptors that can be cameras; higher ones never are.
 const FDS: usize = 1024;
 
-/// Which descriptors are cameras: asked without a lock, since the C library's functions are called
-/// from everywhere.
+/// Marks the descriptors that are cameras. It has no lock because the C library's functions are
+/// called from every thread.
 static IS_CAMERA: [AtomicBool; FDS] = [const { AtomicBool::new(false) }; FDS];
 
 static CAMERAS: Mutex<BTreeMap<c_int, Camera>> = Mutex::new(BTreeMap::new());
 
-/// How long a waiting caller sleeps at a time.
+/// Interval at which a waiting caller polls the device.
 const NAP: Duration = Duration::from_micros(200);
 
 fn cameras() -> MutexGuard<'static, BTreeMap<c_int, Camera>> {
@@ -56,13 +56,12 @@ fn failed(errno: Errno) -> c_int {
     -1
 }
 
-/// The C library's function of this name, which ours hides.
+/// Returns the C library's function of this name, which this library hides.
 ///
 /// # Safety
 /// `F` must be a pointer to a function of its type.
 unsafe fn hidden<F: Copy>(name: &CStr) -> F {
-    // SAFETY: `name` ends with a zero; the caller answers for the type, and every name asked for
-    // exists.
+    // SAFETY: `name` ends with a zero; the caller guarantees the type, and every name used exists.
     unsafe {
         let address = libc::dlsym(libc::RTLD_NEXT, name.as_ptr());
         assert!(!address.is_null());
@@ -70,9 +69,9 @@ unsafe fn hidden<F: Copy>(name: &CStr) -> F {
     }
 }
 
-/// The time on the drivers' clock, µs.
+/// Returns the time on the drivers' clock, µs.
 fn now_us() -> u64 {
-    // SAFETY: a `timespec` may be all zeros, and is the call's to write.
+    // SAFETY: a `timespec` may be all zeros, and the call may write to it.
     let now = unsafe {
         let mut now: libc::timespec = std::mem::zeroed();
         libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut now);
@@ -81,10 +80,10 @@ fn now_us() -> u64 {
     now.tv_sec as u64 * 1_000_000 + now.tv_nsec as u64 / 1000
 }
 
-/// In place of the C library's.
+/// Replaces the C library's `open`.
 ///
 /// # Safety
-/// As there.
+/// The requirements are those of the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn open(path: *const c_char, flags: c_int, mode: c_uint) -> c_int {
     // SAFETY: the caller's path ends with a zero.
@@ -93,7 +92,7 @@ pub unsafe extern "C" fn open(path: *const c_char, flags: c_int, mode: c_uint) -
         // SAFETY: the same arguments.
         return unsafe { libc::openat(libc::AT_FDCWD, path, flags, mode) };
     }
-    // SAFETY: a new descriptor, which nobody else closes.
+    // SAFETY: a new descriptor that no other code closes.
     let memory = unsafe {
         let fd = libc::memfd_create(c"camera".as_ptr(), libc::MFD_CLOEXEC);
         if fd < 0 {
@@ -114,17 +113,17 @@ pub unsafe extern "C" fn open(path: *const c_char, flags: c_int, mode: c_uint) -
     fd
 }
 
-/// In place of the C library's.
+/// Replaces the C library's `close`.
 ///
 /// # Safety
-/// As there.
+/// The requirements are those of the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn close(fd: c_int) -> c_int {
     if is_camera(fd) {
         if let Some(flag) = flag(fd) {
             flag.store(false, SeqCst);
         }
-        // Its own files are closed when the lock is free again.
+        // The device's files are closed after the lock is released.
         let camera = cameras().remove(&fd);
         drop(camera);
     }
@@ -132,10 +131,10 @@ pub unsafe extern "C" fn close(fd: c_int) -> c_int {
     unsafe { hidden::<unsafe extern "C" fn(c_int) -> c_int>(c"close")(fd) }
 }
 
-/// In place of the C library's.
+/// Replaces the C library's `poll`.
 ///
 /// # Safety
-/// As there.
+/// The requirements are those of the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poll(
     fds: *mut libc::pollfd,
@@ -143,7 +142,7 @@ pub unsafe extern "C" fn poll(
     timeout: c_int,
 ) -> c_int {
     type Poll = unsafe extern "C" fn(*mut libc::pollfd, libc::nfds_t, c_int) -> c_int;
-    // SAFETY: one, or none.
+    // SAFETY: the pointer is to one descriptor, or null with none.
     let asked = match (count, unsafe { fds.as_mut() }) {
         (1, Some(asked)) if is_camera(asked.fd) => asked,
         // SAFETY: `poll` has this type; the same arguments.
@@ -167,10 +166,10 @@ pub unsafe extern "C" fn poll(
     }
 }
 
-/// In place of the C library's, whose `ioctl` the program does not use.
+/// Replaces the C library's `syscall`; the program does not call `ioctl` itself.
 ///
 /// # Safety
-/// As there.
+/// The requirements are those of the C library's function.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn syscall(
     number: c_long,
@@ -185,7 +184,7 @@ pub unsafe extern "C" fn syscall(
         unsafe extern "C" fn(c_long, c_long, c_long, c_long, c_long, c_long, c_long) -> c_long;
     let fd = a as c_int;
     if number != libc::SYS_ioctl || !is_camera(fd) {
-        // SAFETY: it takes as many arguments as the call has, and leaves the others.
+        // SAFETY: the call takes as many of the arguments as it has, and ignores the others.
         return unsafe { hidden::<Syscall>(c"syscall")(number, a, b, c, d, e, f) };
     }
     let now_us = now_us();
@@ -193,15 +192,17 @@ pub unsafe extern "C" fn syscall(
     let Some(camera) = cameras.get_mut(&fd) else {
         return c_long::from(failed(libc::EBADF));
     };
-    // SAFETY: the request says how long the caller's argument is.
+    // SAFETY: the request states the length of the caller's argument.
     match unsafe { command(camera, b as u64, c as *mut c_void, now_us) } {
         Ok(()) => 0,
         Err(errno) => c_long::from(failed(errno)),
     }
 }
 
+/// Handles a V4L2 request.
+///
 /// # Safety
-/// `argument` must be what `request` says.
+/// `argument` must point to the structure that `request` names.
 unsafe fn command(
     camera: &mut Camera,
     request: u64,

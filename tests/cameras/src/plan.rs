@@ -1,29 +1,29 @@
-//! What a device does: its plan, a text file, and its pictures.
+//! Plan of a video device: a text file, and its images.
 //!
 //! `video90` in the folder is the plan of `/dev/video90`, one word and its numbers per line:
 //!
 //! ```text
-//! size 320 240      # of its pictures, grey, one after another in video90.grey
+//! size 320 240      # of its images, grey, one after another in video90.grey
 //! period_us 33333
-//! readout_us 9000   # from the stamp to the picture's arrival; it comes up to jitter_us later
+//! readout_us 9000   # from the stamp to the image's arrival, which is up to jitter_us later
 //! jitter_us 6000
-//! lose 5 9 10       # numbers of pictures that the driver loses
-//! spoil 7           # of those that come spoilt, as their flag says
-//! cut 8             # of those of which half comes, and no flag says so
+//! lose 5 9 10       # numbers of images that the driver loses
+//! spoil 7           # numbers of images that are damaged and flagged
+//! cut 8             # numbers of images of which half arrives, without a flag
 //! unplug 40         # that never comes: from then on there is no such device
-//! foreign_clock     # the stamps are on a clock that nobody knows
+//! foreign_clock     # the stamps are on an unknown clock
 //! at_start          # the stamps are of the exposure's start
 //! start_error 28    # starting it fails with this error number
-//! silent            # no picture ever comes
-//! dark 20           # that many are black, while it looks for its exposure
-//! grey_of 160 120   # as GREY it has images of this size only; those of `size` are YU12
+//! silent            # no image ever arrives
+//! dark 20           # number of black images while it adjusts its exposure
+//! grey_of 160 120   # size of its GREY images; those of `size` are YU12
 //! ```
 
 use std::path::PathBuf;
 
 use crate::wire::Errno;
 
-/// A plan.
+/// Behaviour of one video device.
 #[derive(Default)]
 pub struct Plan {
     pub size: [u32; 2],
@@ -42,8 +42,8 @@ pub struct Plan {
     pub grey_of: Option<[u32; 2]>,
 }
 
-/// The plan and the pictures of the device `name`, `/dev/video90` for one, and the file for its
-/// log; `None` if it has no plan.
+/// Reads the plan and images of the device `name`, for example `/dev/video90`, and returns the path
+/// of its log with them; `None` if there is no plan.
 pub fn read(name: &str) -> Option<(Plan, Vec<u8>, PathBuf)> {
     let folder = PathBuf::from(std::env::var_os("TRINOCULAR_CAMERAS")?);
     let file = folder.join(name.strip_prefix("/dev/")?);

@@ -1,24 +1,24 @@
-//! V4L2's structures as the kernel documents them (`linux/videodev2.h`), on computers of 64 bits,
-//! and its requests.
+//! V4L2's structures and requests as the kernel documents them (`linux/videodev2.h`), on 64-bit
+//! computers.
 
 use std::ffi::c_int;
 
 /// The C library's error numbers.
 pub type Errno = c_int;
 
-/// Video that is captured: the only type of buffer here.
+/// Video capture: the only buffer type here.
 pub const CAPTURE: u32 = 1;
 
-/// Buffers that are mapped: the only kind of memory here.
+/// Memory-mapped buffers: the only kind of memory here.
 pub const MAPPED: u32 = 1;
 
-/// Of a buffer: what is in it is spoilt.
+/// Buffer flag: the data are damaged.
 pub const SPOILT: u32 = 0x40;
 
-/// Of a buffer: its stamp is on the monotonic clock.
+/// Buffer flag: the stamp is on the monotonic clock.
 pub const MONOTONIC: u32 = 0x2000;
 
-/// Of a buffer: its stamp is of the start of the exposure.
+/// Buffer flag: the stamp is of the start of the exposure.
 pub const AT_START: u32 = 0x1_0000;
 
 /// `struct v4l2_fmtdesc`.
@@ -36,7 +36,7 @@ pub struct FormatDescription {
 #[repr(C)]
 pub struct PixelFormat {
     pub kind: u32,
-    /// The union is aligned to 8 bytes.
+    /// Padding that aligns the union to 8 bytes.
     pub gap: u32,
     pub width: u32,
     pub height: u32,
@@ -44,7 +44,7 @@ pub struct PixelFormat {
     pub field: u32,
     pub bytes_per_line: u32,
     pub size: u32,
-    /// Colours.
+    /// Colour fields and padding.
     pub rest: [u32; 44],
 }
 
@@ -76,7 +76,7 @@ pub struct Buffer {
     pub rest: [u32; 3],
 }
 
-/// Number, size of the argument, name.
+/// Requests: number, size of the argument, name.
 const REQUESTS: [(u64, usize, &str); 9] = [
     (2, size_of::<FormatDescription>(), "VIDIOC_ENUM_FMT"),
     (4, size_of::<PixelFormat>(), "VIDIOC_G_FMT"),
@@ -89,7 +89,7 @@ const REQUESTS: [(u64, usize, &str); 9] = [
     (19, size_of::<c_int>(), "VIDIOC_STREAMOFF"),
 ];
 
-/// The name of a request whose argument is of the size that is known here.
+/// Returns the name of a request whose argument has the size that is known here.
 pub fn name(request: u64) -> Option<&'static str> {
     let (number, group, size) = (request & 0xFF, request >> 8 & 0xFF, request >> 16 & 0x3FFF);
     let same = |(n, s, _): &&(u64, usize, &str)| {

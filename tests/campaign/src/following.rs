@@ -1,4 +1,4 @@
-//! A life that follows a target: the stage that the pins move is what the cameras see.
+//! A life that follows a target: simulated cameras see the stage that the pins move.
 
 use crate::frames::displaced;
 use crate::judge::Counts;
@@ -16,19 +16,20 @@ use shared::time::Instant;
 use std::collections::VecDeque;
 use std::io::Write as _;
 
-/// The way that the stage may go unseen, as the host configures it unless told otherwise, mm.
+/// Limit of motion that the cameras do not see, mm: the host's default.
 const UNSEEN_MM: f64 = 10.0;
 
-/// How long wrong following may last, s.
+/// Longest time that wrong following may last, s.
 const NAMED_WITHIN_S: f64 = 2.0;
 
-/// Motion that counts as wrong following, mm peak to peak within a second.
+/// Smallest motion that counts as wrong following, mm peak to peak within a second.
 const WRONG_MM: f64 = 1.0;
 
-/// Part of the target's own motion that the distance to it must not change by.
+/// Share of the target's own motion. Following is useful only while the distance to the target
+/// changes by less.
 const USELESS: f64 = 0.5;
 
-/// A station that follows.
+/// A station that follows a target.
 struct Following {
     shell: Shell,
     pins: Pins,
@@ -41,18 +42,18 @@ struct Following {
     ping_us: u64,
     birth_us: u64,
     status: Option<Status>,
-    /// Pins, target, and the distance between stage and target, every 5 ms of the last second.
+    /// Pin positions, target, and distance between stage and target, every 5 ms of the last second.
     recent: VecDeque<[Mm; 3]>,
-    /// Since when the following is wrong, s, and where the pins were.
+    /// Time since which following is wrong, s, and the pin positions then.
     wrong: Option<(f64, Mm)>,
-    /// Least and greatest place of the target.
+    /// Least and greatest position of the target.
     hull: [Mm; 2],
     farthest: f64,
     fate: Fate,
     trace: bool,
 }
 
-/// Lives the life of `seed`: every second one is healthy.
+/// Simulates the life of `seed`. Every second life is healthy.
 pub fn live(seed: u64, trace: bool) -> Fate {
     let mut random = Random::new(seed ^ 0x6c6f_6f70);
     let healthy = seed.is_multiple_of(2);
@@ -109,7 +110,7 @@ impl Following {
         }
     }
 
-    /// Time of the life, s.
+    /// Returns the time of the life, s.
     fn now(&self) -> f64 {
         (self.shell.now_us() - self.birth_us) as f64 / 1e6
     }
@@ -142,7 +143,7 @@ impl Following {
         while capture < begin + seconds && !self.is_over() {
             waiting.push_back(capture);
             let next = capture + self.cameras.interval(&mut self.random).max(0.0005);
-            // What arrives before the next capture.
+            // Handle everything that arrives before the next capture.
             while let Some(&first) = waiting.front()
                 && (first + self.cameras.latency_s <= next)
             {
@@ -154,13 +155,13 @@ impl Following {
         self.run(100_000);
     }
 
-    /// A fault, and the stage has come to rest.
+    /// Returns true if there is a fault and the stage has come to rest.
     fn is_over(&self) -> bool {
         let state = self.status.as_ref().map(|status| status.state);
         matches!(state, Some(State::Faulted | State::Stopped))
     }
 
-    /// The sums of a capture arrive.
+    /// Delivers the flow sums of a frame set.
     fn arrives(&mut self, capture: f64) {
         let at = capture + self.cameras.latency_s;
         let us = ((at - self.now()).max(0.0) * 1e6) as u64;
@@ -171,7 +172,7 @@ impl Following {
         let (target, stage) = (self.target.at(capture), self.plant.at(capture));
         let displacement = each(|axis| target[axis] - stage[axis]);
         let seen = self.cameras.see(&mut self.random, displacement);
-        // Out of view.
+        // The target is out of view.
         if seen.iter().any(|mm| mm.abs() > 60.0) {
             return;
         }
@@ -187,7 +188,7 @@ impl Following {
     fn run(&mut self, us: u64) {
         let end = self.shell.now_us() + us;
         loop {
-            // Every 5 ms a look at where everything is.
+            // Sample all positions every 5 ms.
             let look = (self.shell.now_us() / 5_000 + 1) * 5_000;
             let next = look.min(end).min(self.ping_us.max(self.shell.now_us()));
             self.play(next);
@@ -255,7 +256,7 @@ impl Following {
         }
     }
 
-    /// Looks for wrong following.
+    /// Checks for wrong following.
     fn look(&mut self) {
         let s = self.now();
         let target = self.target.at(s);
@@ -279,7 +280,8 @@ impl Following {
             let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
             high - low
         };
-        // The stage moves, and the distance changes by much, and not as a little lag would let it.
+        // Following is wrong if the stage moves and the distance changes by more than a small lag
+        // explains.
         let wrong = (0..3).any(|axis| {
             let useless = WRONG_MM.max(USELESS * span(1, axis));
             span(0, axis) > WRONG_MM && span(2, axis) > useless
@@ -289,7 +291,7 @@ impl Following {
             return;
         }
         let (since, from) = *self.wrong.get_or_insert((s, self.plant.pins));
-        // A stall shows itself by the way.
+        // A stall shows in the stage's motion.
         let far = (0..3).any(|axis| (self.plant.pins[axis] - from[axis]).abs() > UNSEEN_MM);
         let due = far || !matches!(self.sickness, Sickness::Stall(..));
         if self.sickness != Sickness::None && due && s - since > NAMED_WITHIN_S {
@@ -328,7 +330,7 @@ impl Following {
             axis.max_jerk_um_s3,
         ]
         .map(|um| f64::from(um) / 1000.0);
-        // From full speed, still speeding up by nearly all: the planner's bound.
+        // The planner's bound on the ramp from full speed while the axis still accelerates.
         let top = v + a * a / (2.0 * j);
         let stop = v * a / j + a.powi(3) / (3.0 * j * j) + top / 2.0 * (top / a + a / j);
         let most = UNSEEN_MM + stop;
@@ -363,8 +365,8 @@ fn config(random: &mut Random) -> Config {
     config
 }
 
-/// 5 to 1,000 frames per second, even or irregular, now and then nothing at all; a mount and a
-/// clock that are right but for a little.
+/// Returns a scene with 5 to 1,000 frames per second, even or irregular, with gaps now and then,
+/// and small errors of mount and clock.
 fn healthy_scene(random: &mut Random, seconds: f64, fastest: f64) -> (Target, Cameras) {
     let target = Target::any(random, seconds, 0.8 * fastest);
     let fps = random.pick(&[5.0, 10.0, 30.0, 60.0, 60.0, 120.0, 1000.0, 0.0]);
@@ -399,7 +401,7 @@ fn sick_scene(
     sickness: &Sickness,
 ) -> (Target, Cameras) {
     let target = match sickness {
-        // A stall shows itself in motion only.
+        // A stall shows only in motion.
         Sickness::Stall(..) => Target::any(random, seconds, 0.8 * fastest),
         _ => match random.one_in(3) {
             true => Target::still(),

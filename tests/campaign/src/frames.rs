@@ -1,4 +1,4 @@
-//! Flow frames: true ones, and such as no camera sends.
+//! Flow frames: valid ones, and some that no camera sends.
 
 use crate::random::Random;
 use shared::frame::message::{Frame, Sums};
@@ -6,11 +6,11 @@ use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
 use shared::time::Instant;
 
-/// Sums of a target that was displaced by this, mm, with about these standard deviations of x and
-/// y, mm; z has 5.7 times that.
+/// Returns the flow sums of a target displaced by `mm`, with standard deviations of about
+/// `sigma_mm` in x and y and 5.7 times that in z.
 ///
-/// With a spread of 2^-5 and a coupling in 2^-38 mm... both as the midpoint estimator defines them,
-/// its displacement is exactly this.
+/// The spread is 2^-5 and the coupling is in units of 2^-38 mm, both as the midpoint estimator
+/// defines them, so its displacement is exactly `mm`.
 pub fn displaced(mm: [f64; 3], sigma_mm: f64) -> Sums {
     let fits = |value: f64| value.round().clamp(-2.1e9, 2.1e9) as i32;
     Sums::Midpoint(FixedCentredSums {
@@ -30,17 +30,17 @@ const EXPONENT: i8 = -4;
 /// Units of the coupling that stand for 1 nm of z.
 const COUPLING_PER_NM: f64 = 4.0;
 
-/// The frames of a life: some agree with each other, some with nothing.
+/// The frames of a life: some agree with each other, and some with no other frame.
 #[derive(Clone, Debug, Default)]
 pub struct Views {
-    /// The last capture, µs.
+    /// Capture time of the last frame set, µs.
     last_us: u64,
-    /// Where the target seems to be, mm.
+    /// Apparent position of the target, mm.
     mm: [f64; 3],
 }
 
 impl Views {
-    /// A frame that a sound camera might send at `now_us`: a target that wanders.
+    /// Returns a frame that a working camera might send at `now_us`, of a target that wanders.
     pub fn sound(&mut self, random: &mut Random, now_us: u64, origin_us: u64) -> Frame {
         let step = random.decades(0.001, 0.5);
         self.mm = self
@@ -55,7 +55,7 @@ impl Views {
         }
     }
 
-    /// Any frame.
+    /// Returns a frame with random contents.
     pub fn hostile(&mut self, random: &mut Random, now_us: u64) -> Frame {
         let age = random.decades(1.0, 3e6) as u64;
         let capture = match random.below(6) {

@@ -1,4 +1,4 @@
-//! The laws.
+//! Laws that every life must keep.
 
 /// A law. Its text is in [`Law::text`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -36,7 +36,7 @@ pub enum Law {
 }
 
 impl Law {
-    /// Every law of random lives.
+    /// Laws of random lives.
     pub const STATION: [Self; 27] = [
         Self::Panic,
         Self::Wedge,
@@ -67,10 +67,10 @@ impl Law {
         Self::Zero,
     ];
 
-    /// Every law of lives that follow a target.
+    /// Laws of lives that follow a target.
     pub const LOOP: [Self; 4] = [Self::Panic, Self::Healthy, Self::Sick, Self::Runaway];
 
-    /// Its short name.
+    /// Returns the law's short name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Panic => "panic",
@@ -106,7 +106,7 @@ impl Law {
         }
     }
 
-    /// What it says.
+    /// Returns the law's text.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Panic => "The station never panics.",
@@ -116,7 +116,8 @@ impl Law {
             Self::Segment => "The step generator takes every segment.",
             Self::Report => "Everything the station sends is a report.",
             Self::Pulse => {
-                "STEP pulses, their pauses, DIR set-up and DIR hold last as long as the driver asks."
+                "STEP pulses, their pauses, DIR set-up and DIR hold last as long as the driver \
+                 asks."
             }
             Self::Asked => "An axis makes a step only if a command that names it is under way.",
             Self::Direction => "A jog from rest never makes a step the other way.",
@@ -125,8 +126,8 @@ impl Law {
                  faulted."
             }
             Self::Cause => {
-                "No step is made from one control tick after an emergency stop or a driver fault is \
-                 sensed, while it lasts."
+                "No step is made from one control tick after an emergency stop or a driver fault \
+                 is sensed, while it lasts."
             }
             Self::Limit => {
                 "No step towards a tripped limit switch is made from one control tick after it is \
@@ -145,11 +146,13 @@ impl Law {
                  a search for a home switch."
             }
             Self::Acceleration => {
-                "No axis exceeds its acceleration, but for a stop with a cause that makes it abrupt."
+                "No axis exceeds its acceleration, but for a stop with a cause that makes it \
+                 abrupt."
             }
             Self::Jerk => "No axis exceeds its jerk, but for such a stop.",
             Self::SoftLimit => {
-                "With a known position no step leads beyond a soft limit, or away from it beyond it."
+                "With a known position no step leads beyond a soft limit, or away from it beyond \
+                 it."
             }
             Self::Window => {
                 "With an unknown position no step leads beyond the window round the place where \
@@ -197,10 +200,10 @@ impl Law {
 /// A law that was broken.
 #[derive(Clone, Debug)]
 pub struct Violation {
-    /// Which.
+    /// Law that was broken.
     pub law: Law,
-    /// When, ms since the life began.
+    /// Time of the violation, ms since the life began.
     pub at_ms: f64,
-    /// How.
+    /// Description of the violation.
     pub text: String,
 }

@@ -1,4 +1,4 @@
-//! A life: a station, its host and its judge; and at its end the way back.
+//! A life: a station, its host and its judge, and a recovery at its end.
 
 mod events;
 
@@ -12,10 +12,10 @@ use crate::stages;
 use shared::frame::message::{Command, Config, Report};
 use shared::safety::{Inputs, State, Trust};
 
-/// A host pings this often, µs.
+/// Interval of the host's pings, µs.
 const PING_US: u64 = 20_000;
 
-/// A segment that was given out and is judged when the reports of its tick have been heard.
+/// A segment that waits to be judged until the reports of its tick have been heard.
 struct Held {
     at_us: u64,
     words: Vec<u32>,
@@ -23,11 +23,11 @@ struct Held {
     motors: bool,
 }
 
-/// What came of a life.
+/// Result of a life.
 pub struct Fate {
-    /// What was counted.
+    /// Counts of the life.
     pub counts: Counts,
-    /// The laws that were broken.
+    /// Laws that were broken.
     pub violations: Vec<Violation>,
 }
 
@@ -37,24 +37,24 @@ pub struct Life {
     judge: Judge,
     random: Random,
     held: Option<Held>,
-    /// When the host pings next; it may be silent for a while.
+    /// Time of the host's next ping, µs; events may put it off.
     ping_us: u64,
     views: Views,
     origin_us: u64,
-    /// Packets that were sent before, to be sent again.
+    /// Packets sent before, for repetition.
     last: Vec<u8>,
     rate: shared::steps::WordRate,
     delay_us: u32,
-    /// Before the first hello the station takes nothing else.
+    /// True after the first hello; before it the station accepts no other command.
     greeted: bool,
     sabotage: Sabotage,
     segments: u64,
     reports: u64,
-    /// The last configuration that was sent.
+    /// Last configuration sent.
     config: Option<Config>,
 }
 
-/// Lives the life of `seed`, before a judge who is deceived or not.
+/// Simulates the life of `seed` with a judge that `sabotage` may deceive.
 pub fn live_with(seed: u64, trace: bool, sabotage: Sabotage) -> Fate {
     let mut random = Random::new(seed);
     let rate = stages::word_rate(&mut random);
@@ -95,7 +95,7 @@ pub fn live_with(seed: u64, trace: bool, sabotage: Sabotage) -> Fate {
     }
 }
 
-/// When the station's clock begins: often just before a count of bits is full.
+/// Returns the initial time of the station's clock, often just before a power of two overflows.
 fn birth(random: &mut Random) -> u64 {
     let before = random.decades(1.0, 3e6) as u64;
     match random.below(8) {
@@ -119,7 +119,7 @@ impl Life {
         }
         match self.random.below(4) {
             0 => {
-                // In any chunks.
+                // Deliver the bytes in random chunks.
                 let at = self.random.below(bytes.len() as u64) as usize;
                 self.shell.receive(&bytes[..at]);
                 self.shell.receive(&bytes[at..]);
@@ -129,7 +129,7 @@ impl Life {
         self.last = bytes;
     }
 
-    /// Lets time pass.
+    /// Simulates `us` microseconds.
     fn run(&mut self, us: u64) {
         let end = self.shell.now_us() + us;
         while self.ping_us <= end {
@@ -184,7 +184,7 @@ impl Life {
         }
     }
 
-    /// Whatever happened: reset, configuration, zero, and a move that ends exactly.
+    /// Ends any life with a reset, a configuration, a zero, and a move that must end exactly.
     fn come_back(&mut self) {
         self.judge
             .note(self.shell.now_us(), || "the way back".to_string());
@@ -193,7 +193,7 @@ impl Life {
         self.send(Command::Hello);
         self.send(Command::Stop);
         self.run(5_000);
-        // The longest ramp there may be.
+        // Wait for the longest possible ramp.
         let stops = self.until(2_000_000, |life| {
             life.state().is_some_and(|state| !state.is_moving())
         });
@@ -232,7 +232,7 @@ impl Life {
         self.judge.status().map(|status| status.state)
     }
 
-    /// Waits until `condition` or for `ms`; whether it came.
+    /// Waits for `condition` for at most `ms`. Returns true if it was met.
     fn until(&mut self, ms: u64, condition: impl Fn(&Self) -> bool) -> bool {
         for _ in 0..ms / 10 {
             if condition(self) {

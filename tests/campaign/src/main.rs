@@ -1,7 +1,8 @@
-//! Random lives of the station, judged by what its pins do.
+//! Random lives of the station, judged by its pins.
 //!
-//! Two kinds: *station* lives of any commands, noise, switches and stalls, and *loop* lives that
-//! follow a target through a plant. A life is its seed: the same on every machine.
+//! There are two kinds: *station* lives with any commands, noise, switches and stalls, and *loop*
+//! lives that follow a target through a plant. The seed determines the life, which is the same on
+//! every machine.
 
 mod following;
 mod frames;
@@ -47,7 +48,7 @@ fn main() -> ExitCode {
             false => ExitCode::from(1),
         };
     }
-    // A panic is counted, not printed in full a thousand times.
+    // Panics are counted instead of printed in full a thousand times.
     std::panic::set_hook(Box::new(|_| ()));
     let (text, violations) = match options.markdown {
         true => page(&options),
@@ -66,7 +67,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Both kinds, for publication; and how many lives broke a law.
+/// Runs both kinds and returns the page with the number of lives that broke a law.
 fn page(options: &Options) -> (String, u64) {
     let kinds = [
         (Kind::Station, options.lives),
@@ -92,7 +93,7 @@ fn page(options: &Options) -> (String, u64) {
     )
 }
 
-/// All lives, on some threads.
+/// Runs all lives on several threads.
 fn run(options: &Options) -> Tally {
     let next = AtomicU64::new(0);
     let tally = Mutex::new(Tally::new(options.kind));
@@ -125,7 +126,7 @@ fn run(options: &Options) -> Tally {
         .expect("no thread panics while it counts")
 }
 
-/// One life; a panic is a violation like others.
+/// Runs one life. A panic counts as a violation.
 fn live(options: &Options, seed: u64, trace: bool) -> Fate {
     let live = || match options.kind {
         Kind::Station => life::live_with(seed, trace, options.sabotage),

@@ -3,7 +3,7 @@
 use crate::laws::Law;
 use crate::sabotage::Sabotage;
 
-/// What `--help` prints.
+/// Text of `--help`.
 pub const HELP: &str = "\
 Random lives of the station, judged by what its pins do.
 
@@ -23,17 +23,17 @@ Usage: campaign [OPTIONS]
 Exit code: 0 if every law holds, 1 if one is broken, 2 for a wrong option.
 ";
 
-/// Which lives.
+/// Kind of lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Any commands, noise, switches and stalls.
+    /// Lives with any commands, noise, switches and stalls.
     Station,
-    /// Following a target through a plant.
+    /// Lives that follow a target through a plant.
     Loop,
 }
 
 impl Kind {
-    /// As on the command line.
+    /// Returns the name of the kind on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Station => "station",
@@ -42,7 +42,7 @@ impl Kind {
     }
 }
 
-/// What was asked for.
+/// Options of the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     pub kind: Kind,
@@ -54,16 +54,16 @@ pub struct Options {
     pub loop_lives: u64,
     pub progress: u64,
     pub sabotage: Sabotage,
-    /// Names of laws that do not decide the exit code.
+    /// Names of laws that do not affect the exit code.
     pub counted: Vec<String>,
     pub help: bool,
 }
 
 impl Options {
-    /// From the arguments after the program's name.
+    /// Parses the arguments after the program's name.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// Returns the first mistake in the arguments.
     pub fn parse(arguments: impl Iterator<Item = String>) -> Result<Self, String> {
         let mut options = Self {
             kind: Kind::Station,
@@ -117,7 +117,7 @@ impl Options {
     }
 }
 
-/// Names of laws, with commas between them.
+/// Parses names of laws, separated by commas.
 fn laws(text: &str) -> Result<Vec<String>, String> {
     let known = |name: &&str| {
         Law::STATION
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn options_are_read() {
+    fn options_are_parsed() {
         let options = parse("--kind loop --lives 7 --seed 3 --threads 1 --markdown").expect("fine");
         assert_eq!(
             (options.kind, options.lives, options.seed),

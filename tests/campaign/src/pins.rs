@@ -2,36 +2,36 @@
 
 use shared::steps::{DriverTiming, PortMap};
 
-/// How the six signals are wired in every life.
+/// Wiring of the six signals in every life.
 pub const WIRING: PortMap = PortMap {
     step: [2, 7, 11],
     dir: [0, 12, 5],
     invert: [false; 3],
 };
 
-/// A step: a STEP pin rose.
+/// A step: the rising edge of a STEP pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Index of its word within the words that were fed.
+    /// Index of its word within the words fed.
     pub word: usize,
-    /// The axis, from 0.
+    /// Axis, from 0.
     pub axis: usize,
-    /// The level of the axis's DIR pin.
+    /// Level of the axis's DIR pin.
     pub high: bool,
 }
 
-/// A time that a motor driver asks for and did not get.
+/// A time that was shorter than the motor driver requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Short {
-    /// Which time.
+    /// Name of the time.
     pub what: &'static str,
-    /// The axis, from 0.
+    /// Axis, from 0.
     pub axis: usize,
-    /// How many words it lasted.
+    /// Duration in words.
     pub words: u64,
 }
 
-/// When something last happened on one axis, words since the start.
+/// Times of the last edges of one axis, words since the start.
 #[derive(Clone, Copy, Debug, Default)]
 struct Past {
     rise: Option<u64>,
@@ -39,21 +39,21 @@ struct Past {
     turn: Option<u64>,
 }
 
-/// The port's pins.
+/// State of the port's pins.
 #[derive(Clone, Debug)]
 pub struct Pins {
     hz: u64,
     level: u32,
     words: u64,
     past: [Past; 3],
-    /// STEP edges that rose.
+    /// Rising STEP edges.
     pub rises: u64,
     /// DIR edges.
     pub turns: u64,
 }
 
 impl Pins {
-    /// All pins low; `hz` words per second.
+    /// Returns pins that are all low, for `hz` words per second.
     pub fn new(hz: u32) -> Self {
         Self {
             hz: hz.into(),
@@ -65,8 +65,7 @@ impl Pins {
         }
     }
 
-    /// Lets the port take `words`; steps go to `edges`, times that were too short for `driver` to
-    /// `short`.
+    /// Feeds `words` to the port. Steps go to `edges`, times too short for `driver` to `short`.
     pub fn feed(
         &mut self,
         words: &[u32],
@@ -134,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn rising_step_counts_with_its_direction() {
+    fn rising_step_counts_with_direction() {
         let [step, dir] = [1 << 2, 1 << 0];
         let words = [dir, 0, step, step << 16, dir << 16, 0, step, step << 16];
         let (edges, short) = fed(&words, DriverTiming::A4988);

@@ -1,21 +1,23 @@
-//! A judge that finds nothing proves nothing: each law must notice a station that breaks it. What
-//! the judge is shown is changed here as such a station would.
+//! Sabotaged data for the judge.
+//!
+//! A judge that finds no fault proves nothing, so each law must notice a station that breaks it.
+//! This module changes the judge's input as such a station would.
 
 use crate::pins::WIRING;
 use shared::frame::message::{Denial, Outcome, Report};
 use shared::safety::Trust;
 
-/// How the judge is deceived.
+/// Kind of sabotage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sabotage {
-    /// Not at all.
+    /// No sabotage.
     #[default]
     None,
-    /// A step of each axis now and then.
+    /// A step of each axis is missing now and then.
     Steps,
-    /// DIR changes with the step.
+    /// DIR changes at the same time as the step.
     LateTurns,
-    /// Every DIR level is the other one.
+    /// Every DIR level is inverted.
     Backwards,
     /// Each step is made twice.
     Twice,
@@ -25,22 +27,22 @@ pub enum Sabotage {
     Silence,
     /// Every tenth answer comes twice.
     Echo,
-    /// No pings are answered.
+    /// Pings get no answer.
     NoPongs,
-    /// No fault is named.
+    /// Statuses name no fault.
     NoFaults,
-    /// The position is always called known.
+    /// Every status states that the position is known.
     Homed,
-    /// The position is never called known.
+    /// Every status states that the position is unknown.
     Unknown,
-    /// What is denied is called accepted.
+    /// Denied commands are reported as accepted.
     Obeys,
-    /// Packets from behind are answered, and broken ones.
+    /// Stale and broken packets get answers.
     Credulous,
 }
 
 impl Sabotage {
-    /// All that deceive.
+    /// All kinds of sabotage.
     pub const ALL: [Self; 13] = [
         Self::Steps,
         Self::LateTurns,
@@ -57,12 +59,12 @@ impl Sabotage {
         Self::Credulous,
     ];
 
-    /// As on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
     }
 
-    /// Changes the words of the segment with this number.
+    /// Changes the words of segment `number`.
     pub fn words(self, number: u64, words: &mut [u32]) {
         let step: u32 = WIRING.step.iter().map(|pin| 1 << pin).sum();
         let dir: u32 = WIRING.dir.iter().map(|pin| 1 << pin).sum();
@@ -83,7 +85,7 @@ impl Sabotage {
                 }
             }
             Self::Twice => {
-                // From behind, so that a copy is not copied.
+                // Iterate from the end, so that a copy is not copied again.
                 for at in (0..words.len() - 2).step_by(2).rev() {
                     if words[at] & step != 0 && words[at + 2] & step == 0 {
                         words[at + 2] |= words[at] & step;
@@ -96,7 +98,7 @@ impl Sabotage {
         }
     }
 
-    /// Changes the report with this number; `None` keeps it from the judge.
+    /// Changes report `number`; `None` withholds it from the judge.
     pub fn report(self, number: u64, mut report: Report) -> Option<Report> {
         match (self, &mut report) {
             (Self::Silence, Report::Answer { .. }) if number.is_multiple_of(10) => return None,
@@ -122,17 +124,17 @@ mod tests {
     use crate::life::live_with;
     use std::collections::BTreeSet;
 
-    /// Laws that need no judge: the life itself sees whether they hold.
+    /// Laws that the life itself checks without the judge.
     const OBVIOUS: [Law; 4] = [Law::Panic, Law::Wedge, Law::Segment, Law::Report];
 
-    /// The laws that a life breaks.
+    /// Returns the laws that a life breaks.
     fn broken(seed: u64, sabotage: Sabotage) -> BTreeSet<Law> {
         let violations = live_with(seed, false, sabotage).violations;
         violations.iter().map(|violation| violation.law).collect()
     }
 
     #[test]
-    fn every_law_notices_a_station_that_breaks_it() {
+    fn every_law_notices_its_violation() {
         let honest: Vec<_> = (0..80).map(|seed| broken(seed, Sabotage::None)).collect();
         let mut all = BTreeSet::from(OBVIOUS);
         for sabotage in Sabotage::ALL {

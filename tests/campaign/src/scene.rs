@@ -1,29 +1,30 @@
-//! A target, the cameras that see it, and the motors that may fail: what closes the loop round a
-//! station.
+//! A target, the cameras that see it, and motors that may fail: the plant that closes the loop
+//! around a station.
 
 use crate::random::Random;
 use crate::stages::rotation;
 use std::collections::VecDeque;
 
-/// A place or a way, mm.
+/// Position or displacement, mm.
 pub type Mm = [f64; 3];
 
-/// Axis by axis.
+/// Computes a vector axis by axis.
 pub fn each(f: impl FnMut(usize) -> f64) -> Mm {
     std::array::from_fn(f)
 }
 
-/// How a target moves.
+/// Motion of a target.
 #[derive(Clone, Debug)]
 pub struct Target {
-    /// Places of bends: when, s; from then on with this acceleration, mm/s², until the next.
+    /// Bends of the path: time, s, position, velocity, and the acceleration, mm/s², until the next
+    /// bend.
     bends: Vec<(f64, Mm, Mm, Mm)>,
-    /// Swings on each axis: mm, Hz, phase.
+    /// Oscillation of each axis: amplitude mm, frequency Hz, phase.
     swings: [[f64; 3]; 3],
 }
 
 impl Target {
-    /// At rest.
+    /// Returns a target at rest.
     pub fn still() -> Self {
         Self {
             bends: vec![(0.0, [0.0; 3], [0.0; 3], [0.0; 3])],
@@ -31,8 +32,8 @@ impl Target {
         }
     }
 
-    /// Of one of the kinds that stages follow: at rest, even, with changes of speed, swinging, or
-    /// jumping once by a little.
+    /// Returns a target of a random kind: at rest, uniform, with changes of speed, oscillating, or
+    /// with one small jump.
     pub fn any(random: &mut Random, seconds: f64, fastest: f64) -> Self {
         let mut target = Self::still();
         match random.below(5) {
@@ -61,13 +62,14 @@ impl Target {
         target
     }
 
-    /// Speeds up and slows down, on straight lines and curves, within 35 mm of where it began.
+    /// Adds accelerations and decelerations on straight lines and curves, within 35 mm of the
+    /// start.
     fn wanders(&mut self, random: &mut Random, seconds: f64, fastest: f64) {
         let (mut at, mut place, mut speed) = (0.0, [0.0; 3], [0.0; 3]);
         self.bends.clear();
         while at < seconds {
             let lasts = random.decades(0.1, 1.5);
-            // Towards a random speed, and back from far away.
+            // Aim for a random velocity, and return from far away.
             let wanted = each(|axis| {
                 let outward: f64 = place[axis] / 35.0;
                 (random.range(-1.0, 1.0) - outward) * fastest / 2.0
@@ -82,7 +84,7 @@ impl Target {
         }
     }
 
-    /// Where it is.
+    /// Returns the target's position at a time.
     pub fn at(&self, s: f64) -> Mm {
         let bend = self.bends.iter().rev().find(|bend| bend.0 <= s);
         let (begin, place, speed, acceleration) = bend.unwrap_or(&self.bends[0]);
@@ -95,7 +97,7 @@ impl Target {
     }
 }
 
-/// A direction, of length 1.
+/// Returns a random unit vector.
 fn heading(random: &mut Random) -> Mm {
     let any = each(|axis| match random.one_in(3) && axis > 0 {
         true => 0.0,
@@ -105,29 +107,29 @@ fn heading(random: &mut Random) -> Mm {
     any.map(|a| a / length)
 }
 
-/// The cameras and their computer.
+/// Cameras and the computer that evaluates their images.
 #[derive(Clone, Debug)]
 pub struct Cameras {
-    /// What they make of a displacement: the identity if the mount is what the configuration says.
+    /// Matrix from true to measured displacements; the identity if the mount is as configured.
     pub mount: [[f64; 3]; 3],
     /// Frames per second.
     pub fps: f64,
-    /// Intervals are exponentially distributed; else even.
+    /// True if intervals are exponentially distributed, false if they are even.
     pub irregular: bool,
-    /// From the capture to the arrival of its sums, s.
+    /// Delay from the capture to the arrival of its sums, s.
     pub latency_s: f64,
-    /// How far stamps are from the capture, s.
+    /// Error of the time stamps, s.
     pub stamp_s: f64,
-    /// When nothing is seen: from, to, s.
+    /// Intervals in which the target is hidden: start, end, s.
     pub hidden: Vec<(f64, f64)>,
-    /// Standard deviation of x and y, mm.
+    /// Standard deviation of the noise in x and y, mm.
     pub sigma: f64,
-    /// One frame in so many is far off; 0 is none.
+    /// Mean number of frames per outlier; 0 means no outliers.
     pub outliers: u64,
 }
 
 impl Cameras {
-    /// What they see of a displacement.
+    /// Returns a displacement as measured by the cameras.
     pub fn see(&self, random: &mut Random, displacement: Mm) -> Mm {
         let noise =
             [self.sigma, self.sigma, self.sigma * 5.66].map(|sigma| sigma * random.normal());
@@ -141,7 +143,7 @@ impl Cameras {
         })
     }
 
-    /// Whether a capture at this time sees the target.
+    /// Returns true if a frame set at this time shows the target.
     pub fn sees(&self, s: f64) -> bool {
         !self
             .hidden
@@ -149,7 +151,7 @@ impl Cameras {
             .any(|(from, to)| (*from..*to).contains(&s))
     }
 
-    /// Until the next capture, s.
+    /// Returns the time to the next capture, s.
     pub fn interval(&self, random: &mut Random) -> f64 {
         match self.irregular {
             true => -random.unit().max(1e-9).ln() / self.fps,
@@ -158,27 +160,27 @@ impl Cameras {
     }
 }
 
-/// What is wrong.
+/// Defect of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sickness {
-    /// Nothing.
+    /// No defect.
     None,
-    /// An axis, or all (3), has the wrong sign.
+    /// One axis has the wrong sign, or all of them (3).
     Sign(usize),
-    /// The mount is turned, degrees.
+    /// Mount rotated by an angle, degrees.
     Turned(f64),
-    /// Axes are swapped.
+    /// Axes swapped.
     Swapped,
-    /// Distances are seen too large, on one axis or all (3).
+    /// Distances measured too large on one axis, or on all of them (3), by a factor.
     Scale(usize, f64),
-    /// Stamps are off, ms.
+    /// Error of the time stamps, ms.
     Stamps(f64),
-    /// From then on (s) an axis loses its steps.
+    /// An axis that loses all its steps from a time on, s.
     Stall(usize, f64),
 }
 
 impl Sickness {
-    /// One of them.
+    /// Returns a random defect.
     pub fn any(random: &mut Random, seconds: f64) -> Self {
         match random.below(6) {
             0 => Self::Sign(random.below(4) as usize),
@@ -193,7 +195,7 @@ impl Sickness {
         }
     }
 
-    /// The mount that goes with it.
+    /// Returns the mount matrix of the defect.
     pub fn mount(&self, random: &mut Random) -> [[f64; 3]; 3] {
         let one = |axis: usize, value: f64| {
             std::array::from_fn(|row| {
@@ -221,20 +223,20 @@ impl Sickness {
     }
 }
 
-/// The stage as its motors really stand, at any time of the last second.
+/// True positions of the stage during the last second.
 #[derive(Clone, Debug)]
 pub struct Plant {
     mm_per_step: f64,
-    /// When a place was reached, s.
+    /// Positions with the time each was reached, s.
     past: VecDeque<(f64, Mm)>,
-    /// What the pins asked for.
+    /// Position that the pins commanded.
     pub pins: Mm,
-    /// What the stage did.
+    /// True position of the stage.
     pub stage: Mm,
 }
 
 impl Plant {
-    /// At zero.
+    /// Returns a stage at zero.
     pub fn new(mm_per_step: f64) -> Self {
         Self {
             mm_per_step,
@@ -244,7 +246,7 @@ impl Plant {
         }
     }
 
-    /// A step on an axis; `obeyed` by its motor?
+    /// Makes a step on an axis; the motor follows it if `obeyed` is true.
     pub fn step(&mut self, s: f64, axis: usize, forward: bool, obeyed: bool) {
         let by = if forward {
             self.mm_per_step
@@ -258,13 +260,13 @@ impl Plant {
         }
     }
 
-    /// Where the stage was.
+    /// Returns the stage's position at a time.
     pub fn at(&self, s: f64) -> Mm {
         let after = self.past.partition_point(|(at, _)| *at <= s);
         self.past[after.saturating_sub(1)].1
     }
 
-    /// What is older is not asked for any more.
+    /// Forgets positions before a time; no later call may ask for them.
     pub fn forget(&mut self, s: f64) {
         while self.past.len() > 1 && self.past[1].0 <= s {
             self.past.pop_front();

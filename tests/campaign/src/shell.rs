@@ -1,4 +1,4 @@
-//! A shell around the station: its clock, its link, its switches and its step engine.
+//! A shell around the station: clock, link, switches and step engine.
 
 use crate::pins::WIRING;
 use shared::frame::encode::encode;
@@ -10,22 +10,23 @@ use shared::steps::{Generator, LoadFault, WordRate};
 use shared::time::Instant;
 use std::collections::VecDeque;
 
-/// What the station did.
+/// Output of the station.
 pub enum Deed {
-    /// It sent this.
+    /// A report.
     Report(Report),
-    /// It sent bytes that are no report.
+    /// Bytes that are no report.
     Garbage,
-    /// It gave out a segment: the words are in [`Shell::words`], and go to the pins from
-    /// [`Shell::first_us`] on.
+    /// A segment, with its words in [`Shell::words`]; they reach the pins from [`Shell::first_us`]
+    /// on.
     Words,
-    /// The generator refused its segment.
+    /// A refusal of the segment by the step generator.
     Refused(LoadFault),
-    /// Nothing more before the instant that was asked for.
+    /// No further output before the requested instant.
     Done,
 }
 
-/// Machine, generator, and a step engine that plays words at an exact rate, by the caller's clock.
+/// Station, step generator, and a step engine that plays words at an exact rate on the caller's
+/// clock.
 pub struct Shell {
     machine: Machine,
     generator: Generator,
@@ -33,23 +34,23 @@ pub struct Shell {
     delay_us: u64,
     birth_us: u64,
     now_us: u64,
-    /// Switches as they are; `words_emitted` is the step engine's.
+    /// Present state of the switches; `words_emitted` belongs to the step engine.
     pub inputs: Inputs,
-    /// Runs of words that are queued or being played: first word period since birth, words.
+    /// Runs of words queued or being played: first word period since birth, number of words.
     queue: VecDeque<(u64, u64)>,
-    /// Words of runs that were played to their end.
+    /// Number of words in runs that were played to their end.
     played: u64,
     receiver: Receiver<Report>,
-    /// The last segment's words.
+    /// Words of the last segment.
     pub words: Vec<u32>,
-    /// When the first of them reaches the pins, µs.
+    /// Instant at which the first of these words reaches the pins, µs.
     pub first_us: f64,
-    /// Number of the last packet.
+    /// Sequence number of the last packet.
     pub sequence: u16,
 }
 
 impl Shell {
-    /// Switched on at `birth_us` of its clock.
+    /// Returns a shell that is switched on at `birth_us` of its clock.
     pub fn new(rate: WordRate, delay_us: u32, birth_us: u64) -> Self {
         let board = Board {
             name: "campaign",
@@ -77,18 +78,18 @@ impl Shell {
         }
     }
 
-    /// The station's clock, µs.
+    /// Returns the station's clock, µs.
     pub fn now_us(&self) -> u64 {
         self.now_us
     }
 
-    /// Bytes arrive.
+    /// Delivers bytes to the station.
     pub fn receive(&mut self, bytes: &[u8]) {
         self.machine
             .receive(Instant::from_micros(self.now_us), bytes);
     }
 
-    /// The next packet with `command`.
+    /// Returns the next packet with `command`.
     pub fn packet(&mut self, command: Command) -> (u16, Vec<u8>) {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
@@ -96,12 +97,12 @@ impl Shell {
         (sequence, bytes.to_vec())
     }
 
-    /// The shell does not look for a while.
+    /// Stalls the shell for a while.
     pub fn stall(&mut self, us: u64) {
         self.now_us += us;
     }
 
-    /// Lets time pass until `end_us` or the station's next deed.
+    /// Runs until `end_us` or the station's next output.
     pub fn step(&mut self, end_us: u64) -> Deed {
         loop {
             self.sense();
@@ -135,13 +136,13 @@ impl Shell {
         }
     }
 
-    /// Word periods since birth, after `us` more.
+    /// Returns the word periods since birth after `us` more.
     fn periods(&self, us: u64) -> u64 {
         let since = u128::from(self.now_us - self.birth_us + us);
         (since * u128::from(self.rate.hz()) / 1_000_000) as u64
     }
 
-    /// Appends the segment's words to what is queued; to an engine that ran dry they come after its
+    /// Appends the segment's words to the queue. After an underrun they start after the engine's
     /// delay.
     fn enqueue(&mut self) {
         let now = self.periods(0);
@@ -155,7 +156,7 @@ impl Shell {
         self.first_us = self.birth_us as f64 + first as f64 * 1e6 / f64::from(self.rate.hz());
     }
 
-    /// Tells the machine its switches and how many words were played.
+    /// Passes the switches and the number of words played to the station.
     fn sense(&mut self) {
         let now = self.periods(0);
         while let Some(&(first, words)) = self.queue.front()
@@ -172,7 +173,7 @@ impl Shell {
         self.machine.sense(self.inputs);
     }
 
-    /// The drivers hold the motors.
+    /// Returns true if the drivers hold the motors.
     pub fn motors(&self) -> bool {
         self.machine.motors_on()
     }

@@ -1,4 +1,4 @@
-//! Random configurations, from usual ones to nonsense.
+//! Random configurations, from usual ones to invalid ones.
 
 use crate::random::Random;
 use shared::estimate::Gate;
@@ -7,10 +7,10 @@ use shared::motion::AxisConfig;
 use shared::steps::{DriverTiming, WordRate};
 use shared::track::pursuit::Settings;
 
-/// One, as the matrix has it.
+/// The value 1 in the fixed-point format of the matrix.
 pub const ONE: i32 = 1 << MATRIX_BITS;
 
-/// A stage like the project's default: 80 steps/mm, 100 mm/s, 2 m/s², 60 mm either way.
+/// Returns a stage like the project's default: 80 steps/mm, 100 mm/s, 2 m/s², ±60 mm.
 pub fn usual() -> Config {
     let axis = AxisConfig {
         steps_per_m: 80_000,
@@ -33,7 +33,7 @@ pub fn usual() -> Config {
     }
 }
 
-/// A usual stage that even the slowest word rate can drive.
+/// Returns a usual stage that even the slowest word rate can drive.
 pub fn modest() -> Config {
     let mut config = usual();
     for axis in &mut config.axes {
@@ -42,7 +42,7 @@ pub fn modest() -> Config {
     config
 }
 
-/// A word rate, Hz.
+/// Returns a random word rate, Hz.
 pub fn word_rate(random: &mut Random) -> WordRate {
     let hz = match random.below(3) {
         0 => 1_000_000,
@@ -52,7 +52,7 @@ pub fn word_rate(random: &mut Random) -> WordRate {
     WordRate::from_hz(hz).expect("a multiple of 8 kHz")
 }
 
-/// A configuration that is mostly possible at this word rate.
+/// Returns a configuration that is mostly possible at this word rate.
 pub fn likely(random: &mut Random, rate: WordRate) -> Config {
     let mut config = usual();
     let same = random.one_in(2);
@@ -76,14 +76,14 @@ pub fn likely(random: &mut Random, rate: WordRate) -> Config {
 
 fn likely_axis(random: &mut Random, rate: WordRate) -> AxisConfig {
     let steps_per_m = random.decades(4_000.0, 3_200_000.0);
-    // At most what the word rate can do, steps/s.
+    // Limit of the word rate, steps/s.
     let fastest = f64::from(rate.slots_per_s()) / steps_per_m * 1e6 * 0.99;
     let speed = random.decades(100.0, 300_000.0).min(fastest).max(1.0);
     let acceleration = speed * random.decades(1.0, 200.0);
     let low = -random.decades(500.0, 300_000.0);
     let high = random.decades(500.0, 300_000.0);
     let shift = match random.below(8) {
-        // Travel that leaves out zero.
+        // Travel that excludes zero.
         0 => high - low,
         1 => low - high,
         _ => 0.0,
@@ -107,7 +107,7 @@ fn driver(random: &mut Random, rate: WordRate) -> DriverTiming {
     let word_ns = 1e9 / f64::from(rate.hz());
     match random.below(4) {
         3 => {
-            // Up to exactly what the words give.
+            // Up to exactly the limit of the word rate.
             let mut ns = |words: f64| (word_ns * words * random.unit()) as u32;
             DriverTiming {
                 step_high_ns: ns(1.0),
@@ -153,7 +153,7 @@ fn likely_stage(random: &mut Random) -> StageConfig {
     stage
 }
 
-/// A rotation about a random axis, with a scale.
+/// Returns a scaled rotation about a random axis.
 fn turned(random: &mut Random) -> [[i32; 3]; 3] {
     let axis: [f64; 3] = std::array::from_fn(|_| random.normal());
     let matrix = rotation(axis, random.range(-3.2, 3.2));
@@ -161,7 +161,7 @@ fn turned(random: &mut Random) -> [[i32; 3]; 3] {
     matrix.map(|row| row.map(|element| (element * scale) as i32))
 }
 
-/// The rotation by `angle` about `axis` (Rodrigues).
+/// Returns the rotation by `angle` about `axis` (Rodrigues).
 pub fn rotation(axis: [f64; 3], angle: f64) -> [[f64; 3]; 3] {
     let length = axis.iter().map(|a| a * a).sum::<f64>().sqrt().max(1e-9);
     let [x, y, z] = axis.map(|a| a / length);
@@ -186,7 +186,7 @@ pub fn rotation(axis: [f64; 3], angle: f64) -> [[f64; 3]; 3] {
     ]
 }
 
-/// Any configuration: a likely one with some fields replaced by anything.
+/// Returns any configuration: a likely one with some fields replaced by random values.
 pub fn wild(random: &mut Random, rate: WordRate) -> Config {
     let mut config = likely(random, rate);
     for _ in 0..=random.below(3) {

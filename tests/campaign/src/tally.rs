@@ -1,4 +1,4 @@
-//! What a campaign found, law by law.
+//! Results of a campaign, law by law.
 
 use crate::judge::Counts;
 use crate::laws::{Law, Violation};
@@ -8,10 +8,10 @@ use crate::page;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// Hits that are kept of each law.
+/// Number of violations kept per law.
 const KEPT: usize = 5;
 
-/// The sum of many lives.
+/// Sum of many lives.
 pub struct Tally {
     laws: &'static [Law],
     pub lives: u64,
@@ -20,7 +20,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Of no life yet.
+    /// Returns an empty tally.
     pub fn new(kind: Kind) -> Self {
         let laws: &[Law] = match kind {
             Kind::Station => &Law::STATION,
@@ -34,7 +34,7 @@ impl Tally {
         }
     }
 
-    /// One life more; what is to be said at once of the laws that it broke.
+    /// Adds a life and returns the messages about laws that it broke.
     pub fn add(&mut self, seed: u64, fate: Fate) -> Vec<String> {
         self.lives += 1;
         self.counts.add(&fate.counts);
@@ -46,19 +46,20 @@ impl Tally {
                 said.push(line(seed, &violation));
             }
             kept.push((seed, violation));
-            // The order in which threads finish must not show.
+            // The result must not depend on the order in which threads finish.
             kept.sort_by_key(|(seed, _)| *seed);
             kept.truncate(KEPT);
         }
         said
     }
 
-    /// How many lives broke a law, over all laws.
+    /// Returns the number of violations over all laws, at most one per law and life.
     pub fn violations(&self) -> u64 {
         self.hits.values().map(|(count, _)| count).sum()
     }
 
-    /// As [`Tally::violations`], without those of the laws named.
+    /// Returns the number of violations as [`Tally::violations`], without those of the laws in
+    /// `counted`.
     pub fn violations_but(&self, counted: &[String]) -> u64 {
         let deciding = self
             .hits
@@ -71,7 +72,7 @@ impl Tally {
         self.hits.get(&law).map_or(0, |(count, _)| *count)
     }
 
-    /// Numbers with names, in the order of the tables.
+    /// Returns the counts with their names, in the order of the tables.
     fn numbers(&self) -> [(&'static str, String); 6] {
         let counts = &self.counts;
         let hours = counts.us as f64 / 3.6e9;
@@ -85,7 +86,7 @@ impl Tally {
         ]
     }
 
-    /// For a terminal.
+    /// Formats the tally for a terminal.
     pub fn summary(&self, options: &Options) -> String {
         let mut text = String::new();
         for (_, kept) in self.hits.values() {
@@ -116,7 +117,7 @@ impl Tally {
         text
     }
 
-    /// For a page; it took so many seconds.
+    /// Formats the tally for the page; `seconds` is the time that the run took.
     pub fn markdown(&self, options: &Options, seconds: u64) -> String {
         let mut text = String::new();
         let first = options.seed;
@@ -139,13 +140,13 @@ impl Tally {
     }
 }
 
-/// A violation for people.
+/// Formats a violation as a line.
 fn line(seed: u64, violation: &Violation) -> String {
     let (name, at, what) = (violation.law.name(), violation.at_ms, &violation.text);
     format!("{name}: seed {seed} at {at:.1} ms: {what}")
 }
 
-/// With a comma after every three digits.
+/// Formats a number with a comma after every three digits.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();

@@ -5,12 +5,12 @@ use crate::laws::Law;
 use shared::frame::message::{Command, Config, Outcome};
 use shared::safety::{Fault, State, Trust};
 
-/// How long after a command its ramp begins at the latest, µs: one control tick, and what a shell
-/// may be late.
+/// Longest delay from a command to the start of its ramp, µs: one control tick, and the delay that
+/// a shell may add.
 const BEGINS_US: f64 = 4_000.0;
 
 impl Judge {
-    /// A whole packet with a new sequence number was handed to the station.
+    /// Records that a whole packet with a new sequence number was sent to the station.
     pub fn sent(&mut self, now_us: u64, sequence: u16, command: &Command) {
         self.now_us = now_us;
         self.counts.commands += 1;
@@ -34,7 +34,7 @@ impl Judge {
                     obeyed_us: now_us + BEGINS_US as u64,
                     ended_us: now_us as f64 + BEGINS_US + ramp,
                 };
-                // The first stop's ramp is the one that holds.
+                // The ramp of the first stop is the one in force.
                 self.stop = Some(match self.stop {
                     Some(first) => Stop {
                         obeyed_us: first.obeyed_us,
@@ -56,7 +56,7 @@ impl Judge {
         );
     }
 
-    /// A packet that must change nothing was handed to the station.
+    /// Records that a packet which must have no effect was sent to the station.
     pub fn sent_stale(&mut self, sequence: u16) {
         self.stale.push(sequence);
     }
@@ -84,7 +84,7 @@ impl Judge {
             ways,
             strict: rests && matches!(command, Command::Jog { .. }),
         });
-        // In motion the newest command may turn every axis that is under way.
+        // In motion the newest command may reverse every axis that is under way.
         if !rests {
             for request in &mut self.requests {
                 request.ways = request.ways.map(|ways| any(ways != Ways::default()));
@@ -93,20 +93,20 @@ impl Judge {
         }
     }
 
-    /// How long the longest ramp from the present motion takes, µs.
+    /// Returns the longest duration of a ramp to rest from the present motion, µs.
     pub(super) fn ramp_us(&self) -> f64 {
         let axes = self.trails.iter().zip(&self.ramps);
         let ticks = axes.map(|(trail, bounds)| {
-            // It may speed up for two ticks more before it obeys.
+            // The axis may accelerate for two more ticks before it obeys.
             let speed = (trail.speed(bounds) + 2.0 * bounds.acceleration).min(bounds.speed);
             bounds.stop_ticks(speed, trail.acceleration(bounds))
         });
-        // The grid's rounding.
+        // Add the grid's rounding.
         let ticks = ticks.fold(0.0, f64::max);
         (ticks * 1.1 + 3.0) * 1000.0
     }
 
-    /// The station answered a command.
+    /// Checks the station's answer to a command.
     pub(super) fn answered(&mut self, sequence: u16, outcome: Outcome) {
         self.counts.comparisons += 1;
         let Some(sent) = self.sent.remove(&sequence) else {
@@ -126,7 +126,7 @@ impl Judge {
             Command::Zero => self.zeroed(),
             Command::Reset => self.was_reset(sent.order),
             Command::Home { .. } => self.homing = true,
-            // Somebody may have moved it by hand.
+            // An operator may have moved the stage by hand.
             Command::Motors { on: false } => self.abrupt = true,
             _ => {}
         }
@@ -142,7 +142,7 @@ impl Judge {
             let speed = steps(limits.max_speed_um_s, axis) / 1e3;
             Bounds {
                 speed,
-                // More than the whole speed in one tick is not possible anyway.
+                // A larger change than the whole speed in one tick is impossible.
                 acceleration: (steps(limits.max_acceleration_um_s2, axis) / 1e6).min(speed),
                 jerk: (steps(limits.max_jerk_um_s3, axis) / 1e9).min(speed),
             }
@@ -206,7 +206,7 @@ impl Judge {
     }
 }
 
-/// A command for people.
+/// Formats a command for the trace.
 fn said(command: &Command) -> String {
     match command {
         Command::Config(config) => format!("config {config:?}"),

@@ -11,25 +11,25 @@
 
 use std::collections::VecDeque;
 
-/// Windows, ticks.
+/// Window lengths of the differences, ticks.
 const WINDOWS: [usize; 5] = [1, 3, 9, 27, 81];
 
-/// Ticks that are remembered.
+/// Number of ticks remembered.
 const KEPT: usize = 3 * 81 + 1;
 
-/// What an axis may do, steps and ticks.
+/// Limits of an axis, in steps and ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
-    /// Steps per tick.
+    /// Speed, steps per tick.
     pub speed: f64,
-    /// Steps per tick².
+    /// Acceleration, steps per tick².
     pub acceleration: f64,
-    /// Steps per tick³.
+    /// Jerk, steps per tick³.
     pub jerk: f64,
 }
 
 impl Bounds {
-    /// What is left of them on a grid: the station rounds each down to a multiple of `quantum`.
+    /// Returns the bounds as the station rounds them: each down to a multiple of `quantum`.
     pub fn on_grid(&self, quantum: f64) -> Self {
         let down = |bound: f64| ((bound / quantum).floor() * quantum).max(quantum);
         Self {
@@ -39,8 +39,8 @@ impl Bounds {
         }
     }
 
-    /// Ticks until an axis that is no faster than `speed` and whose acceleration is no more than
-    /// `rising` has come to rest on a ramp, at most.
+    /// Returns the largest number of ticks that a ramp to rest takes from a speed of at most
+    /// `speed` and an acceleration of at most `rising`.
     pub fn stop_ticks(&self, speed: f64, rising: f64) -> f64 {
         let (a, j) = (self.acceleration, self.jerk);
         let top = speed + rising * rising / (2.0 * j);
@@ -53,7 +53,7 @@ impl Bounds {
     }
 }
 
-/// Which bound was exceeded.
+/// Bound that was exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excess {
     /// The speed.
@@ -64,25 +64,25 @@ pub enum Excess {
     Jerk,
 }
 
-/// One axis at the last control ticks.
+/// Positions of one axis at the last control ticks.
 #[derive(Clone, Debug, Default)]
 pub struct Trail {
-    /// Position, steps, and the bounds that held; the newest last.
+    /// Position, steps, and the bounds that held at each tick; the newest is last.
     places: VecDeque<(i64, Bounds)>,
     /// Ticks since the axis last moved.
     rested: usize,
-    /// Comparisons made.
+    /// Number of comparisons made.
     pub compared: u64,
 }
 
 impl Trail {
-    /// Forgets everything: a new beginning, from which differences are taken.
+    /// Forgets all positions, so that differences start anew.
     pub fn cut(&mut self) {
         self.places.clear();
     }
 
-    /// The axis is at `place` at the end of one more tick in which `bounds` held. The first bound
-    /// that was exceeded is named.
+    /// Adds the position at the end of one more tick in which `bounds` held. Returns the first
+    /// bound exceeded.
     pub fn push(&mut self, place: i64, bounds: Bounds) -> Option<(Excess, String)> {
         let moved = self.places.back().is_some_and(|(last, _)| *last != place);
         self.rested = if moved { 0 } else { self.rested + 1 };
@@ -103,7 +103,8 @@ impl Trail {
             let n = w as f64;
             self.compared += 1;
             let way = (at(0) - at(w)).abs();
-            // Few ways are longer than today's speed allows; then what held meanwhile is looked up.
+            // Distances are rarely longer than the present speed allows; only then look up the
+            // bounds that held.
             if way > bounds.speed * n + 1.0 {
                 let most = cap(w) * n + 1.0 + 1e-6;
                 if way > most {
@@ -133,8 +134,8 @@ impl Trail {
         None
     }
 
-    /// Highest speed the axis can have now, steps per tick: over any window the mean is exceeded by
-    /// no more than what the acceleration adds within it.
+    /// Returns the highest speed that the axis can have now, steps per tick. It exceeds the mean
+    /// speed over any window by at most the change that the acceleration allows within the window.
     pub fn speed(&self, bounds: &Bounds) -> f64 {
         let Some(&(newest, _)) = self.places.back() else {
             return bounds.speed;
@@ -148,8 +149,8 @@ impl Trail {
         speeds.fold(bounds.speed, f64::min)
     }
 
-    /// Highest acceleration the axis can have now, steps per tick²: none after a long rest, any in
-    /// the middle of a turn.
+    /// Returns the highest acceleration that the axis can have now, steps per tick²: 0 after a long
+    /// rest, unbounded in the middle of a turn.
     pub fn acceleration(&self, bounds: &Bounds) -> f64 {
         let rested = match self.rested >= KEPT {
             true => (2.0 * self.speed(bounds) * bounds.jerk).sqrt(),
@@ -169,7 +170,7 @@ mod tests {
         jerk: 0.05,
     };
 
-    /// Drives a trail with one acceleration per tick.
+    /// Moves a trail with one acceleration per tick and returns the first bound exceeded.
     fn excess(accelerations: impl IntoIterator<Item = f64>) -> Option<Excess> {
         let mut trail = Trail::default();
         let (mut place, mut speed) = (0.5, 0.0);
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_within_all_bounds_passes() {
+    fn motion_within_bounds_passes() {
         let mut all = ramp(0.5, 0.05, 6);
         let back = all.clone();
         all.extend(std::iter::repeat_n(0.0, 200));
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn each_bound_is_noticed() {
+    fn each_exceeded_bound_is_noticed() {
         let still = || std::iter::repeat_n(0.0, 300);
         assert_eq!(
             excess(ramp(0.5, 0.05, 12).into_iter().chain(still())),
@@ -213,12 +214,12 @@ mod tests {
     }
 
     #[test]
-    fn stop_takes_no_longer_than_said() {
-        // From 8 steps/tick at rest of acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
+    fn stop_lasts_at_most_as_stated() {
+        // From 8 steps/tick without acceleration: 10 ticks to 0.5, 16 - 10 there, 10 back.
         let ticks = BOUNDS.stop_ticks(7.9, 0.0);
         assert!((25.0..30.0).contains(&ticks), "{ticks}");
         assert_eq!(BOUNDS.stop_ticks(0.0, 0.0), 0.0);
-        // In the middle of a turn: ten ticks to get rid of the acceleration, then back from 2.5
+        // In the middle of a turn: ten ticks remove the acceleration, then the axis brakes from 2.5
         // steps per tick.
         let ticks = BOUNDS.stop_ticks(0.0, 0.5);
         assert!((20.0..30.0).contains(&ticks), "{ticks}");

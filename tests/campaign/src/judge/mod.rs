@@ -1,8 +1,7 @@
-//! Holds a life to the laws.
+//! Judges a life by the laws.
 //!
-//! The judge sees what a bystander sees: the packets that were sent, the switches, the port words,
-//! and the reports. What it concludes from them shares no code with the station: only the messages'
-//! types are common.
+//! The judge has the data of an outside observer: the packets sent, the switches, the port words,
+//! and the reports. It shares no code with the station except the message types.
 
 mod commands;
 mod kinematics;
@@ -19,11 +18,11 @@ pub use statuses::hide_faults;
 use std::collections::HashMap;
 use std::io::Write as _;
 
-/// A command on its way.
+/// A command in flight.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     command: Command,
-    /// Counts the commands of a life.
+    /// Number of the command within the life.
     order: u64,
 }
 
@@ -34,36 +33,36 @@ struct Ways {
     forward: bool,
 }
 
-/// What a command asks the axes for.
+/// Motion that a command asks for.
 #[derive(Clone, Copy, Debug)]
 struct Request {
     sequence: u16,
     ways: [Ways; 3],
-    /// From rest: only these ways.
+    /// True if every step from rest must be in these directions.
     strict: bool,
 }
 
-/// A stop that holds.
+/// A stop that is in force.
 #[derive(Clone, Copy, Debug)]
 struct Stop {
     order: u64,
-    /// A control tick has taken it in, µs.
+    /// Latest time at which a control tick has taken the stop in, µs.
     obeyed_us: u64,
-    /// The ramp has ended, µs.
+    /// Latest end of the ramp, µs.
     ended_us: f64,
 }
 
-/// How long a cause of an abrupt stop has been sensed.
+/// Duration for which a cause of an abrupt stop has been sensed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Cause {
-    /// When it came, µs.
+    /// Instant at which the cause appeared, µs.
     since_us: Option<u64>,
-    /// Segments given out since.
+    /// Segments given out since then.
     segments: u32,
 }
 
 impl Cause {
-    /// As the switch is when a segment is given out.
+    /// Updates the cause with the switch's state as a segment is given out.
     fn sense(&mut self, present: bool) {
         match present {
             true => self.segments = self.segments.max(1),
@@ -71,12 +70,12 @@ impl Cause {
         }
     }
 
-    /// A segment more was given out.
+    /// Counts one more segment.
     fn age(&mut self) {
         self.segments += u32::from(self.segments > 0);
     }
 
-    /// A control tick has taken it in.
+    /// Returns true if a control tick has taken the cause in.
     fn is_seen(&self) -> bool {
         self.segments >= SEGMENTS
     }
@@ -85,25 +84,25 @@ impl Cause {
 /// Segments in a control tick.
 const SEGMENTS: u32 = 4;
 
-/// What was counted.
+/// Counts of one life or several.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counts {
-    /// Commands that were sent whole.
+    /// Commands sent as whole packets.
     pub commands: u64,
     /// Rising STEP edges.
     pub edges: u64,
     /// DIR edges.
     pub turns: u64,
-    /// Reports.
+    /// Reports received.
     pub reports: u64,
     /// Comparisons of a number with its bound or its expected value.
     pub comparisons: u64,
-    /// Time of the station, µs.
+    /// Simulated time of the station, µs.
     pub us: u64,
 }
 
 impl Counts {
-    /// Adds another life's.
+    /// Adds the counts of another life.
     pub fn add(&mut self, other: &Self) {
         self.commands += other.commands;
         self.edges += other.edges;
@@ -126,67 +125,68 @@ pub struct Judge {
 
     config: Option<Config>,
     bounds: [Bounds; 3],
-    /// The least that ramps may use of them.
+    /// Least bounds that ramps may use.
     ramps: [Bounds; 3],
-    /// Speed, acceleration and jerk of the station are multiples of this, steps and ticks.
+    /// Unit of which the station's speed, acceleration and jerk are multiples, steps and ticks.
     quantum: f64,
-    /// Highest speed at present, and until when a higher one that held before may last.
+    /// Highest speed at present, and the end of the time for which a higher previous limit may
+    /// last.
     caps: [(f64, f64); 3],
     trails: [Trail; 3],
-    /// Steps, and where they have pushed the load.
+    /// Motor positions and load positions, steps.
     steps: [i64; 3],
     load: [i64; 3],
-    /// Reported position minus load; not known before the first status.
+    /// Reported position minus load position; `None` before the first status.
     origin: Option<[i64; 3]>,
-    /// Where the pins have moved the axes, mm by the scale of their time, DIR high as forwards.
+    /// Motion of the axes by the pins, mm, in the scale of its time; DIR high is forwards.
     mm: [f64; 3],
-    /// The coarsest step of each axis so far, mm.
+    /// Coarsest step of each axis so far, mm.
     grain: [f64; 3],
-    /// The most lost motion of each axis so far, mm.
+    /// Largest backlash of each axis so far, mm.
     slack: [f64; 3],
-    /// Reported place at the last rest, steps.
+    /// Reported position at the last rest, steps.
     rested: [i64; 3],
-    /// Places round which the window may lie, mm.
+    /// Possible centres of the window, mm.
     anchors: Vec<[f64; 3]>,
 
     sent: HashMap<u16, Sent>,
     stale: Vec<u16>,
     requests: Vec<Request>,
     stop: Option<Stop>,
-    /// Pings and hellos that were not answered yet.
+    /// Number of pings and hellos not answered yet.
     greetings: i64,
     dropped: u64,
     pinged_us: u64,
-    /// Since the heartbeat's time ran out: until when the ramp may last.
+    /// Latest end of the ramp after a heartbeat timeout; `None` while the heartbeat holds.
     silent_until_us: Option<f64>,
 
     status: Option<Status>,
-    /// Nothing may move before a reset or a configuration.
+    /// State in which nothing may move before a reset or a configuration.
     resting: Option<State>,
     trust: Trust,
     homing: bool,
     emergency: Cause,
     driver: Cause,
     limits: [[Cause; 2]; 3],
-    /// When a cause of an abrupt stop was last sensed.
+    /// Instant at which a cause of an abrupt stop was last sensed.
     excused_us: Option<u64>,
-    /// Motion ended abruptly and no zero followed.
+    /// True if motion ended abruptly and no zero followed.
     abrupt: bool,
-    /// The drivers hold the motors.
+    /// True if the drivers hold the motors.
     motors: bool,
-    /// Such an end that no status has named.
+    /// Instant of an abrupt end that no status has named yet.
     unnamed_us: Option<u64>,
     named_us: Option<u64>,
     reset_us: Option<u64>,
     zeroed_us: Option<u64>,
-    /// Faults that a status named since the last reset.
+    /// Faults that a status has named since the last reset.
     told: Vec<Fault>,
-    /// Causes that are gone and were never named.
+    /// Causes that have gone without being named.
     owed: Vec<Fault>,
 }
 
 impl Judge {
-    /// Of a station that is switched on at `birth_us`.
+    /// Returns the judge of a station that is switched on at `birth_us`.
     pub fn new(hz: u32, birth_us: u64, trace: bool) -> Self {
         Self {
             violations: Vec::new(),
@@ -240,7 +240,7 @@ impl Judge {
     /// Prints a line of the trace.
     pub fn note(&self, now_us: u64, text: impl FnOnce() -> String) {
         if self.trace {
-            // A reader that has seen enough is no reason to stop.
+            // A reader that closes the pipe is no reason to stop.
             let _ = writeln!(std::io::stdout(), "{:10.3} ms  {}", self.ms(now_us), text());
         }
     }
@@ -249,7 +249,7 @@ impl Judge {
         (now_us - self.birth_us) as f64 / 1000.0
     }
 
-    /// A law was broken; the first time of each counts.
+    /// Records a broken law; only the first time of each law counts.
     pub fn breaks(&mut self, law: Law, text: impl FnOnce() -> String) {
         if self.violations.iter().any(|violation| violation.law == law) {
             return;
@@ -265,7 +265,7 @@ impl Judge {
         self.violations.push(violation);
     }
 
-    /// The switches change.
+    /// Takes in a change of the switches.
     pub fn switched(&mut self, now_us: u64, inputs: &Inputs) {
         self.note(now_us, || {
             let (stop, driver) = (inputs.emergency_stop, inputs.driver_fault);
@@ -287,8 +287,7 @@ impl Judge {
                 (true, None) => cause.since_us = Some(now_us),
                 (true, Some(_)) => {}
                 (false, since_us) => {
-                    // However short it was, the shell has sensed it, unless it came and went
-                    // between two looks.
+                    // The shell has sensed even a short press, unless it fell between two polls.
                     let lasted = since_us.is_some_and(|since_us| since_us < now_us);
                     if lasted && !self.told.contains(&fault) {
                         self.owed.push(fault);
@@ -302,7 +301,7 @@ impl Judge {
         }
     }
 
-    /// The shell did not look for so long: everything that is waited for may come as much later.
+    /// Records that the shell stalled for `us`: everything expected may come later by as much.
     pub fn stalled(&mut self, now_us: u64, us: u64) {
         self.note(now_us, || format!("the shell stalls for {us} us"));
         self.now_us = now_us;
@@ -319,7 +318,7 @@ impl Judge {
         self.excused_us = Some(now_us);
     }
 
-    /// The station sent `report`.
+    /// Checks a report of the station.
     pub fn heard(&mut self, now_us: u64, report: &Report) {
         self.now_us = now_us;
         self.counts.reports += 1;
@@ -337,18 +336,18 @@ impl Judge {
         }
     }
 
-    /// What the station last said of itself.
+    /// Returns the station's last status.
     pub fn status(&self) -> Option<&Status> {
         self.status.as_ref()
     }
 
-    /// Steps counted at the pins since the last zero.
+    /// Returns the steps counted at the pins since the last zero.
     pub fn place(&self) -> Option<[i64; 3]> {
         let origin = self.origin?;
         Some(std::array::from_fn(|axis| self.load[axis] - origin[axis]))
     }
 
-    /// Ends the life: what was not answered must have been counted.
+    /// Ends the life. Commands without an answer must have been counted by the station.
     pub fn end(&mut self, now_us: u64) {
         self.now_us = now_us;
         self.counts.us = now_us - self.birth_us;
@@ -376,7 +375,7 @@ impl Judge {
         }
     }
 
-    /// Lost motion, steps.
+    /// Returns the backlash of an axis, steps.
     fn play(&self, axis: usize) -> i64 {
         self.config.as_ref().map_or(0, |config| {
             let um = f64::from(config.stage.backlash_um[axis]);
@@ -384,14 +383,14 @@ impl Judge {
         })
     }
 
-    /// The switch that a search for home looks for on this axis.
+    /// Returns the switch that homing seeks on this axis.
     fn sought(&self, axis: usize) -> Option<Side> {
         let home = self.config.as_ref()?.stage.home[axis]?;
         self.homing.then_some(home.side)
     }
 }
 
-/// The command's name.
+/// Returns the command's name.
 pub fn kind(command: &Command) -> &'static str {
     match command {
         Command::Hello => "hello",
@@ -408,7 +407,7 @@ pub fn kind(command: &Command) -> &'static str {
     }
 }
 
-/// Whether a command was taken.
+/// Returns true if the station accepted a command.
 fn accepted(outcome: Outcome) -> bool {
     outcome == Outcome::Accepted
 }

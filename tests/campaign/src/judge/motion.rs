@@ -1,4 +1,4 @@
-//! The port words of each segment.
+//! Checks of the port words of each segment.
 
 use super::kinematics::Excess;
 use super::{Bounds, Judge, SEGMENTS};
@@ -8,13 +8,15 @@ use shared::frame::message::Side;
 use shared::safety::{Inputs, State, Trust};
 use shared::steps::DriverTiming;
 
-/// A heartbeat is looked for once per control tick, and a shell may be late, µs.
+/// Longest delay from a heartbeat timeout to its notice, µs: one check per control tick, and the
+/// delay that a shell may add.
 const NOTICED_US: u64 = 4_000;
 
-/// Differences reach so far back, µs.
+/// Duration that the differences reach back, µs.
 const REMEMBERED_US: u64 = 250_000;
 
-/// A driver that asks for nothing: before the first configuration nothing moves anyway.
+/// Timing of a driver without requirements. It holds before the first configuration, when nothing
+/// moves.
 const ANY_DRIVER: DriverTiming = DriverTiming {
     step_high_ns: 0,
     step_low_ns: 0,
@@ -23,8 +25,8 @@ const ANY_DRIVER: DriverTiming = DriverTiming {
 };
 
 impl Judge {
-    /// A segment was given out at `now_us`, with the switches as they were then. What the station
-    /// reported in the same tick has been heard.
+    /// Checks a segment given out at `now_us` with the switches at that time. The reports of the
+    /// same tick must already have been passed in.
     pub fn words(&mut self, now_us: u64, words: &[u32], inputs: &Inputs, motors: bool) {
         self.now_us = now_us;
         self.motors = motors;
@@ -53,8 +55,8 @@ impl Judge {
         }
     }
 
-    /// Causes count once a control tick has taken them in: what is given out with the third segment
-    /// after is silent.
+    /// Updates the causes. A cause counts once a control tick has taken it in, so the third segment
+    /// after it must have no steps.
     fn sense(&mut self, inputs: &Inputs) {
         let tripped = inputs.limits.as_flattened().contains(&true);
         if inputs.emergency_stop || inputs.driver_fault || tripped {
@@ -68,7 +70,7 @@ impl Judge {
         }
     }
 
-    /// One segment more with every cause.
+    /// Counts one more segment for every cause.
     fn age(&mut self) {
         self.emergency.age();
         self.driver.age();
@@ -86,7 +88,7 @@ impl Judge {
         }
     }
 
-    /// What holds for a step on any axis.
+    /// Checks that a step on any axis is allowed now.
     fn may_move(&mut self) {
         let now = self.now_us as f64;
         self.counts.comparisons += 5;
@@ -138,7 +140,7 @@ impl Judge {
         }
     }
 
-    /// Where the load is for the motor's present place.
+    /// Returns the load position after the motor has moved to its present position.
     pub(super) fn pushed(&self, axis: usize, load: i64) -> i64 {
         load.clamp(self.steps[axis], self.steps[axis] + self.play(axis))
     }
@@ -173,7 +175,7 @@ impl Judge {
         }
     }
 
-    /// Moves the axis by a step; it may stand in or go back into its window.
+    /// Checks that the axis's step stays within the window or leads back into it.
     fn check_window(&mut self, axis: usize, high: bool) {
         let Some(config) = &self.config else { return };
         let grain = 1e3 / f64::from(config.axes[axis].steps_per_m);
@@ -190,8 +192,8 @@ impl Judge {
         }
         self.counts.comparisons += 1;
         let window = f64::from(config.stage.window_um) / 1e3;
-        // Both ends are rounded to whole steps, from places between two steps; which flank pushes
-        // is not known after a change of direction or lost motion.
+        // Both ends are rounded to whole steps. After a change of direction or backlash the side on
+        // which the motor pushes the load is unknown.
         let window = window + 4.0 * self.grain[axis] + 2.0 * self.slack[axis];
         let leaves = |anchor: &[f64; 3]| {
             let (before, after) = ((from - anchor[axis]).abs(), (to - anchor[axis]).abs());
@@ -223,9 +225,9 @@ impl Judge {
         if (low..=high).contains(&place) {
             self.rested[axis] = place;
         }
-        // From outside, where it stood at the last rest, it may come inwards and no farther out.
+        // From outside, where it stood at the last rest, the axis may move inwards only.
         let (low, high) = (low.min(self.rested[axis]), high.max(self.rested[axis]));
-        // Within a tick the load may be pushed by a step that the planner does not see.
+        // Within a tick the motor may push the load by a step that the planner does not see.
         let play = i64::from(self.play(axis) > 0);
         if (by > 0 && place > high + play) || (by < 0 && place < low - play) {
             self.breaks(Law::SoftLimit, || {
@@ -234,7 +236,7 @@ impl Judge {
         }
     }
 
-    /// The end of a control tick: differences.
+    /// Checks speed, acceleration and jerk at the end of a control tick.
     fn tick(&mut self) {
         let caps = self.present_caps();
         for (axis, cap) in caps.into_iter().enumerate() {
@@ -260,7 +262,7 @@ impl Judge {
 
     fn ended_abruptly(&mut self, cause_us: u64) {
         let since = |us: Option<u64>| us.is_some_and(|us| us + REMEMBERED_US > cause_us);
-        // A zero that came in between has set things right.
+        // A zero in between has restored the position.
         self.abrupt |= !since(self.zeroed_us);
         if since(self.named_us) {
             return;
@@ -273,7 +275,7 @@ impl Judge {
         }
     }
 
-    /// The load stands within its travel.
+    /// Returns true if the load is within its travel.
     fn is_inside(&self, axis: usize) -> bool {
         let (Some(config), Some(origin)) = (&self.config, self.origin) else {
             return true;
@@ -286,7 +288,7 @@ impl Judge {
         (low..=high).contains(&at)
     }
 
-    /// Highest speeds now, steps per tick.
+    /// Returns the highest speeds allowed now, steps per tick.
     fn present_caps(&mut self) -> [f64; 3] {
         let Some(config) = self.config else {
             return [0.0; 3];
@@ -302,7 +304,7 @@ impl Judge {
                 (false, _) => full.min(f64::from(config.slow_speed_um_s) * scale),
             };
             let (held, until) = self.caps[axis];
-            // A ramp from a speed that was allowed before.
+            // The ramp starts from a speed that was allowed before.
             if cap < held && now < until {
                 return held;
             }

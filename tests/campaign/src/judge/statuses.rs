@@ -1,12 +1,12 @@
-//! Statuses against what was seen.
+//! Checks of statuses against the observed motion, switches and packets.
 
 use super::Judge;
 use crate::laws::Law;
 use shared::frame::message::{Command, Status};
 use shared::safety::{Fault, Faults, State, Trust};
 
-/// Every fault, the worst first: those that forbid motion, those after which steps may be missing,
-/// those that leave the position good.
+/// Every fault in order of rank: faults that forbid motion, faults that may have lost steps, faults
+/// that leave the position valid.
 const RANKED: [Fault; 11] = [
     Fault::EmergencyStop,
     Fault::Driver,
@@ -22,7 +22,7 @@ const RANKED: [Fault; 11] = [
 ];
 
 impl Judge {
-    /// The station told how it is.
+    /// Checks a status of the station.
     pub(super) fn told(&mut self, status: &Status) {
         self.note_change(status);
         self.dropped = counted(status);
@@ -31,7 +31,7 @@ impl Judge {
         self.check_trust(status);
         self.check_stop(status);
         if matches!(status.state, State::Idle | State::Stopped | State::Faulted) {
-            // What was asked for is done or given up.
+            // At rest the requested motion has been done or abandoned.
             self.requests.clear();
             self.rested = status.position_steps.map(i64::from);
         }
@@ -41,7 +41,7 @@ impl Judge {
         };
         self.homing = match status.state {
             State::Homing => true,
-            // Its ramp.
+            // The stop's ramp may still last.
             State::Stopping => self.homing,
             _ => false,
         };
@@ -99,8 +99,8 @@ impl Judge {
                 self.counts.comparisons += 3;
                 let differs = (0..3).find(|axis| {
                     let off = (origin[*axis] - known[*axis]).abs();
-                    // Within a tick the load may have been pushed by a step that the planner does
-                    // not see.
+                    // Within a tick the motor may have pushed the load by a step that the planner
+                    // does not see.
                     off > i64::from(self.play(*axis) > 0)
                 });
                 if let Some(axis) = differs {
@@ -168,8 +168,7 @@ impl Judge {
             self.anchors = vec![self.mm];
         }
         if ended && !homed {
-            // An axis that was found has its window round its home switch, from which it has backed
-            // off.
+            // A homed axis has its window around its home switch, from which it has backed off.
             let back_off = self
                 .config
                 .map_or(0.0, |config| f64::from(config.stage.back_off_um) / 1e3);
@@ -181,18 +180,18 @@ impl Judge {
     }
 }
 
-/// What the station says it dropped and did not answer.
+/// Returns the number of commands that the station states it dropped without an answer.
 fn counted(status: &Status) -> u64 {
     u64::from(status.drops.overflow) + u64::from(status.drops.answers)
 }
 
-/// The faults that a status names.
+/// Returns the faults that a status names.
 fn faults(status: &Status) -> Vec<Fault> {
     let all = RANKED.into_iter();
     all.filter(|fault| status.faults.contains(*fault)).collect()
 }
 
-/// A status of a station that hides its faults.
+/// Removes the faults from a status, as a station that hides them would.
 pub fn hide_faults(status: &mut Status) {
     status.fault = None;
     status.faults = Faults::NONE;

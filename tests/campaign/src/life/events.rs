@@ -1,4 +1,4 @@
-//! What happens in a life: commands, noise, switches, stalls.
+//! Events of a life: commands, noise, switches and stalls.
 
 use super::Life;
 use crate::sabotage::Sabotage;
@@ -7,7 +7,7 @@ use shared::frame::message::{Command, Config, Outcome, Report};
 use shared::safety::{Inputs, State};
 
 impl Life {
-    /// Mostly the usual: hello, a configuration, zero.
+    /// Begins a life, mostly with a hello, a configuration and a zero.
     pub(super) fn begin(&mut self) {
         if self.random.one_in(30) {
             return;
@@ -74,7 +74,7 @@ impl Life {
         }
     }
 
-    /// Time between events: none at all, within a tick, some ticks, and now and then long.
+    /// Waits for a random time: none, within a tick, some ticks, and now and then long.
     pub(super) fn wait(&mut self) {
         let us = match self.random.below(10) {
             0..2 => 0,
@@ -110,7 +110,7 @@ impl Life {
         self.send(Command::Setpoint { position_um });
     }
 
-    /// Some frames of a target that wanders.
+    /// Sends some frames of a target that wanders.
     fn follow(&mut self) {
         let every = self.random.decades(1_000.0, 40_000.0) as u64;
         for _ in 0..self.random.below(12) {
@@ -121,7 +121,7 @@ impl Life {
         }
     }
 
-    /// What a person does after trouble: every switch released, reset, now and then zero.
+    /// Recovers as an operator does: releases every switch, resets, and now and then zeroes.
     fn mend(&mut self) {
         self.release();
         self.run(2_000);
@@ -134,7 +134,7 @@ impl Life {
         }
     }
 
-    /// Away in one direction again and again, whatever comes between.
+    /// Moves away in one direction repeatedly, with other events between the moves.
     fn outing(&mut self) {
         let axis = self.random.below(3) as usize;
         let far = self.random.decades(30.0, 20_000.0) * self.random.pick(&[-1.0, 1.0]);
@@ -149,7 +149,7 @@ impl Life {
                 1 => self.shell.inputs.driver_fault = true,
                 2 => self.shell.inputs.limits[axis][usize::from(far > 0.0)] = true,
                 3 => {
-                    // The same stage with an axis turned round.
+                    // Configure the same stage with one axis inverted.
                     let mut config = self.config.unwrap_or_else(stages::usual);
                     config.axes[axis].invert ^= true;
                     self.run(100_000);
@@ -172,7 +172,7 @@ impl Life {
         self.send(Command::Frame(frame));
     }
 
-    /// The host is silent, perhaps for longer than the heartbeat allows.
+    /// Keeps the host silent for a while, which may exceed the heartbeat timeout.
     fn silence(&mut self) {
         let us = self.random.decades(10_000.0, 500_000.0) as u64;
         self.ping_us = self.shell.now_us() + us;
@@ -181,7 +181,7 @@ impl Life {
             .note(self.shell.now_us(), || format!("no pings until {until} us"));
     }
 
-    /// One switch changes; limit switches may bounce.
+    /// Changes one switch. Limit switches may bounce.
     fn switch(&mut self) {
         let which = self.random.below(8);
         let bounces = match self.random.one_in(3) {
@@ -219,7 +219,7 @@ impl Life {
         self.judge.switched(self.shell.now_us(), &self.shell.inputs);
     }
 
-    /// Bytes that are no packet, and packets that came to harm.
+    /// Sends bytes that are no packet, and damaged packets.
     fn noise(&mut self) {
         let now = self.shell.now_us();
         match self.random.below(5) {
@@ -229,13 +229,13 @@ impl Life {
                 self.judge.note(now, || format!("{count} bytes of noise"));
                 self.shell.receive(&bytes);
             }
-            // A packet from before, once more: nothing may come of it.
+            // Repeat an earlier packet, which must have no effect.
             1 => {
                 self.judge.note(now, || "the last packet again".to_string());
                 let last = self.last.clone();
                 self.shell.receive(&last);
             }
-            // From behind.
+            // Send a stale sequence number.
             2 => {
                 let sequence = self.shell.sequence;
                 self.shell.sequence = sequence.wrapping_sub(2 + self.random.below(30_000) as u16);
@@ -261,8 +261,8 @@ impl Life {
                 let (sequence, mut bytes) = self.shell.packet(Command::Jog {
                     distance_um: [3_000, -3_000, 2_000],
                 });
-                // The closing zero stays, or at least one byte more is missing: else the next
-                // packet's first zero would mend it.
+                // Keep the closing zero or drop at least one more byte; otherwise the next packet's
+                // first zero would complete the packet.
                 let last = bytes.len() - 1;
                 if kind == 3 {
                     bytes.truncate(1 + self.random.below(last as u64 - 1) as usize);
@@ -279,9 +279,9 @@ impl Life {
         }
     }
 
-    /// The shell does not look: for less than what is queued for the pins, which must not show, or
-    /// for so long that time went on without motion. (What lies between stops the step engine; the
-    /// emulated board tests that.)
+    /// Stalls the shell, either for less than the pins' queue holds, which must have no effect, or
+    /// long enough to empty the queue and hold motion. (A delay between the two stops the step
+    /// engine; the emulated board tests that.)
     fn stall(&mut self) {
         let delay = self.delay_us as f64;
         let us = match self.random.one_in(2) {
@@ -293,10 +293,10 @@ impl Life {
         self.judge.stalled(self.shell.now_us(), us);
     }
 
-    /// Many commands at once, more than a tick takes.
+    /// Sends more commands at once than a tick takes.
     fn burst(&mut self) {
-        // An answer to a configuration must not be lost in it: the judge would not know the stage
-        // any more.
+        // An answer to a configuration must not be lost in the burst, because the judge would no
+        // longer know the stage.
         self.run(1_500);
         for _ in 0..self.random.below(14) {
             match self.random.below(10) {
@@ -312,7 +312,7 @@ impl Life {
         }
     }
 
-    /// The host begins anew, perhaps with other numbers.
+    /// Connects the host anew, with new sequence numbers in some cases.
     fn hello(&mut self) {
         if self.random.one_in(2) {
             self.shell.sequence = self.random.bits() as u16;
