@@ -237,7 +237,7 @@ fn what_makes_no_sense_is_refused_before_the_port_is_opened() {
         ("jog", "AXIS=MM"),
         ("jog w=1", "no axis `w`"),
         ("jog x", "x=1.5"),
-        ("jog x=far", "`far` is no number"),
+        ("jog x=far", "`far` is not a number"),
         ("jog x=NaN", "-1000 to 1000"),
         ("jog x=1001", "-1000 to 1000"),
         ("jog x=0.0001", "shorter than 0.001 mm"),

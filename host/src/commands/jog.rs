@@ -16,7 +16,7 @@ use serde_json::json;
 use shared::frame::message::{Command, Status};
 use shared::safety::Trust;
 
-/// Longest jog, mm: more is a slip of the unit.
+/// Longest jog, mm: a longer one is taken for a wrong unit.
 const LONGEST_MM: f64 = 1000.0;
 
 /// Move the stage by a distance along its axes, in mm, and wait until it stands
@@ -27,7 +27,7 @@ const LONGEST_MM: f64 = 1000.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// How far, mm: x=1.5 y=-2; axes that are not named stand still
+    /// Distances, mm: x=1.5 y=-2; axes that are not named stand still
     #[arg(value_name = "AXIS=MM", required = true)]
     distances: Vec<Distance>,
 
@@ -61,7 +61,7 @@ enum WrongDistance {
     Form,
     #[error("no axis `{0}`: x, y, z")]
     Axis(String),
-    #[error("`{0}` is no number")]
+    #[error("`{0}` is not a number")]
     NotANumber(String),
     #[error("must be -{LONGEST_MM} to {LONGEST_MM} mm")]
     TooLong,
@@ -92,7 +92,7 @@ impl std::str::FromStr for Distance {
     }
 }
 
-/// One distance per axis.
+/// Collects one distance per axis, µm.
 fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
     let mut um = [None; 3];
     for distance in distances {
@@ -180,7 +180,8 @@ fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, sta
             let name = ['x', 'y', 'z'][axis];
             let [least, greatest] = stage.travel_mm[axis];
             notice!(
-                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to {greatest} mm"
+                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to \
+                 {greatest} mm"
             );
         }
     }
