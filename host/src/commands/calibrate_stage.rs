@@ -172,7 +172,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let (rig, text) = RigFile::read_with_text(path)?;
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {
-        // Before the work: it would be for nothing.
+        // Check before the work, which would be lost otherwise.
         super::destination::refuse_existing(to, options.force, path)?;
     }
     let mut bench: Box<dyn Bench> = match &options.port {
@@ -227,7 +227,7 @@ fn measure(
             Err(refusal) => notice!("at {stands_mm:.3?} mm: {refusal}"),
         }
     }
-    // The reference is no sample: it is what the others are measured against.
+    // The keyframe is no sample: all others are measured against it.
     let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Images(refusal.to_string()))?;
     let delay = match &mut watch {
         Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
@@ -254,7 +254,7 @@ fn measure_delay(
             path.push(time_s, position_mm);
         }
         for capture in pass.captures {
-            // A picture that cannot be used says nothing of the delay either.
+            // An unusable frame set gives no information about the delay either.
             if let Ok(sample) = watch.look(centre_mm, &capture) {
                 passings.push(Passing::new(capture.time_us as f64 * 1e-6, &sample));
             }

@@ -191,7 +191,7 @@ fn run_folder<W: Write>(
                 continue;
             }
         };
-        // A bad reference spoils every frame that is measured against it, and its reason is theirs.
+        // A bad keyframe spoils every frame measured against it; they share its reason.
         let measured = reference.clone().and_then(|()| {
             let outcome = flow.measure(&capture);
             outcome.map_err(|refusal| refusal.to_string())

@@ -138,7 +138,7 @@ fn share(before: &Status, now: &Status) -> f64 {
     let far =
         |axis: usize, to: [i32; 3]| f64::from(to[axis]) - f64::from(before.position_steps[axis]);
     let shares = (0..3).map(|axis| far(axis, now.position_steps) / far(axis, now.target_steps));
-    // An axis that stands has no share.
+    // An axis at rest has no share.
     shares.filter(|share| share.is_finite()).fold(1.0, f64::min)
 }
 

@@ -60,7 +60,7 @@ The exit code is 1 if anything that a scenario expects was missed.";
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    // All files are read before the first is run: a slip in the last need not cost a minute.
+    // Read all files before the first run, so that an error in the last one shows at once.
     let read = options.scenarios.iter().map(|path| {
         let scenario = Scenario::read(path)?;
         Ok(match options.points {

@@ -272,7 +272,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         options.longest_latency_ms(),
     )?;
     let source = &options.source;
-    // What is required of an option that another one excludes is not required by the parser.
+    // The parser does not check the requirements of options that exclude one another.
     let goes_with = |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there
     {
         true => Err(Failure::Usage(format!("--{option} goes with {with}"))),

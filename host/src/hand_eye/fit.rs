@@ -67,7 +67,7 @@ pub enum Refusal {
         /// Number of all stops.
         stops: usize,
     },
-    /// The positions do not determine one axis.
+    /// The positions leave at least one axis undetermined.
     #[error("the stops that showed the target do not reach along all axes")]
     Flat,
     /// The cameras did not see an axis move.

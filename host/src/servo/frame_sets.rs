@@ -43,7 +43,7 @@ pub struct Followed {
     pub turn: ServoStep,
 }
 
-/// A [`VisualServo`] that is fed with frame sets, one after another.
+/// A [`VisualServo`] on frame sets from outside, one after another.
 #[derive(Debug)]
 pub struct FrameSetServo {
     servo: VisualServo,

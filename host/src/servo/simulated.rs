@@ -29,7 +29,7 @@ impl Default for ServoTiming {
     }
 }
 
-/// One turn of the loop, and the truth behind it.
+/// One turn of the loop, and the true positions behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedStep {
     /// Capture time, s since the keyframe.

@@ -138,7 +138,7 @@ impl VisualServo {
         self.keyframe = taken;
     }
 
-    /// Instant of the keyframe on the station's clock.
+    /// Returns the instant of the keyframe on the station's clock.
     pub fn keyframe_time(&self) -> Instant {
         self.keyframe
     }

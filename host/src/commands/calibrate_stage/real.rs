@@ -104,7 +104,7 @@ impl Bench for Real {
             {
                 match capture {
                     Ok(capture) => return Ok(capture),
-                    // It may be half written still.
+                    // The file may still be half written.
                     Err(error) if Instant::now() >= end => return Err(error.into()),
                     Err(_) => {}
                 }

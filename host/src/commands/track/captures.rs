@@ -92,8 +92,8 @@ impl<'a> Captures<'a> {
             // The station has stopped by itself, or no stop can reach it.
             return outcome;
         }
-        // The end of live pictures is no end of the target's motion: a stage that goes where it
-        // will be would run on.
+        // After the end of live images the target may move on: without a stop, the stage would
+        // run on to its predicted position.
         let rest = match self.is_live {
             true => self.servo.stop(),
             false => self.servo.rest(),
@@ -138,7 +138,7 @@ impl<'a> Captures<'a> {
                     dark = Some((since_us, error));
                     continue;
                 }
-                // A signal is the usual end of live pictures.
+                // A signal is the usual end of live images.
                 Err(ServoError::Station(StationError::Cancelled)) if self.is_live => break,
                 followed => followed.map_err(|error| Failure::of_servo(self.port, error))?,
             };
@@ -222,7 +222,7 @@ fn print(
         let stage = vector(stage_mm);
         writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;
     }
-    // Whoever reads along sees each line when it comes.
+    // Flush, so that a reader gets each line at once.
     out.flush()?;
     Ok(())
 }

@@ -14,7 +14,7 @@ fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mo
     let is_real = options.station.is_given();
     let mounting = match is_real && !options.fixed {
         true => Mounting::OnStage,
-        // The twin's stage carries nothing.
+        // The twin's stage carries no cameras.
         false => Mounting::Fixed,
     };
     match (&rig.stage, is_real) {
@@ -85,7 +85,7 @@ fn follow(
     use std::time::Duration;
 
     let port = options.station.resolve()?;
-    // All cameras before the station: nothing moves for a camera that is not there.
+    // Open all cameras before the station, so that nothing moves if one is missing.
     let size_px = rig.rig.image_size_px;
     let cameras = devices
         .iter()

@@ -96,8 +96,7 @@ fn station<'a>(
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
     let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
-    // It is to be where the last picture shows the target, not where that would have gone from
-    // there.
+    // The stage shall end at the target's last measured position, not at a predicted one.
     stage.tracking.prediction = false;
     Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
