@@ -1,36 +1,39 @@
-//! The stage as the port words move it: drivers and motors, seen from the pins.
+//! The simulated stage: drivers and motors that port words move, as seen from the pins.
 //!
-//! Shares no arithmetic with the step generator. It knows set/reset words and drivers only: a
-//! rising STEP edge is one step, in the direction the DIR pin shows at that moment. Every time is
-//! counted in words, so edges lie on word borders by nature, and the shortest times seen are kept
+//! The plant shares no arithmetic with the step generator. It models set/reset words and drivers
+//! only: a rising STEP edge is one step, in the direction that the DIR pin shows at that moment.
+//! Every time is counted in words, so edges always lie on word borders. The shortest times are kept
 //! for comparison with a driver's data sheet.
 
 use shared::steps::{AXES, DriverTiming, PortMap, Requirement, WordRate};
 
-/// The shortest times seen on any axis, in words. `None` until one was seen.
+/// Shortest times on any axis, in words; `None` until the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shortest {
     /// STEP high.
     pub step_high: Option<u64>,
     /// STEP low between two pulses.
     pub step_low: Option<u64>,
-    /// From a change of DIR to the next rise of STEP.
+    /// Time from a change of DIR to the next rise of STEP.
     pub dir_setup: Option<u64>,
-    /// From a rise of STEP to the next change of DIR.
+    /// Time from a rise of STEP to the next change of DIR.
     pub dir_hold: Option<u64>,
 }
 
 /// A time at the pins that was shorter than the driver allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}: the driver needs {needs_ns} ns, the pins showed {words} words = {shown_ns} ns", requirement.name())]
+#[error(
+    "{}: the driver needs {needs_ns} ns, the pins showed {words} words = {shown_ns} ns",
+    requirement.name()
+)]
 pub struct Violation {
-    /// Which of the four times.
+    /// Name of the time.
     pub requirement: Requirement,
-    /// What the driver needs, ns.
+    /// Shortest time that the driver allows, ns.
     pub needs_ns: u32,
-    /// The shortest seen, words.
+    /// Shortest time at the pins, words.
     pub words: u64,
-    /// The same in ns, rounded down.
+    /// Shortest time at the pins, ns, rounded down.
     pub shown_ns: u64,
 }
 
@@ -63,8 +66,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// All pins low, all axes at zero. `steps_per_mm` must be positive for positions in mm to mean
-    /// anything.
+    /// Makes a plant with all pins low and all axes at zero. `steps_per_mm` must be positive for
+    /// valid positions in mm.
     pub fn new(map: PortMap, steps_per_mm: [f64; AXES]) -> Self {
         let driver = |axis: usize| Driver {
             // Pins beyond 15 do not exist: such an axis never moves.
@@ -101,37 +104,37 @@ impl Plant {
         self.now += words;
     }
 
-    /// Steps made by each axis, backward ones subtracted.
+    /// Returns the steps of each axis, backward ones subtracted.
     pub fn steps(&self) -> [i64; AXES] {
         self.drivers.map(|driver| driver.steps)
     }
 
-    /// Where the stage stands, mm.
+    /// Returns the position of the stage, mm.
     pub fn position_mm(&self) -> [f64; AXES] {
         std::array::from_fn(|axis| self.drivers[axis].steps as f64 / self.steps_per_mm[axis])
     }
 
-    /// Words that have passed.
+    /// Returns the number of words that have passed.
     pub fn words(&self) -> u64 {
         self.now
     }
 
-    /// The shortest times seen so far.
+    /// Returns the shortest times so far.
     pub fn shortest(&self) -> Shortest {
         self.shortest
     }
 
-    /// Levels of the 16 pins, bit by bit.
+    /// Returns the levels of the 16 pins, bit by bit.
     pub fn pins(&self) -> u16 {
         self.pins as u16
     }
 
-    /// Pins outside the map that some word drove; zero when all is well.
+    /// Returns the pins outside the map that some word drove; zero without a fault.
     pub fn stray_pins(&self) -> u16 {
         self.stray as u16
     }
 
-    /// Everything that was too short for the driver so far, with words at this rate.
+    /// Returns all times so far that were too short for the driver, with words at this rate.
     pub fn violations(&self, timing: &DriverTiming, rate: WordRate) -> Vec<Violation> {
         let seen = [
             (
@@ -168,7 +171,7 @@ impl Plant {
         seen.into_iter().filter_map(too_short).collect()
     }
 
-    /// One write to the set/reset register: low half sets, high half resets, set wins.
+    /// Writes to the set/reset register: the low half sets, the high half resets, set wins.
     fn write(&mut self, word: u32) {
         let before = self.pins;
         self.pins = (before & !(word >> 16)) | (word & 0xffff);
@@ -227,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rising_edge_is_a_step_in_the_direction_of_dir() {
+    fn rising_edge_steps_in_dir_direction() {
         let mut plant = plant();
         plant.feed(&[1 << 3, 0, 1, 1 << 16, 0, 1, 0, 1 << 16]);
         assert_eq!(plant.steps(), [2, 0, 0]);
@@ -242,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn shortest_times_are_kept_and_judged() {
+    fn shortest_times_are_judged() {
         let mut plant = plant();
         plant.feed(&[1, 0, 1 << 16, 0, 0, 1, 0, 0, 1 << 16]);
         assert_eq!(plant.shortest().step_high, Some(2));

@@ -1,29 +1,33 @@
-//! How long a stage in motion is waited for.
+//! Time limits for a stage in motion.
 //!
-//! A station that says "moving" for ever must not keep a run alive for ever. A motion is given up
-//! when it takes longer than its profile can, or when its position no longer changes.
+//! A station that reports "moving" for ever must not keep a run alive for ever. The host gives a
+//! motion up when it takes longer than its profile can take, or when its position no longer
+//! changes.
 
 use crate::rig_file::Stage;
 use shared::frame::message::Status;
 use std::time::{Duration, Instant};
 
-/// Longest motion of a stage that the host does not know.
+/// Longest motion of a stage whose rig file the host does not have.
 const LONGEST: Duration = Duration::from_secs(3600);
 
 /// Longest ramp after a stop.
 const LONGEST_RAMP: Duration = Duration::from_secs(120);
 
-/// How long a stage that moves may stay on one step: slower ones are known by their rig file.
+/// Longest time that a moving stage may stay on one step. Slower stages need their rig file.
 const STILL: Duration = Duration::from_secs(30);
 
-/// As [`STILL`], after a stop.
+/// Longest time on one step after a stop; see [`STILL`].
 const STILL_ON_RAMP: Duration = Duration::from_secs(10);
 
-/// Factor and time beyond the profile: for a busy computer, lost motion, and reports on the way.
+/// Factor on the time of the profile; with [`GRACE_S`] it covers a loaded computer, backlash, and
+/// reports on their way.
 const FACTOR: f64 = 3.0;
+
+/// Time beyond the profile, s.
 const GRACE_S: f64 = 5.0;
 
-/// The time a motion is given.
+/// Time limits of one motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Allowance {
     limit: Duration,
@@ -31,20 +35,20 @@ pub struct Allowance {
 }
 
 impl Allowance {
-    /// Of a motion whose stage is not known.
+    /// Limits of a motion whose stage is unknown.
     pub const UNKNOWN: Self = Self {
         limit: LONGEST,
         still: STILL,
     };
 
-    /// Of the ramp after a stop.
+    /// Limits of the ramp after a stop.
     pub const RAMP: Self = Self {
         limit: LONGEST_RAMP,
         still: STILL_ON_RAMP,
     };
 
-    /// Of a motion over these distances, mm, with the axes side by side, be the position known or
-    /// not.
+    /// Computes the limits of a motion over these distances, mm, of all axes at once. Takes the
+    /// slow speed, so that the limits hold for an unknown position too.
     pub fn of_distance(stage: &Stage, distance_mm: [f64; 3]) -> Self {
         let slow_mm_s = stage.care.slow_speed_mm_s;
         let axes = (0..3).filter(|axis| distance_mm[*axis] != 0.0);
@@ -52,7 +56,7 @@ impl Allowance {
         Self::of_profile(time_s.fold(0.0, f64::max))
     }
 
-    /// Of a homing of these axes, one after the other.
+    /// Computes the limits of a homing of these axes, one after the other.
     pub fn of_homing(stage: &Stage, axes: [bool; 3]) -> Self {
         let [fast, slow] = stage.care.home_speed_mm_s;
         let back_off_mm = stage.care.back_off_mm;
@@ -82,7 +86,7 @@ impl Allowance {
         }
     }
 
-    /// Starts the time.
+    /// Starts the time of a motion.
     pub fn start(self, now: Instant) -> Running {
         Running {
             allowance: self,
@@ -93,7 +97,7 @@ impl Allowance {
     }
 }
 
-/// Time of one axis at no more than `speed_mm_s`, s: cruise, and both ramps at full length.
+/// Computes the time of one axis at no more than `speed_mm_s`, s: cruise and two full ramps.
 fn duration_s(stage: &Stage, axis: usize, way_mm: f64, speed_mm_s: f64) -> f64 {
     let speed = speed_mm_s.min(stage.max_speed_mm_s[axis]);
     let acceleration = stage.max_acceleration_mm_s2[axis];
@@ -101,7 +105,7 @@ fn duration_s(stage: &Stage, axis: usize, way_mm: f64, speed_mm_s: f64) -> f64 {
     way_mm.abs() / speed + 2.0 * ramp_s
 }
 
-/// An [`Allowance`] whose time runs.
+/// Clock of one motion against its [`Allowance`].
 #[derive(Clone, Copy, Debug)]
 pub struct Running {
     allowance: Allowance,
@@ -111,7 +115,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// Notes where the stage is; returns how long it has moved if that is longer than allowed.
+    /// Records the status; returns the duration of the motion if it exceeds a limit.
     pub fn spent(&mut self, now: Instant, status: Option<&Status>) -> Option<Duration> {
         let position = status.map(|status| status.position_steps);
         if position.is_some() && self.position != position {
@@ -137,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn allowance_grows_with_the_distance() {
+    fn allowance_grows_with_distance() {
         let stage = default_stage();
         let short = seconds(Allowance::of_distance(&stage, [1.0, 0.0, 0.0]));
         let long = seconds(Allowance::of_distance(&stage, [1.0, -100.0, 0.0]));
@@ -164,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn time_is_spent_when_position_stays() {
+    fn still_position_spends_allowance() {
         let start = Instant::now();
         let mut running = Allowance::RAMP.start(start);
         let at = |seconds| start + Duration::from_secs(seconds);

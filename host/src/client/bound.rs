@@ -1,14 +1,14 @@
-//! A refused configuration in the rig file's words: its field, and the value that would do.
+//! A refused configuration in the terms of the rig file: its field, and the value allowed there.
 
 use shared::frame::message::{ConfigField, Denial, Setting};
 use shared::motion::Bound;
 
-/// A field of a rig file's `[stage]`, or an option of the command line, and what it must be.
+/// A field of a rig file's `[stage]`, or an option of the command line, and its allowed values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// The field with its index, such as `max_jerk_mm_s3[0]`.
+    /// Field with its index, such as `max_jerk_mm_s3[0]`.
     pub field: String,
-    /// The bound in words, such as `must be at least 1456`.
+    /// Bound in words, such as `must be at least 1456`.
     pub reason: String,
 }
 
@@ -50,7 +50,7 @@ pub fn refused(field: &ConfigField) -> Refused {
     }
 }
 
-/// The reason of a denial; that of a configuration in the rig file's words.
+/// Returns the reason of a denial; for a configuration, in the terms of the rig file.
 pub fn denial(denial: Denial) -> String {
     match denial {
         Denial::Config(field) => refused(&field).to_string(),
@@ -58,8 +58,8 @@ pub fn denial(denial: Denial) -> String {
     }
 }
 
-/// The rig file's field, how many of the station's units make one of its own, and whether it has a
-/// value for each axis.
+/// Returns the field of the rig file, the number of the station's units in one of the rig file's,
+/// and true if the field has a value for each axis.
 const fn rig_field(setting: Setting) -> (&'static str, f64, bool) {
     match setting {
         Setting::StepsPerM => ("steps_per_mm", 1e3, true),
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_in_the_rig_files_words() {
+    fn bounds_name_rig_file_fields() {
         let cases = [
             (
                 text(Setting::SlowSpeed, Some(2), Bound::AtLeast(2)),

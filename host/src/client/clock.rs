@@ -13,24 +13,24 @@
 
 use std::collections::VecDeque;
 
-/// One ping is kept per so much time of the host, µs.
+/// Period of the host's clock from which one ping is kept, µs.
 const PERIOD_US: u64 = 500_000;
 
-/// How many are kept: half a minute's worth.
+/// Number of pings kept: half a minute's worth.
 const KEPT: usize = 64;
 
-/// A slope is fitted to so much time, µs; before that the clocks count as equally fast.
+/// Shortest span of pings to fit a slope, µs; over less, the clocks count as equally fast.
 const LEAST_SPAN_US: f64 = 5e6;
 
-/// Two crystals differ by no more: 200 millionths.
+/// Largest difference of two crystals: 200 millionths.
 const MOST_DRIFT: f64 = 200e-6;
 
-/// What one ping said.
+/// Clock offset from one ping.
 #[derive(Clone, Copy, Debug)]
 struct Pong {
-    /// Middle between leaving and arriving, host's clock, µs.
+    /// Midpoint between departure and arrival, on the host's clock, µs.
     middle_us: u64,
-    /// Station minus host there, µs.
+    /// Station time minus host time at the midpoint, µs.
     offset_us: i64,
     trip_us: u64,
 }
@@ -41,7 +41,7 @@ pub struct Clock {
     pongs: VecDeque<Pong>,
 }
 
-/// Station minus host, µs: a line in the host's time.
+/// Station time minus host time, µs, as a linear function of the host's time.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     origin_us: u64,
@@ -60,8 +60,8 @@ fn difference(a: u64, b: u64) -> f64 {
 }
 
 impl Clock {
-    /// A ping left at `left` and its reply arrived at `arrived` (host's clock, µs); the station had
-    /// it from `received` to `sent` (its clock, µs).
+    /// Adds a ping that left at `left` and whose reply arrived at `arrived` (host's clock, µs); the
+    /// station had it from `received` to `sent` (station's clock, µs).
     pub(super) fn pong(&mut self, left: u64, received: u64, sent: u64, arrived: u64) {
         let away = arrived.saturating_sub(left);
         let there = sent.saturating_sub(received);
@@ -85,18 +85,18 @@ impl Clock {
         self.pongs.push_back(pong);
     }
 
-    /// Forgets everything, for when another station may be at the other end.
+    /// Forgets all pings, because another station may be at the other end.
     pub(super) fn clear(&mut self) {
         self.pongs.clear();
     }
 
-    /// Station time minus host time at a host instant, and the bound of its error, µs. `None`
-    /// before the first reply.
+    /// Returns station time minus host time at a host instant, and the bound of its error, µs.
+    /// `None` before the first reply.
     pub fn offset_us(&self, host_us: u64) -> Option<(i64, u64)> {
         let line = self.line()?;
         let value = line.at(host_us);
-        // Each ping bounds the true offset at its own instant; from there to here the clocks part
-        // by so much at most.
+        // Each ping bounds the true offset at its own instant; from there on the bound grows by the
+        // largest drift.
         let bound = |pong: &Pong| {
             pong.trip_us as f64 / 2.0
                 + (line.at(pong.middle_us) - pong.offset_us as f64).abs()
@@ -106,13 +106,13 @@ impl Clock {
         Some((value.round() as i64, bound.ceil() as u64))
     }
 
-    /// A host instant in station time, µs.
+    /// Converts a host instant to station time, µs.
     pub fn station_us(&self, host_us: u64) -> Option<u64> {
         let (offset, _) = self.offset_us(host_us)?;
         host_us.checked_add_signed(offset)
     }
 
-    /// A station instant in host time, µs.
+    /// Converts a station instant to host time, µs.
     pub fn host_us(&self, station_us: u64) -> Option<u64> {
         let line = self.line()?;
         // host + offset(host) = station, solved for host.
@@ -121,7 +121,7 @@ impl Clock {
         line.origin_us.checked_add_signed(since.round() as i64)
     }
 
-    /// Least squares, each ping weighted by its trip: half of it is the standard deviation, plus a
+    /// Fits the line by least squares. The standard deviation of a ping is half its trip, plus a
     /// microsecond for rounding.
     fn line(&self) -> Option<Line> {
         let origin_us = self.pongs.back()?.middle_us;
@@ -165,7 +165,7 @@ mod tests {
     use crate::random::Random;
 
     #[test]
-    fn shortest_round_trip_sets_the_clock() {
+    fn shortest_round_trip_sets_clock() {
         let mut clock = Clock::default();
         assert_eq!(clock.offset_us(0), None);
         clock.pong(1_000, 51_900, 51_950, 2_050); // 1000 µs on the way
@@ -176,10 +176,10 @@ mod tests {
         assert_eq!(clock.host_us(50_007), Some(7));
     }
 
-    /// Pings every 20 ms for a minute over a line that holds some back for milliseconds, one way
-    /// only; crystals 120 millionths apart.
+    /// Pings go every 20 ms for a minute over a line that delays some for milliseconds, one way
+    /// only; the crystals are 120 millionths apart.
     #[test]
-    fn drift_is_followed_and_the_bound_holds() {
+    fn drift_stays_within_bound() {
         let truth = |host_us: u64| 7_000_000 + (120e-6 * host_us as f64) as i64;
         let mut random = Random::seeded(5);
         let mut clock = Clock::default();

@@ -1,5 +1,5 @@
-//! The host's half of the protocol: numbers packets, understands reports, keeps the latest status.
-//! No input or output.
+//! The host's half of the protocol: numbers packets, decodes reports, keeps the latest status.
+//! Does no input or output.
 
 use super::clock::Clock;
 use super::motion::Motion;
@@ -10,10 +10,10 @@ use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, R
 use shared::frame::receive::{Receiver, Rejects};
 use std::collections::VecDeque;
 
-/// Answers kept until they are asked for.
+/// Number of answers kept until the caller takes them.
 const ANSWERS: usize = 64;
 
-/// Stands for a character in a board's name that is not printable. No longer than what it replaces.
+/// Replacement for an unprintable character in a board's name. Not longer than any character.
 const UNPRINTABLE: char = '?';
 
 /// Sequence numbers of the packets to a station.
@@ -42,7 +42,7 @@ pub struct Client {
     hello: Option<Hello>,
     last_run: Option<LastRun>,
     status: Option<Status>,
-    /// `status` came after the last hello.
+    /// True if `status` came after the last hello.
     status_is_fresh: bool,
     answers: VecDeque<(u16, Result<(), Denial>)>,
     answered_tick: Option<u32>,
@@ -53,7 +53,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// The next packet, with its sequence number.
+    /// Returns the next packet and its sequence number.
     pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
         self.numbering.packet(command)
     }
@@ -101,8 +101,8 @@ impl Client {
                     let _ = hello.board.push(shown);
                 }
                 self.hello = Some(hello);
-                // A line may have kept what the station told somebody else: of that, only what
-                // comes after our hello is for us.
+                // The line may still hold reports to an earlier host: only those after this
+                // hello count.
                 self.status_is_fresh = false;
                 self.answers.clear();
                 self.answered_tick = None;
@@ -145,8 +145,7 @@ impl Client {
         }
     }
 
-    /// Starts over on a line that was lost: what was heard of the station no longer counts, except
-    /// its clock.
+    /// Starts over on a line that was lost: forgets all reports of the station, except its clock.
     pub fn begin_again(&mut self) {
         self.receiver = Receiver::default();
         self.hello = None;
@@ -157,48 +156,48 @@ impl Client {
         self.implausible = None;
     }
 
-    /// Notes a command that has been sent with this sequence number by other means than
+    /// Records a command that was sent with this sequence number by other means than
     /// [`Client::packet`].
     pub(super) fn sent(&mut self, sequence: u16, command: &Command) {
         self.motion.sent(sequence, command);
     }
 
-    /// What the commands of this conversation have set in motion.
+    /// Returns the motion that the commands of this conversation have started.
     pub(super) fn motion(&self) -> &Motion {
         &self.motion
     }
 
-    /// As [`Client::motion`], to change it.
+    /// Returns the motion of [`Client::motion`] for changes.
     pub(super) fn motion_mut(&mut self) -> &mut Motion {
         &mut self.motion
     }
 
-    /// The first number of the station that cannot be true; its report was not taken.
+    /// Returns the first implausible number of the station; its report was not taken.
     pub fn implausible(&self) -> Option<Implausible> {
         self.implausible
     }
 
-    /// Another station, or the same after a restart: its clock began anew.
+    /// Forgets the station's clock, for another station or the same after a restart.
     pub fn forget_clock(&mut self) {
         self.clock.clear();
     }
 
-    /// Who the station said it is.
+    /// Returns the station's hello.
     pub fn hello(&self) -> Option<&Hello> {
         self.hello.as_ref()
     }
 
-    /// What the station said of the time before it started; comes after its hello.
+    /// Returns the station's report of its previous run, which comes after its hello.
     pub fn last_run(&self) -> Option<&LastRun> {
         self.last_run.as_ref()
     }
 
-    /// The latest status.
+    /// Returns the latest status.
     pub fn status(&self) -> Option<&Status> {
         self.status.as_ref()
     }
 
-    /// The answer to the packet with this number, once.
+    /// Takes the answer to the packet with this sequence number.
     pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
         let at = self
             .answers
@@ -207,25 +206,25 @@ impl Client {
         self.answers.remove(at).map(|(_, outcome)| outcome)
     }
 
-    /// The latest status, if it came after the station's hello.
+    /// Returns the latest status, if it came after the station's hello.
     pub fn status_since_hello(&self) -> Option<&Status> {
         self.status.as_ref().filter(|_| self.status_is_fresh)
     }
 
-    /// The latest status, if it was made at or after the control tick of the latest answer: so it
-    /// shows what that command has done.
+    /// Returns the latest status if it is from the control tick of the latest answer or later, so
+    /// that it shows the effect of that command.
     pub fn status_since_answer(&self) -> Option<&Status> {
         let status = self.status_since_hello()?;
         let since = status.tick.wrapping_sub(self.answered_tick?);
         (since <= u32::MAX / 2).then_some(status)
     }
 
-    /// The station's clock as seen from here.
+    /// Returns the host's model of the station's clock.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
 
-    /// Bytes from the station that were no report.
+    /// Returns the counts of rejected packets.
     pub fn rejects(&self) -> Rejects {
         self.rejects
     }
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn late_answer_makes_no_old_status_fresh() {
+    fn late_answer_freshens_no_status() {
         let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
         let known = *twin.status().expect("it tells");
         let status = |tick| Report::Status(Status { tick, ..known });

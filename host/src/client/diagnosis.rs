@@ -1,35 +1,35 @@
-//! What the station's states, faults and refusals mean to whoever stands beside it: one table,
-//! which `trinocular diagnose` prints and every message quotes.
+//! Meaning of the station's states, faults and denials for the operator: one table, which
+//! `trinocular diagnose` prints and every message quotes.
 
 use shared::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
 use shared::track::pursuit::Sight;
 
-/// A line of the table of states.
+/// Row of the table of states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StateText {
-    /// As in JSON and in the protocol's `schema.txt`.
+    /// Name in JSON and in the protocol's `schema.txt`.
     pub name: &'static str,
-    /// What the stage does.
+    /// Behaviour of the stage.
     pub meaning: &'static str,
-    /// What the operator does.
+    /// Action for the operator.
     pub action: &'static str,
 }
 
-/// A line of the table of faults.
+/// Row of the table of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultText {
-    /// As in JSON and in the protocol's `schema.txt`.
+    /// Name in JSON and in the protocol's `schema.txt`.
     pub name: &'static str,
-    /// What happened.
+    /// Cause of the fault.
     pub cause: &'static str,
-    /// What the operator does.
+    /// Action for the operator.
     pub action: &'static str,
-    /// Whether the position is still good.
+    /// Quality of the position after the fault.
     pub position: &'static str,
 }
 
-/// The line of a state.
+/// Returns the row of a state.
 pub const fn state(state: State) -> StateText {
     let (name, meaning, action) = match state {
         State::Unconfigured => (
@@ -55,7 +55,7 @@ pub const fn state(state: State) -> StateText {
         ),
         State::Stopped => (
             "stopped",
-            "somebody stopped it: nothing moves until a reset",
+            "a stop was commanded: nothing moves until a reset",
             "`reset`",
         ),
         State::Faulted => (
@@ -76,13 +76,14 @@ pub const fn state(state: State) -> StateText {
     }
 }
 
-/// The line of a fault.
+/// Returns the row of a fault.
 pub const fn fault(fault: Fault) -> FaultText {
     let (name, cause, action) = match fault {
         Fault::Heartbeat => (
             "heartbeat",
             "the host fell silent while the stage moved; it stopped on a ramp",
-            "see that program and line are well, then `reset`; on a busy computer a longer --heartbeat",
+            "see that program and line are well, then `reset`; on a busy computer a longer \
+             --heartbeat",
         ),
         Fault::EmergencyStop => (
             "emergency_stop",
@@ -106,32 +107,39 @@ pub const fn fault(fault: Fault) -> FaultText {
         ),
         Fault::FollowingError => (
             "following_error",
-            "the target stayed farther away than largest_error_mm for longer than longest_error_s",
-            "see that the stage is fast enough for the target and its matrix right (`calibrate-stage`), then `reset`",
+            "the target stayed farther away than largest_error_mm for longer than \
+             longest_error_s",
+            "see that the stage is fast enough for the target and its matrix right \
+             (`calibrate-stage`), then `reset`",
         ),
         Fault::LostSteps => (
             "lost_steps",
-            "the stage went largest_unseen_mm towards the target, and the cameras did not see it come nearer: a motor stalls or is off, or the matrix is wrong",
+            "the stage went largest_unseen_mm towards the target, and the cameras did not see it \
+             come nearer: a motor stalls or is off, or the matrix is wrong",
             "look for what blocks the stage, `reset`, then `home` or `zero`",
         ),
         Fault::SwitchNotFound => (
             "switch_not_found",
-            "no home switch within the search way: it is at the other end, not wired, or the motor does not move",
+            "no home switch within the search way: it is at the other end, not wired, or the motor \
+             does not move",
             "`reset`, see to the switch and home_switch in the rig file, then `home`",
         ),
         Fault::SwitchStuck => (
             "switch_stuck",
             "a home switch did not release when backed off, or bounces without end",
-            "`reset`, `jog` off the switch or see to its wire, then `home`; a larger back_off_mm if it has a long way",
+            "`reset`, `jog` off the switch or see to its wire, then `home`; a larger back_off_mm \
+             if it has a long way",
         ),
         Fault::Restart => (
             "restart",
             "the station's program started anew by itself: watchdog, brown-out or crash",
-            "`hello` tells what is known; see that the stage stands right, then `reset`, and `home` or `zero`",
+            "`hello` tells what is known; see that the stage stands right, then `reset`, and \
+             `home` or `zero`",
         ),
         Fault::Unstable => (
             "unstable_following",
-            "the stage drives the target away or swings around it: the matrix, the steps per mm or the delay of the cameras is wrong",
+            "the stage drives the target away or swings around it: the matrix, the steps per mm or \
+             the delay of the cameras is wrong",
             "measure them with `calibrate-stage` (matrix and --delay), then `reset`",
         ),
     };
@@ -154,8 +162,8 @@ pub const fn fault(fault: Fault) -> FaultText {
     }
 }
 
-/// Every state and fault with its number: what `trinocular diagnose --list` prints, and `FAULTS.md`
-/// holds.
+/// Returns the table of every state and fault with its number, as `trinocular diagnose --list`
+/// prints it and `FAULTS.md` holds it.
 pub fn table() -> String {
     let lines = |number: u8, name: &str, first: &str, others: &[(&str, &str)]| {
         let mut lines = format!("  {number} {name:<18}  {first}\n");
@@ -181,13 +189,13 @@ pub fn table() -> String {
     format!("States\n{}\nFaults\n{}", states.concat(), faults.concat())
 }
 
-/// A fault in one sentence.
+/// Returns cause and action of a fault in one sentence.
 pub fn explain(latched: Fault) -> String {
     let FaultText { cause, action, .. } = fault(latched);
     format!("{cause}: {action}")
 }
 
-/// A trust's name.
+/// Returns the name of a trust.
 pub const fn trust(trust: Trust) -> &'static str {
     match trust {
         Trust::Unknown => "unknown",
@@ -196,7 +204,7 @@ pub const fn trust(trust: Trust) -> &'static str {
     }
 }
 
-/// A sight's name, as in JSON, in scenarios and in the protocol's `schema.txt`.
+/// Returns the name of a sight in JSON, in scenarios and in the protocol's `schema.txt`.
 pub const fn sight(sight: Sight) -> &'static str {
     match sight {
         Sight::None => "none",
@@ -206,7 +214,7 @@ pub const fn sight(sight: Sight) -> &'static str {
     }
 }
 
-/// What makes a refused command possible.
+/// Returns the remedy for a denial, if there is one.
 pub const fn remedy(denial: Denial) -> Option<&'static str> {
     Some(match denial {
         Denial::Unconfigured => {
@@ -217,7 +225,8 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "`trinocular home` finds it, `trinocular zero` makes the present position zero"
         }
         Denial::OutsideWindow => {
-            "`home` or `zero` first; unknown_window_mm in the rig file says how far it may go until then"
+            "`home` or `zero` first; unknown_window_mm in the rig file says how far it may go \
+             until then"
         }
         Denial::NoHomeSwitch => "home_switch in the rig file says where an axis has one",
         Denial::Stopped => "`trinocular reset` lets it move again",
@@ -245,8 +254,8 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
     })
 }
 
-/// What the operator does next with a station in this condition; `None` if it is ready for
-/// anything.
+/// Returns the operator's next action for a station in this condition; `None` if it is ready for
+/// any command.
 pub fn next_step(status: &Status) -> Option<String> {
     if let Some(latched) = status.fault {
         return Some(fault(latched).action.to_owned());
@@ -260,18 +269,20 @@ pub fn next_step(status: &Status) -> Option<String> {
     match status.trust {
         Trust::Homed => None,
         Trust::Unknown => Some(
-            "`home`; or `jog` to where zero is to be (slowly, near by, without soft limits), then `zero`"
+            "`home`; or `jog` to where zero is to be (slowly, near by, without soft limits), then \
+             `zero`"
                 .to_owned(),
         ),
         Trust::Degraded => Some(
-            "steps may be lost: `home`; or see where the stage stands, `jog` it to its zero, then `zero`"
+            "steps may be lost: `home`; or see where the stage stands, `jog` it to its zero, then \
+             `zero`"
                 .to_owned(),
         ),
     }
 }
 
-/// How the station's last run ended, in words; `None` if there is nothing to tell: it was switched
-/// on or reset from outside, without a fault.
+/// Returns the end of the station's last run in words; `None` if the station was switched on or
+/// reset from outside without a fault.
 pub fn last_run(hello: &Hello, last: &LastRun) -> Option<String> {
     let end = match last.end {
         End::Panic => Some("its program panicked"),
@@ -292,8 +303,8 @@ pub fn last_run(hello: &Hello, last: &LastRun) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// The addresses of a crash, to be looked up in the program: a return address lies behind the call,
-/// and says by its lowest bit that it is Thumb code.
+/// Returns the addresses of a crash, to be looked up in the program. A return address lies behind
+/// the call, and its lowest bit marks Thumb code; both are corrected.
 pub fn places(last: &LastRun) -> Vec<u32> {
     let even = |(index, place): (usize, &u32)| match index {
         0 => *place,
@@ -309,9 +320,9 @@ mod tests {
     use shared::frame::SCHEMA;
     use shared::frame::message::PLACES;
 
-    /// The names are the protocol's.
+    /// Names of states, faults and sights are those of the protocol.
     #[test]
-    fn names_are_those_of_the_schema() {
+    fn names_match_the_schema() {
         let line = |kind: &str| {
             let line = SCHEMA.lines().find(|line| line.starts_with(kind));
             line.expect("the schema has it").to_owned()
@@ -325,9 +336,9 @@ mod tests {
         assert_eq!(line("sight "), format!("sight{}", sights.concat()));
     }
 
-    /// What the table promises is what the machine does: see `shared/src/machine/fault.rs`.
+    /// The table agrees with the behaviour of the machine: see `shared/src/machine/fault.rs`.
     #[test]
-    fn no_fault_that_loses_steps_leaves_a_good_position() {
+    fn step_losing_faults_degrade_position() {
         for each in Fault::ALL {
             let good = fault(each).position == "good";
             assert!(
@@ -338,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crash_is_told_with_addresses_inside_the_calls() {
+    fn crash_report_points_into_calls() {
         let hello = |reset_cause| Hello {
             protocol: 1,
             schema: 0,

@@ -24,132 +24,139 @@ use shared::frame::message::{Denial, Mismatch, ResetCause};
 use shared::frame::receive::Rejects;
 use shared::safety::Fault;
 
-/// What can go wrong between host and station.
+/// Errors between host and station.
 #[derive(Debug, thiserror::Error)]
 pub enum StationError {
-    /// It did not answer in time.
+    /// The station did not answer in time.
     #[error("the station did not answer {command} within {waited_ms} ms")]
     Silent {
-        /// What was asked.
+        /// Command that was sent.
         command: &'static str,
-        /// How long was waited, ms.
+        /// Time waited, ms.
         waited_ms: u64,
     },
-    /// It did not answer a command, but told how it is.
+    /// The station did not answer a command, but reported its status.
     #[error("the station did not answer {command} within {waited_ms} ms; {known}")]
     Unanswered {
-        /// What was asked.
+        /// Command that was sent.
         command: &'static str,
-        /// How long was waited, ms.
+        /// Time waited, ms.
         waited_ms: u64,
-        /// What its status says of the command.
+        /// Conclusion from the status about the command, in words.
         known: String,
     },
-    /// It answered none of the stops.
+    /// The station answered none of the stops.
     #[error(
-        "the station answered none of {sent} stops; the heartbeat has been ended, so it stops by itself if it still hears this computer: see that the stage stands"
+        "the station answered none of {sent} stops; the heartbeat has been ended, so it stops by \
+         itself if it still hears this computer: see that the stage stands"
     )]
     Unstopped {
-        /// How many were sent.
+        /// Number of stops sent.
         sent: u32,
     },
-    /// It answered a stop, but still says that the stage moves.
+    /// The station answered a stop, but still reports that the stage moves.
     #[error(
-        "the station answered the stop, but after {waited_s} s it still says that the stage moves: see that the stage stands"
+        "the station answered the stop, but after {waited_s} s it still says that the stage moves: \
+         see that the stage stands"
     )]
     Restless {
-        /// How long was waited, s.
+        /// Time waited, s.
         waited_s: u64,
     },
-    /// A motion took longer than its profile can; it was stopped.
+    /// A motion took longer than its profile can take; the stage was stopped.
     #[error(
-        "after {waited_s} s the station still said that the stage moves, which is longer than this motion takes; the stage was stopped and stands"
+        "after {waited_s} s the station still said that the stage moves, which is longer than this \
+         motion takes; the stage was stopped and stands"
     )]
     Overdue {
-        /// How long was waited, s.
+        /// Time waited, s.
         waited_s: u64,
     },
-    /// It answered a stop, but its hello cannot be true.
+    /// The station answered a stop, but its hello has an implausible number.
     #[error("the station answered the stop, but see that the stage stands: {0}")]
     StoppedDoubtful(plausible::Implausible),
-    /// A signal came: the program is to end.
+    /// A signal asked the program to end.
     #[error("interrupted")]
     Cancelled,
-    /// A number that cannot be true.
+    /// The station sent an implausible number.
     #[error(transparent)]
     Implausible(#[from] plausible::Implausible),
-    /// It speaks another protocol.
+    /// The station speaks another protocol.
     #[error("the station's firmware does not fit this program: {}", mismatches(.0))]
     Mismatch(Vec<Mismatch>),
-    /// It refused.
+    /// The station denied a command.
     #[error("the station refused {command}: {}", bound::denial(*.denial))]
     Denied {
-        /// What was asked.
+        /// Command that was sent.
         command: &'static str,
-        /// Why not.
+        /// Reason of the denial.
         denial: Denial,
     },
-    /// It latched a fault.
+    /// The station latched a fault.
     #[error("the station stopped with fault {}: {}", .0.number(), diagnosis::explain(*.0))]
     Faulted(Fault),
-    /// Its bytes were not understood.
+    /// The bytes on the line are not reports of a station.
     #[error(
-        "what comes from the line is no station's or is garbled: {}; see that it is the right port, and the cable",
+        "what comes from the line is no station's or is garbled: {}; see that it is the right \
+         port, and the cable",
         rejects(.0)
     )]
     Garbled(Rejects),
     /// The serial port cannot be used.
     #[error("{path}: {reason}")]
     Port {
-        /// The port.
+        /// Path of the port.
         path: String,
-        /// What happened.
+        /// Cause, in words.
         reason: String,
     },
     /// Another program has the serial port.
     #[error("{path}: cannot open: {}", in_use(.holder.as_ref()))]
     Busy {
-        /// The port.
+        /// Path of the port.
         path: String,
-        /// That program, if the system tells.
+        /// Program that has the port, if the system reports it.
         holder: Option<serial::Holder>,
     },
-    /// The line broke, and nobody answered on it since.
+    /// The line broke, and no station has answered on it since.
     #[error(
         "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
     )]
     Lost {
-        /// The port.
+        /// Path of the port.
         path: String,
-        /// What happened.
+        /// Cause, in words.
         reason: String,
     },
     /// The line broke and is back; the station kept its position.
     #[error(
-        "{path}: the line was lost for {away_ms} ms ({reason}); the station kept its position; nothing moves until it is told to again"
+        "{path}: the line was lost for {away_ms} ms ({reason}); the station kept its position; \
+         nothing moves until the next command to move"
     )]
     Interrupted {
-        /// The port.
+        /// Path of the port.
         path: String,
-        /// What happened.
+        /// Cause, in words.
         reason: String,
-        /// For how long, ms.
+        /// Duration of the interruption, ms.
         away_ms: u64,
     },
-    /// The station started anew.
+    /// The station restarted.
     #[error(
-        "{path}: the station restarted ({cause}): its position is unknown and its configuration gone; see that the stage stands right, then start again (`trinocular hello` shows what it remembers)"
+        "{path}: the station restarted ({cause}): its position is unknown and its configuration \
+         gone; see that the stage stands right, then start again (`trinocular hello` shows what it \
+         remembers)"
     )]
     Restarted {
-        /// The port.
+        /// Path of the port.
         path: String,
-        /// Why it started, as it says.
+        /// Cause of the restart, as the station reports it.
         cause: &'static str,
     },
     /// The stage of the rig file cannot be put into a configuration.
     #[error("{field} of the stage is out of the station's range")]
     Stage {
-        /// The rig file's field.
+        /// Field of the rig file.
         field: String,
     },
 }
@@ -189,14 +196,15 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
     match holder {
         Some(serial::Holder { pid, command }) => {
             format!(
-                "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run `trinocular stop`, which does the same to a run of this program"
+                "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run \
+                 `trinocular stop`, which does the same to a run of this program"
             )
         }
         None => "in use by another program; end that program first".to_owned(),
     }
 }
 
-/// Bytes that were no report, in words.
+/// Returns the counts of rejected packets in words.
 pub fn rejects(rejects: &Rejects) -> String {
     let kinds = [
         (rejects.framing, "broken"),
@@ -214,7 +222,7 @@ pub fn rejects(rejects: &Rejects) -> String {
     }
 }
 
-/// Why a station started, in words.
+/// Returns the name of a reset cause.
 pub const fn reset_cause(cause: ResetCause) -> &'static str {
     match cause {
         ResetCause::PowerOn => "power on",

@@ -1,21 +1,21 @@
-//! Whether the commands of this conversation may still keep a stage in motion.
+//! Motions that the commands of this conversation may still keep alive.
 //!
-//! What a host sets in motion it must also end: whoever closes the line asks [`Motion::may_go_on`]
-//! first. The answer is on the safe side. A motion counts as ended when its command was answered
+//! A host must end every motion that it starts, so it checks [`Motion::may_go_on`] before it closes
+//! the line. The result is on the safe side. A motion counts as ended when its command was answered
 //! and a status from that control tick or later says that the stage stands, or when a stop was
 //! answered; until then it goes on. After the answer to a stop the stage is on its ramp
 //! ([`Motion::is_on_its_ramp`]) until a status says that it stands.
 
 use shared::frame::message::{Command, Status};
 
-/// Stops whose answers are recognised: more than are sent before the patience ends.
+/// Number of stops whose answers are recognised: more than are sent before the patience ends.
 const STOPS: usize = 256;
 
-/// The latest command that moves, and the stops since.
+/// Latest command that moves the stage, and the stops since.
 #[derive(Debug, Default)]
 pub(super) struct Motion {
     moving: Option<Moving>,
-    /// What moved before the latest command that moves: it goes on if that is denied.
+    /// Motion before the latest command that moves: it goes on if that command is denied.
     before: Option<Moving>,
     /// Sequence numbers of the stops that were sent, the latest last.
     stops: std::collections::VecDeque<u16>,
@@ -27,11 +27,11 @@ pub(super) struct Motion {
 #[derive(Clone, Copy, Debug)]
 struct Moving {
     sequence: u16,
-    /// Control tick of its answer.
+    /// Control tick of the command's answer.
     answered: Option<u32>,
 }
 
-/// Returns whether a command may set the stage in motion.
+/// Returns true if a command may set the stage in motion.
 pub(super) fn moves(command: &Command) -> bool {
     match command {
         Command::Frame(_)
@@ -49,7 +49,7 @@ pub(super) fn moves(command: &Command) -> bool {
 }
 
 impl Motion {
-    /// Notes a command on its way.
+    /// Records a command on its way.
     pub fn sent(&mut self, sequence: u16, command: &Command) {
         if moves(command) {
             let moving = Moving {
@@ -69,7 +69,7 @@ impl Motion {
         }
     }
 
-    /// Notes an answer, and whether it is a denial.
+    /// Records an answer; `is_denied` if it is a denial.
     pub fn answered(&mut self, sequence: u16, tick: u32, is_denied: bool) {
         if self.stops.contains(&sequence) {
             self.stopped_tick.get_or_insert(tick);
@@ -91,7 +91,7 @@ impl Motion {
         }
     }
 
-    /// Notes how the station is.
+    /// Records a status of the station.
     pub fn told(&mut self, status: &Status) {
         if status.state.is_moving() {
             return;
@@ -103,30 +103,31 @@ impl Motion {
         self.ramp.take_if(|tick| is_later(*tick));
     }
 
-    /// Returns whether the stage may move because of this conversation.
+    /// Returns true if the stage may move because of this conversation.
     pub fn may_go_on(&self) -> bool {
         self.moving.is_some()
     }
 
-    /// Returns whether a stop was answered and no status has told since that the stage stands.
+    /// Returns true if a stop was answered and no status since says that the stage stands.
     pub fn is_on_its_ramp(&self) -> bool {
         self.ramp.is_some()
     }
 
-    /// Nothing moves any more, by other knowledge.
+    /// Marks every motion as ended, by other knowledge than a status.
     pub fn ended(&mut self) {
         self.moving = None;
         self.before = None;
         self.ramp = None;
     }
 
-    /// Only answers to later stops count.
+    /// Forgets the stops so far: only answers to later ones count.
     pub fn forget_stops(&mut self) {
         self.stops.clear();
         self.stopped_tick = None;
     }
 
-    /// Control tick of the answer to the first stop since the last command that might undo it.
+    /// Returns the control tick of the answer to the first stop since the last command that might
+    /// undo it.
     pub fn stopped_tick(&self) -> Option<u32> {
         self.stopped_tick
     }

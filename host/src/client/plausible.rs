@@ -10,7 +10,7 @@
 //! | `hello.delay_us` | 0 to 100,000 |
 //! | `pong.host_us` | 0 to the host's clock: the ping was sent before |
 //! | `pong.received`, `pong.sent` | 0 to 1,000 days in µs; `sent` at most 10 s after `received` |
-//! | `status.time` | 0 to 1,000 days in µs; 1 s after the host's clock at the latest, where it is waited for |
+//! | `status.time` | 0 to 1,000 days in µs; where the host waits, at most 1 s after its clock |
 //! | `pong.sent`, `status.time` | at most 10 s ahead of the station's clock as the host knows it |
 //! | `status.position_steps`, `status.target_steps` | -1,000,000,000 to 1,000,000,000 |
 //! | `status.estimate.latency_us` | 0 to 10,000,000 |
@@ -25,10 +25,10 @@ use std::ops::RangeInclusive;
 /// Longest uptime of a station, µs: 1,000 days.
 const LONGEST_UPTIME_US: u64 = 1_000 * 24 * 3_600 * 1_000_000;
 
-/// How far a status may be ahead of the station's clock as the host knows it, µs.
+/// Longest lead of a status over the station's clock as the host knows it, µs.
 const MOST_AHEAD_US: u64 = 10_000_000;
 
-/// How far the instant of a status, output delay included, may be ahead of the host's clock, µs.
+/// Longest lead of the instant of a status, output delay included, over the host's clock, µs.
 const MOMENT_AHEAD_US: u64 = 1_000_000;
 
 /// Longest time from a ping's arrival at the station to its reply, and oldest frame, µs.
@@ -43,15 +43,16 @@ const FARTHEST_STEPS: i32 = 1_000_000_000;
 /// Largest difference between the ticks of an answer and of the latest status.
 const FARTHEST_TICKS: i32 = 60_000;
 
-/// A number from a station that cannot be true.
+/// Implausible number from a station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{field} from the station is {value}, must be {least} to {most}: its firmware is faulty or foreign"
+    "{field} from the station is {value}, must be {least} to {most}: its firmware is faulty or \
+     foreign"
 )]
 pub struct Implausible {
-    /// The report and its field.
+    /// Report and its field.
     pub field: &'static str,
-    /// What the station sent.
+    /// Value that the station sent.
     pub value: i128,
     /// Lowest plausible value.
     pub least: i128,
@@ -59,12 +60,12 @@ pub struct Implausible {
     pub most: i128,
 }
 
-/// What the host knows when a report arrives.
+/// Host's knowledge when a report arrives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known {
-    /// The host's clock, µs.
+    /// Host's clock, µs.
     pub host_us: u64,
-    /// The station's clock as the host knows it, µs.
+    /// Station's clock as the host knows it, µs.
     pub station_us: Option<u64>,
     /// Tick of the latest status since the hello.
     pub tick: Option<u32>,
@@ -104,7 +105,7 @@ pub(super) fn check(report: &Report, known: Known) -> Result<(), Implausible> {
 /// Checks the instant, on the host's clock, at which the pins stand where a status says.
 ///
 /// # Errors
-/// [`Implausible`] if it is more than 1 s after `now_us`: what waits for it would wait for ever.
+/// [`Implausible`] if it is more than 1 s after `now_us`: a caller would wait for it for ever.
 pub(crate) fn check_moment(at_us: u64, now_us: u64) -> Result<(), Implausible> {
     let latest_us = now_us.saturating_add(MOMENT_AHEAD_US);
     within("status.time on this computer's clock", at_us, 0..=latest_us)
@@ -112,7 +113,7 @@ pub(crate) fn check_moment(at_us: u64, now_us: u64) -> Result<(), Implausible> {
 
 fn check_hello(hello: &Hello) -> Result<(), Implausible> {
     if !hello.mismatches().is_empty() {
-        // Of another firmware it is not known what its numbers mean.
+        // The meaning of another firmware's numbers is unknown.
         return Ok(());
     }
     let word_rates_hz = 32_000..=16_000_000;
@@ -138,7 +139,7 @@ fn check_status(status: &Status, known: Known) -> Result<(), Implausible> {
     })
 }
 
-/// The station's clock cannot have jumped ahead of what the host knows of it.
+/// Checks that the station's clock has not jumped ahead of the host's knowledge of it.
 fn ahead(field: &'static str, time: Instant, known: Known) -> Result<(), Implausible> {
     known.station_us.map_or(Ok(()), |station_us| {
         let latest = station_us.saturating_add(MOST_AHEAD_US);

@@ -1,35 +1,35 @@
-//! The serial ports of this computer, and which of them a station is on. Opens none, hence writes
-//! to none.
+//! The serial ports of this computer, and the one that a station is on. Opens no port, hence
+//! writes to none.
 
 use super::StationError;
 use crate::printable::printable;
 use serialport::SerialPortType;
 
-/// USB vendor and product of our boards.
+/// USB vendor and product of Trinocular's boards.
 const USB_IDS: (u16, u16) = (0x1209, 0x0001);
 
-/// In place of a path: the only port whose USB vendor and product are those of our boards.
+/// Value in place of a path: the only port with the USB vendor and product of Trinocular's boards.
 pub const AUTO: &str = "auto";
 
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Candidate {
-    /// What `--port` takes.
+    /// Path of the port, as `--port` takes it.
     pub path: String,
     /// USB vendor and product, if it is a USB port.
     pub usb: Option<(u16, u16)>,
-    /// What the device calls itself, fit for printing.
+    /// Product name that the device reports, fit for printing.
     pub product: Option<String>,
-    /// Its serial number.
+    /// Serial number of the device, fit for printing.
     pub serial_number: Option<String>,
-    /// Whether vendor and product are those of our boards.
+    /// True if vendor and product are those of Trinocular's boards.
     pub is_station: bool,
 }
 
-/// The serial ports of this computer, ours first. Pseudo-terminals are not listed.
+/// Lists the serial ports of this computer, stations first. Pseudo-terminals are not listed.
 ///
 /// # Errors
-/// [`StationError::Port`] if the system does not tell.
+/// [`StationError::Port`] if the system cannot list them.
 pub fn candidates() -> Result<Vec<Candidate>, StationError> {
     let ports = serialport::available_ports().map_err(|cause| StationError::Port {
         path: "serial ports".to_owned(),
@@ -54,11 +54,11 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
     Ok(list)
 }
 
-/// The path that `port` means: itself, or for [`AUTO`] the only station among the ports of this
-/// computer.
+/// Returns the path that `port` means: itself, or for [`AUTO`] the only station among the ports of
+/// this computer.
 ///
 /// # Errors
-/// [`StationError::Port`] if there is none or more than one, with what was seen.
+/// [`StationError::Port`] with the ports that were found, if none or several are a station.
 pub fn resolve(port: &str) -> Result<String, StationError> {
     match port {
         AUTO => only_station(&candidates()?),

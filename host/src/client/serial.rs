@@ -1,12 +1,11 @@
 //! A station at the end of a serial line: the board over USB or UART, or the emulated board behind
 //! a pseudo-terminal.
 //!
-//! The [`line`] is shared between the caller, who sends commands and waits for answers, and a
-//! thread that takes in what the station says and looks for a lost line. The caller hears of a lost
-//! line from the next call that can fail, and decides what to do when it is back. A second thread
-//! sends the heartbeat and does nothing else (`sender`). So the heartbeat goes on while the
-//! caller looks at pictures, and stops with the process: a host that crashed does not keep a stage
-//! moving.
+//! Two threads share the [`line`]. The caller sends commands and waits for answers. The line's own
+//! thread reads the station's reports and reconnects a lost line; the caller's next call then
+//! fails, and the caller decides whether to resume once the line is back. A third thread sends only
+//! the heartbeat (`sender`). So the heartbeat goes on while the caller processes images, and
+//! stops with the process: a host that crashed does not keep a stage moving.
 //!
 //! *Invariant:* a stage that moves because of this program stops before the line is closed,
 //! whatever ends the run (`stop`).
@@ -33,26 +32,26 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often the line is looked at.
+/// Polling period of the line.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// How long an answer may take.
+/// Timeout for an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// How long the first answer may take: some boards restart when their port is opened, and a
+/// Timeout for the first answer: some boards restart when their port is opened, and a
 /// pseudo-terminal takes a second to notice it.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How often hello is repeated meanwhile.
+/// Period of hello until the first answer.
 const HELLO_PERIOD: Duration = Duration::from_millis(250);
 
-/// How long a stage may take to come to rest.
+/// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What caller and thread share.
+/// State that caller and thread share.
 struct Shared {
     line: Mutex<Line>,
-    /// Told when the line is closed, so that the thread ends at once.
+    /// Notified when the line is closed, so that the thread ends at once.
     ending: Condvar,
 }
 
@@ -62,7 +61,7 @@ impl Shared {
         self.line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The thread: attends to the line until it is closed or given up.
+    /// Runs the thread: serves the line until it is closed or given up.
     fn attend(&self) {
         let mut line = self.line();
         while !line.is_over() {
@@ -76,7 +75,7 @@ impl Shared {
     }
 }
 
-/// The client of a [`Serial`], borrowed. While this lives nothing is taken in from the station; the
+/// Borrowed client of a [`Serial`]. While this lives, no report is read from the station; the
 /// heartbeat goes on.
 pub struct ClientRef<'a>(MutexGuard<'a, Line>);
 
@@ -88,16 +87,16 @@ impl std::ops::Deref for ClientRef<'_> {
     }
 }
 
-/// A station on a serial line. Dropping it stops what its commands have set in motion, ends the
-/// heartbeat and closes the line.
+/// A station on a serial line. Dropping it stops any motion that its commands have started, ends
+/// the heartbeat and closes the line.
 pub struct Serial {
     shared: Arc<Shared>,
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
     cleared: Option<Fault>,
-    /// A host that sleeps stops no stage.
+    /// Keeps the host awake, because a host that sleeps stops no stage.
     _awake: interruption::Awake,
-    /// The caller has asked for a stop: a signal is no news any more.
+    /// True once the caller has requested a stop: signals are then no longer reported.
     stops: bool,
 }
 
@@ -117,8 +116,8 @@ impl Drop for Serial {
 }
 
 impl Serial {
-    /// Opens the line and asks who is there. Sends nothing but hello; no heartbeat yet. From now on
-    /// the program watches for Ctrl-C and other [signals](interruption).
+    /// Opens the line and identifies the station. Sends nothing but hello; no heartbeat yet. From
+    /// then on the program watches for Ctrl-C and other [signals](interruption).
     ///
     /// # Errors
     /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
@@ -131,13 +130,13 @@ impl Serial {
         Ok(serial)
     }
 
-    /// As [`Serial::connect`], and stops the stage: the first stop goes out right behind the first
-    /// hello, because a station may hear although nothing is heard of it. A station whose hello
-    /// cannot be true is stopped all the same.
+    /// Connects as [`Serial::connect`] does, and stops the stage. The first stop goes out right
+    /// behind the first hello, because a station may receive although its replies are lost. A
+    /// station with an implausible hello is stopped all the same.
     ///
     /// # Errors
     /// As [`Serial::connect`]; [`StationError::StoppedDoubtful`] if the stop was answered, but the
-    /// hello cannot be true.
+    /// hello is implausible.
     pub fn connect_and_stop(path: &str) -> Result<Self, StationError> {
         let mut serial = Self::open(path)?;
         serial.stops = true;
@@ -191,8 +190,8 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Closes the line without another word, as a crash does: a stage in motion goes on until its
-    /// station misses the heartbeat.
+    /// Closes the line without sending anything, as a crash does: a stage in motion goes on until
+    /// its station misses the heartbeat.
     pub fn abandon(mut self) {
         self.close();
         self.shared.line().client.motion_mut().ended();
@@ -212,13 +211,13 @@ impl Serial {
     ///
     /// # Errors
     /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware;
-    /// [`StationError::Faulted`] with [`Fault::Restart`], which wants to be acknowledged by hand;
+    /// [`StationError::Faulted`] with [`Fault::Restart`], which must be acknowledged by hand;
     /// if the stage does not fit the configuration or the station refuses it.
     pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
         Self::start_as(path, configuration(stage, mounting)?)
     }
 
-    /// As [`Serial::start`], with a configuration of the caller's.
+    /// Starts the station as [`Serial::start`] does, with a configuration of the caller's.
     ///
     /// # Errors
     /// As [`Serial::start`].
@@ -229,12 +228,12 @@ impl Serial {
         if !mismatches.is_empty() {
             return Err(StationError::Mismatch(mismatches.to_vec()));
         }
-        // Without the heartbeat: what a host that crashed set moving must not live on by ours.
+        // Without the heartbeat, which would keep a motion of a crashed host alive.
         serial.stop()?;
         serial.stops = false;
         serial.cleared = serial.fresh_status(true)?.fault;
         if let Some(fault @ Fault::Restart) = serial.cleared {
-            // Somebody has to look at it first.
+            // The operator has to look at the stage first.
             return Err(StationError::Faulted(fault));
         }
         let end = Instant::now() + REST_PATIENCE;
@@ -254,7 +253,7 @@ impl Serial {
         Ok(serial)
     }
 
-    /// The fault that was latched when [`Serial::start`] came, and is cleared since.
+    /// Returns the fault that was latched before [`Serial::start`] and cleared by it.
     pub fn cleared(&self) -> Option<Fault> {
         self.cleared
     }
@@ -273,11 +272,12 @@ impl Serial {
         }
     }
 
-    /// Waits for the client to know something; on a lost line, until it is found or given up.
+    /// Waits until `got` returns a value from the client, at most until `end`; on a lost line,
+    /// until it is back or given up.
     ///
     /// # Errors
     /// If the line is or was lost; [`StationError::Cancelled`] after a signal, unless the caller
-    /// has asked for a stop.
+    /// has requested a stop.
     pub fn wait_until<T>(
         &self,
         end: Instant,
@@ -302,7 +302,7 @@ impl Serial {
         }
     }
 
-    /// Why nothing came: nobody spoke, or nobody was understood.
+    /// Returns the error for a missing reply: nothing arrived, or nothing that could be decoded.
     fn silence(&self, command: &'static str, waited: Duration) -> StationError {
         let line = self.shared.line();
         let understood = line.client.hello().is_some();
@@ -315,13 +315,13 @@ impl Serial {
         }
     }
 
-    /// What the station said of itself.
+    /// Returns the station's hello.
     pub fn who(&self) -> Option<Hello> {
         self.client().hello().cloned()
     }
 
-    /// What the station remembers of the time before it started. `None` if it is of other firmware
-    /// or did not say.
+    /// Returns the station's report of its previous run. `None` if its firmware does not fit or the
+    /// report did not come.
     ///
     /// # Errors
     /// If the line is or was lost.
@@ -336,8 +336,8 @@ impl Serial {
         })
     }
 
-    /// A status from after the hello or, with `answered`, one that shows what the last answered
-    /// command did. It comes within a tenth of a second.
+    /// Waits for a status that is later than the hello or, with `answered`, one that shows the
+    /// effect of the last answered command. It comes within a tenth of a second.
     ///
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
@@ -349,29 +349,29 @@ impl Serial {
         status.ok_or_else(|| self.silence("status", PATIENCE))
     }
 
-    /// The port it is on.
+    /// Returns the path of the port.
     pub fn path(&self) -> String {
         self.shared.line().path.clone()
     }
 
-    /// Sends a command without waiting; returns its sequence number. On a lost line it goes
-    /// nowhere, which shows when the answer is waited for.
+    /// Sends a command without waiting; returns its sequence number. On a lost line nothing is
+    /// sent; waiting for the answer then fails.
     pub fn send(&mut self, command: Command) -> u16 {
         self.shared.line().send(command)
     }
 
-    /// The station's answer to a sent command, if it has come.
+    /// Takes the station's answer to a sent command, if it has come.
     pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
         let mut line = self.shared.line();
         line.take_in();
         line.client.answer(sequence)
     }
 
-    /// Whether commands reach the station, and the run may go on.
+    /// Checks that commands reach the station and the run may go on.
     ///
     /// # Errors
     /// As [`Serial::command`] on a line that is or was lost; [`StationError::Cancelled`] after a
-    /// signal, unless the caller has asked for a stop.
+    /// signal, unless the caller has requested a stop.
     pub fn check(&self) -> Result<(), StationError> {
         self.check_signals()?;
         self.shared.line().check()
@@ -384,8 +384,9 @@ impl Serial {
         }
     }
 
-    /// Goes on after the line was lost and is back: only with a station that lost nothing and has
-    /// latched no fault. One that moved or followed has, since its heartbeat failed.
+    /// Resumes after the line was lost and is back, only with a station that lost no state and has
+    /// latched no fault. A station that moved or followed has latched one, because its heartbeat
+    /// failed.
     ///
     /// # Errors
     /// [`StationError::Faulted`] with that fault; as [`Serial::check`] if the line is not back or
@@ -394,13 +395,13 @@ impl Serial {
         self.shared.line().resume()
     }
 
-    /// How long a lost line is looked for: 10 s unless set.
+    /// Sets the time for reconnecting a lost line; default 10 s.
     pub fn set_reconnect_patience(&mut self, patience: Duration) {
         self.shared.line().patience = patience;
     }
 
-    /// Starts the heartbeat and waits until the station has answered a ping: before that it takes
-    /// no command to move.
+    /// Starts the heartbeat and waits until the station has answered a ping. Before that the
+    /// station accepts no command to move.
     ///
     /// # Errors
     /// [`StationError::Silent`] without an answer; as [`Serial::check`].
@@ -419,26 +420,26 @@ impl Serial {
         self.shared.line().set_pings(on);
     }
 
-    /// The station's latest status.
+    /// Returns the station's latest status.
     pub fn status(&self) -> Option<Status> {
         let mut line = self.shared.line();
         line.take_in();
         line.client.status().copied()
     }
 
-    /// The conversation. Let it go at once: meanwhile nothing is taken in.
+    /// Locks the line and returns its client. Drop it at once, because no report is read meanwhile.
     pub fn client(&self) -> ClientRef<'_> {
         ClientRef(self.shared.line())
     }
 
-    /// Station time minus host time now, and the bound of its error, µs. `None` before the first
-    /// heartbeat came back.
+    /// Returns station time minus host time now, and the bound of its error, µs. `None` before the
+    /// first reply to a ping.
     pub fn offset_us(&self) -> Option<(i64, u64)> {
         let now_us = self.now_us();
         self.client().clock().offset_us(now_us)
     }
 
-    /// The host's clock that the time sync uses, µs since the line was opened.
+    /// Returns the host's clock that the time sync uses, µs since the line was opened.
     pub fn now_us(&self) -> u64 {
         self.sender.now_us()
     }

@@ -1,4 +1,4 @@
-//! The stage in physical units, and as the station's configuration.
+//! Conversion of a stage in physical units to the station's configuration.
 
 use super::StationError;
 use crate::rig_file::{Care, Driver, Stage};
@@ -8,11 +8,11 @@ use shared::motion::AxisConfig;
 use shared::steps::DriverTiming;
 use shared::track::pursuit::Settings;
 
-/// Longest silence of the host while moving, unless another is chosen, ms.
+/// Default heartbeat timeout, ms: longest silence of the host while the stage moves.
 pub const HEARTBEAT_MS: u16 = 100;
 
-/// The stage of the twin and of the paper's experiment: 80 steps/mm, 100 mm/s, 2,000 mm/s², 50,000
-/// mm/s³, ±60 mm, TMC2209 drivers.
+/// Returns the stage of the twin and of the paper's experiment: 80 steps/mm, 100 mm/s,
+/// 2,000 mm/s², 50,000 mm/s³, ±60 mm, TMC2209 drivers.
 pub fn default_stage() -> Stage {
     Stage {
         steps_per_mm: [80.0; 3],
@@ -28,14 +28,14 @@ pub fn default_stage() -> Stage {
     }
 }
 
-/// The command to go to a position, mm from zero.
+/// Returns the command to go to a position, mm from zero.
 pub fn setpoint(position_mm: [f64; 3]) -> Command {
     Command::Setpoint {
         position_um: position_mm.map(|mm| (mm * 1e3).round() as i32),
     }
 }
 
-/// The stage as the station wants it: integers, in its units.
+/// Converts a stage to the station's integers and units.
 ///
 /// # Errors
 /// [`StationError::Stage`] names the first field whose value does not fit.
@@ -102,16 +102,17 @@ pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, Statio
     })
 }
 
-/// Thousandths: mm to µm, s to ms.
+/// Converts to thousandths: mm to µm, s to ms.
 fn micro<T: TryFrom<i64>>(field: &str, value: f64) -> Result<T, StationError> {
     let scaled = (value * 1e3).round();
-    // A larger one is cut to what no field takes.
+    // The conversion saturates at a value that no field takes.
     T::try_from(scaled as i64).map_err(|_| StationError::Stage {
         field: field.to_owned(),
     })
 }
 
-/// A distance that is watched, in µm; 0 is none, so less than half a µm will not do.
+/// Converts a monitored distance to µm. 0 stands for no monitoring, so a distance below half a µm
+/// is refused.
 fn watched(field: &str, mm: Option<f64>) -> Result<u32, StationError> {
     match (mm, micro(field, mm.unwrap_or(0.0))?) {
         (Some(_), 0) => Err(StationError::Stage {
@@ -151,7 +152,7 @@ fn treatment(care: &Care) -> Result<StageConfig, StationError> {
     })
 }
 
-/// What the driver needs of its STEP and DIR inputs.
+/// Returns the timing that the driver needs at its STEP and DIR inputs.
 pub fn timing(driver: Driver) -> DriverTiming {
     match driver {
         Driver::A4988 => DriverTiming::A4988,

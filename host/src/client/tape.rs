@@ -1,5 +1,5 @@
-//! What went into a station and what came out, from its first instant: enough to repeat its life
-//! elsewhere and compare.
+//! Recording of a station's inputs and outputs from its first instant, complete enough to replay
+//! and compare the run elsewhere.
 
 use shared::frame::encode::Bytes;
 use shared::replay::{Entry, Record, Trace, Writer};
@@ -7,7 +7,7 @@ use shared::safety::Inputs;
 use shared::steps::{PortMap, Segment};
 use shared::time::Instant;
 
-/// A log of inputs, and the records of what followed.
+/// Log of a station's inputs, and records of its outputs.
 #[derive(Clone, Debug)]
 pub struct Tape {
     log: Vec<u8>,
@@ -45,14 +45,15 @@ impl Tape {
         self.records.push(Record::Digest(at, digest));
     }
 
-    /// The log so far, as [`shared::replay::Log`] reads it, with time passing up to `end`.
+    /// Returns the log so far in the format of [`shared::replay::Log`], with time passing up to
+    /// `end`.
     pub fn log(&self, end: Instant) -> Vec<u8> {
         let mut log = self.log.clone();
         Writer(|part: &[u8]| log.extend_from_slice(part)).entry(end, Entry::Wait);
         log
     }
 
-    /// What the station did so far.
+    /// Returns the station's outputs so far.
     pub fn records(&self) -> &[Record] {
         &self.records
     }

@@ -27,14 +27,14 @@ pub const PORT: PortMap = PortMap {
     invert: [false; 3],
 };
 
-/// Words the twin's step engine queues ahead, as the board's ring does: half a millisecond at 1
-/// MHz.
+/// Words that the twin's step engine queues ahead, as the board's ring does: half a millisecond at
+/// 1 MHz.
 pub const RING_WORDS: usize = 512;
 
-/// The heartbeat, µs.
+/// Period of the heartbeat, µs.
 const PING_US: u64 = 20_000;
 
-/// How long an answer may take, µs of virtual time.
+/// Timeout for an answer, µs of virtual time.
 const PATIENCE_US: u64 = 100_000;
 
 /// The emulated board and the stage at its pins.
@@ -43,11 +43,11 @@ struct Hardware {
     station: EmulatedStation,
     plant: Plant,
     rate: WordRate,
-    /// Words made and not yet on the pins.
+    /// Words that are generated and not yet on the pins.
     ring: VecDeque<u32>,
-    /// Room for a segment's words.
+    /// Buffer for the words of a segment.
     words: Box<[u32]>,
-    /// What was sent, and when.
+    /// Packets to the host, each with its instant of sending.
     to_host: Vec<(Instant, Bytes)>,
     tape: Option<Tape>,
 }
@@ -149,12 +149,12 @@ pub struct Twin {
     client: Client,
     next_ping: Instant,
     pings: bool,
-    /// Where the pins stood when the position was last zeroed, steps.
+    /// Steps counted at the pins when the position was last zeroed.
     zero_steps: [i64; 3],
 }
 
 impl Twin {
-    /// Switches a station on, says hello, configures and zeroes it.
+    /// Switches a station on, sends hello, configures and zeroes it.
     ///
     /// # Errors
     /// If the stage does not fit the configuration or the station refuses it.
@@ -169,16 +169,16 @@ impl Twin {
         Ok(twin)
     }
 
-    /// Switches a station on and says hello; it has no configuration yet. `stage` is what its pins
-    /// drive.
+    /// Switches a station on and sends hello; the station has no configuration yet. Its pins drive
+    /// `stage`.
     ///
     /// # Errors
-    /// If it does not answer, or speaks another protocol.
+    /// If the station does not answer, or speaks another protocol.
     pub fn power_on(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
         Self::switch_on(Hardware::new(stage, name, 1))
     }
 
-    /// As [`Twin::power_on`], and keeps a [`Tape`] of everything from then on.
+    /// Switches a station on as [`Twin::power_on`] does, and records a [`Tape`] from then on.
     ///
     /// # Errors
     /// As [`Twin::power_on`].
@@ -203,7 +203,7 @@ impl Twin {
     /// Declares the present position to be zero.
     ///
     /// # Errors
-    /// If the station refuses, for it moves.
+    /// If the station denies it, because the stage moves.
     pub fn zero(&mut self) -> Result<(), StationError> {
         self.command("zero", Command::Zero)?;
         self.zero_steps = self.steps();
@@ -228,13 +228,13 @@ impl Twin {
         }
     }
 
-    /// Virtual time.
+    /// Returns the virtual time.
     pub fn now(&self) -> Instant {
         self.hardware.station.now()
     }
 
-    /// An instant of virtual time on the station's clock, as the host knows it; `None` until the
-    /// first ping has come back.
+    /// Converts an instant of virtual time to the station's clock, as the host knows it; `None`
+    /// until the first reply to a ping.
     pub fn station_time(&self, at: Instant) -> Option<Instant> {
         let station_us = self.client.clock().station_us(at.micros());
         station_us.map(Instant::from_micros)
@@ -292,7 +292,7 @@ impl Twin {
         })
     }
 
-    /// The station's answer to a sent command, if it has come.
+    /// Takes the station's answer to a sent command, if it has come.
     pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
         self.client.answer(sequence)
     }
@@ -320,7 +320,7 @@ impl Twin {
         }
     }
 
-    /// Stops or resumes the heartbeat, as a host that hangs.
+    /// Stops or resumes the heartbeat; stopped, it stands for a host that hangs.
     pub fn set_pings(&mut self, on: bool) {
         self.pings = on;
         self.next_ping = self.now();
@@ -331,39 +331,39 @@ impl Twin {
         self.hardware.set_switches(switches);
     }
 
-    /// The station's latest status.
+    /// Returns the station's latest status.
     pub fn status(&self) -> Option<&Status> {
         self.client.status()
     }
 
-    /// The conversation's other end.
+    /// Returns the host's end of the conversation.
     pub fn client(&self) -> &Client {
         &self.client
     }
 
-    /// Steps that the pins made since the start, backward ones subtracted.
+    /// Returns the steps that the pins made since the start, backward ones subtracted.
     pub fn steps(&self) -> [i64; 3] {
         self.hardware.plant.steps()
     }
 
-    /// Steps that the pins made since the position was zeroed.
+    /// Returns the steps that the pins made since the position was zeroed.
     pub fn steps_from_zero(&self) -> [i64; 3] {
         let now = self.steps();
         std::array::from_fn(|i| now[i] - self.zero_steps[i])
     }
 
-    /// Where the simulated stage stands, mm from where it was switched on: counted edges, nothing
-    /// else.
+    /// Returns the position of the simulated stage, mm from its position at power-on, from counted
+    /// edges alone.
     pub fn position_mm(&self) -> [f64; 3] {
         self.hardware.plant.position_mm()
     }
 
-    /// The tape of a recorded twin.
+    /// Returns the tape of a recorded twin.
     pub fn tape(&self) -> Option<&Tape> {
         self.hardware.tape.as_ref()
     }
 
-    /// The simulated stage.
+    /// Returns the simulated stage.
     pub fn plant(&self) -> &Plant {
         &self.hardware.plant
     }

@@ -18,10 +18,10 @@ use serde_json::json;
 /// Correct a rig's principal points (its datum offsets) from pictures of any textured scene
 ///
 /// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which
-/// costs the closed form most of its Z. What parallel cameras see of any scene must have equal
-/// heights and disparities in the ratio of the baselines; the offsets that make it so are printed
-/// with their standard deviation and written into a corrected rig file. A camera that is rolled
-/// against the others by more than three standard deviations gets a new `rotation_deg`.
+/// costs the closed form most of its Z. In parallel cameras every point of a scene must have equal
+/// heights, and disparities in the ratio of the baselines. The command prints the offsets that make
+/// it so with their standard deviation, and writes them into a corrected rig file. A camera that is
+/// rolled against the others by more than three standard deviations gets a new `rotation_deg`.
 ///
 /// Two things do not show in a scene of unknown depth and stay as they are: a common shift of all
 /// images (the camera in the middle keeps its principal point), and a common error of all
@@ -41,7 +41,7 @@ pub struct Options {
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
-    /// Where the corrected rig file goes: the same text with other principal points, and other
+    /// Write the corrected rig file here: the same text with other principal points, and other
     /// rotations of rolled cameras
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
@@ -57,12 +57,17 @@ pub struct Options {
     #[arg(long, value_name = "MM")]
     depth: Option<f64>,
 
-    /// Largest offset that is looked for, px
+    /// Largest offset in the search, px
     #[arg(long, value_name = "PX", default_value_t = AlignmentSettings::default().reach_px)]
     reach: f64,
 
-    /// Use at most so many captures, evenly spread
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=200))]
+    /// Largest number of captures to use, evenly spread
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 20,
+        value_parser = clap::value_parser!(u16).range(1..=200)
+    )]
     most: u16,
 
     /// Print one JSON object instead
@@ -151,7 +156,7 @@ fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(
     Ok(())
 }
 
-/// Offsets and new principal points, as in the paper's Table 4.
+/// Makes the table of offsets and new principal points, as in the paper's Table 4.
 fn table(found: &Alignment) -> Table {
     let mut table = Table::new(
         "Datum offsets (the paper's Table 4), px",

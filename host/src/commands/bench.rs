@@ -1,4 +1,4 @@
-//! `trinocular bench`: how long the matching takes on this machine.
+//! `trinocular bench`: times the flow on this machine.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use shared::rig::Rig;
 
-/// Time what this program does with pictures
+/// Time the image processing of this program
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(subcommand)]
@@ -29,11 +29,11 @@ enum What {
     Robustness(super::robustness::Options),
 }
 
-/// Time the way from pictures to tracked points
+/// Time the flow from images to correspondences
 ///
 /// A frame set is the work from one capture to the next when all points are chosen anew: filter the
-/// new pictures, choose points in the middle picture before, match them in the other two, follow
-/// them into the new pictures of all cameras. With a keyframe, the points are those of the first
+/// new images, choose points in the previous middle image, match them in the other two, follow
+/// them into the new images of all cameras. With a keyframe, the points are those of the first
 /// capture: filter, and follow. Reading the files is not timed.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -48,16 +48,31 @@ struct FlowOptions {
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
-    /// How often the whole folder is gone through
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    /// Number of passes through the whole folder
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 10,
+        value_parser = clap::value_parser!(u32).range(1..=100_000)
+    )]
     repeat: u32,
 
     /// Threads that share the work
-    #[arg(long, value_name = "T", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=64))]
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u8).range(1..=64)
+    )]
     threads: u8,
 
-    /// Points that are chosen, at most
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(8..=4000))]
+    /// Largest number of points to choose
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 200,
+        value_parser = clap::value_parser!(u16).range(8..=4000)
+    )]
     corners: u16,
 
     /// Print one JSON object
@@ -125,11 +140,11 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
     Ok((rig, frame_sets))
 }
 
-/// Bytes that the pixels of all frame sets may take.
+/// Largest size of the pixels of all frame sets, bytes.
 const MEMORY: u64 = 1 << 30;
 
-/// Refuses more frame sets than are kept in memory. Their files are not timed, so they are not read
-/// again for each repetition.
+/// Refuses more frame sets than fit into memory. Reading their files is not timed, so they are not
+/// read again for each repetition.
 fn fits_memory(
     path: &Path,
     folder: &Folder,
@@ -143,15 +158,15 @@ fn fits_memory(
         return Ok(());
     }
     let reason = format!(
-        "{count} frame sets of {cameras} x {width} x {height} px take {} MB, but bench keeps them in \
-         memory, {} MB at most; give a folder of {most} frame sets or fewer",
+        "{count} frame sets of {cameras} x {width} x {height} px take {} MB, but bench keeps them \
+         in memory, {} MB at most; give a folder of {most} frame sets or fewer",
         count.saturating_mul(each) >> 20,
         MEMORY >> 20
     );
     Err(InputError::file(path, reason))
 }
 
-/// Everything that was timed.
+/// All measured times.
 #[derive(Default)]
 struct Timing {
     sets: Vec<StageTimings>,
@@ -217,7 +232,7 @@ impl Timing {
     }
 }
 
-/// Of times, ms.
+/// Statistics of times, ms.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Spread {
     median: f64,
@@ -225,7 +240,7 @@ struct Spread {
 }
 
 impl Spread {
-    /// `None` of nothing.
+    /// Computes the statistics; `None` without times.
     fn of(times: impl Iterator<Item = Duration>) -> Option<Self> {
         let mut ms: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
         ms.sort_by(f64::total_cmp);
@@ -237,14 +252,14 @@ impl Spread {
     }
 }
 
-/// As it is printed.
+/// Result as it is printed.
 #[derive(Debug, Serialize)]
 struct Report {
     frame_set_ms: Option<Spread>,
-    /// Medians.
+    /// Median time of each stage, ms.
     stages_ms: Map<String, Value>,
     keyframe_ms: Option<Spread>,
-    /// That agree, in the median frame set.
+    /// Number of consistent points in the median frame set.
     points: usize,
     corners: u16,
     image_size_px: [u32; 2],

@@ -1,5 +1,5 @@
-//! What the commands that drive a station by hand share: the port, the stage of the rig file, and
-//! refusals that say what to do next.
+//! Shared parts of the commands that drive a station by hand: the port, the stage of the rig file,
+//! and denials with their remedy.
 
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
@@ -19,25 +19,25 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-/// How long a stage may take to come to rest.
+/// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// How long a station in motion may say nothing of itself: twenty statuses come in that time.
+/// Timeout for the status of a station in motion: twenty come in that time.
 const STATUS_PATIENCE: Duration = Duration::from_secs(2);
 
-/// How often a stage in motion is looked at.
+/// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Where the station is.
+/// Port of the station.
 #[derive(Debug, Args)]
 pub struct PortArgument {
-    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports`
-    /// lists all
+    /// Serial port of the station, such as /dev/ttyACM0; `auto` is the only station on USB,
+    /// `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
     pub port: String,
 }
 
-/// What the station moves.
+/// Stage of the station.
 #[derive(Debug, Args)]
 pub struct StageArgument {
     /// Configure the station with the `stage` section of this rig file first; without it the
@@ -45,13 +45,20 @@ pub struct StageArgument {
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
-    /// The station stops when it hears nothing for so long, ms. More on a busy computer
-    #[arg(long, value_name = "MS", requires = "rig", default_value_t = HEARTBEAT_MS, value_parser = clap::value_parser!(u16).range(20..=10_000))]
+    /// Heartbeat timeout, ms: the station stops without a ping for this time. Raise it on a loaded
+    /// computer
+    #[arg(
+        long,
+        value_name = "MS",
+        requires = "rig",
+        default_value_t = HEARTBEAT_MS,
+        value_parser = clap::value_parser!(u16).range(20..=10_000)
+    )]
     heartbeat: u16,
 }
 
 impl StageArgument {
-    /// The stage of the rig file, if one was named.
+    /// Reads the stage of the rig file, if one was named.
     pub fn read(&self) -> Result<Option<Stage>, Failure> {
         let Some(path) = &self.rig else {
             return Ok(None);
@@ -59,13 +66,13 @@ impl StageArgument {
         self.stage_of(&RigFile::read(path)?).map(Some)
     }
 
-    /// The rig file, for a command that cannot do without.
+    /// Returns the path of the rig file, for a command that requires one.
     pub fn path(&self) -> Result<&Path, Failure> {
         let path = self.rig.as_deref();
         path.ok_or_else(|| Failure::Usage("it needs --rig RIG.toml".to_owned()))
     }
 
-    /// The stage of the rig file that was read.
+    /// Returns the stage of a rig file that was read.
     pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
         let none = "has no [stage]: it says what the station moves";
         let stage = rig.stage.clone();
@@ -89,7 +96,7 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// Asks who is there; a station of other firmware is refused.
+    /// Connects to the station; refuses one with other firmware.
     pub fn connect(argument: &PortArgument) -> Result<Self, Failure> {
         let hand = Self::connect_to_any(argument)?;
         let mismatches = hand.serial.who().map(|hello| hello.mismatches());
@@ -99,12 +106,12 @@ impl Hand {
         }
     }
 
-    /// As [`Hand::connect`], for a command that means the same to every firmware.
+    /// Connects as [`Hand::connect`] does, for a command that every firmware understands.
     pub fn connect_to_any(argument: &PortArgument) -> Result<Self, Failure> {
         Self::connect_by(argument, Serial::connect)
     }
 
-    /// As [`Hand::connect_to_any`], and stops the stage with the first packets.
+    /// Connects as [`Hand::connect_to_any`] does, and stops the stage with the first packets.
     pub fn connect_and_stop(argument: &PortArgument) -> Result<Self, Failure> {
         Self::connect_by(argument, Serial::connect_and_stop)
     }
@@ -119,24 +126,24 @@ impl Hand {
         Ok(Self { serial, port })
     }
 
-    /// The conversation.
+    /// Returns the connection to the station.
     pub fn serial(&self) -> &Serial {
         &self.serial
     }
 
-    /// The port's path.
+    /// Returns the path of the port.
     pub fn port(&self) -> &str {
         &self.port
     }
 
-    /// How the station is now.
+    /// Returns a fresh status of the station.
     pub fn status(&self) -> Result<Status, Failure> {
         self.serial
             .fresh_status(false)
             .map_err(|error| self.failed(error))
     }
 
-    /// Sends a command; returns how the station is after it.
+    /// Sends a command; returns the status after it.
     pub fn command(&mut self, name: &'static str, command: Command) -> Result<Status, Failure> {
         self.try_command(name, command)
             .map_err(|error| self.failed(error))
@@ -151,8 +158,8 @@ impl Hand {
         self.serial.fresh_status(true)
     }
 
-    /// As [`Hand::command`], and once more while the stage still ramps down or a fault has not been
-    /// told.
+    /// Sends a command as [`Hand::command`] does, and repeats it while the stage still ramps down
+    /// or a fault has not been reported.
     pub fn command_at_rest(
         &mut self,
         name: &'static str,
@@ -175,7 +182,7 @@ impl Hand {
         }
     }
 
-    /// Gives the station its stage, if one was named.
+    /// Configures the station with a stage, if one was named.
     pub fn configure(
         &mut self,
         stage: Option<&Stage>,
@@ -194,7 +201,7 @@ impl Hand {
         self.command("config", config).map(|_| ())
     }
 
-    /// Starts the heartbeat, and waits until the station has heard it.
+    /// Starts the heartbeat, and waits until the station has answered a ping.
     pub fn start_heartbeat(&mut self) -> Result<(), Failure> {
         let heard = self.serial.start_heartbeat();
         heard.map_err(|error| self.failed(error))
@@ -206,9 +213,9 @@ impl Hand {
         stood.map(|_| ()).map_err(|error| self.failed(error))
     }
 
-    /// Waits until the stage stands; a signal stops it on a ramp, and so does the end of the time
-    /// that the motion is given. `watch` sees every status meanwhile. Also says whether a signal
-    /// came.
+    /// Waits until the stage stands. A signal stops it on a ramp, and so does the end of the
+    /// motion's allowance. `watch` gets every status meanwhile. Returns the last status, and true
+    /// if a signal came.
     pub fn wait_for_rest(
         &mut self,
         allowance: Allowance,
@@ -247,8 +254,8 @@ impl Hand {
         }
     }
 
-    /// How it is before a command that moves it: at rest, and with a configuration or about to get
-    /// one.
+    /// Checks that the station may get a command that moves it: it must be at rest, and have a
+    /// configuration or be about to get one. Returns its status.
     pub fn ready_to_move(
         &self,
         command: &'static str,
@@ -256,7 +263,7 @@ impl Hand {
     ) -> Result<Status, Failure> {
         let status = self.status()?;
         let denial = match status.state {
-            // Whoever set it moving is gone or busy: our heartbeat must not keep it going.
+            // The host that started the motion is gone or busy: this heartbeat must not keep it up.
             state if state.is_moving() => Denial::Moving,
             State::Unconfigured if !brings_stage => Denial::Unconfigured,
             _ => return Ok(status),
@@ -264,7 +271,7 @@ impl Hand {
         Err(self.failed(StationError::Denied { command, denial }))
     }
 
-    /// The failure, with the port it happened on and what to do next.
+    /// Makes a failure with its port and the operator's next action.
     pub fn failed(&self, error: StationError) -> Failure {
         let next = match &error {
             StationError::Denied { denial, .. } => remedy(*denial),
@@ -277,13 +284,13 @@ impl Hand {
     }
 }
 
-/// The flag that a signal sets. A second signal ends the program at once, and the station stops
-/// without its heartbeat.
+/// Returns the flag that a signal sets. A second signal ends the program at once, and the station
+/// stops without its heartbeat.
 pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     interruption::watch().map_err(Failure::Signals)
 }
 
-/// The failure behind a motion that did not end by itself.
+/// Returns the failure behind a motion that did not end by itself.
 pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(), Failure> {
     if let Some(fault) = end.fault {
         return Err(hand.failed(StationError::Faulted(fault)));
@@ -292,7 +299,7 @@ pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(),
         let who = if interrupted {
             "interrupted"
         } else {
-            "stopped by somebody else"
+            "stopped by another command"
         };
         let next = diagnosis::state(end.state).action;
         return Err(Failure::Station(format!("{who}; next: {next}").into()));
@@ -300,7 +307,7 @@ pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(),
     Ok(())
 }
 
-/// Whole steps, and mm where the stage is known.
+/// Formats a position in whole steps, and in mm if the stage is known.
 pub fn position(steps: [i32; 3], stage: Option<&Stage>) -> String {
     let [x, y, z] = steps;
     match stage.map(|stage| in_mm(steps, stage)) {
@@ -309,12 +316,12 @@ pub fn position(steps: [i32; 3], stage: Option<&Stage>) -> String {
     }
 }
 
-/// Whole steps in mm.
+/// Converts whole steps to mm.
 pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
-/// State, motors, trust and faults by name; the faults also by number, the worst first.
+/// Returns state, motors, trust and faults by name; the faults also by number, the worst first.
 pub fn condition(status: &Status) -> Value {
     let named =
         |fault: Fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name});

@@ -27,9 +27,9 @@ use super::progress::Progress;
 /// images they took at the same instant. Every figure comes with its standard deviation.
 ///
 /// Take 10 or more images in which the board fills a good part of the view, tilted by 20 to 40
-/// degrees in different directions, some of them reaching into the corners. Flat, sharp, evenly
-/// lit. A board with an even and an odd number of inner corners is best: its colours tell which end
-/// is which.
+/// degrees in different directions, some of them reaching into the corners. The board must be flat,
+/// sharp and evenly lit. One with an even and an odd number of inner corners is best, because its
+/// colours distinguish its two ends.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -68,12 +68,15 @@ pub struct Options {
 }
 
 const EXAMPLES: &str = "\
-Residuals are root mean square distances of corners from where they should be. A camera's offset is right, down and forward of the origin, the middle \
-or first camera, in mm; its rotation is axis times angle in degrees, from the rig's axes to the camera's. The rig's x axis runs along the line of the cameras. \
-Rotations are undone exactly by all commands that read the rig file; the offset forward is not, and should be small.
+Residuals are root mean square distances of corners from where they should be. A camera's offset \
+is right, down and forward of the origin, the middle or first camera, in mm; its rotation is axis \
+times angle in degrees, from the rig's axes to the camera's. The rig's x axis runs along the line \
+of the cameras. Rotations are undone exactly by all commands that read the rig file; the offset \
+forward is not, and should be small.
 
-The paper's estimators (closed-form, least-squares) want cameras in line: heights (the second number of offset_mm) that cost Y more than 0.3 % of a \
-displacement along Z are refused. In the paper's rig that is 0.64 mm. The midpoint takes any.
+The paper's estimators (closed-form, least-squares) want cameras in line: heights (the second \
+number of offset_mm) that cost Y more than 0.3 % of a displacement along Z are refused. In the \
+paper's rig that is 0.64 mm. The midpoint takes any.
 
 Examples:
   trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
@@ -121,7 +124,7 @@ fn doubt_square(square_mm: f64) {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    // What would be refused at the end is refused before the work.
+    // Refuse before the work what would be refused after it.
     let names: Vec<String> = list(&options.input)?
         .into_iter()
         .map(|series| series.name)
@@ -160,7 +163,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The rig, if it obeys every rule of a rig file.
+/// Makes the rig file, if the rig obeys every rule of one.
 fn rig_file(options: &Options, result: &Calibration) -> Result<RigFile, InputError> {
     let refuse = |reason: &str| InputError::file(&options.input, format!("makes no rig: {reason}"));
     let rig = result
@@ -281,8 +284,10 @@ fn print_rig(result: &Calibration, rig: &RigSolution, out: &mut impl Write) -> R
     let [x, y, z] = rig.axes_sigma_deg;
     writeln!(
         out,
-        "  all cameras together are turned against the rig's axes by what stands above, ± {x:.3} ± {y:.3} ± {z:.3} degrees about x, y, z;\n  \
-         displacements are turned by as much: {:.2} % of a motion along z may appear in x, {:.2} % in y",
+        "  all cameras together are turned against the rig's axes by what stands above, \
+         ± {x:.3} ± {y:.3} ± {z:.3} degrees about x, y, z;\n  \
+         displacements are turned by as much: {:.2} % of a motion along z may appear in x, \
+         {:.2} % in y",
         100.0 * y.to_radians().tan(),
         100.0 * x.to_radians().tan()
     )?;

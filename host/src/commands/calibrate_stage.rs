@@ -1,4 +1,4 @@
-//! `trinocular calibrate-stage`: how the cameras sit on the stage, from pictures taken along its
+//! `trinocular calibrate-stage`: measures the hand-eye matrix from images taken along the stage's
 //! axes.
 
 mod real;
@@ -23,19 +23,19 @@ use host::report::{Cell, Table};
 use host::rig_file::{RigFile, Stage};
 use serde_json::json;
 
-/// Find how the cameras sit on the stage: the matrix of the rig file, from pictures of a target at
-/// rest
+/// Measure how the cameras sit on the stage: the matrix of the rig file, from images of a target
+/// at rest
 ///
-/// The stage goes along each of its axes, a few mm either way, and stops for a picture of a
-/// textured target that does not move. The matrix that explains what the cameras saw is fitted and
-/// printed with its standard deviation; a fit that noise cannot explain is refused. It takes in the
-/// cameras' rotation, an axis that runs the wrong way, and steps_per_mm that are off.
+/// The stage goes along each of its axes, a few mm either way, and stops for images of a textured
+/// target at rest. The command fits the matrix to the displacements and prints it with its standard
+/// deviation; it refuses a fit whose residuals are larger than noise. The matrix covers the
+/// cameras' rotation, a reversed axis, and an error of steps_per_mm.
 ///
-/// A simulated stage then passes the target, and the delay of the cameras' time stamps is measured:
-/// what `track --delay` takes.
+/// A simulated stage then passes the target, and the command measures the delay of the cameras'
+/// time stamps, for `track --delay`.
 ///
-/// With --port the station must know its position (`home` or `zero`), and somebody puts a capture
-/// into --images at every stop: the program says when.
+/// With --port the station must know its position (`home` or `zero`), and the operator puts a
+/// capture into --images at every stop, when the program asks for it.
 #[derive(Debug, Args)]
 #[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
 pub struct Options {
@@ -43,29 +43,34 @@ pub struct Options {
     #[command(flatten)]
     stage: StageArgument,
 
-    /// A simulated stage with rendered cameras on it, mounted as --turned, --scaled and --mirrored
-    /// say
+    /// Use a simulated stage with rendered cameras on it, mounted by --turned, --scaled and
+    /// --mirrored
     #[arg(long, required_unless_present = "port")]
     sim: bool,
 
-    /// The station on this serial port; `auto` is the only one on USB
+    /// Use the station on this serial port; `auto` is the only one on USB
     #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "images")]
     port: Option<String>,
 
-    /// Where captures appear: one subfolder per camera, equal file names for one instant. Those
-    /// that are there already are not used
+    /// Folder of the captures: one subfolder per camera, equal file names for one instant.
+    /// Captures that already exist are not used
     #[arg(long, value_name = "DIR", requires = "port")]
     images: Option<PathBuf>,
 
-    /// How long to wait for a capture, s
-    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u16).range(1..=3_600))]
+    /// Timeout for a capture, s
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 120,
+        value_parser = clap::value_parser!(u16).range(1..=3_600)
+    )]
     patience: u16,
 
-    /// How far the stage goes along each axis, either way, mm
+    /// Distance that the stage goes along each axis, either way, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0)]
     reach: f64,
 
-    /// Where the corrected rig file goes: the same text with another matrix
+    /// Write the corrected rig file here: the same text with another matrix
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
 
@@ -77,11 +82,18 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
-    /// The simulated cameras are turned against the stage about x, y, z, degrees
-    #[arg(long, value_name = "DEG", num_args = 3, default_values_t = [2.0, -3.0, 3.5], allow_negative_numbers = true, conflicts_with = "port")]
+    /// Rotation of the simulated cameras against the stage about x, y, z, degrees
+    #[arg(
+        long,
+        value_name = "DEG",
+        num_args = 3,
+        default_values_t = [2.0, -3.0, 3.5],
+        allow_negative_numbers = true,
+        conflicts_with = "port"
+    )]
     turned: Vec<f64>,
 
-    /// A mm of the simulated stage is so many mm
+    /// True motion of the simulated stage per commanded mm, mm
     #[arg(
         long,
         value_name = "FACTOR",
@@ -90,11 +102,11 @@ pub struct Options {
     )]
     scaled: f64,
 
-    /// An axis of the simulated stage that runs the wrong way
+    /// Reversed axis of the simulated stage
     #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
     mirrored: Option<Axis>,
 
-    /// The simulated cameras' time stamps are later than their pictures by this, ms
+    /// Delay of the simulated cameras' time stamps, ms
     #[arg(
         long,
         value_name = "MS",
@@ -113,32 +125,34 @@ Examples:
   trinocular calibrate-stage --sim --rig rig.toml
   trinocular calibrate-stage --port auto --rig rig.toml --images captures/ --out rig.toml --force";
 
-/// Where the stage goes while pictures are taken, as shares of the reach.
+/// Ends of the stage's passes while images are taken, as shares of the reach.
 const PASSES: [f64; 4] = [-0.6, 0.6, -0.6, 0.0];
 
-/// A stage that can be sent somewhere, and cameras on it.
+/// A stage that can move, and cameras on it.
 trait Bench {
-    /// Where it stands, mm from zero.
+    /// Returns the position of the stage, mm from zero.
     fn position_mm(&mut self) -> Result<[f64; 3], Failure>;
 
-    /// Goes there, mm from zero, and waits until it stands; returns where that is.
+    /// Moves to a position, mm from zero, and waits until the stage stands; returns the position
+    /// reached.
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure>;
 
-    /// Takes a picture with each camera.
+    /// Takes a frame set.
     fn look(&mut self) -> Result<FrameSet, Failure>;
 
-    /// Goes there, mm from zero, and takes pictures on the way; `None` if nobody takes them.
+    /// Moves to a position, mm from zero, and takes frame sets on the way; `None` if the cameras
+    /// cannot.
     fn pass(&mut self, _position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
         Ok(None)
     }
 }
 
-/// A way of the stage, and the pictures that were taken on it.
+/// Path of the stage, and the frame sets that were taken on it.
 #[derive(Default)]
 struct Pass {
-    /// Times, s, and positions, mm.
+    /// Times, s, and positions of the stage, mm.
     path: Vec<(f64, [f64; 3])>,
-    /// With their stamps.
+    /// Frame sets with their time stamps.
     captures: Vec<FrameSet>,
 }
 
@@ -159,7 +173,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     super::doubts::warn(path, &rig);
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {
-        // Before the work: it would be for nothing.
+        // Check before the work, which would be lost otherwise.
         super::destination::refuse_existing(to, options.force, path)?;
     }
     let mut bench: Box<dyn Bench> = match &options.port {
@@ -214,7 +228,7 @@ fn measure(
             Err(refusal) => notice!("at {stands_mm:.3?} mm: {refusal}"),
         }
     }
-    // The reference is no sample: it is what the others are measured against.
+    // The keyframe is no sample: all others are measured against it.
     let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Images(refusal.to_string()))?;
     let delay = match &mut watch {
         Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
@@ -223,7 +237,7 @@ fn measure(
     Ok((samples, fit, delay))
 }
 
-/// Moves the stage past the target and compares what the cameras see with where it was.
+/// Moves the stage past the target and compares the measured displacements with its path.
 fn measure_delay(
     options: &Options,
     bench: &mut dyn Bench,
@@ -241,7 +255,7 @@ fn measure_delay(
             path.push(time_s, position_mm);
         }
         for capture in pass.captures {
-            // A picture that cannot be used says nothing of the delay either.
+            // An unusable frame set gives no information about the delay either.
             if let Ok(sample) = watch.look(centre_mm, &capture) {
                 passings.push(Passing::new(capture.time_us as f64 * 1e-6, &sample));
             }
@@ -257,7 +271,8 @@ fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failur
     match delay {
         Some(delay) => writeln!(
             out,
-            "{:>16}: {:.2} ms ± {:.2}, from {} pictures of the moving stage: use `track --delay {:.1}`",
+            "{:>16}: {:.2} ms ± {:.2}, from {} pictures of the moving stage: use \
+             `track --delay {:.1}`",
             "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures, delay.delay_ms
         )?,
         None => writeln!(
@@ -277,7 +292,8 @@ fn within_travel(options: &Options, stage: &Stage, centre_mm: [f64; 3]) -> Resul
         if centre - farthest < least || centre + farthest > greatest {
             let name = ['x', 'y', 'z'][axis];
             return Err(Failure::Usage(format!(
-                "{name} is at {centre:.3} mm and would go {farthest:.3} mm either way, but its soft limits are {least} to {greatest} mm: move it, or take a shorter --reach"
+                "{name} is at {centre:.3} mm and would go {farthest:.3} mm either way, but its \
+                 soft limits are {least} to {greatest} mm: move it, or take a shorter --reach"
             )));
         }
     }

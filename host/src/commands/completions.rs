@@ -10,8 +10,7 @@ use super::Arguments;
 
 /// Print completions for a shell
 ///
-/// Completes commands and options after TAB. Print them into the file that the shell reads them
-/// from.
+/// Completes commands and options after TAB. Redirect the output to the file that the shell loads.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -19,7 +18,7 @@ Examples:
   trinocular completions zsh > ~/.zfunc/_trinocular
   trinocular completions fish > ~/.config/fish/completions/trinocular.fish")]
 pub struct CompletionsOptions {
-    /// The shell
+    /// Name of the shell
     #[arg(value_enum)]
     shell: Shell,
 }

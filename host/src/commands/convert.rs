@@ -18,7 +18,7 @@ use super::destination::Destination;
 ///
 /// Reads one rig file (.toml), or one file per camera in the YAML of OpenCV's FileStorage or of
 /// ROS's camera_info (.yml, .yaml), whose name is the camera's. Prints the rig file on standard
-/// output unless told where to write.
+/// output unless an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -26,11 +26,11 @@ pub struct Options {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 
-    /// Where a camera is, right and down of the rig's origin in mm, if its file does not say; once
+    /// Position of a camera, right and down of the rig's origin in mm, if its file has none; once
     /// for each camera
     ///
-    /// Files that do say are ROS's with a projection matrix and OpenCV's with R and T (mm). Given,
-    /// it counts instead of what the file says.
+    /// ROS's files with a projection matrix and OpenCV's with R and T (mm) have one. This option
+    /// overrides it.
     #[arg(long = "offset", value_name = "CAMERA=X,Y", allow_hyphen_values = true)]
     offsets: Vec<Offset>,
 
@@ -50,7 +50,7 @@ struct Offset {
     mm: [f64; 2],
 }
 
-/// A text that is no [`Offset`].
+/// Error of a text that is no [`Offset`].
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("`{0}` is not like left=-70,0: camera=X,Y in mm")]
 struct WrongOffset(String);
@@ -117,7 +117,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The rig of these cameras.
+/// Assembles the rig of these cameras.
 fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     if !(2..=MAX_CAMERAS).contains(&files.len()) {
         let count = files.len();

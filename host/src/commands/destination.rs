@@ -1,5 +1,5 @@
-//! Where a rig is written to: our rig file, OpenCV's or ROS's files. Nothing that exists is
-//! overwritten unasked.
+//! Files that a rig is written to: a rig file, OpenCV's or ROS's files. Existing files are
+//! overwritten only with --force.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ pub struct Destination {
     /// Write CAMERA.yml for OpenCV's FileStorage into this folder
     ///
     /// Each holds image_width, image_height, camera_matrix, distortion_coefficients, and R and T,
-    /// which take a point along the rig's axes to the camera's (mm).
+    /// which map a point along the rig's axes to the camera's (mm).
     #[arg(long, value_name = "DIR")]
     opencv: Option<PathBuf>,
 
@@ -32,29 +32,29 @@ pub struct Destination {
 
     /// Overwrite files that exist
     ///
-    /// A rig file's stage section is kept even so; a rig file that cannot be read is not
-    /// overwritten. All files are written, or none if one of them cannot be.
+    /// A rig file's stage section is kept nevertheless; a rig file that cannot be read is not
+    /// overwritten. All files are written, or none if one of them cannot be written.
     #[arg(long)]
     force: bool,
 }
 
-/// The files, opened before the work whose result they take.
+/// Files opened before the work whose result they take.
 pub struct Opened {
     out: Option<(Output, Option<Stage>)>,
-    /// Per camera.
+    /// Name and file of each camera.
     opencv: Vec<(String, Output)>,
     ros: Vec<(String, Output)>,
-    /// Removed again if no file comes into them.
+    /// New folders, which are removed again if no file was written into them.
     _folders: NewFolders,
 }
 
 impl Destination {
-    /// Whether anything is to be written.
+    /// Returns true if any file was requested.
     pub fn is_some(&self) -> bool {
         self.out.is_some() || self.opencv.is_some() || self.ros.is_some()
     }
 
-    /// Opens the files for cameras of these names; refuses what would overwrite a file.
+    /// Opens the files for cameras of these names; refuses to overwrite a file without --force.
     pub fn open(&self, names: &[String]) -> Result<Opened, Failure> {
         let replace = Replace::Nothing.or_forced(self.force);
         let out = self.out.as_ref().map(|path| rig_file(path, replace));
@@ -79,9 +79,9 @@ impl Destination {
     }
 }
 
-/// The rig file, and the stage that it keeps.
+/// Opens the rig file; returns it with the stage that it keeps.
 fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Stage>), InputError> {
-    // What is read below is the file itself, whose stage section is kept. Other inputs have been
+    // The file itself is read below, because its stage section is kept. All other inputs have been
     // read.
     Output::open(path, replace)?;
     let output = Output::open_successor(path, replace, path)?;
@@ -109,7 +109,7 @@ impl Opened {
         Ok(())
     }
 
-    /// Writes the rig. Returns the files that have been written.
+    /// Writes the rig; returns the paths of the files.
     pub fn write(self, mut rig: RigFile) -> Result<Vec<PathBuf>, Failure> {
         let paths = self.outputs().map(|output| output.path().to_owned());
         let paths = paths.collect();
@@ -138,8 +138,8 @@ impl Opened {
     }
 }
 
-/// Refuses a file that exists, unless it may be overwritten, and a place that cannot be written.
-/// The rig file `rig`, whose new version it is, may be named.
+/// Refuses a file that exists, unless `force` is set, an input other than the rig file `rig`, and a
+/// place that cannot be written.
 pub fn refuse_existing(path: &Path, force: bool, rig: &Path) -> Result<(), InputError> {
     Output::open_successor(path, Replace::Nothing.or_forced(force), rig).map(drop)
 }

@@ -1,4 +1,4 @@
-//! `trinocular diagnose`: what states and faults mean, and what is the matter with a station.
+//! `trinocular diagnose`: explains states and faults, or finds the problem of a station.
 
 use std::io::Write;
 
@@ -8,18 +8,18 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::diagnosis;
 
-/// Explain the station's states and numbered faults; with --port also what is the matter with a
+/// Explain the station's states and numbered faults; with --port also find the problem of a
 /// station
 ///
-/// Changes nothing. Exit code 0 whatever the station's state is, 3 if it does not answer or its
-/// firmware does not fit.
+/// Changes nothing. The exit code is 0 whatever the station's state is, and 3 if the station does
+/// not answer or its firmware does not fit.
 #[derive(Debug, Args)]
 pub struct Options {
     /// Also ask the station on this serial port; `auto` is the only one on USB
     #[arg(long, value_name = "PATH")]
     port: Option<String>,
 
-    /// The table only, as without --port
+    /// Print the table only, as without --port
     #[arg(long, conflicts_with = "port")]
     list: bool,
 }

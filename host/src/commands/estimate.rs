@@ -19,7 +19,7 @@ use shared::estimate::Refusal;
 /// Estimate the target's displacement from matched points or from images
 ///
 /// Prints one line per displacement: x, y, z in mm, the standard deviation of each in mm where the
-/// method knows it, how many points were used and how many were rejected.
+/// method gives it, and the numbers of points used and rejected.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -32,8 +32,8 @@ pub struct Options {
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
     /// taken at the same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the
     /// order of their names, in which numbers count as numbers. Frame 1 is the second capture.
-    /// Where a camera's file is missing, it is measured without that camera, and said; where one
-    /// cannot be read, the frame is refused.
+    /// If a camera's file is missing, the frame is measured without that camera, with a warning; if
+    /// a file cannot be read, the frame is refused.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions
@@ -41,11 +41,11 @@ pub struct Options {
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
-    /// How to get from points to the displacement
+    /// Method from points to the displacement
     #[arg(long, value_enum, default_value_t = Method::Midpoint)]
     method: Method,
 
-    /// What each displacement of a folder is relative to; the first capture gives none
+    /// Capture that each displacement of a folder is relative to; the first capture gives none
     ///
     /// A points CSV holds its own reference positions, so this changes nothing there.
     #[arg(long, value_enum, default_value_t = Reference::First)]
@@ -59,11 +59,13 @@ pub struct Options {
 const JSON_HELP: &str = "\
 Print one JSON object per displacement and line:
 
-{\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\"method\":\"midpoint\"}
+{\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\
+\"method\":\"midpoint\"}
 
-`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. `warnings`, a list of sentences, is there only \
-if a camera was left out. A frame without an estimate gives \
-{\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has been printed.";
+`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. \
+`warnings`, a list of sentences, is there only if a camera was left out. A frame without an \
+estimate gives {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has \
+been printed.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -78,7 +80,7 @@ enum Method {
     /// The paper's eq. 9; needs exactly the cameras left, middle and right, within a millimetre of
     /// one line
     ClosedForm,
-    /// The paper's eq. 7; needs the same
+    /// The paper's eq. 7; needs the same cameras as closed-form
     LeastSquares,
     /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras in a
     /// plane
@@ -86,7 +88,7 @@ enum Method {
 }
 
 impl Method {
-    /// Reads the rig, refusing those the method is not made for.
+    /// Reads the rig; refuses one that does not suit the method.
     fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
         let rig = match self {
             Self::Midpoint => RigFile::read(path),
@@ -143,7 +145,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
 }
 
-/// A points CSV: its one displacement.
+/// Estimates the one displacement of a points CSV.
 fn run_points<W: Write>(
     options: &Options,
     rig: &RigFile,
@@ -155,7 +157,7 @@ fn run_points<W: Write>(
     printer.finish()
 }
 
-/// A folder of captures: a displacement for each but the first.
+/// Estimates a displacement for each capture of a folder but the first.
 fn run_folder<W: Write>(
     options: &Options,
     rig: &RigFile,
@@ -191,7 +193,7 @@ fn run_folder<W: Write>(
                 continue;
             }
         };
-        // A bad reference spoils every frame that is measured against it, and its reason is theirs.
+        // A bad keyframe spoils every frame measured against it; they share its reason.
         let measured = reference.clone().and_then(|()| {
             let outcome = flow.measure(&capture);
             outcome.map_err(|refusal| refusal.to_string())
@@ -220,12 +222,12 @@ struct Printer<'a, W> {
     out: &'a mut W,
     frames: usize,
     refused: usize,
-    /// What is to be said of the next displacement.
+    /// Warnings about the next displacement.
     warnings: Vec<String>,
 }
 
 impl<W: Write> Printer<'_, W> {
-    /// The next frame, from the sums over its points and the number of those left out before.
+    /// Prints the next frame from the sums over its points and the number of rejected points.
     fn sums(
         &mut self,
         sums: Result<Sums, Refusal>,
@@ -267,7 +269,8 @@ impl<W: Write> Printer<'_, W> {
         if self.frames - self.refused == 1 {
             writeln!(
                 self.out,
-                "frame        x mm        y mm        z mm sigma x mm sigma y mm sigma z mm  points rejected"
+                "frame        x mm        y mm        z mm \
+                 sigma x mm sigma y mm sigma z mm  points rejected"
             )?;
         }
         write!(self.out, "{:>5}", line.frame)?;
@@ -320,11 +323,11 @@ impl<W: Write> Printer<'_, W> {
     }
 }
 
-/// What an estimator makes of the points.
+/// Result of an estimator.
 struct Solution {
     displacement_mm: [f64; 3],
     sigma_mm: Option<[f64; 3]>,
-    /// Points that were used.
+    /// Number of points used.
     points: usize,
 }
 
@@ -343,7 +346,7 @@ fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
         sigma_mm,
         points: sums.centred.points as usize,
     };
-    // JSON has no word for a number that is not finite, and nobody has a use for it.
+    // JSON cannot express a number that is not finite.
     let sigma = solution.sigma_mm.unwrap_or_default();
     let mut numbers = solution.displacement_mm.iter().chain(&sigma);
     if numbers.all(|number| number.is_finite()) {

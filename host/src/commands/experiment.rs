@@ -14,13 +14,13 @@ use host::rig_file::{RigFile, Stage};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// What the experiment without a command takes.
+/// Options of the experiment without a command.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Options of the experiment (without a command)")]
 pub struct Options {
-    /// Where the HTML report goes
+    /// File of the HTML report
     ///
-    /// An earlier report of this program is replaced, and no other file without --force.
+    /// It replaces an earlier report of this program, but no other file without --force.
     #[arg(
         long,
         value_name = "FILE.html",
@@ -28,7 +28,7 @@ pub struct Options {
     )]
     report: PathBuf,
 
-    /// Also write the tracking path (Fig. 7) as a picture
+    /// Also write the tracking path (Fig. 7) as an SVG drawing
     #[arg(long, value_name = "FILE.svg")]
     figure: Option<PathBuf>,
 
@@ -50,7 +50,7 @@ pub struct Options {
     scene: SceneOptions,
 }
 
-/// What station B moves.
+/// Returns the stage of station B.
 fn stage(options: &Options) -> Result<Stage, InputError> {
     let Some(path) = &options.rig else {
         return Ok(default_stage());
@@ -60,7 +60,7 @@ fn stage(options: &Options) -> Result<Stage, InputError> {
     stage.ok_or_else(|| InputError::file(path, reason))
 }
 
-/// The files of the report and of the figure.
+/// Opens the files of the report and of the figure.
 fn outputs(options: &Options) -> Result<(Output, Option<Output>), Failure> {
     let open = |path: &PathBuf| Output::open(path, Replace::Own.or_forced(options.force));
     let report = open(&options.report)?;

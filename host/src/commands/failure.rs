@@ -1,4 +1,4 @@
-//! Failures of commands, and the exit codes that tell them apart.
+//! Failures of commands, and their exit codes.
 //!
 //! | code | meaning |
 //! |---|---|
@@ -37,7 +37,7 @@ pub enum Failure {
         /// All frames.
         frames: usize,
     },
-    /// The options contradict each other.
+    /// The command line was wrong.
     #[error("{0}")]
     Usage(String),
     /// The images show nothing that can be measured.
@@ -52,7 +52,7 @@ pub enum Failure {
     /// The report cannot be made or written.
     #[error(transparent)]
     Report(#[from] host::report::Error),
-    /// The system lets the program not watch for signals.
+    /// The system does not let the program watch for signals.
     #[error("{0}")]
     Signals(io::Error),
     /// The station refused or faulted.
@@ -81,7 +81,7 @@ impl Failure {
     }
 
     /// Makes the failure of a station on `port`, or of the twin. A port that cannot be used is bad
-    /// input; anything else is the station's doing, or its other host's.
+    /// input; any other error is a failure of the station.
     pub fn of_station(port: Option<&str>, error: StationError) -> Self {
         match error {
             StationError::Port { path, reason } => {
@@ -104,8 +104,8 @@ impl Failure {
         }
     }
 
-    /// Returns true if the reader of standard output has seen enough (`trinocular ... | head -1`),
-    /// which is no fault.
+    /// Returns true if the reader of standard output has closed it (`trinocular ... | head -1`),
+    /// which is no failure.
     pub fn is_closed_output(&self) -> bool {
         matches!(self, Self::Output(cause) if cause.kind() == io::ErrorKind::BrokenPipe)
     }
@@ -129,7 +129,7 @@ pub struct StationFailure {
     /// The serial port; `None` for the twin.
     port: Option<String>,
     reason: StationReason,
-    /// The next thing to do.
+    /// Next action of the operator.
     next: Option<String>,
 }
 
@@ -140,7 +140,7 @@ enum StationReason {
 }
 
 impl StationFailure {
-    /// Adds the next thing to do, if there is one.
+    /// Adds the operator's next action, if there is one.
     #[must_use]
     pub fn with_next(self, next: Option<&str>) -> Self {
         Self {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn exit_codes_are_the_documented_ones() {
+    fn exit_codes_match_documentation() {
         let input = InputError::file(Path::new("a"), "b");
         assert_eq!(Failure::from(input).exit_code(), 1);
         assert_eq!(Failure::from(Refusal::TooFewPoints).exit_code(), 1);
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn station_failure_names_its_port_once() {
+    fn station_failure_names_port_once() {
         let at = |error| Failure::of_station(Some("/dev/ttyACM0"), error).chain();
         let silent = StationError::Silent {
             command: "hello",

@@ -1,6 +1,6 @@
-//! The list of commands in the help, by what they are for.
+//! The list of commands in the help, by purpose.
 
-/// As clap's own, with [`COMMANDS`] in place of the list.
+/// Help template: clap's own, with [`COMMANDS`] in place of the list.
 pub const TEMPLATE: &str = "\
 {about-with-newline}
 {usage-heading} {usage}
@@ -9,7 +9,7 @@ pub const TEMPLATE: &str = "\
 {options}{after-help}
 ";
 
-/// Every command, once.
+/// List of all commands, by purpose.
 pub const COMMANDS: &str = "\
 Measure:
   estimate         Estimate the target's displacement from matched points or from images

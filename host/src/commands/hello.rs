@@ -1,4 +1,4 @@
-//! `trinocular hello`: who is at the end of a serial line.
+//! `trinocular hello`: identifies the station on a serial line.
 
 use std::io::Write;
 
@@ -17,12 +17,12 @@ use std::path::{Path, PathBuf};
 /// station's program it also prints the command that finds the lines of source.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// The serial port, such as /dev/ttyACM0; `auto` is the only station on USB, `trinocular ports`
-    /// lists all
+    /// Serial port of the station, such as /dev/ttyACM0; `auto` is the only station on USB,
+    /// `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
     port: String,
 
-    /// The image that was flashed, for the command that looks a crash up in it
+    /// Image that was flashed, for the command that looks up a crash in it
     #[arg(
         long,
         value_name = "ELF",
@@ -112,7 +112,7 @@ fn print_last_run(
     Ok(())
 }
 
-/// What the station remembers of its last run.
+/// Returns the station's report of its last run.
 pub fn last_run_json(last: &LastRun) -> serde_json::Value {
     let end = match last.end {
         End::Outside => "outside",

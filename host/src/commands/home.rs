@@ -1,4 +1,4 @@
-//! `trinocular home`: axes find their home switches.
+//! `trinocular home`: searches the home switches of axes.
 
 use std::io::Write;
 
@@ -19,15 +19,14 @@ use shared::safety::{State, Trust};
 /// Find the home switches, and with them the position
 ///
 /// One axis after the other, Z first: fast onto the switch, back off, slowly onto it again, back
-/// off. Soft limits do not hold meanwhile: see that the way is free. A switch that is not met
-/// within five quarters of the axis's travel, or does not release, ends it with a fault. Ctrl-C
-/// stops the stage on a ramp. The rig file says which axes have a home switch, at which end, and
-/// where it trips.
+/// off. Soft limits do not hold meanwhile: see that the path is free. A switch that is not found
+/// within five quarters of the axis's travel, or does not release, ends the homing with a fault.
+/// Ctrl-C stops the stage on a ramp. The rig file lists the axes with a home switch, its end, and
+/// its position.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Which axes; without any all that have a home switch in the rig file, or all three without
-    /// --rig
+    /// Axes to home [default: all that have a home switch in the rig file; all three without --rig]
     #[arg(value_enum, ignore_case = true)]
     axes: Vec<Axis>,
 
@@ -44,8 +43,8 @@ pub struct Options {
 
 const EXAMPLES: &str = "\
 Examples:
-  trinocular home --port auto --rig rig.toml        # the first after the station's start: configure it
-  trinocular home z --port /dev/ttyACM0             # one axis anew";
+  trinocular home --port auto --rig rig.toml    # the first after the station's start: configure it
+  trinocular home z --port /dev/ttyACM0         # one axis anew";
 
 fn chosen(axes: &[Axis], stage: Option<&Stage>) -> [bool; 3] {
     match (axes, stage) {
@@ -74,7 +73,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     why_it_stands(&hand, &end, stopping)?;
     if end.state == State::Idle && end.trust != Trust::Homed {
         notice!(
-            "the axes without a home switch are not known yet: `zero` makes the present position zero, then `home` again"
+            "the axes without a home switch are not known yet: `zero` makes the present position \
+             zero, then `home` again"
         );
     }
     Ok(())

@@ -81,7 +81,7 @@ pub struct InitOptions {
     #[arg(long, value_name = "NAME", value_parser = driver)]
     driver: Option<Driver>,
 
-    /// Ask nothing: what no option gives is the default
+    /// Ask nothing: use the defaults of all options that are not given
     #[arg(long)]
     defaults: bool,
 
@@ -103,7 +103,7 @@ enum Board {
 }
 
 impl Board {
-    /// As `firmware/build` names it.
+    /// Returns the name that `firmware/build` uses.
     const fn name(self) -> &'static str {
         match self {
             Self::OlimexH405 => "olimex-h405",
@@ -113,7 +113,7 @@ impl Board {
     }
 }
 
-/// The driver of that name.
+/// Parses the name of a driver.
 fn driver(text: &str) -> Result<Driver, Expected> {
     let known = Driver::ALL
         .into_iter()
@@ -121,7 +121,7 @@ fn driver(text: &str) -> Result<Driver, Expected> {
     known.ok_or(Expected("A4988, DRV8825 or TMC2209"))
 }
 
-/// A board, or none for a rig without a stage.
+/// Parses a board, or none for a rig without a stage.
 fn board(text: &str) -> Result<Option<Board>, Expected> {
     match text {
         "none" => Ok(None),
@@ -138,7 +138,7 @@ pub fn run(options: &InitOptions, out: &mut impl Write) -> Result<(), Failure> {
     let file = if to_output {
         None
     } else {
-        // Before anything is asked.
+        // Before any question.
         Some(Output::open(
             &options.file,
             Replace::Nothing.or_forced(options.force),
@@ -167,7 +167,7 @@ pub fn run(options: &InitOptions, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The values: of options, answers, or the defaults.
+/// Collects the values from options, answers and defaults.
 fn fill(options: &InitOptions, ask: &mut Questions<'_>) -> Result<Template, Failure> {
     let cameras = ask.value(
         options.cameras.clone(),

@@ -16,7 +16,7 @@ use serde_json::json;
 use shared::frame::message::{Command, Status};
 use shared::safety::Trust;
 
-/// Longest jog, mm: more is a slip of the unit.
+/// Longest jog, mm: a longer one is taken for a wrong unit.
 const LONGEST_MM: f64 = 1000.0;
 
 /// Move the stage by a distance along its axes, in mm, and wait until it stands
@@ -27,7 +27,7 @@ const LONGEST_MM: f64 = 1000.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// How far, mm: x=1.5 y=-2; axes that are not named stand still
+    /// Distances, mm: x=1.5 y=-2; axes that are not named stand still
     #[arg(value_name = "AXIS=MM", required = true)]
     distances: Vec<Distance>,
 
@@ -92,7 +92,7 @@ impl std::str::FromStr for Distance {
     }
 }
 
-/// One distance per axis.
+/// Collects one distance per axis, µm.
 fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
     let mut um = [None; 3];
     for distance in distances {
@@ -138,7 +138,7 @@ fn share(before: &Status, now: &Status) -> f64 {
     let far =
         |axis: usize, to: [i32; 3]| f64::from(to[axis]) - f64::from(before.position_steps[axis]);
     let shares = (0..3).map(|axis| far(axis, now.position_steps) / far(axis, now.target_steps));
-    // An axis that stands has no share.
+    // An axis at rest has no share.
     shares.filter(|share| share.is_finite()).fold(1.0, f64::min)
 }
 
@@ -180,7 +180,8 @@ fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, sta
             let name = ['x', 'y', 'z'][axis];
             let [least, greatest] = stage.travel_mm[axis];
             notice!(
-                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to {greatest} mm"
+                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to \
+                 {greatest} mm"
             );
         }
     }

@@ -15,7 +15,7 @@ use super::Arguments;
 /// One page for the program and one for each command, in section 1: `man DIR/trinocular.1`.
 #[derive(Debug, Args)]
 pub struct ManOptions {
-    /// The folder; made if it does not exist
+    /// Folder of the pages; made if it does not exist
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 

@@ -1,4 +1,4 @@
-//! What `trinocular` can do: one file per command, each with its options and its `run`.
+//! Commands of `trinocular`: one file per command, each with its options and its `run`.
 
 use std::io::Write;
 

@@ -10,13 +10,13 @@ use shared::frame::message::Command;
 
 /// Switch the motors of the stage on or off
 ///
-/// Only at rest, and only a station that has its configuration. Motors that are off hold nothing:
+/// Works only at rest, on a station that has its configuration. Motors that are off hold nothing:
 /// the stage can be moved by hand, and a vertical axis may sink. The station trusts its position
-/// less from then on: `home` or `zero` after `motors on`. With motors_off_after_s in the rig file
-/// the station switches them off by itself.
+/// less from then on: run `home` or `zero` after `motors on`. With motors_off_after_s in the rig
+/// file the station switches the motors off by itself.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// What the motors are to be
+    /// New state of the motors
     #[arg(value_enum, ignore_case = true)]
     motors: Motors,
 
@@ -24,7 +24,7 @@ pub struct Options {
     port: PortArgument,
 }
 
-/// What the motors are to be.
+/// State of the motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Motors {
     /// Holding the stage, ready to move it

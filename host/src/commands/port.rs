@@ -6,32 +6,39 @@ use host::client::ports;
 use host::client::stage::HEARTBEAT_MS;
 use host::servo::station_link::StationPlace;
 
-/// Where the station is.
+/// Port of the station.
 #[derive(Clone, Debug, Args)]
 pub struct PortOption {
-    /// A station on this serial port instead of the built-in twin, in real time; `auto` is the only
-    /// one on USB. Its present position becomes zero, and it moves at once
+    /// Use the station on this serial port instead of the built-in twin, in real time; `auto` is
+    /// the only one on USB. Its present position becomes zero, and it moves at once
     #[arg(long, value_name = "PATH")]
     port: Option<String>,
 
-    /// The station on --port stops when it hears nothing for so long, ms. More on a busy computer
-    #[arg(long, value_name = "MS", requires = "port", default_value_t = HEARTBEAT_MS, value_parser = clap::value_parser!(u16).range(20..=10_000))]
+    /// Heartbeat timeout, ms: the station on --port stops without a ping for this time. Raise it on
+    /// a loaded computer
+    #[arg(
+        long,
+        value_name = "MS",
+        requires = "port",
+        default_value_t = HEARTBEAT_MS,
+        value_parser = clap::value_parser!(u16).range(20..=10_000)
+    )]
     heartbeat: u16,
 }
 
 impl PortOption {
-    /// Whether one was named.
+    /// Returns true if a port was named.
     pub fn is_given(&self) -> bool {
         self.port.is_some()
     }
 
-    /// The port's path, if one was named.
+    /// Returns the path of the port, if one was named.
     pub fn resolve(&self) -> Result<Option<String>, Failure> {
         let path = self.port.as_deref().map(ports::resolve).transpose();
         path.map_err(|error| Failure::of_station(None, error))
     }
 
-    /// What the experiments take.
+    /// Returns the place of the station.
     pub fn place<'a>(&self, port: Option<&'a str>) -> StationPlace<'a> {
         match port {
             None => StationPlace::Twin,

@@ -6,11 +6,11 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use host::client::ports::{Candidate, candidates};
 
-/// List the serial ports a station may be on
+/// List the serial ports that a station may be on
 ///
-/// Ports whose USB vendor and product are those of our boards come first, marked with a star. None
-/// is opened: what an unknown device does with bytes is not known. The emulated station's
-/// pseudo-terminal is not listed; its path is known to whoever started it.
+/// Ports with the USB vendor and product of Trinocular's boards come first, marked with a star. No
+/// port is opened, because an unknown device may react to any byte. The pseudo-terminal of an
+/// emulated station is not listed; give its path to --port.
 #[derive(Debug, Args)]
 pub struct Options {
     /// Print one JSON object per port and line

@@ -1,10 +1,10 @@
-//! How far a long command is, on standard error.
+//! Progress of a long command, on standard error.
 
 use host::notice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal as _;
 
-/// A bar on a terminal; elsewhere a line at every tenth.
+/// Progress as a bar on a terminal; elsewhere as a line at every tenth.
 pub struct Progress {
     bar: Option<ProgressBar>,
     what: &'static str,
@@ -12,7 +12,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Nothing done yet.
+    /// Starts at 0 %.
     pub fn new(what: &'static str) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent:>3} %  {elapsed}");
@@ -25,7 +25,7 @@ impl Progress {
         Self { bar, what, told: 0 }
     }
 
-    /// So much is done, 0 to 1.
+    /// Shows the share that is done, 0 to 1.
     pub fn at(&mut self, share: f64) {
         match &self.bar {
             Some(bar) => bar.set_position((share.clamp(0.0, 1.0) * 1000.0) as u64),
@@ -48,8 +48,8 @@ impl Drop for Progress {
     }
 }
 
-/// A count of something whose end nobody knows: on a terminal, unless results go there too;
-/// elsewhere a line at every hundred.
+/// Progress without a known end: a counter on a terminal, unless results go there too; elsewhere a
+/// line at every hundred.
 pub struct Count {
     bar: Option<ProgressBar>,
     is_told: bool,
@@ -57,7 +57,7 @@ pub struct Count {
 }
 
 impl Count {
-    /// None yet.
+    /// Starts at 0.
     pub fn new(what: &'static str) -> Self {
         let is_terminal = std::io::stderr().is_terminal();
         let is_free = is_terminal && !std::io::stdout().is_terminal();
@@ -69,7 +69,7 @@ impl Count {
         }
     }
 
-    /// So many.
+    /// Shows the count.
     pub fn at(&mut self, count: usize) {
         if let Some(bar) = &self.bar {
             bar.set_message(format!("{count} {}", self.what));

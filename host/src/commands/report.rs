@@ -1,4 +1,4 @@
-//! `--report`: an HTML page beside what a command prints.
+//! `--report`: an HTML page with the results of a command.
 
 use std::path::PathBuf;
 
@@ -8,12 +8,12 @@ use host::error::InputError;
 use host::output::{Output, Replace};
 use host::report::Page;
 
-/// Where a page goes.
+/// Destination of the page.
 #[derive(Debug, Args)]
 pub struct ReportOption {
     /// Also write an HTML page with all tables and figures
     ///
-    /// An earlier report of this program is replaced, and no other file without --force.
+    /// It replaces an earlier report of this program, but no other file without --force.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 
@@ -22,7 +22,7 @@ pub struct ReportOption {
     force: bool,
 }
 
-/// A page's file, opened before the work whose results it takes.
+/// File of the page, opened before the work whose results it takes.
 pub struct Report(Option<Output>);
 
 impl ReportOption {
@@ -35,7 +35,7 @@ impl ReportOption {
 }
 
 impl Report {
-    /// Writes the page, if one is wanted.
+    /// Writes the page, if one was requested.
     pub fn write(self, page: impl FnOnce() -> Page) -> Result<(), Failure> {
         match self.0 {
             Some(output) => page().write(output).map_err(Failure::Report),

@@ -1,4 +1,4 @@
-//! `trinocular reset`: a stopped or faulted station may move again.
+//! `trinocular reset`: lets a stopped or faulted station move again.
 
 use std::io::Write;
 
@@ -10,8 +10,8 @@ use shared::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone
 ///
-/// Moves nothing, and says what the station needs next. Refused while the cause of the fault is
-/// still there. Waits while the stage ramps down.
+/// Moves nothing, and prints the next step for the operator. The station refuses it while the cause
+/// of the fault is still there. Waits while the stage ramps down.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `trinocular bench robustness`: what bad pictures do to measurements.
+//! `trinocular bench robustness`: measures the effect of bad images.
 
 use super::progress::Progress;
 use crate::commands::failure::Failure;
@@ -10,35 +10,44 @@ use host::images::SceneError;
 use std::io::Write;
 use std::sync::Mutex;
 
-/// Measure rendered posters under bad conditions, and hold errors against the truth and the stated
-/// sigma
+/// Measure rendered posters under bad conditions, and compare errors with the stated sigma
 ///
-/// One row per condition: how many were measured and how many refused, for what reason; points;
+/// One row per condition: numbers of measured and refused displacements with the reasons; points;
 /// root mean square error; mean of (error/sigma)², which is 1 where sigma is right; the share
 /// within three sigma (worst axis); gross errors, beyond five sigma and 0.02 mm. A second table
-/// holds what all points err by together at every sub-pixel phase.
+/// holds the common error of all points at every sub-pixel phase.
 ///
-/// Exit code 1 if a claim does not hold: error²/sigma² between 0.8 and 1.3 per axis over all rows,
-/// 99 % within three sigma, at most one gross error in 10,000 measurements, every condition
+/// The exit code is 1 if a claim does not hold: error²/sigma² between 0.8 and 1.3 per axis over all
+/// rows, 99 % within three sigma, at most one gross error in 10,000 measurements, every condition
 /// measured or refused as it should be, cameras that fail or are late named, and a bias below
 /// 0.0005 px at every phase.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
     /// Posters per condition; each is measured four times at every noise
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 6,
+        value_parser = clap::value_parser!(u32).range(1..=10_000)
+    )]
     seeds: u32,
 
-    /// Only this condition, or `bias`; may be given several times
+    /// Run only this condition, or `bias`; may be given several times
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
 
-    /// Also a line for every noise
+    /// Print a line for every noise, too
     #[arg(long)]
     noise: bool,
 
     /// Threads that share the work; results do not depend on it
-    #[arg(long, value_name = "T", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 2,
+        value_parser = clap::value_parser!(u8).range(1..=64)
+    )]
     threads: u8,
 
     /// Print the tables as Markdown
@@ -57,7 +66,7 @@ Examples:
   trinocular bench robustness --only bias --seeds 20
   trinocular bench robustness --seeds 60 --markdown";
 
-/// The second table's name.
+/// Name of the second table.
 const BIAS: &str = "bias";
 
 /// Runs the command.
@@ -76,7 +85,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Err(Failure::Claims(failures))
 }
 
-/// The conditions of these names, or all.
+/// Returns the conditions of these names, or all.
 fn chosen(names: &[String]) -> Result<Vec<&'static Condition>, Failure> {
     let known = |name: &&String| {
         *name == BIAS
@@ -128,7 +137,7 @@ fn conditions(
         .iter()
         .flat_map(|row| row.tally.failures(row.condition));
     let mut failures: Vec<String> = failures.collect();
-    // What a single condition's average is, nobody claims.
+    // There are no claims about the average of a single condition.
     if options.only.is_empty() {
         failures.extend(failures_of_all(&total, 1.0));
     }

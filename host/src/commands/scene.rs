@@ -3,11 +3,11 @@
 use clap::Args;
 use host::images::{SceneError, SceneSettings, TextureKind};
 
-/// The poster and how the cameras take it.
+/// Options of the poster and of its rendered images.
 #[derive(Clone, Debug, Args)]
 pub struct SceneOptions {
-    /// The poster: natural, notes (on a plain wall), blobs, bricks or grid (the last two repeat,
-    /// and are refused)
+    /// Texture of the poster: natural, notes (on a plain wall), blobs, bricks or grid (the last two
+    /// repeat, and are refused)
     #[arg(long, default_value_t = TextureKind::Natural)]
     pub texture: TextureKind,
 
@@ -15,7 +15,7 @@ pub struct SceneOptions {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 
-    /// Distance of the poster, mm; the program that tracks is not told
+    /// Distance of the poster, mm; the measurement does not use it
     #[arg(long, value_name = "MM", default_value_t = SceneSettings::default().depth_mm)]
     depth: f64,
 
@@ -24,12 +24,18 @@ pub struct SceneOptions {
     noise: f64,
 
     /// Tilt of the poster about x and y, degrees
-    #[arg(long, value_name = "DEG", num_args = 2, default_values_t = [0.0, 0.0], allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "DEG",
+        num_args = 2,
+        default_values_t = [0.0, 0.0],
+        allow_negative_numbers = true
+    )]
     tilt: Vec<f64>,
 }
 
 impl SceneOptions {
-    /// For the renderer, which checks the values.
+    /// Returns the settings of the renderer, which checks the values.
     pub fn settings(&self) -> SceneSettings {
         let tilt = |i: usize| self.tilt.get(i).copied().unwrap_or(0.0).to_radians();
         SceneSettings {
@@ -41,7 +47,7 @@ impl SceneOptions {
     }
 }
 
-/// The reason in the words of the options.
+/// Returns the reason with the names of the options.
 pub fn reason(error: &SceneError) -> String {
     let SceneError::OutOfRange { name, value, range } = error else {
         return error.to_string();

@@ -1,4 +1,4 @@
-//! `trinocular simulate`: scenarios on the twin, and whether what must come of them did.
+//! `trinocular simulate`: runs scenarios on the twin and checks their expectations.
 
 use super::progress::Progress;
 use super::report::ReportOption;
@@ -17,9 +17,9 @@ use std::path::{Path, PathBuf};
 
 /// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
 ///
-/// A scenario file says how the target moves, what goes wrong and when, and what must come of it;
-/// the controller board's own code follows on virtual time, and every figure is taken from the
-/// edges at its step pins. tests/scenarios has examples of everything.
+/// A scenario file describes the motion of the target, faults and their times, and the expected
+/// figures. The controller board's own code follows on virtual time, and every figure is taken from
+/// the edges at its step pins. tests/scenarios has examples of everything.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -31,7 +31,7 @@ pub struct Options {
     #[arg(long)]
     no_prediction: bool,
 
-    /// Ideal points with 0.01 px of noise instead of rendered pictures: a hundred times faster
+    /// Use ideal points with 0.01 px of noise instead of rendered images: a hundred times faster
     #[arg(long)]
     points: bool,
 
@@ -46,8 +46,8 @@ pub struct Options {
 const EXAMPLES: &str = "\
 Figures, of the scenario's measured time:
   rms_mm max_mm    error per axis: cameras minus target, every millisecond
-  settle_ms        of a step: from the arrival of the first frame that shows it until the error stays
-                   within 0.03, 0.03, 0.08 mm (or as the scenario says)
+  settle_ms        of a step: from the arrival of the first frame that shows it until the error
+                   stays within 0.03, 0.03, 0.08 mm (or as the scenario says)
   latency_ms       from a capture to the first step that its frame can change
   steps, lost      at the pins from start to end; planned and not made
 
@@ -60,7 +60,7 @@ The exit code is 1 if anything that a scenario expects was missed.";
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    // All files are read before the first is run: a slip in the last need not cost a minute.
+    // Read all files before the first run, so that an error in the last one shows at once.
     let read = options.scenarios.iter().map(|path| {
         let scenario = Scenario::read(path)?;
         Ok(match options.points {
@@ -100,9 +100,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
 }
 
-/// How much is done of all that is to be done.
+/// Progress of all runs, in seconds of rendered images.
 struct Work {
-    /// None if the work takes no time worth telling.
+    /// Progress bar; `None` if the work takes too little time for one.
     progress: Option<Progress>,
     done_s: f64,
     total_s: f64,
@@ -140,7 +140,7 @@ impl Work {
     }
 }
 
-/// The work of one run, in seconds of rendered pictures; ideal points take none worth telling.
+/// Returns the work of one run, in seconds of rendered images; 0 for ideal points.
 fn work_s(scenario: &Scenario) -> f64 {
     match scenario.cameras.sight {
         Sight::Rendered { .. } => scenario.seconds(),
@@ -148,7 +148,7 @@ fn work_s(scenario: &Scenario) -> f64 {
     }
 }
 
-/// Whether a scenario is run a second time, without prediction.
+/// Returns true if a scenario runs a second time, without prediction.
 fn is_compared(scenario: &Scenario, prediction: bool) -> bool {
     prediction && scenario.expect.prediction_gain.is_some()
 }
@@ -186,7 +186,7 @@ fn simulate(
     })
 }
 
-/// As it is printed: the figures and what belongs to them.
+/// Figures and verdict of a scenario, as they are printed.
 #[derive(Serialize)]
 struct Line<'a> {
     scenario: &'a str,

@@ -1,4 +1,4 @@
-//! `trinocular status`: how a station is.
+//! `trinocular status`: shows the condition of a station.
 
 use std::io::Write;
 
@@ -11,7 +11,7 @@ use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
 use shared::track::pursuit::Sight;
 
-/// Ask the station on a serial port how it is
+/// Show the station's state, fault and position
 ///
 /// Changes nothing. With a latched fault the exit code is 3; `trinocular diagnose` explains all
 /// states and faults.
@@ -45,7 +45,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
 }
 
-/// Who it is, and what it remembers.
+/// Returns the station's hello and its report of the last run.
 pub fn who(hand: &Hand) -> Result<(Hello, Option<LastRun>), Failure> {
     let last = hand
         .serial()
@@ -57,7 +57,7 @@ pub fn who(hand: &Hand) -> Result<(Hello, Option<LastRun>), Failure> {
     Ok((hello, last))
 }
 
-/// What there is to say, with its names.
+/// Returns all items of the status, each with its name.
 pub fn lines(
     hello: &Hello,
     last: Option<&LastRun>,

@@ -1,4 +1,4 @@
-//! `trinocular stop`: the stage stops, and stays stopped.
+//! `trinocular stop`: stops the stage until a reset.
 
 use std::io::Write;
 
@@ -11,9 +11,9 @@ use host::notice;
 
 /// Stop the stage on a ramp; it stays stopped until `reset`
 ///
-/// Goes before everything else at the station, keeps the position, and is sent to a station of
-/// other firmware, too. It is no emergency stop: that is a button. Another run of this program that
-/// has the port is told to end, as Ctrl-C does, and stops its stage.
+/// The station obeys it before everything else, whatever its firmware, and keeps the position. It
+/// is no emergency stop: that is a button. If another run of this program has the port, it is
+/// interrupted as by Ctrl-C, and stops its stage.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
@@ -40,10 +40,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Says what became of the program that had the port.
+/// Reports the end of the program that had the port.
 ///
 /// # Errors
-/// If it still has the port: then no stop can be sent.
+/// If that program still has the port, so that no stop can be sent.
 fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
     let stays =
         |Holder { pid, command }: Holder, why: &str, way_out: &str| {
@@ -56,7 +56,7 @@ fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
     let kill = |pid: u32| format!("run `kill -9 {pid}` and `trinocular stop` again");
     match other {
         OtherHost::Left(Holder { pid, command }) => {
-            notice!("`{command}` (process {pid}) had the port and was told to end");
+            notice!("`{command}` (process {pid}) had the port; it was interrupted and ended");
             Ok(())
         }
         OtherHost::Suspended(holder) => {
@@ -65,7 +65,7 @@ fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
         }
         OtherHost::Stays(holder) => {
             let way_out = kill(holder.pid);
-            stays(holder, "and did not end when it was told to", &way_out)
+            stays(holder, "and did not end when interrupted", &way_out)
         }
         OtherHost::Foreign(holder) => {
             let way_out = format!("end process {} and run `trinocular stop` again", holder.pid);

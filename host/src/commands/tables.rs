@@ -1,4 +1,4 @@
-//! `trinocular tables`: the paper's tables and figures, ours beside the printed values.
+//! `trinocular tables`: the paper's tables and figures, computed values beside the printed ones.
 
 use super::progress::Progress;
 use super::report::ReportOption;
@@ -11,8 +11,8 @@ use std::io::Write;
 /// Print the paper's Tables 1, 2, 5 and 6, ours beside the printed values
 ///
 /// Tables 1 and 2 are computed from 1,000 random point sets without noise; Table 5 from rendered
-/// pictures of resting cameras; Table 6 in closed loop on the twin. A last table holds all
-/// estimators against the Cramér-Rao bound.
+/// images of resting cameras; Table 6 in closed loop on the twin. A last table compares all
+/// estimators with the Cramér-Rao bound.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {

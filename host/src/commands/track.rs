@@ -1,5 +1,5 @@
-//! `trinocular track`: the servo in closed loop, with the simulator, recorded images, a folder that
-//! grows, or live cameras.
+//! `trinocular track`: runs the servo with the simulator, recorded images, a folder that grows, or
+//! live cameras.
 
 mod absences;
 mod captures;
@@ -25,7 +25,7 @@ const SOURCE: &str = "Where the pictures come from (one of these)";
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "With --sim: the simulated target";
 
-/// Where the pictures come from.
+/// Source of the images.
 #[derive(Debug, Args)]
 #[group(id = "source", required = true, multiple = false)]
 pub struct Source {
@@ -36,28 +36,28 @@ pub struct Source {
     /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names
     /// for one instant
     ///
-    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. Where a
-    /// camera's file is missing, the others carry on, and the row says so. A capture of which a
-    /// file cannot be read is passed over; it is said, and the exit code is 1.
+    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. If a
+    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable
+    /// captures are skipped with a warning; the exit code is then 1.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
-    /// The same, while another program writes it: waits for new captures, until Ctrl-C or for
-    /// --idle seconds
+    /// A folder of captures as for --images that another program still writes: waits for new
+    /// captures, until Ctrl-C or for --idle seconds
     ///
-    /// A file counts as written when it has not changed for 0.2 s. A camera's file is waited for at
-    /// most 2 s if there is a later capture or the camera has fallen silent; then the other cameras
-    /// carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be removed
-    /// when their row has been printed.
+    /// A file counts as written when it has not changed for 0.2 s. The program waits for a camera's
+    /// file at most 2 s if there is a later capture or the camera has fallen silent; then the other
+    /// cameras carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be
+    /// removed when their row has been printed.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
     /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
     ///
     /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with
-    /// `--features host/camera`. At the end it is said what became of each camera's pictures, those
-    /// its driver lost among them. A camera that is unplugged or falls silent is carried on
-    /// without, as long as two are left.
+    /// `--features host/camera`. At the end a line per camera counts its images: used, overtaken,
+    /// damaged, lost by its driver. If a camera is unplugged or falls silent, the others carry on,
+    /// as long as two are left.
     #[arg(
         long,
         value_name = "DEVICE,...",
@@ -72,12 +72,12 @@ pub struct Source {
 /// cameras
 ///
 /// The station is the built-in twin: the controller board's own code on virtual time; or, for --sim
-/// and --cameras, one on a serial --port, in real time. One line per picture goes to standard
-/// output: where the target was seen, and where the stage is.
+/// and --cameras, one on a serial --port, in real time. One line per frame set goes to standard
+/// output: the displacement of the target, and the position of the stage.
 ///
-/// With --sim the cameras ride on the stage and see a poster that moves along --path. With
-/// --cameras and --port they ride on it too, unless they are --fixed. Otherwise nothing the stage
-/// does can be seen: the cameras count as fixed, and the stage copies the target's motion.
+/// With --sim the cameras are on the stage and see a poster that moves along --path. With --cameras
+/// and --port they are on the stage too, unless they are --fixed. Otherwise the images cannot show
+/// the stage's motion: the cameras count as fixed, and the stage copies the target's motion.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -94,11 +94,11 @@ pub struct Options {
     #[command(flatten)]
     station: PortOption,
 
-    /// How long to follow, s [default: 8 with --sim, until Ctrl-C with --cameras]
+    /// Duration of the run, s [default: 8 with --sim, until Ctrl-C with --cameras]
     #[arg(long, value_name = "S", conflicts_with_all = ["images", "watch"])]
     seconds: Option<f64>,
 
-    /// Pictures per second
+    /// Frame sets per second
     #[arg(long, value_name = "HZ", default_value_t = 30.0)]
     fps: f64,
 
@@ -106,37 +106,38 @@ pub struct Options {
     #[arg(long, value_enum, default_value_t = Estimator::Midpoint)]
     method: Estimator,
 
-    /// Print one JSON object per picture and line
+    /// Print one JSON object per frame set and line
     ///
-    /// time_s, displacement_mm (the target's since the first picture, as seen from the cameras),
-    /// trust (in the station's position); stage_mm and frame, or with --sim target_mm, camera_mm,
+    /// time_s, displacement_mm (the target's since the keyframe, as seen from the cameras), trust
+    /// (in the station's position); stage_mm and frame, or with --sim target_mm, camera_mm,
     /// sigma_mm, points and latency_ms. `warnings`, a list of sentences, is there only if a camera
-    /// was left out; `refused` says why a picture was not used.
+    /// was left out; `refused` is the reason why a frame set was not used.
     #[arg(long)]
     json: bool,
 
-    /// With the twin: from picture to frame at the station, ms of its virtual time; at most 3 less
-    /// than from picture to picture [default: 20, or that if it is less]
+    /// With the twin: latency from images to frame at the station, ms of virtual time; at most the
+    /// period of the frame sets minus 3 [default: 20, or that if it is less]
     #[arg(long, value_name = "MS")]
     latency: Option<u64>,
 
-    /// With --watch: end when no image has come for so long, s; without it only Ctrl-C ends
+    /// With --watch: end after this time without a new image, s; without it only Ctrl-C ends
     #[arg(long, value_name = "S")]
     idle: Option<f64>,
 
-    /// Pictures so far apart are still of one time, ms; at most half the time between two pictures
-    /// of a camera [default: 5, or that half if it is less]
+    /// Largest difference of capture times within a frame set, ms; at most half the time between
+    /// two images of a camera [default: 5, or that half if it is less]
     #[arg(long, value_name = "MS", help_heading = CAMERAS)]
     window: Option<f64>,
 
-    /// From the middle of the exposure to the picture's time stamp, ms; negative if the stamp comes
-    /// first
+    /// Delay from the middle of the exposure to the image's time stamp, ms; negative if the stamp
+    /// comes first
     ///
-    /// Which stamp a camera has is said with its first picture. Of the picture's end: half the
-    /// exposure and the read-out. Of its start: minus half the exposure; but cameras on USB are
-    /// stamped when their data begin to come, so half the exposure and what lies between. Of its
-    /// arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB. What it is wrong by,
-    /// times the stage's speed, is an error of position while the stage moves, and none at rest.
+    /// The program prints the kind of a camera's stamp with its first image. For the end of the
+    /// image: half the exposure and the read-out. For its start: minus half the exposure; but
+    /// cameras on USB are stamped when their data begin to come, so half the exposure and the time
+    /// in between. For its arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB.
+    /// While the stage moves, an error of the delay times the stage's speed is an error of
+    /// position; at rest there is none.
     #[arg(
         long,
         value_name = "MS",
@@ -150,7 +151,7 @@ pub struct Options {
     #[arg(long, help_heading = CAMERAS)]
     fixed: bool,
 
-    /// How the target moves: steps, line, circle, lissajous or still
+    /// Motion of the target: steps, line, circle, lissajous or still
     ///
     /// Steps are of (4, 4, 1) mm, every second; the line is along them, 5 mm/s; the circle has a
     /// radius of 10 mm, in 8 s; the Lissajous figure 20, 20 and 5 mm, once, twice and three times
@@ -163,28 +164,28 @@ pub struct Options {
 }
 
 impl Options {
-    /// The time between two pictures, µs.
+    /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
         (1e6 / self.fps).round() as u64
     }
 
-    /// From picture to frame, µs.
+    /// Returns the latency from images to frame, µs.
     fn latency_us(&self) -> u64 {
         let default = (self.longest_latency_ms() as u64).min(20);
         self.latency.unwrap_or(default) * 1000
     }
 
-    /// The frame is at the station, and answered, before the next picture, ms.
+    /// Returns the longest latency with which a frame is answered before the next frame set, ms.
     fn longest_latency_ms(&self) -> f64 {
         (1000.0 / self.fps - 3.0).max(1.0).floor()
     }
 
-    /// The widest window within which the order of arrival makes no difference, ms.
+    /// Returns the widest window within which the order of arrival makes no difference, ms.
     fn widest_window_ms(&self) -> f64 {
         500.0 / self.fps
     }
 
-    /// The window, ms.
+    /// Returns the window, ms.
     fn window_ms(&self) -> f64 {
         let default = self.widest_window_ms().min(5.0);
         self.window.unwrap_or(default)
@@ -210,7 +211,7 @@ impl From<Estimator> for sums::Estimator {
 }
 
 impl Estimator {
-    /// Reads the rig, refusing those the estimator is not made for.
+    /// Reads the rig; refuses one that does not suit the estimator.
     fn read_rig(self, path: &std::path::Path) -> Result<RigFile, InputError> {
         let rig = match self {
             Self::ClosedForm => RigFile::read_in_line(path),
@@ -221,7 +222,7 @@ impl Estimator {
     }
 }
 
-/// Says who the station on the line is, and which fault its start has cleared.
+/// Prints the name of the station on the line, and the fault that its start has cleared.
 fn introduce(station: &StationLink) {
     let Some(serial) = station.serial() else {
         return;
@@ -233,7 +234,7 @@ fn introduce(station: &StationLink) {
     }
 }
 
-/// Three columns of a row, mm.
+/// Formats three columns of a row, mm.
 fn vector([x, y, z]: &[f64; 3]) -> String {
     format!("{x:>8.4} {y:>8.4} {z:>8.4}")
 }
@@ -273,7 +274,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         options.longest_latency_ms(),
     )?;
     let source = &options.source;
-    // What is required of an option that another one excludes is not required by the parser.
+    // The parser does not check the requirements of options that exclude one another.
     let goes_with = |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there
     {
         true => Err(Failure::Usage(format!("--{option} goes with {with}"))),

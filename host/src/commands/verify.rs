@@ -1,4 +1,4 @@
-//! `trinocular verify`: what a rig will be able to do.
+//! `trinocular verify`: predicts the precision and limits of a rig.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,12 +13,11 @@ use serde_json::json;
 
 use super::report::ReportOption;
 
-/// Predict what a rig can do, and name what limits it
+/// Predict what a rig can measure, and name what limits it
 ///
 /// From the rig file alone: the standard deviation of a displacement per axis over depth and number
 /// of points, the space that the cameras see, step rates and stopping distances of the stage, and
-/// how far all numbers stay from the ends of their fixed-point formats. No picture is taken and
-/// nothing moves.
+/// the headroom of all numbers in their fixed-point formats. No image is taken and nothing moves.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
@@ -28,18 +27,28 @@ pub struct Options {
 
     /// Standard deviation of the flow of one point in one camera, each component, px
     ///
-    /// With 2 of 255 grey levels of noise, sharp pictures have 0.012 to 0.015 px, soft ones 0.03 to
+    /// With 2 of 255 grey levels of noise, sharp images have 0.012 to 0.015 px, soft ones 0.03 to
     /// 0.054 px.
     #[arg(long, value_name = "PX", default_value_t = Settings::default().noise_px)]
     noise: f64,
 
     /// Numbers of points to predict for, separated by commas
-    #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = Settings::default().points,
-          value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    #[arg(
+        long,
+        value_name = "N,...",
+        value_delimiter = ',',
+        default_values_t = Settings::default().points,
+        value_parser = clap::value_parser!(u32).range(1..=65_535)
+    )]
     points: Vec<u32>,
 
     /// Nearest and farthest depth of the target, mm
-    #[arg(long, value_name = "MM", num_args = 2, default_values_t = Settings::default().depth_range_mm)]
+    #[arg(
+        long,
+        value_name = "MM",
+        num_args = 2,
+        default_values_t = Settings::default().depth_range_mm
+    )]
     depth_range: Vec<f64>,
 
     /// Print one JSON object instead

@@ -1,4 +1,4 @@
-//! What `trinocular --version` says beside the number.
+//! Text of `trinocular --version`.
 
 use shared::frame::{PROTOCOL, SCHEMA_HASH};
 
@@ -11,7 +11,8 @@ pub fn long() -> String {
         false => "none; `--features camera` adds live cameras (V4L2, Linux)",
     };
     format!(
-        "{}\ncommit    {commit}\nprotocol  {PROTOCOL}, schema {SCHEMA_HASH:08x}\nfeatures  {cameras}",
+        "{}\ncommit    {commit}\nprotocol  {PROTOCOL}, schema {SCHEMA_HASH:08x}\n\
+         features  {cameras}",
         env!("CARGO_PKG_VERSION")
     )
 }

@@ -1,4 +1,4 @@
-//! `trinocular zero`: the present position becomes zero.
+//! `trinocular zero`: makes the present position zero.
 
 use std::io::Write;
 
@@ -7,10 +7,10 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use shared::frame::message::Command;
 
-/// Declare the present position of the stage to be zero on all axes
+/// Make the present position zero on all axes
 ///
 /// From then on the station trusts its position: it moves at full speed and keeps to the soft
-/// limits of its stage. Only at rest; moves nothing.
+/// limits of its stage. Works only at rest; moves nothing.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]

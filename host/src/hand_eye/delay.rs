@@ -1,37 +1,37 @@
-//! How late the cameras' time stamps are, from pictures that are taken while the stage moves.
+//! Delay of the cameras' time stamps, from images that are taken while the stage moves.
 //!
-//! At rest a picture stamped `t` shows the displacement `d = c - A s(t)` of the stage's position
-//! `s` (see [`fit`](mod@super::fit)). With stamps that are late by `D`, the picture is older than
-//! it says. With the matrix `M`, the inverse of `A`, the cameras give the position
+//! At rest an image stamped `t` shows the displacement `d = c - A s(t)` of the stage's position
+//! `s` (see [`fit`](mod@super::fit)). With stamps that are late by `D`, the image is older than
+//! its stamp. With the matrix `M`, the inverse of `A`, the cameras give the position
 //!
 //! ```text
 //! q = -M d = s(t - D) + o
 //! ```
 //!
-//! `D` and the offset `o` are the least squares' solution, by Gauss and Newton, with the stage's
-//! speed `v` as the derivative: `q - s(t - D)` changes by `v` with `D`. A stage that rests says
-//! nothing.
+//! `D` and the offset `o` are the least-squares solution by Gauss-Newton iteration, with the
+//! stage's velocity `v` as the derivative: `q - s(t - D)` changes by `v` with `D`. A stage at rest
+//! gives no information.
 
 use super::fit::Sample;
 use serde::Serialize;
 use thiserror::Error;
 
-/// Steps of Gauss and Newton: the speed changes little within a delay.
+/// Number of Gauss-Newton steps: the velocity changes little within a delay.
 const STEPS: usize = 20;
 
-/// Fewest pictures of a moving stage.
+/// Fewest images of a moving stage.
 const FEWEST: usize = 8;
 
 /// Slowest motion that counts, mm/s.
 const SLOWEST_MM_S: f64 = 2.0;
 
-/// A standard deviation beyond this helps nobody, ms.
+/// Largest standard deviation of a usable delay, ms.
 const VAGUE_MS: f64 = 2.0;
 
-/// Half of the time over which a speed is taken, s.
+/// Half of the time over which a velocity is taken, s.
 const HALF_S: f64 = 0.001;
 
-/// Where the stage was: times, s, that ascend, and positions, mm.
+/// Path of the stage: ascending times, s, and positions, mm.
 #[derive(Clone, Debug, Default)]
 pub struct Path(Vec<(f64, [f64; 3])>);
 
@@ -41,7 +41,7 @@ impl Path {
         self.0.push((time_s, position_mm));
     }
 
-    /// The position at a time, by linear interpolation; the ends hold beyond them.
+    /// Returns the position at a time, by linear interpolation; beyond the ends, that of the end.
     pub fn at(&self, time_s: f64) -> [f64; 3] {
         let after = self.0.partition_point(|(time, _)| *time < time_s);
         let (Some(later), Some(earlier)) = (self.0.get(after), self.0.get(after.wrapping_sub(1)))
@@ -63,19 +63,19 @@ impl Path {
     }
 }
 
-/// A picture of a moving stage.
+/// Displacement in one frame set of a moving stage.
 #[derive(Clone, Debug, Serialize)]
 pub struct Passing {
-    /// When it was taken, by its stamp, s.
+    /// Time stamp, s.
     pub stamp_s: f64,
-    /// What it showed, along camera axes, mm.
+    /// Displacement along camera axes, mm.
     pub displacement_mm: [f64; 3],
-    /// Standard deviation of that, mm.
+    /// Standard deviation of the displacement, mm.
     pub sigma_mm: [f64; 3],
 }
 
 impl Passing {
-    /// What a picture stamped `stamp_s` showed.
+    /// Takes the displacement of a sample with the stamp `stamp_s`.
     pub fn new(stamp_s: f64, sample: &Sample) -> Self {
         Self {
             stamp_s,
@@ -85,41 +85,43 @@ impl Passing {
     }
 }
 
-/// How late the stamps are.
+/// Delay of the time stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Delay {
-    /// Stamp minus capture, ms: what `track --delay` takes.
+    /// Stamp minus capture time, ms, as `track --delay` takes it.
     pub delay_ms: f64,
-    /// Standard deviation, ms.
+    /// Standard deviation of the delay, ms.
     pub sigma_ms: f64,
-    /// Pictures of a moving stage.
+    /// Number of frame sets with a moving stage.
     pub pictures: usize,
-    /// Root mean square of what the delay does not explain, mm.
+    /// Root mean square of the residuals, mm.
     pub scatter_mm: f64,
 }
 
-/// Why there is no delay.
+/// Reason for a missing delay.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Refusal {
-    /// The stage rested in most pictures.
+    /// The stage rested in most images.
     #[error(
-        "only {used} pictures show a stage that moves, {FEWEST} are needed: use a longer --reach, or more pictures per second"
+        "only {used} pictures show a stage that moves, {FEWEST} are needed: use a longer --reach, \
+         or more pictures per second"
     )]
     TooFew {
-        /// Pictures with a moving stage.
+        /// Number of frame sets with a moving stage.
         used: usize,
     },
-    /// Too uncertain.
+    /// The delay is too uncertain.
     #[error(
-        "the cameras' delay is known to {sigma_ms:.2} ms only: use a longer --reach or better pictures"
+        "the cameras' delay is known to {sigma_ms:.2} ms only: use a longer --reach or better \
+         pictures"
     )]
     Vague {
-        /// Standard deviation, ms.
+        /// Standard deviation of the delay, ms.
         sigma_ms: f64,
     },
 }
 
-/// Fits the delay to the pictures of a moving stage. `matrix` leads from camera axes to stage axes.
+/// Fits the delay to the images of a moving stage. `matrix` maps camera axes to stage axes.
 ///
 /// # Errors
 /// [`Refusal`].
@@ -219,7 +221,7 @@ mod tests {
 
     const MATRIX: [[f64; 3]; 3] = [[0.98, -0.17, 0.0], [0.17, 0.98, 0.0], [0.0, 0.0, -1.02]];
 
-    /// To and fro by 5 mm, in 0.4 s each way.
+    /// Makes a path to and fro by 5 mm, in 0.4 s each way.
     fn path() -> Path {
         let mut path = Path::default();
         for ms in 0..1_600 {

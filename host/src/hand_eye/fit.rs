@@ -1,13 +1,13 @@
-//! The matrix from what was seen, by least squares.
+//! Least-squares fit of the hand-eye matrix.
 //!
-//! A stage at `p` shows a target at rest displaced by `d = b - A p` along the cameras' axes: `A`
-//! says how the stage's axes move the cameras, `b` what the reference picture is off by. The steps
-//! are exact beside the pictures, so each camera axis is an ordinary regression of its `d` on `p`.
-//! The rig file's matrix takes a displacement along the cameras' axes to one along the stage's:
+//! With the stage at `p`, a target at rest appears displaced by `d = b - A p` along the cameras'
+//! axes: `A` maps the stage's motion to the cameras', `b` is the error of the keyframe. The steps
+//! are exact compared with the images, so each camera axis is an ordinary regression of its `d` on
+//! `p`. The rig file's matrix maps a displacement along the cameras' axes to one along the stage's:
 //! `M = A⁻¹`.
 //!
-//! The scatter about the fit is that of one picture; if the pictures' own sigma is larger, that is
-//! taken. With `C_r` the covariance of row `r` of `A`, and since `dM = -M dA M`:
+//! The noise of one image is the scatter about the fit, or the images' own sigma if that is larger.
+//! With `C_r` the covariance of row `r` of `A`, and because `dM = -M dA M`:
 //!
 //! ```text
 //! var M_ij = Σ_r M_ir² m_jᵀ C_r m_j      m_j the column j of M
@@ -16,83 +16,87 @@
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use serde::Serialize;
 
-/// What one stop showed.
+/// Displacement at one stop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Sample {
-    /// Where the stage stood, mm along its axes.
+    /// Position of the stage, mm along its axes.
     pub position_mm: [f64; 3],
-    /// The target's displacement since the reference, mm along the cameras' axes.
+    /// Displacement of the target since the keyframe, mm along the cameras' axes.
     pub displacement_mm: [f64; 3],
-    /// Its standard deviation as the pictures have it, mm.
+    /// Standard deviation of the displacement as the images give it, mm.
     pub sigma_mm: [f64; 3],
 }
 
-/// Fewer samples leave nothing to judge the fit by.
+/// Fewest samples: fewer leave no redundancy to judge the fit.
 pub const FEWEST: usize = 8;
 
-/// A scatter beyond this many times the pictures' own sigma, and beyond [`ROUGH`], is no noise.
+/// Largest scatter that counts as noise, in units of the images' own sigma; see [`ROUGH`].
 const SIGMAS: f64 = 6.0;
 
-/// Scatter that is borne in any case, as a share of the way that the stage went.
+/// Scatter that counts as noise in any case, as a share of the stage's path.
 const ROUGH: f64 = 0.002;
 
 /// Largest standard deviation of an element.
 const VAGUE: f64 = 0.02;
 
-/// The mounting.
+/// Fitted hand-eye matrix.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fit {
-    /// Camera axes to stage axes, row by row.
+    /// Map from camera axes to stage axes, row by row.
     pub matrix: [[f64; 3]; 3],
     /// Standard deviation of each element.
     pub sigma: [[f64; 3]; 3],
-    /// What each sample is off by, mm along the cameras' axes.
+    /// Residual of each sample, mm along the cameras' axes.
     pub residuals_mm: Vec<[f64; 3]>,
-    /// Their scatter, mm along the cameras' axes.
+    /// Scatter of the residuals, mm along the cameras' axes.
     pub scatter_mm: [f64; 3],
-    /// What the cameras move by for a mm that the stage is sent, along each stage axis.
+    /// Motion of the cameras per mm of commanded motion, along each stage axis.
     pub scale: [f64; 3],
-    /// The stage's axes are mirrored as the cameras see them.
+    /// True if the stage's axes are mirrored with respect to the cameras'.
     pub mirrored: bool,
 }
 
-/// Why there is no matrix.
+/// Reason for a missing matrix.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// Too few stops could be used.
     #[error("{used} of {stops} stops showed the target; {FEWEST} are needed")]
     TooFew {
-        /// Stops with a displacement.
+        /// Number of stops with a displacement.
         used: usize,
-        /// Stops.
+        /// Number of all stops.
         stops: usize,
     },
-    /// The positions leave an axis open.
+    /// The positions leave at least one axis undetermined.
     #[error("the stops that showed the target do not reach along all axes")]
     Flat,
     /// The cameras did not see an axis move.
     #[error(
-        "the cameras do not see the stage move along three directions: is a motor off, or do the cameras stand beside the stage?"
+        "the cameras do not see the stage move along three directions: is a motor off, or do the \
+         cameras stand beside the stage?"
     )]
     Unseen,
-    /// No matrix explains what was seen.
+    /// No matrix explains the displacements.
     #[error(
-        "no matrix explains what was seen: along camera axis {axis} it scatters by {scatter_mm:.4} mm, and {allowed_mm:.4} mm could be noise; the target moved, steps were lost or the stage has lost motion"
+        "no matrix explains what was seen: along camera axis {axis} it scatters by {scatter_mm:.4} \
+         mm, and {allowed_mm:.4} mm could be noise; the target moved, steps were lost or the stage \
+         has lost motion"
     )]
     Scattered {
-        /// Which camera axis is worst.
+        /// Camera axis with the largest scatter.
         axis: char,
-        /// Its scatter, mm.
+        /// Scatter along that axis, mm.
         scatter_mm: f64,
-        /// What could be noise, mm.
+        /// Largest scatter that counts as noise, mm.
         allowed_mm: f64,
     },
     /// The matrix would be too uncertain.
     #[error(
-        "the matrix is known to {sigma:.4} only; use a longer --reach, a nearer target or better pictures"
+        "the matrix is known to {sigma:.4} only; use a longer --reach, a nearer target or better \
+         pictures"
     )]
     Vague {
-        /// Standard deviation of its worst element.
+        /// Standard deviation of the worst element.
         sigma: f64,
     },
 }
@@ -208,8 +212,8 @@ mod tests {
     use crate::hand_eye::plan::stops;
     use crate::random::Random;
 
-    /// Turned by 5 degrees about an oblique axis, 1.02 times as far as it is sent, the second axis
-    /// the wrong way round.
+    /// Makes a mounting that is turned by 5 degrees about an oblique axis, moves 1.02 times as far
+    /// as commanded, and has the second axis reversed.
     fn mounted() -> Matrix3<f64> {
         let axis = nalgebra::Unit::new_normalize(Vector3::new(1.0, -2.0, 3.0));
         let turn = nalgebra::Rotation3::from_axis_angle(&axis, 5f64.to_radians());
@@ -236,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn without_noise_the_matrix_is_exact() {
+    fn matrix_is_exact_without_noise() {
         let a = mounted();
         let found = fit(&samples(&a, [0.0; 3], 1), 19).unwrap();
         let m = a.try_inverse().unwrap();
@@ -249,9 +253,9 @@ mod tests {
         assert!(found.mirrored);
     }
 
-    /// Over many sets of noise the errors are as large as the fit says: neither more nor less.
+    /// Over many sets of noise the errors are as large as the stated standard deviations.
     #[test]
-    fn the_standard_deviations_are_those_of_the_errors() {
+    fn errors_match_standard_deviations() {
         let (a, noise_mm) = (mounted(), [0.004, 0.003, 0.02]);
         let m = a.try_inverse().unwrap();
         let (mut squares, mut beyond, mut count) = (0.0, 0, 0);
@@ -274,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_matrix_explains_is_refused() {
+    fn inexplicable_samples_are_refused() {
         let noise_mm = [0.004, 0.003, 0.02];
         let mut slipped = samples(&mounted(), noise_mm, 3);
         for sample in slipped.iter_mut().skip(12) {

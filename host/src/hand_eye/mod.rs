@@ -1,14 +1,14 @@
-//! How the cameras sit on the stage, found by moving it: the matrix of the rig file's `[stage]`.
+//! Hand-eye calibration: measures the matrix of the rig file's `[stage]` by moving the stage.
 //!
-//! A target at rest is watched while the stage goes to known positions along each of its axes. What
-//! the cameras measure of it, with the midpoint, is the stage's own motion as they see it: see
-//! [`fit`](mod@fit).
+//! The cameras watch a target at rest while the stage goes to known positions along each of its
+//! axes. The displacement that they measure, with the midpoint, is the stage's own motion along
+//! camera axes: see [`fit`](mod@fit).
 //!
-//! * [`delay`](mod@delay): how late the cameras' stamps are, from pictures of a moving stage;
-//! * [`fit`](mod@fit): displacements at positions to a matrix with standard deviations;
-//! * [`plan`]: where the stage goes;
-//! * [`watch`]: a reference and what later pictures show against it;
-//! * [`rewrite`]: the matrix in the user's own rig file.
+//! * [`delay`](mod@delay): the delay of the cameras' time stamps, from images of a moving stage;
+//! * [`fit`](mod@fit): the matrix and its standard deviations, from displacements at positions;
+//! * [`plan`]: the stops of the stage;
+//! * [`watch`]: displacements of later images against a keyframe;
+//! * [`rewrite`]: replacement of the matrix in the user's own rig file.
 
 pub mod delay;
 pub mod fit;

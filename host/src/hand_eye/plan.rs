@@ -1,23 +1,23 @@
-//! Where the stage goes so that its mounting shows.
+//! Stops of the stage for hand-eye calibration.
 
-/// A place, mm along the stage's axes, and whether the target is looked at there.
+/// Stop of the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// Where, mm.
+    /// Position along the stage's axes, mm.
     pub position_mm: [f64; 3],
-    /// A picture is taken.
+    /// True if images are taken at this stop.
     pub looks: bool,
 }
 
-/// Places on each axis where the target is looked at, as shares of the reach.
+/// Stops with images on each axis, as shares of the reach.
 const PLACES: [f64; 6] = [-1.0, -0.6, -0.2, 0.2, 0.6, 1.0];
 
-/// Where each axis starts from, without looking: every place is come to in the same direction, so
-/// that lost motion does not show.
+/// Start of each axis, without images, as a share of the reach. The stage approaches every stop in
+/// the same direction, so that backlash has no effect.
 const RUN_UP: f64 = -1.2;
 
-/// Along each axis through `centre_mm`, `reach_mm` either way, and back to the centre. The
-/// reference is taken at the first stop.
+/// Returns the stops along each axis through `centre_mm`, `reach_mm` either way, and back to the
+/// centre. The keyframe is taken at the first stop.
 pub fn stops(centre_mm: [f64; 3], reach_mm: f64) -> Vec<Stop> {
     let at = |axis: usize, share: f64, looks| {
         let mut position_mm = centre_mm;
@@ -42,7 +42,7 @@ pub fn stops(centre_mm: [f64; 3], reach_mm: f64) -> Vec<Stop> {
     stops
 }
 
-/// How far from the centre the stage goes at most, as a share of the reach.
+/// Largest distance of a stop from the centre, as a share of the reach.
 pub const FARTHEST: f64 = -RUN_UP;
 
 #[cfg(test)]
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_look_comes_from_below() {
+    fn every_look_is_from_below() {
         let stops = stops([1.0, 2.0, 3.0], 5.0);
         assert_eq!(stops.iter().filter(|stop| stop.looks).count(), 19);
         for pair in stops.windows(2) {

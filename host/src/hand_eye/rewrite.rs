@@ -1,5 +1,4 @@
-//! A new matrix in the user's own rig file: everything else stays as it stands there, comments
-//! included.
+//! Replacement of the matrix in the user's own rig file. All other text stays, comments included.
 
 use std::path::Path;
 
@@ -8,10 +7,10 @@ use toml_edit::Item;
 use crate::error::InputError;
 use crate::rig_file::edit::{edited, replace, rounded};
 
-/// Decimals of an element: a µm in a metre.
+/// Reciprocal of the resolution of an element: a µm in a metre.
 const DECIMALS: f64 = 1e6;
 
-/// `text`, a rig file, with another matrix in its `[stage]`. `file` is what errors name.
+/// Returns `text`, a rig file, with another matrix in its `[stage]`. Errors name `file`.
 ///
 /// # Errors
 /// If the text is no rig file with a stage, or the result would be none.
@@ -53,18 +52,20 @@ mod tests {
         assert!(text.contains(was));
         let commented = text.replace(
             was,
-            "matrix = [ # as bolted on in spring\n  [1, 0, 0],\n  [ 0.0, 1.0, 0.0 ], # y\n  [0.0, 0.0, 1.0],\n]\n",
+            "matrix = [ # as bolted on in spring\n  [1, 0, 0],\n  [ 0.0, 1.0, 0.0 ], # y\n  \
+             [0.0, 0.0, 1.0],\n]\n",
         );
         let new = with_matrix(Path::new("rig.toml"), &commented, &MATRIX).unwrap();
         let expected = text.replace(
             was,
-            "matrix = [ # as bolted on in spring\n  [1.0, 0.1, 0.0],\n  [ -0.1, -0.987654, 0.0 ], # y\n  [0.0, 0.25, 1.5],\n]\n",
+            "matrix = [ # as bolted on in spring\n  [1.0, 0.1, 0.0],\n  [ -0.1, -0.987654, 0.0 ], \
+             # y\n  [0.0, 0.25, 1.5],\n]\n",
         );
         assert_eq!(new, expected);
     }
 
     #[test]
-    fn what_would_be_no_rig_file_is_refused() {
+    fn invalid_result_is_refused() {
         let cameras = RigFile::paper().to_toml();
         let refused = with_matrix(Path::new("rig.toml"), &cameras, &MATRIX);
         assert!(refused.unwrap_err().to_string().contains("[stage]"));

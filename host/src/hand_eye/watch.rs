@@ -1,4 +1,4 @@
-//! What the pictures of a target at rest say of the cameras' own motion.
+//! Displacement of the cameras themselves, from images of a target at rest.
 
 use super::fit::Sample;
 use crate::flow::{Flow, FlowRefusal, FlowSettings};
@@ -7,7 +7,7 @@ use crate::measure::{MeasureRefusal, measure};
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
-/// A reference, and everything after it measured against it.
+/// Measures frame sets against a keyframe.
 #[derive(Debug)]
 pub struct Watch {
     rig: Rig,
@@ -15,10 +15,10 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Takes the reference.
+    /// Takes the keyframe.
     ///
     /// # Errors
-    /// If the rig or the pictures cannot be used.
+    /// If the rig or the images cannot be used.
     pub fn start(rig: &Rig, capture: &FrameSet) -> Result<Self, FlowRefusal> {
         let mut flow = Flow::new(rig, FlowSettings::default())?;
         flow.set_keyframe(capture)?;
@@ -28,10 +28,10 @@ impl Watch {
         })
     }
 
-    /// What pictures taken at `position_mm` show.
+    /// Measures the displacement in images taken at `position_mm`.
     ///
     /// # Errors
-    /// With the reason why they show nothing.
+    /// If the images give no displacement, with the reason.
     pub fn look(
         &mut self,
         position_mm: [f64; 3],

@@ -1,5 +1,5 @@
-//! Planner, generator and plant agree: what was planned is what the motors get, at times their
-//! drivers accept.
+//! Agreement of planner, generator and plant: the motors get exactly the planned steps, at times
+//! that their drivers accept.
 
 use super::*;
 use crate::random::Random;
@@ -12,7 +12,7 @@ const MAP: PortMap = PortMap {
     invert: [false, true, false],
 };
 
-/// 80 steps/mm, 100 mm/s, 1 m/s², ±1 m.
+/// Axis of 80 steps/mm, 100 mm/s, 1 m/s² and ±1 m.
 const CONFIG: AxisConfig = AxisConfig {
     steps_per_m: 80_000,
     max_speed_um_s: 100_000,
@@ -44,8 +44,8 @@ impl Stage {
         self.planner.set_target(steps.map(Position::centre));
     }
 
-    /// One tick from the planner through to the motors; the counts must agree at its end. Returns
-    /// its words.
+    /// Runs one tick from the planner through to the motors; the counts must agree at its end.
+    /// Returns its words.
     fn tick(&mut self) -> Vec<u32> {
         let mut words = Vec::new();
         for segment in self.planner.plan_tick() {
@@ -73,7 +73,7 @@ impl Stage {
 }
 
 #[test]
-fn ten_thousand_retargets_make_the_planned_steps_and_keep_all_times() {
+fn random_retargets_match_plan() {
     let mut stage = Stage::new([CONFIG; AXES], WordRate::MHZ_1);
     let mut random = Random::seeded(7);
     let mut target = || std::array::from_fn(|_| (random.next_u64() % 4_000) as i32 - 2_000);
@@ -93,10 +93,9 @@ fn ten_thousand_retargets_make_the_planned_steps_and_keep_all_times() {
     );
 }
 
-/// The worst the generator can do to a driver: random valid segments at every speed, turning
-/// wherever it may.
+/// Worst case for a driver: random valid segments at every speed, which turn wherever they may.
 #[test]
-fn random_segments_keep_the_promised_words_of_set_up_and_hold() {
+fn random_segments_keep_dir_times() {
     use shared::steps::{AxisMotion, Segment};
     let mut generator = Generator::new(MAP).unwrap();
     let mut plant = Plant::new(MAP, [1.0; AXES]);
@@ -136,7 +135,7 @@ fn random_segments_keep_the_promised_words_of_set_up_and_hold() {
 }
 
 #[test]
-fn half_a_megahertz_on_three_axes_is_exact_with_tmc2209() {
+fn three_axes_at_500_khz_are_exact() {
     let timing = DriverTiming::TMC2209;
     timing.check(WordRate::MHZ_1).unwrap();
     // 1,600 steps/mm at 312.5 mm/s: 500,000 steps/s.
@@ -171,7 +170,7 @@ fn half_a_megahertz_on_three_axes_is_exact_with_tmc2209() {
 }
 
 #[test]
-fn every_driver_is_content_at_its_highest_word_rate() {
+fn drivers_accept_highest_word_rate() {
     for (timing, hz) in [
         (DriverTiming::A4988, 1_000_000),
         (DriverTiming::DRV8825, 520_000),
@@ -208,7 +207,7 @@ fn every_driver_is_content_at_its_highest_word_rate() {
     }
 }
 
-/// Speed and acceleration from the times of the edges alone.
+/// Computes speed and acceleration from the times of the edges alone.
 #[test]
 fn edges_keep_the_limits() {
     let mut stage = Stage::new([CONFIG; AXES], WordRate::MHZ_1);
@@ -243,10 +242,10 @@ fn edges_keep_the_limits() {
     }
 }
 
-/// From the tick that takes a new setpoint to the first STEP edge that the old one would not have
-/// made.
+/// Measures the time from the tick that takes a new setpoint to the first STEP edge that the old
+/// one would not have made.
 #[test]
-fn a_new_setpoint_changes_steps_within_two_milliseconds() {
+fn setpoint_takes_effect_within_2_ms() {
     // The segment queue and the word ring hold up to 1 ms that cannot be called back.
     let queue_us = 1_000;
     // 1,600 steps/mm, 312 mm/s, 10 m/s², 4,000 m/s³; and gentler.
@@ -282,7 +281,8 @@ fn a_new_setpoint_changes_steps_within_two_milliseconds() {
                 words += a.len();
             };
             println!(
-                "{jerk} µm/s³, in motion for {warm_up} ms: first changed step after {first_us} µs + queue"
+                "{jerk} µm/s³, in motion for {warm_up} ms: first changed step after {first_us} µs \
+                 + queue"
             );
             // From rest half a step must be made first: (6 · ½ / j)^(1/3), a whole tick at each
             // jerk.

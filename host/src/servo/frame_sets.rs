@@ -10,24 +10,24 @@ use shared::frame::message::Command;
 use shared::rig::Rig;
 use shared::time::Instant;
 
-/// Any ramp, and the last frame's motion, is over after so long, µs.
+/// Time after which any ramp and the last frame's motion have ended, µs.
 const REST_US: u64 = 2_000_000;
 
 /// Relation of capture times to the station's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CaptureClock {
-    /// The station is a twin, its time virtual: the first frame set is taken now, the others follow
-    /// as they did.
+    /// The station is a twin on virtual time: the first frame set is taken now, the others follow
+    /// at their recorded intervals.
     Virtual {
-        /// From the images to their frame at the station, µs.
+        /// Time from the images to their frame at the station, µs.
         latency_us: u64,
-        /// The time between two frame sets, µs: the stage is looked at just before the next one.
+        /// Time between two frame sets, µs. The stage's position is read just before the next one.
         period_us: u64,
     },
-    /// Frame sets and station are real: the [link's clock](StationLink::now) minus that of the
-    /// capture times, µs.
+    /// Frame sets and station are real.
     Real {
-        /// Difference of the clocks, which run alike: both are the host's.
+        /// The [link's clock](StationLink::now) minus that of the capture times, µs. Both are
+        /// clocks of the host and run at the same rate.
         offset_us: i64,
     },
 }
@@ -39,11 +39,11 @@ pub struct Followed {
     pub time_s: f64,
     /// Position of the stage, mm from where the station was started.
     pub stage_mm: [f64; 3],
-    /// The turn.
+    /// Result of the turn.
     pub turn: ServoStep,
 }
 
-/// A [`VisualServo`] that is fed with frame sets, one after another.
+/// A [`VisualServo`] on frame sets from outside, one after another.
 #[derive(Debug)]
 pub struct FrameSetServo {
     servo: VisualServo,
@@ -72,16 +72,18 @@ impl FrameSetServo {
         })
     }
 
-    /// The station.
+    /// Returns the station.
     pub fn station(&self) -> &StationLink {
         &self.station
     }
 
-    /// Follows the target into the next frame set. The first one gives nothing: it is the keyframe.
+    /// Follows the target into the next frame set. Returns `None` for the first one, which is the
+    /// keyframe.
     ///
     /// # Errors
-    /// [`ServoError::Reference`] if the first cannot be used; [`ServoError::Station`] if the
-    /// station cannot be reached or has a fault. A later frame set that cannot be used is no error.
+    /// [`ServoError::Reference`] if the first frame set cannot be used; [`ServoError::Station`] if
+    /// the station cannot be reached or has a fault. A later frame set that cannot be used is no
+    /// error.
     pub fn follow(&mut self, capture: &FrameSet) -> Result<Option<Followed>, ServoError> {
         let Some(first_us) = self.first_us else {
             self.servo
@@ -116,7 +118,7 @@ impl FrameSetServo {
         }))
     }
 
-    /// Lets the last frame's motion end; returns where the stage stands then, mm.
+    /// Lets the last frame's motion end; returns the stage's position then, mm.
     ///
     /// # Errors
     /// If the station cannot be reached.
@@ -126,8 +128,8 @@ impl FrameSetServo {
         Ok(self.station.position_mm())
     }
 
-    /// Stops the stage on its ramp, and not where it was led to expect the target next; returns
-    /// where it stands then, mm.
+    /// Stops the stage on its ramp instead of at the predicted position of the target; returns the
+    /// stage's position then, mm.
     ///
     /// # Errors
     /// If the station cannot be reached.

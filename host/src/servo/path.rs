@@ -1,26 +1,26 @@
-//! Where station A carries the target.
+//! Motion of the target on station A.
 
 use std::f64::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
 
-/// A motion of the target in time, from zero.
+/// Motion of the target over time, from zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TargetPath {
-    /// The paper's: a move of (4, 4, 1) mm every second.
+    /// Moves of (4, 4, 1) mm, one every second, as in the paper.
     Steps,
-    /// 5 mm/s along (4, 4, 1).
+    /// A line along (4, 4, 1) at 5 mm/s.
     Line,
     /// A circle of 10 mm radius in x and y, once in 8 s.
     Circle,
-    /// 20, 20 and 5 mm at frequencies 1 : 2 : 3, once in 16 s.
+    /// A Lissajous figure of 20, 20 and 5 mm at frequencies 1 : 2 : 3, once in 16 s.
     Lissajous,
-    /// Nothing moves.
+    /// No motion.
     Still,
 }
 
 impl TargetPath {
-    /// All of them.
+    /// All paths.
     pub const ALL: [Self; 5] = [
         Self::Steps,
         Self::Line,
@@ -29,7 +29,7 @@ impl TargetPath {
         Self::Still,
     ];
 
-    /// Its name on the command line.
+    /// Returns the name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Steps => "steps",
@@ -40,7 +40,7 @@ impl TargetPath {
         }
     }
 
-    /// Where the target should be after `time_s`, mm.
+    /// Returns the set position of the target after `time_s`, mm.
     pub fn at(self, time_s: f64) -> [f64; 3] {
         let t = time_s.max(0.0);
         match self {

@@ -14,13 +14,13 @@ pub struct ServoTiming {
     /// Frame sets per second; a station on a serial line takes them by its reports, up to twice as
     /// often.
     pub frames_per_s: f64,
-    /// From the images to the frame's arrival at the station, µs: exposure, flow, link. A station
-    /// on a serial line waits at least so long.
+    /// Time from the images to the frame's arrival at the station, µs: exposure, flow, link. The
+    /// least latency for a station on a serial line.
     pub latency_us: u64,
 }
 
 impl Default for ServoTiming {
-    /// 30 frame sets per second, 20 ms.
+    /// Returns 30 frame sets per second with a latency of 20 ms.
     fn default() -> Self {
         Self {
             frames_per_s: 30.0,
@@ -29,7 +29,7 @@ impl Default for ServoTiming {
     }
 }
 
-/// One turn of the loop, and the truth behind it.
+/// One turn of the loop, and the true positions behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedStep {
     /// Capture time, s since the keyframe.
@@ -38,7 +38,7 @@ pub struct SimulatedStep {
     pub target_mm: [f64; 3],
     /// Position of the cameras then, mm.
     pub camera_mm: [f64; 3],
-    /// The turn.
+    /// Result of the turn.
     pub turn: ServoStep,
 }
 
@@ -86,12 +86,12 @@ impl SimulatedServo {
         })
     }
 
-    /// Seconds since the keyframe.
+    /// Returns the time since the keyframe, s.
     pub fn time_s(&self, world: &SimulatedWorld) -> f64 {
         world.now().since(self.keyframe) as f64 * 1e-6
     }
 
-    /// Positions of target and cameras now, mm from where they were at the keyframe.
+    /// Returns the positions of target and cameras now, mm from those at the keyframe.
     pub fn positions_mm(&self, world: &SimulatedWorld) -> [[f64; 3]; 2] {
         self.since_keyframe(world.positions_mm())
     }
@@ -100,7 +100,7 @@ impl SimulatedServo {
         std::array::from_fn(|s| std::array::from_fn(|i| positions_mm[s][i] - self.origin_mm[s][i]))
     }
 
-    /// Instant at which the next frame set is due.
+    /// Returns the instant at which the next frame set is due.
     pub fn next_capture(&self, world: &SimulatedWorld) -> Instant {
         let period_us = 1e6 / self.timing.frames_per_s;
         if let Some(grace_us) = world.b.grace_us(period_us as u64) {

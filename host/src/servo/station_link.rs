@@ -1,11 +1,10 @@
 //! The link to the station: the twin on virtual time, or a station on a serial line in real time.
 //!
-//! What a loop must know of it is where it stood when a frame set was taken. The twin is asked for
-//! any instant, by the edges at its pins. A station on a line says where it stands in its
-//! reports: after every frame, and ten times a second. So the simulated cameras of such a station
-//! are triggered by its reports: a report names a position, and the picture is taken at the
-//! instant, in the station's own time, at which the pins stand there. Nothing is interpolated or
-//! guessed.
+//! A loop must know the position of the stage at each capture time. The twin gives it for any
+//! instant, from the edges at its pins. A station on a line gives its position only in its reports:
+//! after every frame, and ten times a second. So its reports trigger the simulated cameras: a
+//! report names a position, and the images are taken at the instant, in the station's own time, at
+//! which the pins stand there. Positions are neither interpolated nor guessed.
 
 use crate::client::serial::Serial;
 use crate::client::stage::configuration;
@@ -17,67 +16,67 @@ use shared::time::Instant;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
 
-/// How long a report may be awaited: thirty come in that time, and a line that fell silent is
-/// noticed and looked for before.
+/// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent
+/// line earlier.
 const REPORT_PATIENCE: Duration = Duration::from_secs(3);
 
-/// How long the answer to a frame may be awaited; after that it was lost on the line, and the next
-/// frame does better.
+/// Timeout for the answer to a frame. Later it counts as lost on the line, and the loop goes on
+/// with the next frame.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
 
 /// Place of the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StationPlace<'a> {
-    /// In this process.
+    /// Twin in this process.
     Twin,
-    /// On a serial port.
+    /// Station on a serial port.
     Port {
-        /// Which.
+        /// Path of the port.
         path: &'a str,
-        /// After so much silence of ours the station stops, ms, 20 to 10000. The heartbeat comes
-        /// every 20 ms, if this computer finds the time.
+        /// Heartbeat timeout, ms, 20 to 10,000. The heartbeat comes every 20 ms, later on a loaded
+        /// computer.
         heartbeat_ms: u16,
     },
 }
 
-/// The moment at which a picture is taken.
+/// Capture time of images, and the position of the cameras then.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// On the experiment's clock.
+    /// Instant on the loop's clock.
     pub at: Instant,
-    /// On the station's.
+    /// Instant on the station's clock.
     pub station: Instant,
-    /// Where the cameras are, mm from where the station was started.
+    /// Position of the cameras, mm from that at the station's start.
     pub camera_mm: [f64; 3],
 }
 
 /// Reason why a frame that was sent is not known to have been used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameRefusal {
-    /// The station did not use it.
+    /// The station did not use the frame.
     #[error("{0}")]
     Denied(Denial),
     /// No answer came.
     #[error("no answer from the station")]
     Unanswered,
-    /// The line broke for a short while.
+    /// The line was interrupted.
     #[error("the line was interrupted")]
     Interrupted,
-    /// The answer came, and its status did not.
+    /// The answer came, but the status after it did not.
     #[error("the station did not say what it saw")]
     Unreported,
 }
 
-/// A station on a serial line, and what its reports mean.
+/// A station on a serial line, and the scale and delay of its reports.
 #[derive(Debug)]
 pub struct Live {
     serial: Serial,
     steps_per_mm: [f64; 3],
-    /// From a report's instant to the pins being where it says, µs.
+    /// Time from a report's instant until the pins reach its position, µs.
     delay_us: u64,
 }
 
-/// The station that a loop drives.
+/// Station that a loop drives.
 #[derive(Debug)]
 pub enum StationLink {
     /// The station's own code in this process.
@@ -90,12 +89,13 @@ impl StationLink {
     /// Starts the station: configured, at rest, its position zero, its cameras on the stage.
     ///
     /// # Errors
-    /// If it cannot be reached or refuses.
+    /// If the station cannot be reached or denies a command.
     pub fn start(place: StationPlace<'_>, stage: &Stage) -> Result<Self, StationError> {
         Self::start_as(place, stage, Mounting::OnStage)
     }
 
-    /// As [`StationLink::start`], with the cameras where `mounting` says.
+    /// Starts the station as [`StationLink::start`] does, with the cameras mounted as `mounting`
+    /// states.
     ///
     /// # Errors
     /// As [`StationLink::start`].
@@ -125,7 +125,7 @@ impl StationLink {
         }
     }
 
-    /// What and where it is, for people.
+    /// Returns the board's name and its place, for messages.
     pub fn name(&self) -> String {
         match self {
             Self::Twin(_) => "the built-in twin".to_owned(),
@@ -136,7 +136,7 @@ impl StationLink {
         }
     }
 
-    /// The twin, if it is one.
+    /// Returns the twin, if the station is one.
     pub fn twin(&self) -> Option<&Twin> {
         match self {
             Self::Twin(twin) => Some(twin),
@@ -144,7 +144,7 @@ impl StationLink {
         }
     }
 
-    /// Its clock as the experiment's: virtual time, or the host's since the line was opened.
+    /// Returns the loop's clock: virtual time, or the host's since the line was opened.
     pub fn now(&self) -> Instant {
         match self {
             Self::Twin(twin) => twin.now(),
@@ -152,11 +152,11 @@ impl StationLink {
         }
     }
 
-    /// An instant of that clock, as the station's.
+    /// Converts an instant of the loop's clock to the station's clock.
     ///
     /// # Errors
-    /// If the line breaks, or no heartbeat comes back for three seconds: until the first the
-    /// station's clock is not known.
+    /// If the line breaks, or no reply to a ping comes for three seconds: before the first, the
+    /// station's clock is unknown.
     pub fn station_time(&self, at: Instant) -> Result<Instant, StationError> {
         let station = match self {
             Self::Twin(twin) => twin.station_time(at),
@@ -180,10 +180,10 @@ impl StationLink {
         }
     }
 
-    /// The first moment from `due` on at which it is known where the cameras are.
+    /// Returns the first moment from `due` on for which the position of the cameras is known.
     ///
     /// # Errors
-    /// If the line breaks or the station says nothing for three seconds.
+    /// If the line breaks or the station sends no report for three seconds.
     pub fn moment(&mut self, due: Instant) -> Result<Moment, StationError> {
         match self {
             Self::Twin(twin) => {
@@ -210,7 +210,7 @@ impl StationLink {
     /// Sends a command and waits for the answer.
     ///
     /// # Errors
-    /// If it is refused, or does not come.
+    /// If the station denies the command or does not answer.
     pub fn command(&mut self, name: &'static str, command: Command) -> Result<(), StationError> {
         match self {
             Self::Twin(twin) => twin.command(name, command),
@@ -218,8 +218,8 @@ impl StationLink {
         }
     }
 
-    /// Sends a frame and waits for what the station makes of it; the inner error is why there is
-    /// nothing.
+    /// Sends a frame and waits for the station's estimate; the inner error is the reason for a
+    /// missing one.
     ///
     /// # Errors
     /// If the link is down for longer than the heartbeat timeout.
@@ -246,8 +246,8 @@ impl StationLink {
         })
     }
 
-    /// What became of a frame, and the status that followed; `None` if no answer came. The frame
-    /// takes effect at the next tick, and the answer is on the line right after.
+    /// Waits for the answer to a frame and the status after it; `None` if no answer came. The frame
+    /// takes effect at the next tick, and the answer follows right after.
     fn outcome(&mut self, sequence: u16) -> Result<Option<Result<(), Denial>>, StationError> {
         match self {
             Self::Twin(twin) => {
@@ -271,7 +271,7 @@ impl StationLink {
         }
     }
 
-    /// The latest status.
+    /// Returns the latest status.
     pub fn status(&self) -> Option<Status> {
         match self {
             Self::Twin(twin) => twin.status().copied(),
@@ -279,8 +279,8 @@ impl StationLink {
         }
     }
 
-    /// Where the cameras are, mm from where the station was started: edges counted at the pins, or
-    /// the latest report.
+    /// Returns the position of the cameras, mm from that at the station's start, from edges counted
+    /// at the pins or from the latest report.
     pub fn position_mm(&self) -> [f64; 3] {
         match self {
             Self::Twin(twin) => twin.position_mm(),
@@ -291,16 +291,16 @@ impl StationLink {
         }
     }
 
-    /// Steps that left the pins since the start, if anything counts them.
+    /// Returns the steps counted at the pins since the start; `None` for a station on a line.
     pub fn counted_steps(&self) -> Option<[i64; 3]> {
         self.twin().map(Twin::steps_from_zero)
     }
 
-    /// How long after the last picture the next may be taken, µs, for pictures `period_us` apart.
-    /// `None`: at the exact time.
+    /// Returns the least time from the last frame set to the next, µs, at a period of `period_us`.
+    /// `None` for exact capture times.
     ///
-    /// A station on a line is late or early by its reports, one of which follows every frame. With
-    /// half a period's grace that one is taken.
+    /// The reports of a station on a line are early or late, and one follows every frame. With half
+    /// a period's grace, that report triggers the cameras.
     pub fn grace_us(&self, period_us: u64) -> Option<u64> {
         match self {
             Self::Twin(_) => None,
@@ -311,7 +311,7 @@ impl StationLink {
     /// Resumes after `lost`, if that was a disconnect shorter than the heartbeat timeout.
     ///
     /// # Errors
-    /// `lost`, if it was anything else: the line is not back, the station restarted, or it stopped.
+    /// `lost` in all other cases: the line is not back, the station restarted, or it stopped.
     pub fn resume(&mut self, lost: StationError) -> Result<(), StationError> {
         let is_back = match (&lost, self) {
             (StationError::Interrupted { .. }, Self::Live(live)) => live.serial.resume().is_ok(),
@@ -320,7 +320,7 @@ impl StationLink {
         is_back.then_some(()).ok_or(lost)
     }
 
-    /// The line to the station, if there is one.
+    /// Returns the serial line to the station, if there is one.
     pub fn serial(&self) -> Option<&Serial> {
         match self {
             Self::Twin(_) => None,

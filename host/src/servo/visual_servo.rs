@@ -16,11 +16,11 @@ use shared::time::Instant;
 /// Result of one turn of the loop.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServoOutcome {
-    /// A frame was sent, and the station used it.
+    /// The station used the frame.
     Used(ServoEstimate),
     /// The images gave no frame.
     Refused(MeasureRefusal),
-    /// A frame was sent, and the station is not known to have used it.
+    /// The frame was sent, but it is unknown whether the station used it.
     Unused(FrameRefusal),
 }
 
@@ -106,8 +106,8 @@ pub struct VisualServo {
     rig: Rig,
     flow: Flow,
     estimator: Estimator,
-    /// Kept, because the station knows a keyframe by its exact instant, and the estimate of the
-    /// station's clock wanders.
+    /// Instant of the keyframe on the station's clock. Kept, because the station identifies a
+    /// keyframe by its exact instant, and the estimate of the station's clock drifts.
     keyframe: Instant,
 }
 
@@ -128,7 +128,7 @@ impl VisualServo {
     /// Takes the keyframe: the view to be kept.
     ///
     /// # Errors
-    /// With the reason why the images are no keyframe.
+    /// If the images cannot be a keyframe, with the reason.
     pub fn set_keyframe(&mut self, images: &FrameSet) -> Result<(), flow::FlowRefusal> {
         self.flow.set_keyframe(images)
     }
@@ -138,7 +138,7 @@ impl VisualServo {
         self.keyframe = taken;
     }
 
-    /// Instant of the keyframe on the station's clock.
+    /// Returns the instant of the keyframe on the station's clock.
     pub fn keyframe_time(&self) -> Instant {
         self.keyframe
     }
@@ -146,7 +146,7 @@ impl VisualServo {
     /// Measures images against the keyframe.
     ///
     /// # Errors
-    /// With the reason why they give no sums.
+    /// If the images give no sums, with the reason.
     pub fn measure(&mut self, images: &FrameSet) -> Result<Measured, MeasureRefusal> {
         let (measured, sums) = measure(&mut self.flow, &self.rig, images)?;
         Ok(Measured {
@@ -159,7 +159,7 @@ impl VisualServo {
     /// Turns ideal correspondences, which need no images, into sums.
     ///
     /// # Errors
-    /// With the reason why they give no sums.
+    /// If the correspondences give no sums, with the reason.
     pub fn measure_points(&self, points: &[Correspondence]) -> Result<Measured, MeasureRefusal> {
         Ok(Measured {
             sums: Sums::new(&self.rig, points)?.frame(self.estimator)?,

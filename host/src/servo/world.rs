@@ -1,4 +1,4 @@
-//! Two stations on one clock, and what the cameras on B see of the poster on A.
+//! Two stations on one clock, and the images that the cameras on B take of the poster on A.
 
 use super::ServoError;
 use super::station_link::{Moment, StationLink, StationPlace};
@@ -10,36 +10,36 @@ use shared::frame::message::Mounting;
 use shared::rig::Rig;
 use shared::time::Instant;
 
-/// Both stations, the poster and the cameras.
+/// Simulated world of both stations, the poster and the cameras.
 ///
-/// The clock is virtual if B is a twin. If B is on a serial line it is the host's, and A, which has
-/// no hardware, lives through it piece by piece whenever its position is asked for.
+/// The clock is virtual if B is a twin. If B is on a serial line, the clock is the host's, and A,
+/// which has no hardware, catches up with it at each request for its position.
 #[derive(Debug)]
 pub struct SimulatedWorld {
-    /// Carries the poster; driven by setpoints.
+    /// Station with the poster; driven by setpoints.
     pub a: Twin,
-    /// Carries the cameras; driven by flow frames.
+    /// Station with the cameras; driven by flow frames.
     pub b: StationLink,
     scene: Scene,
     seed: u64,
     captures: u64,
 }
 
-/// A picture and what nobody tells the station about it.
+/// Frame set, and the truth about it that the station does not get.
 #[derive(Debug)]
 pub struct Exposure {
-    /// When it was taken, and where the cameras were.
+    /// Capture time, and the position of the cameras then.
     pub moment: Moment,
-    /// Where the poster was, mm from where A was switched on.
+    /// Position of the poster, mm from that at A's power-on.
     pub target_mm: [f64; 3],
-    /// What the cameras saw.
+    /// Images of all cameras.
     pub capture: FrameSet,
 }
 
 impl SimulatedWorld {
     /// Switches both stations on, at zero, with the poster at an unknown distance before the
-    /// cameras. `stage` is B's; the poster's is the default one, so that the target moves alike
-    /// whatever B can do.
+    /// cameras. `stage` is B's. A has the default stage, so that the target's motion does not
+    /// depend on B.
     ///
     /// # Errors
     /// If the scene cannot be rendered, B cannot be reached or a station refuses the stage.
@@ -65,27 +65,27 @@ impl SimulatedWorld {
         Ok(world)
     }
 
-    /// The common clock.
+    /// Returns the common clock.
     pub fn now(&self) -> Instant {
         match self.b.twin() {
             Some(twin) => self.a.now().max(twin.now()),
-            // The host's clock never rests: what the world has lived through is what counts.
+            // The host's clock never rests: the time up to which the world has run counts.
             None => self.a.now(),
         }
     }
 
-    /// Lets time pass for both.
+    /// Lets time pass for both stations.
     pub fn advance(&mut self, end: Instant) {
         self.b.advance(end);
         self.a.advance(end);
     }
 
-    /// Where the poster is, and where the cameras are, mm from where they were switched on.
+    /// Returns the positions of the poster and of the cameras, mm from those at power-on.
     pub fn positions_mm(&self) -> [[f64; 3]; 2] {
         [self.a.position_mm(), self.b.position_mm()]
     }
 
-    /// All cameras take a picture, at `due` or as soon after it as B's position is known.
+    /// Takes a frame set at `due`, or as soon after it as B's position is known.
     ///
     /// # Errors
     /// If B cannot be reached.

@@ -8,7 +8,7 @@ const JOG: Command = Command::Jog {
     distance_um: [1_000, 0, 0],
 };
 
-/// A real status, at this tick and in this state.
+/// Makes a status at this tick and in this state; the rest is a real station's.
 fn status(tick: u32, state: State) -> Status {
     let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
     let status = *twin.status().expect("it tells");
@@ -20,7 +20,7 @@ fn status(tick: u32, state: State) -> Status {
 }
 
 #[test]
-fn motion_ends_with_a_later_status_at_rest() {
+fn later_status_at_rest_ends_motion() {
     let mut motion = Motion::default();
     motion.sent(7, &JOG);
     motion.told(&status(100, State::Idle));
@@ -37,7 +37,7 @@ fn motion_ends_with_a_later_status_at_rest() {
 }
 
 #[test]
-fn answer_to_any_stop_ends_a_motion() {
+fn answer_to_any_stop_ends_motion() {
     let mut motion = Motion::default();
     motion.sent(7, &JOG);
     for sequence in [8, 10, 12] {
@@ -52,7 +52,7 @@ fn answer_to_any_stop_ends_a_motion() {
 }
 
 #[test]
-fn answered_stop_leaves_the_stage_on_its_ramp() {
+fn answered_stop_starts_ramp() {
     let mut motion = Motion::default();
     motion.sent(7, &JOG);
     motion.sent(8, &Command::Stop);
@@ -68,7 +68,7 @@ fn answered_stop_leaves_the_stage_on_its_ramp() {
 }
 
 #[test]
-fn stop_before_a_command_does_not_count() {
+fn stop_before_motion_is_ignored() {
     let mut motion = Motion::default();
     motion.sent(7, &Command::Stop);
     motion.sent(8, &JOG);
@@ -77,7 +77,7 @@ fn stop_before_a_command_does_not_count() {
 }
 
 #[test]
-fn denied_command_leaves_what_was_before() {
+fn denied_command_keeps_earlier_motion() {
     let mut motion = Motion::default();
     motion.sent(7, &JOG);
     motion.answered(7, 100, true);

@@ -73,10 +73,11 @@ fn answer_is_near_the_latest_status() {
 }
 
 #[test]
-fn message_names_field_value_and_range() {
+fn message_names_value_and_range() {
     let implausible = check(&answer(67_001), KNOWN).unwrap_err().to_string();
     assert_eq!(
         implausible,
-        "answer.tick minus status.tick from the station is 60001, must be -60000 to 60000: its firmware is faulty or foreign"
+        "answer.tick minus status.tick from the station is 60001, must be -60000 to 60000: its \
+         firmware is faulty or foreign"
     );
 }

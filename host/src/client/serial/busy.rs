@@ -1,18 +1,18 @@
-//! A serial port that cannot be opened: who has it, if another program does.
+//! A serial port that cannot be opened: finds the program that has it, if there is one.
 
 use super::super::StationError;
 use crate::printable::printable;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How long another program may take to stop its stage and leave: a stop is repeated for 2 s, and a
+/// Timeout for another program to stop its stage and leave: a stop is repeated for 2 s, and a
 /// stage ramps down.
 const LEAVING_PATIENCE: Duration = Duration::from_secs(15);
 
-/// How often it is looked whether it has left.
+/// Polling period while the other program leaves.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// How long a suspended program may take to go on: a shell's `fg` continues it at once.
+/// Timeout for a suspended program to go on: a shell's `fg` continues it at once.
 const SUSPENDED_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A running program.
@@ -20,11 +20,11 @@ const SUSPENDED_PATIENCE: Duration = Duration::from_secs(1);
 pub struct Holder {
     /// Process number.
     pub pid: u32,
-    /// Its command line, fit for printing.
+    /// Command line of the program, fit for printing.
     pub command: String,
 }
 
-/// The failure behind a port that did not open.
+/// Returns the error for a port that did not open.
 pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
     let path = path.to_owned();
     // The system's "busy" and a lock of another program both come as this kind.
@@ -38,22 +38,22 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
     }
 }
 
-/// Another program that had the port, and what became of it.
+/// Another program that had the port, and its reaction to the request to end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OtherHost {
-    /// Another run of this program was told to end, stopped its stage and left the port.
+    /// Another run of this program, which stopped its stage and left the port on request.
     Left(Holder),
-    /// It is suspended (Ctrl-Z, SIGSTOP or a debugger), so that it does not hear.
+    /// A suspended run of this program (Ctrl-Z, SIGSTOP or a debugger), which cannot react.
     Suspended(Holder),
-    /// It was told to end and did not.
+    /// A run of this program that did not end on request.
     Stays(Holder),
-    /// It is no run of this program and was told nothing.
+    /// A different program, which was not asked to end.
     Foreign(Holder),
 }
 
-/// Tells another run of this program that has the port to end, as Ctrl-C does, and waits until it
-/// has left the port. It stops its stage before it ends. Returns `None` if the port is free, or
-/// where the system does not tell who has it.
+/// Interrupts another run of this program that has the port, as Ctrl-C does, and waits until it has
+/// left the port. That run stops its stage before it ends. Returns `None` if the port is free, or
+/// where the system does not report its holder.
 pub fn end_other_host(path: &str) -> Option<OtherHost> {
     let other = holder(Path::new(path))?;
     if !is_this_program(&other) || !interrupt(&other) {
@@ -117,7 +117,7 @@ fn interrupt(_: &Holder) -> bool {
     false
 }
 
-/// Returns the program that holds the lock on a port, where the system tells.
+/// Returns the program that holds the lock on a port, where the system reports it.
 #[cfg(target_os = "linux")]
 fn holder(path: &Path) -> Option<Holder> {
     use std::os::unix::fs::MetadataExt as _;

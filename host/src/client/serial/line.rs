@@ -1,13 +1,11 @@
-//! One serial line and the conversation on it: heartbeat, loss, and finding back.
+//! One serial line and the conversation on it: heartbeat, loss, and reconnection.
 //!
 //! A line is up, down or given up. It goes down when the port fails or the station answers no ping
 //! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
-//! until a station answers or the patience ends. A line that came back is not used by itself: the
-//! interruption stays, without heartbeat, until somebody decides (`resume`). So no motion goes on
-//! because a plug was put back.
+//! until a station answers or the patience ends. A line that came back stays interrupted, without
+//! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back.
 //!
-//! A stop is not left to its caller either: once begun it is repeated here, until it is answered or
-//! given up (`stop`).
+//! This module also repeats a stop, once begun, until it is answered or given up (`stop`).
 
 use super::super::StationError;
 use super::super::conversation::Client;
@@ -23,69 +21,69 @@ use std::io::{self, Read as _};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Speed of the line, baud. USB has none; a UART link is wired for this one.
+/// Speed of the line, baud. USB ignores it; a UART link must use it.
 const BAUD: u32 = 921_600;
 
-/// How long a write may take.
+/// Timeout for a write.
 const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
-/// A station that says nothing for so long, although it is pinged, is lost.
+/// Silence after which a pinged station counts as lost.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// How often a lost port is opened again, and hello repeated.
+/// Period at which a lost port is opened again and hello repeated.
 const RETRY: Duration = Duration::from_millis(250);
 
-/// How long a lost line is looked for.
+/// Default time for reconnecting a lost line.
 pub(super) const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time between two stops, until one is answered. An answer comes within a few ms.
 const STOP_PERIOD: Duration = Duration::from_millis(30);
 
-/// Whether the line can be used.
+/// Condition of the line.
 enum Link {
     Up,
-    /// Being looked for: since when, why, and when to try next.
+    /// Being reconnected: start of the loss, its reason, and the next attempt.
     Down {
         since: Instant,
         reason: String,
         next_try: Instant,
     },
-    /// Given up, and why.
+    /// Given up for this reason.
     Over(String),
 }
 
-/// What happened to a line that is up again.
+/// Interruption of a line that is up again.
 #[derive(Clone, Debug)]
 enum Interruption {
-    /// The same station with all it knew.
+    /// Same station with all its state.
     Away { reason: String, away: Duration },
-    /// It lost its configuration and position, or is another one.
+    /// Station without configuration and position, or another station.
     Restarted { cause: &'static str },
-    /// Its firmware is another.
+    /// Station with other firmware.
     Mismatch(Vec<Mismatch>),
 }
 
-/// One line.
+/// One serial line.
 pub(super) struct Line {
-    /// The reading half; `None` while the line is down.
+    /// Reading half; `None` while the line is down.
     port: Option<Box<dyn SerialPort>>,
-    /// The writing half, with the heartbeat.
+    /// Writing half, with the heartbeat.
     sender: Arc<Sender>,
     pub path: String,
     pub client: Client,
     pings: bool,
     pub stop: Stop,
-    /// When the station last said something.
+    /// Instant of the last bytes from the station.
     heard: Instant,
     link: Link,
     interruption: Option<Interruption>,
-    /// The session that commands belong to; `None` before the first hello.
+    /// Session that commands belong to; `None` before the first hello.
     session: Option<u32>,
-    /// Whether the station was configured in this session.
+    /// True if the station was configured in this session.
     pub configured: bool,
-    /// How long a lost line is looked for.
+    /// Time for reconnecting a lost line.
     pub patience: Duration,
-    /// The owner is gone.
+    /// True once the owner is gone.
     pub closed: bool,
 }
 
@@ -117,12 +115,12 @@ impl Line {
         self.sender.set_pings(on && is_usable);
     }
 
-    /// Whether there is anything left to attend to.
+    /// Returns true if the line is closed or given up.
     pub fn is_over(&self) -> bool {
         self.closed || matches!(self.link, Link::Over(_))
     }
 
-    /// Does what is due.
+    /// Runs all due work: reads, repeats a stop, or reconnects.
     pub fn attend(&mut self) {
         match self.link {
             Link::Up => {
@@ -138,8 +136,8 @@ impl Line {
         }
     }
 
-    /// Numbers and writes a command. It goes nowhere, and its number is never answered, if the line
-    /// is interrupted or the program is to end.
+    /// Numbers and writes a command. Writes nothing if the line is interrupted or the program is
+    /// about to end; the number is then never answered.
     pub fn send(&mut self, command: Command) -> u16 {
         let is_ending = interruption::is_requested() && may_undo_a_stop(&command);
         if self.check().is_err() || is_ending {
@@ -153,13 +151,13 @@ impl Line {
         sequence
     }
 
-    /// Says hello.
+    /// Sends hello.
     pub fn greet(&mut self) {
         self.sender.greet();
     }
 
-    /// Begins to stop the stage, unless that is under way or done. Goes through an interrupted
-    /// line, too.
+    /// Begins to stop the stage, unless a stop is under way or done. Sends on an interrupted line,
+    /// too.
     pub fn begin_stop(&mut self) {
         if matches!(self.stop, Stop::None) {
             self.client.motion_mut().forget_stops();
@@ -171,8 +169,8 @@ impl Line {
         }
     }
 
-    /// Sends the stop that is due. Each is a new packet: the station takes one that comes twice for
-    /// one.
+    /// Sends the stop that is due. Each is a new packet, because the station drops a packet whose
+    /// number it has seen.
     fn repeat_stop(&mut self) {
         let Stop::Asked { since, next, sent } = &mut self.stop else {
             return;
@@ -192,12 +190,12 @@ impl Line {
         }
     }
 
-    /// Remembers whom commands are for.
+    /// Records the session that commands belong to.
     pub fn begin_session(&mut self) {
         self.session = self.client.hello().map(|hello| hello.session);
     }
 
-    /// Takes in what has arrived, without waiting.
+    /// Reads all bytes that have arrived, without waiting.
     pub fn take_in(&mut self) {
         let mut buffer = [0; 1024];
         while let Some(port) = &mut self.port {
@@ -218,7 +216,7 @@ impl Line {
         }
     }
 
-    /// Notices a line that does not work.
+    /// Detects a failed or silent line.
     fn listen(&mut self) {
         if let Some(reason) = self.sender.broken() {
             return self.lose(reason);
@@ -281,8 +279,8 @@ impl Line {
         }
     }
 
-    /// Who answered on a line that was lost. Its state is in the first status, which comes within a
-    /// tenth of a second.
+    /// Returns the kind of interruption, once a station has answered on a line that was lost. The
+    /// station's state is in its first status, which comes within a tenth of a second.
     fn judge(&mut self, since: Instant, reason: &str) -> Option<Interruption> {
         let hello: &Hello = self.client.hello()?;
         let mismatches = hello.mismatches();
@@ -302,17 +300,17 @@ impl Line {
         })
     }
 
-    /// Whether the line is being looked for.
+    /// Returns true while a lost line is being reconnected.
     pub fn is_down(&self) -> bool {
         matches!(self.link, Link::Down { .. })
     }
 
-    /// Whether a stop reaches the station, however it is.
+    /// Returns true if a stop reaches the station, in whatever condition it is.
     pub fn is_up(&self) -> bool {
         matches!(self.link, Link::Up)
     }
 
-    /// Whether commands reach the station, and its numbers can be true.
+    /// Checks that commands reach the station and its numbers are plausible.
     pub fn check(&self) -> Result<(), StationError> {
         if let Some(implausible) = self.client.implausible() {
             return Err(implausible.into());
@@ -341,7 +339,7 @@ impl Line {
         }
     }
 
-    /// Goes on after an interruption of a station that lost nothing and has no fault.
+    /// Resumes after an interruption, if the station lost no state and has no fault.
     pub fn resume(&mut self) -> Result<(), StationError> {
         if let (Link::Up, Some(Interruption::Away { .. })) = (&self.link, &self.interruption) {
             if let Some(fault) = self.client.status().and_then(|status| status.fault) {
@@ -354,18 +352,18 @@ impl Line {
     }
 }
 
-/// A port to read from and a port to write to, which are the same one.
+/// Reading and writing handle of one port.
 type Halves = (Box<dyn SerialPort>, Box<dyn SerialPort>);
 
 fn open(path: &str) -> serialport::Result<Halves> {
     let mut port = serialport::new(path, BAUD).timeout(WRITE_PATIENCE).open()?;
-    // Tells a board with USB that somebody listens. A pseudo-terminal has no such line and says so.
+    // Signals a USB board that a host listens. A pseudo-terminal has no such line and reports that.
     let _ = port.write_data_terminal_ready(true);
     let writer = port.try_clone()?;
     Ok((port, writer))
 }
 
-/// Whether a stage that was stopped might move because of this command, at once or later.
+/// Returns true if a stopped stage might move because of this command, at once or later.
 fn may_undo_a_stop(command: &Command) -> bool {
     moves(command) || matches!(command, Command::Reset)
 }

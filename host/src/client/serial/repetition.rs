@@ -1,8 +1,8 @@
 //! A command and its answer over a line that loses packets.
 //!
-//! Either may be lost, and the host cannot tell which. So what may be repeated without harm is
-//! repeated until it is answered, each time as a new packet, because the station drops one whose
-//! number it has seen:
+//! Either may be lost, and the host cannot tell which. So a command that may be repeated without
+//! harm is repeated until it is answered, each time as a new packet, because the station drops a
+//! packet whose number it has seen:
 //!
 //! * a stop: see [`stop`](super::stop);
 //! * a configuration, a zero, motors on or off, and a position to go to: the second time changes
@@ -21,11 +21,11 @@ use std::time::{Duration, Instant};
 /// Time from a command to its repetition. An answer comes within a few ms.
 const REPEAT: Duration = Duration::from_millis(200);
 
-/// When a command that was not answered is sent again.
+/// Rule for repeating a command that was not answered.
 enum Repetition {
     Never,
     Always,
-    /// While state and fault are these.
+    /// Repeat while the station is in this state and has this fault.
     While(State, Option<Fault>),
 }
 
@@ -78,7 +78,8 @@ impl Serial {
         }
     }
 
-    /// What is known of a command whose answer did not come.
+    /// Returns the error for a command whose answer did not come, with the station's status if
+    /// there is one.
     fn unanswered(&self, command: &'static str, before: Option<Status>) -> StationError {
         let waited_ms = PATIENCE.as_millis() as u64;
         let mut line = self.shared.line();
@@ -114,7 +115,7 @@ fn repetition(command: &Command, before: Option<&Status>) -> Repetition {
     }
 }
 
-/// What two statuses, one from before a command and one from long after it, say of it.
+/// Describes the fate of a command from a status before it and one long after it.
 fn known(before: &Status, now: &Status) -> String {
     let state = diagnosis::state(now.state).name;
     let steps = |[x, y, z]: [i32; 3]| format!("{x} {y} {z} steps");

@@ -16,15 +16,15 @@ use std::time::{Duration, Instant};
 /// Time between two pings.
 const PING: Duration = Duration::from_millis(20);
 
-/// How long the thread sleeps when there is nothing to ping.
+/// Sleep of the thread while the heartbeat is off.
 const IDLE: Duration = Duration::from_secs(60);
 
-/// What is written to, and when next.
+/// Port, numbering and schedule of the heartbeat.
 struct Writer {
     /// `None` while the line is down.
     port: Option<Box<dyn SerialPort>>,
     numbering: Numbering,
-    /// Why the last write failed.
+    /// Reason for the last failed write.
     broken: Option<String>,
     pings: bool,
     next_ping: Instant,
@@ -50,14 +50,14 @@ impl Writer {
 /// The writing half of a line, shared with its heartbeat.
 pub(super) struct Sender {
     writer: Mutex<Writer>,
-    /// Told when the heartbeat begins or the line is closed.
+    /// Notified when the heartbeat begins or the line is closed.
     changed: Condvar,
     /// Zero of the host's clock.
     epoch: Instant,
 }
 
 impl Sender {
-    /// Starts without a port and without a heartbeat.
+    /// Makes a sender without a port and without a heartbeat.
     pub fn new(epoch: Instant) -> Self {
         Self {
             writer: Mutex::new(Writer {
@@ -78,19 +78,19 @@ impl Sender {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The host's clock, µs.
+    /// Returns the host's clock, µs.
     pub fn now_us(&self) -> u64 {
         u64::try_from(self.epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
     }
 
-    /// Writes to `port` from now on; without one, to nothing.
+    /// Sets the port to write to; with `None`, packets are dropped.
     pub fn set_port(&self, port: Option<Box<dyn SerialPort>>) {
         let mut writer = self.writer();
         writer.port = port;
         writer.broken = None;
     }
 
-    /// Why a write has failed since the port was set, once.
+    /// Takes the reason of a write that failed since the port was set.
     pub fn broken(&self) -> Option<String> {
         self.writer().broken.take()
     }
@@ -108,12 +108,12 @@ impl Sender {
         self.writer().send(command)
     }
 
-    /// Uses up a sequence number without writing: it will never be answered.
+    /// Uses up a sequence number without writing: no answer to it will come.
     pub fn skip(&self) -> u16 {
         self.writer().numbering.packet(Command::Stop).0
     }
 
-    /// Says hello. A closing zero first: the line may hold half a packet.
+    /// Sends a closing zero, because the line may hold half a packet, and then hello.
     pub fn greet(&self) {
         let mut writer = self.writer();
         writer.write(&[0]);
@@ -161,8 +161,9 @@ impl Sender {
     }
 }
 
-/// Asks for the calling thread to run before all ordinary ones. Without the right to that it stays
-/// as it is: on Linux the right is `CAP_SYS_NICE`, or a limit for nice values (`ulimit -e 40`).
+/// Raises the priority of the calling thread above all ordinary ones. Without the right to do so
+/// the priority stays: on Linux the right is `CAP_SYS_NICE`, or a limit for nice values
+/// (`ulimit -e 40`).
 #[cfg(target_os = "linux")]
 fn raise_priority() {
     /// The highest ordinary priority.

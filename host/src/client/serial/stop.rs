@@ -16,15 +16,15 @@ use shared::safety::State;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long stops are repeated.
+/// Time for which a stop is repeated.
 pub(super) const STOP_PATIENCE: Duration = Duration::from_secs(2);
 
-/// The stage was stopped because a run ended in motion.
+/// True once a stage was stopped because a run ended in motion.
 static HAS_STOPPED: AtomicBool = AtomicBool::new(false);
-/// It is not known that the stage stands.
+/// True once a run ended without knowing that the stage stands.
 static IS_UNKNOWN: AtomicBool = AtomicBool::new(false);
 
-/// How the runs of this program have left the stages of their stations.
+/// Condition in which the runs of this program have left the stages of their stations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// At rest, by themselves or by a stop of the command.
@@ -35,7 +35,7 @@ pub enum Ending {
     Unknown,
 }
 
-/// Returns how the runs have ended so far, the worst of them.
+/// Returns the worst ending of all runs so far.
 pub fn ending() -> Ending {
     if IS_UNKNOWN.load(Ordering::Relaxed) {
         Ending::Unknown
@@ -46,27 +46,27 @@ pub fn ending() -> Ending {
     }
 }
 
-/// How far a stop is.
+/// Progress of a stop.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) enum Stop {
     /// Not wanted, or followed by a command that may move the stage.
     #[default]
     None,
-    /// Repeated since, when next, and how many were sent.
+    /// Being repeated: start, next packet, and number of stops sent.
     Asked {
         since: Instant,
         next: Instant,
         sent: u32,
     },
-    /// The station has answered one.
+    /// Answered by the station.
     Answered,
-    /// Given up, and the heartbeat with it, after so many.
+    /// Given up after `sent` stops, and the heartbeat with it.
     Unanswered { sent: u32 },
 }
 
 impl Serial {
-    /// Stops the stage: sends stop every 30 ms until one is answered. From then on no signal is
-    /// reported by the calls that wait.
+    /// Stops the stage: sends stop every 30 ms until one is answered. From then on the calls that
+    /// wait report no signals.
     ///
     /// # Errors
     /// [`StationError::Unstopped`] if none is answered within 2 s: then the heartbeat is ended, so
@@ -142,8 +142,8 @@ impl Serial {
         StationError::Restless { waited_s }
     }
 
-    /// Stops a stage that may still move because of this conversation, and says so. Waits until a
-    /// stage that was stopped stands.
+    /// Stops a stage that may still move because of this conversation, and reports it. Waits until
+    /// a stage that was stopped stands.
     pub(super) fn end_motion(&mut self) {
         let may_go_on = {
             let line = self.shared.line();
@@ -166,7 +166,7 @@ impl Serial {
         };
         let path = self.path();
         match self.stop().and_then(|()| self.until_rest()) {
-            // A stop of the command's own, or of a signal: its ramp has been waited for.
+            // A stop of the command's own, or of a signal: its ramp has ended.
             Ok(_) if !may_go_on => return,
             Ok(State::Stopped) => notice!(
                 "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; \

@@ -14,10 +14,10 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// How often the folder is looked into.
+/// Polling period of the folder.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Station and folder.
+/// Station on a serial port, and the folder of its captures.
 pub struct Real {
     hand: Hand,
     stage: Stage,
@@ -53,7 +53,7 @@ pub fn bench(options: &Options, port: &str, rig: &RigFile, stage: &Stage) -> Res
 }
 
 impl Real {
-    /// The captures that are there by now; none before the first is complete.
+    /// Returns the captures in the folder; `None` before the first is complete.
     fn listed(&self) -> Option<Folder> {
         Folder::open(&self.folder, &self.names, self.size_px, DEFAULT_PERIOD_US).ok()
     }
@@ -104,7 +104,7 @@ impl Bench for Real {
             {
                 match capture {
                     Ok(capture) => return Ok(capture),
-                    // It may be half written still.
+                    // The file may still be half written.
                     Err(error) if Instant::now() >= end => return Err(error.into()),
                     Err(_) => {}
                 }

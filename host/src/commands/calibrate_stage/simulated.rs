@@ -1,4 +1,4 @@
-//! A twin whose stage carries rendered cameras, mounted in a way that nobody tells the program.
+//! A twin whose stage carries rendered cameras, in a mounting that the calibration does not get.
 
 use super::{Bench, Options, Pass};
 use crate::commands::failure::Failure;
@@ -10,22 +10,24 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::frame::message::Mounting;
 use shared::safety::State;
 
-/// How long a pass takes at most, ms, and the time between two pictures of it.
+/// Longest duration of a pass, ms.
 const PASS_MS: u64 = 400;
+
+/// Time between two frame sets of a pass, ms.
 const PICTURE_MS: u64 = 16;
 
-/// Twin and scene.
+/// Twin and rendered scene.
 pub struct Simulated {
     twin: Twin,
     scene: Scene,
-    /// How the cameras move for a mm that the stage is sent.
+    /// Motion of the cameras per mm of commanded motion of the stage.
     mounted: Matrix3<f64>,
     seed: u64,
-    /// Stamp minus capture, µs.
+    /// Time stamp minus capture time, µs.
     late_us: i64,
 }
 
-/// Switches it on, at zero.
+/// Switches the twin on, at zero.
 pub fn bench(options: &Options, rig: &RigFile, stage: &Stage) -> Result<Simulated, Failure> {
     let [x, y, z] = *options.turned.as_slice() else {
         return Err(Failure::Usage("--turned takes three angles".to_owned()));

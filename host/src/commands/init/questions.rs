@@ -5,7 +5,7 @@ use std::io::{BufRead, Write};
 
 use crate::commands::failure::Failure;
 
-/// A terminal to ask on, or none.
+/// Terminal for questions, or none.
 pub struct Questions<'a> {
     terminal: Option<(&'a mut dyn BufRead, &'a mut dyn Write)>,
 }
@@ -18,13 +18,13 @@ impl<'a> Questions<'a> {
         }
     }
 
-    /// Asks nothing: the defaults hold.
+    /// Makes questions that are never asked: the defaults hold.
     pub const fn none() -> Self {
         Self { terminal: None }
     }
 
-    /// Returns the value that is given, else the answer, else the default. An answer that cannot
-    /// be read is asked again, with the reason.
+    /// Returns the given value, else the answer, else the default. Repeats the question, with the
+    /// reason, if the answer cannot be read.
     ///
     /// # Errors
     /// If the answers end or cannot be read; if the default does not parse.
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn answer_counts_and_enter_takes_the_default() {
+    fn enter_takes_the_default() {
         assert_eq!(ask("7\n").0, Some(7));
         assert_eq!(ask("\n"), (Some(3), "How many [3]: ".into()));
     }

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-/// A value could not be read; holds what was expected.
+/// Error of a value that could not be read; holds the expected form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected {0}")]
 pub struct Expected(pub &'static str);
@@ -50,7 +50,7 @@ impl FromStr for Image {
     }
 }
 
-/// The numbers between commas, all finite.
+/// Parses the numbers between commas, all finite.
 fn numbers(text: &str, expected: Expected) -> Result<Vec<f64>, Expected> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|n| n.is_finite());
     text.split(',')

@@ -1,4 +1,4 @@
-//! What a row says of cameras that did not take part, and what is said once.
+//! Notes and warnings about cameras that did not take part.
 
 use host::flow::{CameraRefusal, remarks};
 use host::notice;
@@ -6,14 +6,14 @@ use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::mem::{Discriminant, discriminant};
 
-/// The cameras' names, and what has been said of them.
+/// Names of the cameras, and the warnings printed so far.
 pub struct Absences {
     names: Vec<String>,
     said: HashSet<(usize, Discriminant<CameraRefusal>)>,
 }
 
 impl Absences {
-    /// Nothing has been said.
+    /// Starts without any warning printed.
     pub fn new(names: &[String]) -> Self {
         Self {
             names: names.to_vec(),
@@ -30,14 +30,14 @@ impl Absences {
         }
     }
 
-    /// Adds them to a JSON row, if there are any.
+    /// Adds the absent cameras to a JSON row, if there are any.
     pub fn note(&self, absent: &[(usize, CameraRefusal)], row: &mut Value) {
         if !absent.is_empty() {
             row["warnings"] = json!(remarks(absent, &self.names));
         }
     }
 
-    /// The end of a row's outcome: `, without right`.
+    /// Returns the end of a row's outcome: `, without right`.
     pub fn without(&self, absent: &[(usize, CameraRefusal)]) -> String {
         let names: Vec<&str> = absent
             .iter()

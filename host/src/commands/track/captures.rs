@@ -1,4 +1,4 @@
-//! Captures from outside: each is followed and printed in its line.
+//! Frame sets from outside: follows each and prints its row.
 
 use super::absences::Absences;
 use super::{Options, introduce, vector};
@@ -20,34 +20,34 @@ use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::Path;
 
-/// How long live cameras may give nothing that can be the reference, µs: they open with their
-/// exposure wrong, and find it within a second or two.
+/// Longest time of live cameras without a usable keyframe, µs: their automatic exposure settles
+/// within a second or two after they are opened.
 const LIGHT_US: u64 = 3_000_000;
 
-/// How it went.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Summary {
-    /// Captures after the first.
+    /// Number of frame sets after the first.
     pub frames: usize,
-    /// Of them, those that were not used.
+    /// Number of frame sets that were not used.
     pub refused: usize,
 }
 
-/// Captures and the station that follows them.
+/// Frame sets and the station that follows them.
 pub struct Captures<'a> {
     options: &'a Options,
     servo: FrameSetServo,
     port: Option<&'a str>,
-    /// What errors name.
+    /// Source that errors name.
     source: &'a Path,
-    /// Whether the captures are taken now.
+    /// True if the frame sets are live.
     is_live: bool,
     absences: Absences,
 }
 
 impl<'a> Captures<'a> {
-    /// Makes the station ready: configured, its position zero. `now_us` tells the captures' clock,
-    /// if the captures are taken now.
+    /// Starts the station: configured, its position zero. `now_us` is the clock of the capture
+    /// times, if the frame sets are live.
     pub fn new(
         options: &'a Options,
         rig: &RigFile,
@@ -81,7 +81,7 @@ impl<'a> Captures<'a> {
         })
     }
 
-    /// Follows them to their end. The station is left at rest.
+    /// Follows the frame sets to their end, and leaves the station at rest.
     pub fn follow(
         mut self,
         captures: impl Iterator<Item = Result<FrameSet, InputError>>,
@@ -89,11 +89,11 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let outcome = self.print_all(captures, out);
         if let Err(Failure::Station(_)) = outcome {
-            // It has stopped by itself, or cannot be told to.
+            // The station has stopped by itself, or no stop can reach it.
             return outcome;
         }
-        // The end of live pictures is no end of the target's motion: a stage that goes where it
-        // will be would run on.
+        // After the end of live images the target may move on: without a stop, the stage would
+        // run on to its predicted position.
         let rest = match self.is_live {
             true => self.servo.stop(),
             false => self.servo.rest(),
@@ -119,7 +119,7 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
         let mut count = Count::new("captures followed");
-        // Since when, and why, there has been no reference.
+        // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
             let capture = capture?;
@@ -138,7 +138,7 @@ impl<'a> Captures<'a> {
                     dark = Some((since_us, error));
                     continue;
                 }
-                // A signal is the usual end of live pictures.
+                // A signal is the usual end of live images.
                 Err(ServoError::Station(StationError::Cancelled)) if self.is_live => break,
                 followed => followed.map_err(|error| Failure::of_servo(self.port, error))?,
             };
@@ -169,7 +169,7 @@ impl<'a> Captures<'a> {
     }
 }
 
-/// What one clock is ahead of another, µs.
+/// Returns the lead of one clock over another, µs.
 fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
     quickest(|| {
         let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
@@ -222,7 +222,7 @@ fn print(
         let stage = vector(stage_mm);
         writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;
     }
-    // Whoever reads along sees each line when it comes.
+    // Flush, so that a reader gets each line at once.
     out.flush()?;
     Ok(())
 }
@@ -233,10 +233,10 @@ mod tests {
     use host::images::cameras::stamp::READINGS;
     use std::cell::Cell;
 
-    /// A clock that is five seconds ahead; each reading takes a microsecond, but in most pairs the
+    /// The clock is five seconds ahead. Each reading takes a microsecond, but in most pairs the
     /// processor is away for 20 ms, before or after.
     #[test]
-    fn clocks_are_compared_by_a_reading_that_was_not_held_up() {
+    fn quickest_reading_compares_clocks() {
         for quick in 0..READINGS as u64 {
             let (now_us, calls) = (Cell::new(1_000_000), Cell::new(0));
             let read = |place: u64, ahead_us: u64| {

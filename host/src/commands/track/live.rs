@@ -1,4 +1,4 @@
-//! Driven by live cameras.
+//! Tracking with live cameras.
 
 use super::Options;
 use crate::commands::failure::Failure;
@@ -9,12 +9,12 @@ use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The stage, and where the cameras are. A real stage is never guessed.
+/// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
     let is_real = options.station.is_given();
     let mounting = match is_real && !options.fixed {
         true => Mounting::OnStage,
-        // The twin's stage carries nothing.
+        // The twin's stage carries no cameras.
         false => Mounting::Fixed,
     };
     match (&rig.stage, is_real) {
@@ -27,7 +27,7 @@ fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mo
     }
 }
 
-/// A device is one camera, whatever names and links lead to it.
+/// Refuses one device for two cameras, even if different names or links lead to it.
 fn refuse_twins(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> {
     let real = |device: &PathBuf| device.canonicalize().unwrap_or_else(|_| device.clone());
     let real: Vec<PathBuf> = devices.iter().map(real).collect();
@@ -45,7 +45,7 @@ fn refuse_twins(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Follows what the cameras see until Ctrl-C, or for --seconds.
+/// Follows the target until Ctrl-C, or for --seconds.
 pub fn run(
     options: &Options,
     devices: &[PathBuf],
@@ -85,7 +85,7 @@ fn follow(
     use std::time::Duration;
 
     let port = options.station.resolve()?;
-    // All cameras before the station: nothing moves for a camera that is not there.
+    // Open all cameras before the station, so that nothing moves if one is missing.
     let size_px = rig.rig.image_size_px;
     let cameras = devices
         .iter()
@@ -129,8 +129,8 @@ fn follow(
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
         notice!(
-            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners within {} ms, {} stale, {} damaged, {} out of order; \
-             its driver lost {}",
+            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners \
+             within {} ms, {} stale, {} damaged, {} out of order; its driver lost {}",
             device.display(),
             matching.arrived + tally.stale + tally.damaged,
             matching.used,
@@ -161,6 +161,7 @@ fn follow(
     _: &mut impl Write,
 ) -> Result<(), Failure> {
     let first = devices.first().cloned().unwrap_or_default();
-    let reason = "this program was built without live cameras: build it on Linux with `cargo build --release --features host/camera`";
+    let reason = "this program was built without live cameras: build it on Linux with \
+                  `cargo build --release --features host/camera`";
     Err(InputError::file(&first, reason).into())
 }

@@ -1,4 +1,4 @@
-//! Driven by a folder of images, complete or growing, cameras beside the stage.
+//! Tracking with a folder of images, complete or growing; the cameras are beside the stage.
 
 use super::Options;
 use super::captures::{Captures, Summary};
@@ -17,7 +17,7 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
-/// Feeds every capture to the twin at its time; prints where the stage went.
+/// Feeds every frame set to the twin at its capture time; prints the path of the stage.
 pub fn run(
     options: &Options,
     folder: &Path,
@@ -36,7 +36,8 @@ pub fn run(
     judged(folder, summary, unread.get())
 }
 
-/// As [`run`], for a folder that grows: until Ctrl-C, or until nothing has come for a while.
+/// Runs as [`run`] does, for a folder that grows: until Ctrl-C, or until no image has come for
+/// --idle seconds.
 pub fn watch(
     options: &Options,
     folder: &Path,
@@ -68,8 +69,8 @@ pub fn watch(
     judged(folder, summary, unread.get())
 }
 
-/// A capture that cannot be read does not end the others, unless it is the first, which they are
-/// measured against: it is told, and counted as `unread`.
+/// Skips captures that cannot be read, with a warning, and counts them in `unread`. If the first
+/// cannot be read, the run ends, because it would be the keyframe.
 fn readable(
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
     unread: &Cell<usize>,
@@ -88,15 +89,14 @@ fn readable(
     })
 }
 
-/// The twin, whose stage copies the target's motion.
+/// Makes the twin, whose stage copies the target's motion.
 fn station<'a>(
     options: &'a Options,
     rig: &RigFile,
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
     let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
-    // It is to be where the last picture shows the target, not where that would have gone from
-    // there.
+    // The stage shall end at the target's last measured position, not at a predicted one.
     stage.tracking.prediction = false;
     Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
@@ -107,8 +107,8 @@ fn few(folder: &Path, count: usize) -> Failure {
     InputError::file(folder, reason).into()
 }
 
-/// Frames that were refused have been told, each in its line, and so have those that could not be
-/// read.
+/// Returns the failure of a run with refused or unreadable frames, each of which has been reported
+/// in its own line.
 fn judged(folder: &Path, summary: Summary, unread: usize) -> Result<(), Failure> {
     let (frames, refused) = (summary.frames + unread, summary.refused + unread);
     if refused == 0 {

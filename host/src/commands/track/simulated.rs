@@ -1,4 +1,4 @@
-//! In closed loop with the simulator.
+//! Tracking in closed loop with the simulator.
 
 use super::super::progress::Progress;
 use super::absences::Absences;
@@ -17,10 +17,10 @@ use serde_json::json;
 use shared::frame::message::Command;
 use std::io::Write;
 
-/// How long the target is followed, s.
+/// Default duration of the run, s.
 const DEFAULT_SECONDS: f64 = 8.0;
 
-/// Runs until the time is over; then a summary on standard error.
+/// Runs for the duration, then prints a summary on standard error.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let file = match &options.rig {
         Some(path) => options.method.read_rig(path)?,
