@@ -1,4 +1,4 @@
-//! What limits a rig, each limit under the name of the field or number that sets it.
+//! Limits of a rig, each under the name of the field or number that sets it.
 
 use serde::Serialize;
 use shared::estimate::Gate;
@@ -13,20 +13,20 @@ use crate::matching::geometry::RigGeometry;
 use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::{RigFile, Stage};
 
-/// How bad it is, the worst first.
+/// Severity of a limit, worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// The station would refuse the rig.
     Refusal,
-    /// Part of the range cannot be used, or not as asked for.
+    /// Part of the range cannot be used as requested.
     Warning,
-    /// Worth knowing: what to change first.
+    /// Advice on the most effective change.
     Note,
 }
 
 impl Severity {
-    /// As it is printed.
+    /// Returns the name as printed.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Refusal => "refusal",
@@ -36,25 +36,26 @@ impl Severity {
     }
 }
 
-/// One limit.
+/// One limit of a rig.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Limitation {
-    /// How bad.
+    /// Severity of the limit.
     pub severity: Severity,
-    /// The field of the rig file, or the number, that sets it.
+    /// Field of the rig file, or number, that sets the limit.
     pub name: String,
-    /// What it does, with figures.
+    /// Effect of the limit, with figures.
     pub text: String,
 }
 
-/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched,
-/// at 1.5 hardly any (`tests/pipeline/rigs.rs`).
+/// Largest ratio of magnification between two cameras: at 1.3 half of the points are matched, at
+/// 1.5 hardly any (`tests/pipeline/rigs.rs`).
 const MOST_MAGNIFICATION: f64 = 1.3;
 
-/// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
+/// Variance inflation factor above which windows are crowded: doubling the points then gains next
+/// to nothing.
 const CROWDED: f64 = 3.0;
 
-/// All limits of `rig`, the worst first.
+/// Returns all limits of `rig`, the worst first.
 pub(super) fn find(rig: &RigFile, view: &FieldOfView, found: &Verification) -> Vec<Limitation> {
     let mut limits = Vec::new();
     let mut add = |severity, name: &str, text: String| {
@@ -263,8 +264,8 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
     }
 }
 
-/// Describes an axis that will stand outside its travel once its position is known; `None` if it
-/// will not.
+/// Describes an axis that will stand outside its travel once its position is known. Returns `None`
+/// if the axis will be inside.
 fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
     let [low, high] = stage.travel_mm[axis];
     let outside = |mm: f64| mm < low || mm > high;

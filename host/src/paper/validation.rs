@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parallel_results_keep_their_order() {
+    fn parallel_results_keep_order() {
         for count in [0, 1, 2, 3, 1000] {
             let squares: Vec<usize> = (0..count).map(|i| i * i).collect();
             assert_eq!(in_parallel(count, |i| i * i), squares);

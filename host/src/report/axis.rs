@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn every_range_has_labels_inside_it() {
+    fn every_range_has_inner_labels() {
         for exponent in -9..12 {
             for mantissa in [1.0, 1.7, 2.0, 3.3, 5.0, 9.99] {
                 let span = mantissa * 10f64.powi(exponent);
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_no_numbers_do_not_count() {
+    fn nan_values_are_ignored() {
         let axis = Axis::around([f64::NAN, 1.0, f64::INFINITY, 3.0, 1e300], 5);
         assert_eq!((axis.low, axis.high), (0.9, 3.1));
         let empty = Axis::around([f64::NAN], 5);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_stands_in_the_middle() {
+    fn constant_is_centred() {
         for value in [0.0, 5.0, -1e-12, 1e12] {
             let axis = Axis::around([value, value], 5);
             assert!(axis.low < axis.high, "{value}");

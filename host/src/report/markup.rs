@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn markup_and_control_characters_are_disarmed() {
+    fn markup_and_controls_are_escaped() {
         assert_eq!(
             escape("<script>alert(\"a&b\")</script>'"),
             "&lt;script&gt;alert(&quot;a&amp;b&quot;)&lt;/script&gt;&#39;"

@@ -201,12 +201,12 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_well_formed() {
+    fn page_is_well_formed() {
         assert_eq!(balance::fault(&page().to_html().unwrap()), None);
     }
 
     #[test]
-    fn the_page_needs_nothing_from_outside() {
+    fn page_is_self_contained() {
         let html = page()
             .to_html()
             .unwrap()
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_page_gives_the_same_bytes() {
+    fn page_is_deterministic() {
         assert_eq!(page().to_html().unwrap(), page().to_html().unwrap());
     }
 }

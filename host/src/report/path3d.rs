@@ -275,7 +275,7 @@ mod tests {
     const LABELS: [&str; 3] = ["X, mm", "Y, mm", "Z, mm"];
 
     #[test]
-    fn x_and_y_run_to_the_right_and_z_runs_up() {
+    fn x_and_y_run_right_and_z_up() {
         let origin = flat([0.0; 3]);
         assert!(flat([1.0, 0.0, 0.0])[0] > origin[0] && flat([0.0, 1.0, 0.0])[0] > origin[0]);
         assert_eq!(flat([0.0, 0.0, 1.0])[0], origin[0]);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn any_data_make_a_whole_document() {
+    fn any_data_make_a_document() {
         let path = |n: i32| {
             (0..n)
                 .map(|i| [f64::from(i), f64::from(i * i), -f64::from(i)])
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_stays_on_the_sheet() {
+    fn path_stays_on_sheet() {
         let points = [
             [0.0, 0.0, 0.0],
             [20.0, 20.0, 5.0],

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_breaks_the_line() {
+    fn gap_breaks_line() {
         let points = [
             [0.0, 1.0],
             [1.0, 2.0],
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_drawable_is_said_and_not_a_panic() {
+    fn undrawable_data_are_reported() {
         for style in [
             Style::Line,
             Style::Dashed,
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_point_is_visible_in_every_style() {
+    fn single_point_is_visible() {
         for style in [
             Style::Line,
             Style::Dashed,
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_recording_makes_a_small_figure() {
+    fn long_recording_stays_small() {
         let noise =
             (0..200_000_u32).map(|i| [f64::from(i), f64::from(i.wrapping_mul(2_654_435_761) >> 8)]);
         for style in [Style::Line, Style::Steps, Style::Dashed] {

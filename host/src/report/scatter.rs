@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_circle_is_round_and_inside() {
+    fn circle_is_round_and_inside() {
         let plot = Scatter::new("t", "x", "y").circle([5.0, -3.0], 2.0, "2 mm");
         let svg = plot.to_svg().unwrap();
         assert_eq!(balance::fault(&svg), None, "{svg}");

@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_do_not_reach_the_terminal() {
+    fn terminal_gets_no_controls() {
         let table = Table::new("a\u{1b}[2J", ["b\nc"]).row([Cell::text("d\te")]);
         let text = table.to_text();
         assert!(
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_table_is_still_a_table() {
+    fn empty_table_is_a_table() {
         assert_eq!(Table::default().to_text(), "\n\n");
         assert_eq!(balance::fault(&Table::default().to_html()), None);
     }

@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn other_units_of_offsets_are_named() {
+    fn wrong_offset_units_are_named() {
         for (by, unit) in [
             (1e-3, "metres"),
             (0.02, "centimetres"),

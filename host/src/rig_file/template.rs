@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn template_is_a_rig_file_with_its_values() {
+    fn template_reads_back() {
         let file = parsed(&text(&example(&["left", "middle", "right"])));
         let offsets: Vec<_> = file.rig.cameras.iter().map(|c| c.offset_mm[0]).collect();
         assert_eq!(offsets, [-30.0, 0.0, 30.0]);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn template_names_every_field_of_a_stage() {
+    fn template_names_all_stage_fields() {
         let known = std::collections::BTreeSet::from(KEYS);
         assert_eq!(known.len(), KEYS.len());
         let text = text(&example(&["a", "b"]));
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn optional_fields_show_their_defaults() {
+    fn optional_fields_show_defaults() {
         let with = text(&example(&["left", "right"]));
         let all = with
             .replace("# largest_error_mm = 20.0", "")

@@ -202,7 +202,7 @@ mod tests {
     /// A scenario with points in place of pictures is about as hard: their errors are alike on
     /// every axis.
     #[test]
-    fn points_are_about_as_uncertain_as_pictures() {
+    fn points_match_image_uncertainty() {
         let rendered = Sight::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn both_kinds_see_where_the_target_is_and_nothing_through_an_occluder() {
+    fn target_seen_unless_occluded() {
         let rendered = Sight::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,

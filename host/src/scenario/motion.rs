@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn legs_follow_each_other_without_a_gap() {
+    fn legs_join_without_gap() {
         let way = Way::new(&[
             leg(Motion::Still, 1.0, [0.0; 2]),
             leg(
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn ramps_are_smooth_and_reach_the_full_speed() {
+    fn ramps_reach_full_speed() {
         let velocity_mm_s = [30.0, -40.0, 0.0];
         let way = Way::new(&[leg(Motion::Line { velocity_mm_s }, 2.0, [0.5, 0.5])]);
         let speed = |t: f64| distance(way.at(t + 1e-4), way.at(t - 1e-4)) / 2e-4;
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lissajous_figure_has_its_width_and_its_peak() {
+    fn lissajous_has_width_and_peak() {
         let (amplitude_mm, ratio) = ([20.0, 20.0, 5.0], [1.0, 2.0, 3.0]);
         let figure = Motion::Lissajous {
             amplitude_mm,

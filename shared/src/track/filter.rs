@@ -365,7 +365,7 @@ mod tests {
         }
 
         #[test]
-        fn steps_and_back(fine_steps in -(1i64 << 46)..1 << 46) {
+        fn steps_round_trip(fine_steps in -(1i64 << 46)..1 << 46) {
             // A float has 24 bits.
             let off = (fine(steps(fine_steps)) - fine_steps).abs();
             prop_assert!(off <= (1 << 16) + (fine_steps.abs() >> 23), "{off}");
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_becomes_the_lower_bound() {
+    fn nan_becomes_lower_bound() {
         assert_eq!(within(f32::NAN, -1.0, 2.0), -1.0);
         assert_eq!(within(f32::INFINITY, -1.0, 2.0), 2.0);
         assert_eq!(within(0.5, -1.0, 2.0), 0.5);

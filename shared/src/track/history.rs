@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolates_between_ticks() {
+    fn position_is_interpolated() {
         let history = ramp(2000);
         let got = history.at(Instant::from_micros(1_800_250)).unwrap();
         let expected = 1800 * 3 * STEP + 3 * STEP / 4;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn knows_its_ends() {
+    fn instants_outside_are_unknown() {
         let history = ramp(2000);
         assert_eq!(
             history.at(Instant::from_micros(1_999_001)),
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_forgets_what_lies_before() {
+    fn gap_forgets_earlier_positions() {
         let mut history = ramp(10);
         history.record(ms(20), [STEP; 3]);
         assert_eq!(history.at(ms(20)), Ok([STEP; 3]));

@@ -145,7 +145,7 @@ mod tests {
 
     /// Target and stage move on their own; each reference mode must find the target.
     #[test]
-    fn keyframe_and_previous_frame_find_the_same_target() {
+    fn reference_modes_agree() {
         let target = |t: i64| [1000 * t, -300 * t, 7 * t * t];
         let stage = |t: i64| [900 * t - 4, 20 * t, -t];
         let error = |t: i64| {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_old_and_repeated_instants_change_nothing() {
+    fn bad_instants_change_nothing() {
         let mut tracker = Tracker::default();
         assert!(tracker.update(at(0), at(1), [5; 3], [0; 3]).is_ok());
         assert_eq!(

@@ -497,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_changes_nothing_and_the_second_of_two_that_agree_everything() {
+    fn second_agreeing_outlier_is_jump() {
         let mut pursuit = settled();
         let before = pursuit.filters();
         // 5 mm.
@@ -514,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_in_its_place_clears_the_suspicion() {
+    fn expected_frame_clears_suspicion() {
         let mut pursuit = settled();
         assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
         assert_eq!(measure(&mut pursuit, &seen(992, 0)), Ok(()));
@@ -522,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn few_frames_per_second_keep_the_target_in_sight() {
+    fn slow_frames_keep_target_in_sight() {
         let mut pursuit = Pursuit::default();
         for k in 1..=20 {
             assert_eq!(measure(&mut pursuit, &seen(200 * k, 0)), Ok(()));
@@ -541,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn without_measurements_it_coasts_and_is_then_lost_once() {
+    fn target_coasts_then_is_lost_once() {
         let mut pursuit = settled();
         let last = Instant::from_micros(960_000);
         let after = |ms: u64| last.plus_micros(ms * 1_000);

@@ -67,7 +67,7 @@ mod tests {
     /// The same by brute force: finite differences of all 36 pixel coordinates by all 12 unknowns,
     /// and one large inverse.
     #[test]
-    fn the_bound_is_the_corner_of_the_full_inverse() {
+    fn bound_matches_full_inverse() {
         let rig = Rig::paper();
         let points = [
             [-40.0, 30.0, 800.0],
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_scales_it_and_no_points_give_none() {
+    fn bound_scales_with_noise() {
         let rig = Rig::paper();
         let points = [[-40.0, 30.0, 800.0], [55.0, -20.0, 900.0]];
         let once = variance_mm2(&rig, &points, [1.0; 3], 0.1).unwrap();

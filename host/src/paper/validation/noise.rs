@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_midpoint_reaches_the_bound() {
+    fn midpoint_reaches_bound() {
         for row in run(2000).unwrap().rows {
             let ratio = row.ratio(2);
             // Below 1 by more than chance (1.6 % for 2,000 trials) would mean that the bound is
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_estimators_do_not() {
+    fn paper_estimators_miss_bound() {
         let rows = run(300).unwrap().rows;
         for estimator in [0, 1] {
             let ratio: Vec<_> = rows.iter().map(|row| row.ratio(estimator)).collect();

@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_row_is_shown_and_none_is_out_of_its_bound() {
+    fn all_rows_are_within_bounds() {
         let validation = Validation {
             recovery: recovery::run(200).unwrap(),
             noise: noise::run(1000).unwrap(),

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_gives_the_papers_tables() {
+    fn closed_form_matches_tables() {
         let recovery = run(1000).unwrap();
         assert_eq!(recovery.rows.len(), 13);
         for row in &recovery.rows {
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bias_is_the_papers_and_not_the_points() {
+    fn bias_is_of_paper_estimators() {
         // 20 mm away at 890 mm shortens everything by 2.2 %.
         let row = &run(50).unwrap().rows[10];
         let expected = 20.0 * 890.0 / 910.0;

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_camera_sees_every_point_at_both_instants() {
+    fn points_stay_in_every_view() {
         let rig = section_3_rig();
         let mut random = Random::new(3, 0);
         for move_mm in [[20.0, 20.0, 20.0], [-30.0, 15.0, -40.0], [0.0; 3]] {
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sample_is_not_in_one_plane() {
+    fn sample_is_not_planar() {
         let points = Sample::draw().points_mm;
         let depths = || points.iter().map(|point| point[2]);
         assert_eq!(points.len(), 50);

@@ -62,7 +62,7 @@ fn trace(scenario: &Scenario, camera: impl Fn(f64) -> [f64; 3]) -> Trace {
 }
 
 #[test]
-fn a_jump_settles_from_the_arrival_of_the_first_frame_that_shows_it() {
+fn settling_starts_at_first_frame() {
     let by_mm = [4.0, 0.0, 0.0];
     let scenario = scenario(vec![
         leg(Motion::Still, 0.505),
@@ -85,7 +85,7 @@ fn a_jump_settles_from_the_arrival_of_the_first_frame_that_shows_it() {
 }
 
 #[test]
-fn errors_lag_jitter_and_reversals_are_what_they_say() {
+fn error_figures_match_trace() {
     let velocity_mm_s = [30.0, 40.0, 0.0];
     let line = scenario(vec![leg(Motion::Line { velocity_mm_s }, 2.0)]);
     let found = Figures::of(
@@ -113,7 +113,7 @@ fn errors_lag_jitter_and_reversals_are_what_they_say() {
 }
 
 #[test]
-fn acceleration_is_that_of_the_motion_and_abrupt_stops_are_left_out() {
+fn acceleration_skips_abrupt_stops() {
     let still = scenario(vec![leg(Motion::Still, 1.0)]);
     let camera = |t: f64| [500.0 * t.min(0.5).powi(2), 0.0, 0.0];
     let mut trace = trace(&still, camera);
@@ -129,7 +129,7 @@ fn acceleration_is_that_of_the_motion_and_abrupt_stops_are_left_out() {
 }
 
 #[test]
-fn percentiles_are_by_nearest_rank() {
+fn percentiles_use_nearest_rank() {
     let latencies: Vec<u32> = (1..=200).rev().map(|n| n * 1_000).collect();
     let found = latency(&latencies);
     assert_eq!((found.p50, found.p99), (Some(100.0), Some(198.0)));
@@ -140,7 +140,7 @@ fn percentiles_are_by_nearest_rank() {
 /// The bound against a stage that does the worst: full acceleration until the stop, then the
 /// gentlest ramp that the limits ask for.
 #[test]
-fn the_bound_of_a_silence_holds_for_the_worst_stage() {
+fn silence_bound_holds_worst_case() {
     let (a, j, most) = (2_000.0_f64, 50_000.0_f64, 100.0_f64);
     for start in [0.0_f64, 20.0, 50.0, 80.0, 100.0] {
         let (mut v, mut x, mut acceleration) = (start, 0.0f64, a);

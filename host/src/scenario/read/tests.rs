@@ -8,7 +8,7 @@ fn parse(text: &str) -> Result<Scenario, String> {
 }
 
 #[test]
-fn what_is_not_said_has_the_stated_defaults() {
+fn absent_fields_take_defaults() {
     let scenario = parse(SMALLEST).expect("it is whole");
     assert_eq!(scenario.stage, default_stage());
     assert_eq!(scenario.measure.from_s, 0.0);
@@ -56,7 +56,7 @@ fn every_event_and_motion_is_read() {
 /// Every line of the file, left out: it was needed, or it has a default; nothing panics, and errors
 /// name file and field.
 #[test]
-fn a_missing_line_is_named() {
+fn missing_line_is_named() {
     for index in 0..SMALLEST.lines().count() {
         let kept = SMALLEST.lines().enumerate().filter(|(i, _)| *i != index);
         let text: String = kept.map(|(_, line)| format!("{line}\n")).collect();

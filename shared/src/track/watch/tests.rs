@@ -62,7 +62,7 @@ fn target_that_runs_ahead_is_no_fault() {
 }
 
 #[test]
-fn distant_target_is_a_following_error() {
+fn distant_target_is_following_error() {
     let far = |frames: u64, error: fn(u64) -> i64| {
         let mut watch = Watch::default();
         (0..frames).find(|k| {
@@ -78,7 +78,7 @@ fn distant_target_is_a_following_error() {
 }
 
 #[test]
-fn without_bounds_nothing_is_watched() {
+fn zero_bounds_disable_watch() {
     let mut watch = Watch::default();
     for k in 0..1_000 {
         let mut far = sample(k, 0, 0);

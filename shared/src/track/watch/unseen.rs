@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn approach_and_nearness_begin_the_count_anew() {
+    fn approach_restarts_count() {
         let arrives = |k: i64| (40 * k.min(50), 2_000 - 40 * k.min(50));
         assert_eq!(suspects(100, arrives), None);
         // A matrix that is off by half.

@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn variances_are_those_of_the_residuals() {
+    fn variances_match_residuals() {
         let seen = |t: f64| ([wave(t), 0.0, 900.0 * t], [-0.5 * wave(t), 70.0, wave(t)]);
         let [x, y, z] = window(60, seen).spreads();
         // Some 5000 for a sine of amplitude 100, less what the parabola takes.
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn linear_function_of_the_stage_is_explained() {
+    fn linear_motion_is_explained() {
         // The mount is turned and the target rests: p is a linear function of s.
         let turned = |t: f64| {
             let (x, y) = (wave(t), wave(1.3 * t + 0.4));
