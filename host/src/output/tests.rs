@@ -1,4 +1,4 @@
-//! Whatever stands at a path is replaced whole, kept, or written in place.
+//! An existing file is replaced whole or kept; pipes and devices are written in place.
 
 use super::*;
 use std::fs;

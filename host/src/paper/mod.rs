@@ -1,5 +1,4 @@
-//! Reproduction of the paper: every table and figure of it that has numbers, ours beside the
-//! printed values.
+//! Reproduction of the paper: its tables and figures of numbers beside this program's results.
 //!
 //! * [`validation`]: section 3, random point sets (Tables 1 and 2, Cramér-Rao bound);
 //! * [`moves`]: section 4.2, single moves seen by resting cameras (Table 5);

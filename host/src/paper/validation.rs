@@ -1,13 +1,13 @@
 //! The paper's section 3 as numbers: its Tables 1 and 2 for all three estimators, its Figs. 3 and
-//! 4, and how far each estimator is from the best that any could do with noisy images.
+//! 4, and the error of each estimator with noisy images relative to the Cramér-Rao bound.
 //!
-//! Everything is drawn from seeded streams, one per set of points, and summed up in the order of
-//! the sets: the results are the same bits on one core and on many.
+//! All data are drawn from seeded streams, one per set of points, and summed up in the order of the
+//! sets: the results are the same bits on one core and on many.
 //!
 //! - [`recovery`]: noise-free moves of random point sets, recovered (Tables 1 and 2);
 //! - [`noise`]: the same moves through noisy cameras, against the Cramér-Rao bound;
 //! - [`scene`]: the random points themselves (Figs. 3 and 4);
-//! - [`present`]: all of it as tables and figures, for the screen and the page.
+//! - [`present`]: these results as tables and figures, for the screen and the page.
 
 pub mod bound;
 pub mod noise;
@@ -22,7 +22,7 @@ use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
-/// The estimators, in the order of every array of three in this module.
+/// Names of the estimators, in the order of every array of three in this module.
 pub const ESTIMATORS: [&str; 3] = ["closed form", "least squares", "midpoint"];
 
 /// The whole of section 3, for `--json`, the screen and the page.
@@ -30,14 +30,15 @@ pub const ESTIMATORS: [&str; 3] = ["closed form", "least squares", "midpoint"];
 pub struct Validation {
     /// Tables 1 and 2.
     pub recovery: recovery::Recovery,
-    /// Noisy cameras against the bound.
+    /// Errors with noisy cameras against the bound.
     pub noise: noise::Noise,
     /// One set of points, in space and in the three images.
     pub sample: scene::Sample,
 }
 
 impl Validation {
-    /// With the paper's sizes: 1,000 sets of 50 points; and 4,000 noisy trials of each move.
+    /// Runs section 3 with the paper's sizes: 1,000 sets of 50 points, and 4,000 noisy trials of
+    /// each move.
     ///
     /// # Errors
     /// A refusal of an estimator, which no set of this size gives.
@@ -50,8 +51,8 @@ impl Validation {
     }
 }
 
-/// What each estimator makes of the same views: mm, target in the camera frame. `points` holds the
-/// views of one point in the left, the middle and the right camera.
+/// Computes the estimate of every estimator from the same views: target in the camera frame, mm.
+/// `points` holds the views of each point in the left, the middle and the right camera.
 fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> {
     let mut pair = PairSums::new(rig)?;
     let mut centred = CentredSums::new(rig)?;
@@ -67,7 +68,7 @@ fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> 
     ])
 }
 
-/// `job(0)` to `job(count - 1)` on all cores, results in that order.
+/// Runs `job(0)` to `job(count - 1)` on all cores and returns the results in that order.
 fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let share = count.div_ceil(threads).max(1);

@@ -1,4 +1,4 @@
-//! The page: headings, words, tables and figures in one HTML file.
+//! The page: headings, paragraphs, tables and figures in one HTML file.
 
 use super::markup::escape;
 use super::{Error, Figure, Table};
@@ -23,7 +23,7 @@ enum Part {
 }
 
 impl Page {
-    /// An empty page.
+    /// Creates an empty page.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -32,7 +32,7 @@ impl Page {
         }
     }
 
-    /// The page with a heading and, unless it is empty, a paragraph under it.
+    /// Adds a heading and, unless it is empty, a paragraph under it.
     pub fn section(self, heading: impl Into<String>, paragraph: impl Into<String>) -> Self {
         self.with(Part::Section {
             heading: heading.into(),
@@ -40,28 +40,27 @@ impl Page {
         })
     }
 
-    /// The page with one more paragraph.
+    /// Adds a paragraph.
     pub fn paragraph(self, text: impl Into<String>) -> Self {
         self.with(Part::Paragraph(text.into()))
     }
 
-    /// The page with one more table.
+    /// Adds a table.
     pub fn table(self, table: Table) -> Self {
         self.with(Part::Table(table))
     }
 
-    /// The page with one more figure: a [`super::LinePlot`], [`super::Scatter`] or
-    /// [`super::Path3d`].
+    /// Adds a figure: a [`super::LinePlot`], [`super::Scatter`] or [`super::Path3d`].
     pub fn plot(self, figure: impl Into<Figure>) -> Self {
         self.with(Part::Figures(vec![figure.into()]))
     }
 
-    /// The page with figures side by side, as many in a row as fit.
+    /// Adds figures side by side, filling each row.
     pub fn plots(self, figures: impl IntoIterator<Item = Figure>) -> Self {
         self.with(Part::Figures(figures.into_iter().collect()))
     }
 
-    /// The page with names and their values: settings, versions, totals.
+    /// Adds names and their values: settings, versions, totals.
     pub fn facts<N: AsRef<str>, V: AsRef<str>>(self, facts: &[(N, V)]) -> Self {
         let owned = facts.iter();
         self.with(Part::Facts(
@@ -76,7 +75,7 @@ impl Page {
         self
     }
 
-    /// The page as HTML.
+    /// Returns the page as HTML.
     pub fn to_html(&self) -> Result<String, Error> {
         let title = escape(&self.title);
         let mut html = format!(
@@ -145,7 +144,7 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
     Ok(())
 }
 
-/// The page's looks. It holds no `<` and no `&`, so that the page is also well-formed XML.
+/// Style sheet of the page. It holds no `<` and no `&`, so that the page is also well-formed XML.
 const STYLE: &str = "\
 :root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;--accent:#0072b2}
 *{box-sizing:border-box}
