@@ -1,4 +1,4 @@
-//! A commented rig file to begin with: every field, what it means, and what it may be.
+//! A commented rig file for a new rig: every field, its meaning, and its range.
 //!
 //! The values of cameras are guesses until `calibrate` has measured them, and the text says so.
 
@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use super::stage::Driver;
 
-/// Values of a rig file that is to be written, for [`text`].
+/// Values of a new rig file, for [`text`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Template {
     /// Names of the cameras from left to right, 2 to 8.
@@ -24,7 +24,7 @@ pub struct Template {
 /// Values of the `[stage]` section. Arrays are per stage axis X, Y, Z.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageTemplate {
-    /// The board that drives it, as `firmware/build` names it.
+    /// Name of its board in `firmware/build`.
     pub board: String,
     /// Steps per mm, micro steps included.
     pub steps_per_mm: [f64; 3],
@@ -41,8 +41,8 @@ pub struct StageTemplate {
 /// Jerk over acceleration, 1/s: full acceleration is reached within 40 ms.
 const JERK_PER_ACCELERATION: f64 = 25.0;
 
-/// Returns the text of a rig file with these values, which
-/// [`RigFile::parse`](super::RigFile::parse) judges as it judges a user's.
+/// Returns the text of a rig file with these values. [`RigFile::parse`](super::RigFile::parse)
+/// checks it like a user's file.
 pub fn text(template: &Template) -> String {
     let mut text = String::from(HEAD);
     let [columns, rows] = template.image_size_px;

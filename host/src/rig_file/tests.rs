@@ -23,7 +23,7 @@ fn parse(text: &str) -> Result<RigFile, InputError> {
     RigFile::parse(Path::new("rig.toml"), text)
 }
 
-/// The error of the paper's rig with one change, and the line the change stands in.
+/// Returns the error of the paper's rig with one change, and the line of the change.
 #[track_caller]
 fn refusal(from: &str, to: &str) -> (InputError, usize) {
     let text = paper_text();

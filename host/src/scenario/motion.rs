@@ -1,33 +1,33 @@
-//! How a scenario's target moves: legs, one after the other, each from where the last one ended.
+//! Motion of a scenario's target: a sequence of legs, each from the end of the one before.
 //!
-//! A leg's own clock may run up and down smoothly: with a ramp of length `R` its rate goes from 0
-//! to 1 as `3u² - 2u³`, `u = t/R`, so that the leg has passed `R (u³ - u⁴/2)` of its own time after
+//! A leg's own clock may start and stop smoothly: with a ramp of length `R` its rate goes from 0 to
+//! 1 as `3u² - 2u³`, `u = t/R`, so that the leg has passed `R (u³ - u⁴/2)` of its own time after
 //! `uR`. A ramp costs half its length.
 
-/// One leg of the target's way.
+/// One leg of the target's path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leg {
-    /// What it does.
+    /// Kind of motion.
     pub motion: Motion,
-    /// For how long, s.
+    /// Duration, s.
     pub seconds: f64,
     /// Ramps at its start and its end, s.
     pub ramps_s: [f64; 2],
 }
 
-/// The kinds of motion, mm as seen from the cameras at rest.
+/// Kinds of motion, mm as seen from the cameras at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// None.
+    /// No motion.
     Still,
     /// A jump at the leg's start.
     Step {
-        /// By so much.
+        /// Displacement of the jump.
         by_mm: [f64; 3],
     },
     /// A straight line.
     Line {
-        /// At this velocity.
+        /// Velocity of the target.
         velocity_mm_s: [f64; 3],
     },
     /// `amplitude sin(ratio ω t)` on each axis.
@@ -36,13 +36,13 @@ pub enum Motion {
         amplitude_mm: [f64; 3],
         /// Frequencies, relative to each other.
         ratio: [f64; 3],
-        /// The greatest speed in space, which is that at the start; sets `ω`.
+        /// Greatest speed in space, which occurs at the start; sets `ω`.
         peak_mm_s: f64,
     },
 }
 
 impl Motion {
-    /// Displacement since the leg's start after `t` s of its own clock.
+    /// Returns the displacement since the leg's start after `t` s of its own clock.
     fn after(&self, t: f64) -> [f64; 3] {
         match self {
             Self::Still => [0.0; 3],
@@ -64,7 +64,7 @@ impl Motion {
 }
 
 impl Leg {
-    /// The leg's own clock, s, when `t` s have passed since its start.
+    /// Returns the leg's own clock, s, when `t` s have passed since its start.
     fn clock(&self, t: f64) -> f64 {
         let [up, down] = self.ramps_s;
         let ramped = |t: f64, ramp: f64| {
@@ -91,15 +91,15 @@ impl Leg {
 /// A jump of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jump {
-    /// When, s.
+    /// Instant of the jump, s.
     pub at_s: f64,
-    /// By how much, mm.
+    /// Displacement, mm.
     pub by_mm: [f64; 3],
-    /// When the target moves on, or the scenario ends, s.
+    /// Instant at which the target moves on or the scenario ends, s.
     pub until_s: f64,
 }
 
-/// The whole way.
+/// Whole path of the target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Way {
     /// Start of each leg: time in s, position in mm.
@@ -108,7 +108,7 @@ pub struct Way {
 }
 
 impl Way {
-    /// The legs in their order, from zero.
+    /// Creates a path of these legs in their order, from zero.
     pub fn new(legs: &[Leg]) -> Self {
         let (mut at_s, mut from) = (0.0, [0.0; 3]);
         let mut placed = Vec::with_capacity(legs.len());
@@ -123,12 +123,13 @@ impl Way {
         }
     }
 
-    /// How long it takes, s.
+    /// Returns the duration, s.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// Where the target is, mm from its start. After the end it stands.
+    /// Returns the position of the target, mm from its start. It stands after the end of the last
+    /// leg.
     pub fn at(&self, time_s: f64) -> [f64; 3] {
         let leg = self.legs.iter().rev().find(|(start, ..)| *start <= time_s);
         match leg {
@@ -137,7 +138,7 @@ impl Way {
         }
     }
 
-    /// All jumps, in order.
+    /// Returns all jumps, in order.
     pub fn jumps(&self) -> impl Iterator<Item = Jump> + '_ {
         self.legs.iter().filter_map(|(at_s, _, leg)| {
             let Motion::Step { by_mm } = leg.motion else {

@@ -38,7 +38,7 @@ fn leg(motion: Motion, seconds: f64) -> Leg {
     }
 }
 
-/// A trace of a stage that is where `camera` says.
+/// Returns a trace of a stage at the position `camera` of the time.
 fn trace(scenario: &Scenario, camera: impl Fn(f64) -> [f64; 3]) -> Trace {
     let way = Way::new(&scenario.legs);
     let count = (way.seconds() / SAMPLE_S).round() as u32;
@@ -137,8 +137,8 @@ fn percentiles_use_nearest_rank() {
     assert_eq!(latency(&[7_000]).p99, Some(7.0));
 }
 
-/// The bound against a stage that does the worst: full acceleration until the stop, then the
-/// gentlest ramp that the limits ask for.
+/// Compares the bound with the worst stage: full acceleration until the stop, then the gentlest
+/// ramp within the limits.
 #[test]
 fn silence_bound_holds_worst_case() {
     let (a, j, most) = (2_000.0_f64, 50_000.0_f64, 100.0_f64);

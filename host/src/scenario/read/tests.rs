@@ -53,8 +53,8 @@ fn every_event_and_motion_is_read() {
     assert_eq!(expect.at[0].standing, Some(true));
 }
 
-/// Every line of the file, left out: it was needed, or it has a default; nothing panics, and errors
-/// name file and field.
+/// Leaves out every line of the file in turn: the line was needed or has a default; nothing panics,
+/// and errors name file and field.
 #[test]
 fn missing_line_is_named() {
     for index in 0..SMALLEST.lines().count() {
