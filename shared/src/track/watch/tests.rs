@@ -20,8 +20,9 @@ fn sample(k: u64, stage: i64, error: i64) -> Sample {
     }
 }
 
-/// A stage that obeys: it goes on at 40 steps a frame and stops within four frames. `seen` is the
-/// error at a frame, for a stage that is at a place. Frames every 20 ms; gives the fault.
+/// Runs a stage that obeys: it goes on at 40 steps a frame and stops within four frames. `seen` is
+/// the error at a frame, for a stage at a position. Frames come every 20 ms. Returns the frame and
+/// the fault.
 fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
     let (mut watch, mut stage, mut speed) = (Watch::default(), 0, 0);
     let unseen_only = Bounds {
@@ -89,7 +90,7 @@ fn zero_bounds_disable_watch() {
 }
 
 proptest! {
-    /// Any figures, in any order: nothing panics, and a trial ends when the stage stands.
+    /// Feeds any figures, in any order: nothing panics, and a trial ends when the stage stands.
     #[test]
     fn any_frames_are_survived(
         frames in prop::collection::vec(any::<(u64, Fine, Fine, [f32; 3], bool)>(), 0..60),

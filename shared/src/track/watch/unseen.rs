@@ -1,34 +1,35 @@
 //! Motion towards the target that does not bring it nearer, on one axis.
 //!
-//! The way `m` towards the target is counted, together with the largest and the smallest distance
-//! `|e|` since the count began. The count begins anew when `|e|` has become smaller by `m/4`, when
-//! the target is on the other side, or when it is near: within a sixteenth of the bound.
+//! The distance `m` towards the target is counted, together with the largest and the smallest
+//! distance `|e|` since the count began. The count begins anew when `|e|` has become smaller by
+//! `m/4`, when the target is on the other side, or when it is near: within a sixteenth of the
+//! bound.
 //!
 //! A count beyond the limit is suspicious if `|e|` changed by less than `m/10`, as it does before a
 //! stage that stands still, or if `|e|` has grown and is larger than a quarter of the bound.
 
-/// Part of the way by which a target must come nearer to count as approached.
+/// Divisor of the motion for the distance by which a target must come nearer.
 const SHARE: i64 = 4;
 
-/// Part of the bound within which a target is near.
+/// Divisor of the bound for the distance within which a target is near.
 const NEAR: u64 = 16;
 
-/// Part of the way within which a distance is steady.
+/// Divisor of the motion for the range within which a distance is steady.
 const STEADY: i64 = 10;
 
-/// Part of the bound beyond which a distance that grows is large.
+/// Divisor of the bound for the distance above which a growing distance is large.
 const GROWN: i64 = 4;
 
-/// One axis since its count began.
+/// State of one axis since its count began.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Unseen {
-    /// The largest distance, with its sign.
+    /// Largest distance, with its sign.
     farthest: i64,
-    /// The smallest distance.
+    /// Smallest distance.
     nearest: i64,
-    /// The distance when the count began.
+    /// Distance when the count began.
     first: i64,
-    /// The way towards the target.
+    /// Motion towards the target.
     way: i64,
 }
 
@@ -63,7 +64,7 @@ impl Unseen {
     }
 }
 
-/// Whether a target that is `error` away is near.
+/// Returns true if a target that is `error` away is near.
 pub(super) fn is_near(error: i64, bound: i64) -> bool {
     error.unsigned_abs() < bound.unsigned_abs() / NEAR
 }
@@ -74,7 +75,7 @@ mod tests {
 
     const STEP: i64 = 1 << 32;
 
-    /// The first frame that is suspicious at a limit of 400 steps of 800.
+    /// Returns the first frame that is suspicious at a limit of 400 steps of 800.
     fn suspects(frames: i64, seen: impl Fn(i64) -> (i64, i64)) -> Option<i64> {
         let (mut unseen, mut before) = (Unseen::default(), 0);
         (0..frames).find(|k| {
