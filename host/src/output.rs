@@ -13,7 +13,7 @@
 //! | a folder, a disk, a socket | refused |
 //! | a file that this run has read | refused, through links too, even with `--force` |
 //!
-//! Only a rig file may replace the rig file that it was made from.
+//! Only a new version of a rig file may replace an input: the rig file of which it is a version.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom};

@@ -8,8 +8,8 @@
 //! focal_px = [533.16, 529.12]           # along x, along y
 //! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
 //! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
-//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, zero without
-//! rotation_deg = [0.0, 0.0, 0.0]        # turned about x, y, z against the rig's axes; optional, zero without
+//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, default 0
+//! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
 //!
 //! [stage]                               # optional; see `Stage`
 //! ```
@@ -300,8 +300,9 @@ fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
     let [_, y] = table.required("offset_mm")?.fields()?;
     let [error, limit] = [error, HEIGHT_ERROR_LIMIT].map(|share| 100.0 * share);
     Err(y.fault(format!(
-        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, which costs Y up to {error:.2} % of a \
-         displacement along Z; {limit} % at most are let pass (the estimator midpoint takes any heights)",
+        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, \
+         which costs Y up to {error:.2} % of a displacement along Z; {limit} % at most are let \
+         pass (the estimator midpoint takes any heights)",
         at[1], middle[1]
     )))
 }
@@ -372,7 +373,8 @@ fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
     let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
     if angle > LIMIT_ROTATION_DEG {
         return Err(field.fault(format!(
-            "turned by {angle:.1} degrees, but cameras that see the same may be turned by {LIMIT_ROTATION_DEG} at most"
+            "turned by {angle:.1} degrees, but cameras that see the same may be turned by \
+             {LIMIT_ROTATION_DEG} at most"
         )));
     }
     Ok(Rotation::from_degrees(degrees))

@@ -115,7 +115,8 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
             let ratio = ratio.max(1.0 / ratio);
             if ratio > MOST_MAGNIFICATION {
                 let text = format!(
-                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
+                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points \
+                     are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
                     rig.names[geometry.reference]
                 );
                 add(Severity::Warning, "camera.focal_px", text);
@@ -125,13 +126,15 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
             (matched_depths_mm(&geometry), geometry.longest_baseline_mm);
         if most < far {
             let text = format!(
-                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points beyond {most:.0} mm are not matched, their disparities say too little"
+                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points \
+                 beyond {most:.0} mm are not matched, their disparities say too little"
             );
             add(Severity::Warning, "camera.offset_mm", text);
         }
         if least > near.max(nearest) {
             let text = format!(
-                "points nearer than {least:.0} mm are not matched: they lie more than half an image apart in the cameras"
+                "points nearer than {least:.0} mm are not matched: they lie more than half an \
+                 image apart in the cameras"
             );
             add(Severity::Warning, "image_size_px", text);
         }
@@ -160,7 +163,8 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
         let beyond = (found.depths.iter()).find(|at| sigma(at, axis).is_some_and(|s| s > gate));
         if let Some(at) = beyond {
             let text = format!(
-                "from {:.0} mm on sigma {name} is above the station's gate of {gate} mm even with {points} points: frames are refused",
+                "from {:.0} mm on sigma {name} is above the station's gate of {gate} mm even with \
+                 {points} points: frames are refused",
                 at.depth_mm
             );
             add(Severity::Warning, &format!("sigma {name}"), text);
@@ -183,7 +187,8 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
         (found.depths.iter()).rfind(|at| at.widening.get(most).is_some_and(|w| *w > CROWDED));
     if let Some(at) = crowded {
         let text = format!(
-            "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} independent ones there; a larger image or less noise helps, more points do not",
+            "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} \
+             independent ones there; a larger image or less noise helps, more points do not",
             at.depth_mm,
             f64::from(points.min(at.room_for)) / at.widening[most]
         );
@@ -200,7 +205,8 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
         && z > x
     {
         let text = format!(
-            "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the views span; shorter focal lengths or cameras farther apart help",
+            "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the \
+             views span; shorter focal lengths or cameras farther apart help",
             z / x,
             middle.depth_mm
         );
@@ -281,7 +287,8 @@ fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
     };
     outside(place).then(|| {
         format!(
-            "excludes {place} mm, where the axis stands after `{after}`: from there it moves only inwards, slowly and when a jog names it, and no target is followed"
+            "excludes {place} mm, where the axis stands after `{after}`: from there it moves only \
+             inwards, slowly and when a jog names it, and no target is followed"
         )
     })
 }
@@ -293,7 +300,8 @@ fn formats(found: &Verification, add: &mut Add<'_>) {
     let [near, far] = found.settings.depth_range_mm;
     for room in headroom.rooms.iter().filter(|room| room.bits_left < 0.0) {
         let text = format!(
-            "reaches {:.4} of {:.4} ({}) between {near} and {far} mm and displacements of {RATED_MOVE_MM} mm: such frames are refused",
+            "reaches {:.4} of {:.4} ({}) between {near} and {far} mm and displacements of \
+             {RATED_MOVE_MM} mm: such frames are refused",
             room.worst, room.limit, room.format
         );
         add(Severity::Warning, room.name, text);

@@ -229,7 +229,8 @@ mod tests {
                     let ratio = measured[axis] / predicted[axis];
                     assert!(
                         (0.93..=1.07).contains(&ratio),
-                        "{what}, {depth_mm} mm, {points} points, axis {axis}: measured {} predicted {}",
+                        "{what}, {depth_mm} mm, {points} points, axis {axis}: measured {} \
+                         predicted {}",
                         measured[axis],
                         predicted[axis]
                     );

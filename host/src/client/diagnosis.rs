@@ -55,7 +55,7 @@ pub const fn state(state: State) -> StateText {
         ),
         State::Stopped => (
             "stopped",
-            "somebody stopped it: nothing moves until a reset",
+            "a host stopped it: nothing moves until a reset",
             "`reset`",
         ),
         State::Faulted => (
@@ -82,7 +82,7 @@ pub const fn fault(fault: Fault) -> FaultText {
         Fault::Heartbeat => (
             "heartbeat",
             "the host fell silent while the stage moved; it stopped on a ramp",
-            "see that program and line are well, then `reset`; on a busy computer a longer --heartbeat",
+            "check program and line, `reset`; raise --heartbeat on a loaded computer",
         ),
         Fault::EmergencyStop => (
             "emergency_stop",
@@ -97,41 +97,41 @@ pub const fn fault(fault: Fault) -> FaultText {
         Fault::Driver => (
             "driver",
             "a motor driver reports a fault",
-            "check its wiring, current and temperature, `reset`, then `home` or `zero`",
+            "check wiring, current and temperature, `reset`, then `home` or `zero`",
         ),
         Fault::Underrun => (
             "underrun",
             "the step engine fell behind or stopped: pulses were not made in time",
-            "`reset`, then `zero` or `home`; if it comes again, note what `hello` and `status` say",
+            "`reset`, `zero` or `home`; if it recurs, report `hello` and `status`",
         ),
         Fault::FollowingError => (
             "following_error",
-            "the target stayed farther away than largest_error_mm for longer than longest_error_s",
-            "see that the stage is fast enough for the target and its matrix right (`calibrate-stage`), then `reset`",
+            "the target was beyond largest_error_mm for longer than longest_error_s",
+            "check the stage's speed and matrix (`calibrate-stage`), then `reset`",
         ),
         Fault::LostSteps => (
             "lost_steps",
-            "the stage went largest_unseen_mm towards the target, and the cameras did not see it come nearer: a motor stalls or is off, or the matrix is wrong",
+            "target no nearer after largest_unseen_mm: motor stalled or off, matrix wrong",
             "look for what blocks the stage, `reset`, then `home` or `zero`",
         ),
         Fault::SwitchNotFound => (
             "switch_not_found",
-            "no home switch within the search way: it is at the other end, not wired, or the motor does not move",
+            "no home switch found: at the other end, not wired, or the motor stalls",
             "`reset`, see to the switch and home_switch in the rig file, then `home`",
         ),
         Fault::SwitchStuck => (
             "switch_stuck",
             "a home switch did not release when backed off, or bounces without end",
-            "`reset`, `jog` off the switch or see to its wire, then `home`; a larger back_off_mm if it has a long way",
+            "`reset`, `jog` off it or check its wire, then `home`; raise back_off_mm",
         ),
         Fault::Restart => (
             "restart",
             "the station's program started anew by itself: watchdog, brown-out or crash",
-            "`hello` tells what is known; see that the stage stands right, then `reset`, and `home` or `zero`",
+            "see `hello` for the cause, check the stage, `reset`, `home` or `zero`",
         ),
         Fault::Unstable => (
             "unstable_following",
-            "the stage drives the target away or swings around it: the matrix, the steps per mm or the delay of the cameras is wrong",
+            "the stage drives the target away or swings: wrong matrix, scale or delay",
             "measure them with `calibrate-stage` (matrix and --delay), then `reset`",
         ),
     };

@@ -255,17 +255,21 @@ fn list(axes: [f64; 3]) -> String {
 
 /// Returns the page of the closed-loop experiment.
 pub fn page(settings: &Settings, run: &Run) -> Page {
-    let page = Page::new("Trinocular: tracking in closed loop", format!("the paper's section 4.3 on {}", run.station))
-        .section(
-            "Five moves",
-            "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries three cameras, sees the poster only through \
-             them, and keeps its view of it constant. Pictures are rendered through the paper's cameras; everything from the pictures to the step \
-             pulses is the code that also runs with real hardware. Positions are counted from edges at the step pins, or reported by the station if \
-             it is on a serial line.",
-        )
-        .table(stops("midpoint", &run.stops))
-        .facts(&facts(settings, run))
-        .plots([path(run, None).into(), laser(run).into()]);
+    let page = Page::new(
+        "Trinocular: tracking in closed loop",
+        format!("the paper's section 4.3 on {}", run.station),
+    )
+    .section(
+        "Five moves",
+        "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries \
+         three cameras, sees the poster only through them, and keeps its view of it constant. \
+         Pictures are rendered through the paper's cameras; everything from the pictures to the \
+         step pulses is the code that also runs with real hardware. Positions are counted from \
+         edges at the step pins, or reported by the station if it is on a serial line.",
+    )
+    .table(stops("midpoint", &run.stops))
+    .facts(&facts(settings, run))
+    .plots([path(run, None).into(), laser(run).into()]);
     curves(run)
         .into_iter()
         .fold(page.section("Over time", ""), |page, figure| {

@@ -214,7 +214,7 @@ pub fn run(
                 late_s += (servo.time_s(&world) - end_s).max(0.0);
                 break;
             }
-            // Between its reports nobody knows where a station on a line is.
+            // A remote station's position is known only at its status reports.
             while world.b.twin().is_some()
                 && world.now().plus_micros(5_000) < servo.next_capture(&world)
             {

@@ -78,7 +78,7 @@ fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T>
             let last = (first + share).min(count);
             scope.spawn(move || (first..last).map(job).collect::<Vec<T>>())
         });
-        // All are started before the first is waited for.
+        // Start all jobs before joining the first.
         let shares: Vec<_> = shares.collect();
         let results = shares.into_iter().map(|handle| {
             handle

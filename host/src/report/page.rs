@@ -146,9 +146,11 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
 
 /// Style sheet of the page. It holds no `<` and no `&`, so that the page is also well-formed XML.
 const STYLE: &str = "\
-:root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;--accent:#0072b2}
+:root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;\
+--accent:#0072b2}
 *{box-sizing:border-box}
-body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
+body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,\
+'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
 main{max-width:1120px;margin:0 auto;padding:40px 32px 24px;background:#fff;min-height:100vh}
 header{border-bottom:3px solid var(--accent);padding-bottom:12px;margin-bottom:8px}
 h1{font-size:1.9rem;line-height:1.2;margin:0}
@@ -158,8 +160,10 @@ p{max-width:72ch;margin:8px 0 16px}
 .table{overflow-x:auto;margin:16px 0 24px}
 table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
 caption{text-align:left;font-weight:600;padding:0 0 8px}
-th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;border-bottom:1px solid var(--line)}
-th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;vertical-align:bottom}
+th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;\
+border-bottom:1px solid var(--line)}
+th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;\
+vertical-align:bottom}
 tbody tr:hover{background:var(--back)}
 .n{text-align:right}
 td.n{white-space:pre}
@@ -171,11 +175,14 @@ td.n{white-space:pre}
 figure{margin:0;max-width:100%}
 svg{display:block;max-width:100%;height:auto}
 svg text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
-dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px 24px;margin:16px 0 24px;padding:16px 20px;background:var(--back);border-radius:8px}
+dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px 24px;\
+margin:16px 0 24px;padding:16px 20px;background:var(--back);border-radius:8px}
 dt{font-size:.8rem;color:var(--soft)}
 dd{margin:0;font-weight:600;font-variant-numeric:tabular-nums;overflow-wrap:anywhere}
-footer{margin-top:48px;padding-top:12px;border-top:1px solid var(--line);font-size:.8rem;color:var(--soft)}
-@media print{body,main{background:#fff;padding:0}figure,tr,dl{break-inside:avoid}h2{break-after:avoid}}
+footer{margin-top:48px;padding-top:12px;border-top:1px solid var(--line);font-size:.8rem;\
+color:var(--soft)}
+@media print{body,main{background:#fff;padding:0}figure,tr,dl{break-inside:avoid}h2{\
+break-after:avoid}}
 ";
 
 #[cfg(test)]

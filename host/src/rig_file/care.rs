@@ -2,17 +2,17 @@
 //! the stage.
 //!
 //! ```toml
-//! backlash_mm = [0.02, 0.02, 0.05]           # lost motion when an axis turns round; none without
-//! home_switch = ["negative", "negative", "none"] # the end whose limit switch says where the axis is; none without
-//! home_position_mm = [-61.0, -61.0, 0.0]     # where it trips; needed with a home switch
-//! home_speed_mm_s = [10.0, 1.0]              # towards it the first time, and the second
-//! back_off_mm = 2.0                          # in between, and afterwards
+//! backlash_mm = [0.02, 0.02, 0.05]           # backlash of each axis; default 0
+//! home_switch = ["negative", "negative", "none"] # end with the home switch; default none
+//! home_position_mm = [-61.0, -61.0, 0.0]     # where the switch trips; required with a home switch
+//! home_speed_mm_s = [10.0, 1.0]              # towards the switch: first and second approach
+//! back_off_mm = 2.0                          # distance between the approaches, and afterwards
 //! slow_speed_mm_s = 5.0                      # fastest motion while the position is unknown
 //! unknown_window_mm = 10.0                   # farthest motion while the position is unknown
-//! largest_error_mm = 20.0                    # target to stage while following, on any axis ...
-//! longest_error_s = 1.0                      # ... for longer than this is fault 5; never without largest_error_mm
-//! largest_unseen_mm = 10.0                   # so much motion towards the target that brings it no nearer is fault 6; 0 is never
-//! motors_off_after_s = 0                     # switch the motors off after this time at rest; 0 is never
+//! largest_error_mm = 20.0                    # largest distance of the target while following
+//! longest_error_s = 1.0                      # fault 5 after this time above largest_error_mm
+//! largest_unseen_mm = 10.0                   # fault 6 after this motion without approach; 0: never
+//! motors_off_after_s = 0                     # time at rest until the motors are off; 0 is never
 //! ```
 
 use std::fmt::Write as _;

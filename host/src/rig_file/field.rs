@@ -1,5 +1,5 @@
-//! A value of a TOML file that knows its name and line, so that errors can state both: `rig.toml:7:
-//! field `camera[1].focal_px[0]`: ...`.
+//! A value of a TOML file that knows its name and line, so that errors can state both:
+//! `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
 
 use std::ops::Range;
 use std::path::Path;

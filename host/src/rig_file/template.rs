@@ -57,7 +57,8 @@ pub fn text(template: &Template) -> String {
         let centre = [columns, rows].map(|side| (f64::from(side) - 1.0) / 2.0);
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {}\nfocal_px = [{focal:?}, {focal:?}]\nprincipal_px = {centre:?}\n\
+            "\n[[camera]]\nname = {}\nfocal_px = [{focal:?}, {focal:?}]\n\
+             principal_px = {centre:?}\n\
              offset_mm = [{offset_mm:?}, 0.0]\n\
              # distortion = [0.0, 0.0, 0.0, 0.0, 0.0]\n# rotation_deg = [0.0, 0.0, 0.0]\n",
             toml::Value::from(name.as_str()),
@@ -85,8 +86,10 @@ fn stage_text(text: &mut String, stage: &StageTemplate) {
          max_speed_mm_s = {speed:?}\n\
          max_acceleration_mm_s2 = {acceleration:?}\n\
          max_jerk_mm_s3 = {jerk:?}  # acceleration over the time to reach it\n\
-         travel_mm = [[{low:?}, {high:?}], [{low:?}, {high:?}], [{low:?}, {high:?}]]  # soft limits from zero\n\
-         invert = [false, false, false]  # true: the motor's positive direction is the axis's negative\n\
+         travel_mm = [[{low:?}, {high:?}], [{low:?}, {high:?}], [{low:?}, {high:?}]]  \
+         # soft limits from zero\n\
+         invert = [false, false, false]  # true: the motor's positive direction \
+         is the axis's negative\n\
          driver = \"{driver}\"  # A4988, DRV8825 or TMC2209: sets pulse lengths and set-up times\n",
         board = stage.board,
         steps = stage.steps_per_mm,
@@ -130,7 +133,8 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 # prediction = true                     # follow the predicted target; false: the last measured one
 # coast_ms = 800                        # go on at the last velocity for this time without a frame
 # backlash_mm = [0.0, 0.0, 0.0]         # play of each axis when it reverses
-# home_switch = [\"none\", \"none\", \"none\"] # end with the home switch: negative, positive or none
+# home_switch = [\"none\", \"none\", \"none\"] \
+# end with the home switch: negative, positive or none
 # home_position_mm = [0.0, 0.0, 0.0]    # where each home switch trips
 # home_speed_mm_s = [10.0, 1.0]         # towards a home switch: first approach, second approach
 # back_off_mm = 2.0                     # distance between the two approaches, and afterwards

@@ -213,7 +213,8 @@ fn unknown_or_missing_key_is_named() {
 fn two_to_eight_cameras_are_valid() {
     let camera = |i: usize| {
         format!(
-            "[[camera]]\nname = \"c{i}\"\nfocal_px = [500, 500]\nprincipal_px = [160, 120]\noffset_mm = [{}, 0]\n",
+            "[[camera]]\nname = \"c{i}\"\nfocal_px = [500, 500]\nprincipal_px = [160, 120]\n\
+             offset_mm = [{}, 0]\n",
             10 * i
         )
     };

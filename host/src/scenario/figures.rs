@@ -231,7 +231,7 @@ fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
 fn latency(latencies_us: &[u32]) -> Latency {
     let mut sorted = latencies_us.to_vec();
     sorted.sort_unstable();
-    // The nearest rank: the smallest that so many are not above.
+    // Nearest rank: the smallest value with at least this share of values at or below it.
     let percentile = |share: f64| {
         let rank = (share * sorted.len() as f64).ceil() as usize;
         let value = sorted.get(rank.max(1) - 1)?;

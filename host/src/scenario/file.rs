@@ -5,21 +5,21 @@
 //! seed = 1                              # of poster and noise
 //!
 //! [cameras]
-//! kind = "rendered"                     # real pictures through the flow; "points": ideal points with pixel noise, fast
+//! kind = "rendered"                     # images through the flow; "points": ideal points
 //! frames_per_s = 60.0
-//! latency_ms = 20.0                     # from a capture to its frame at the station
+//! latency_ms = 20.0                     # from a frame set to its frame at the station
 //! depth_mm = 850.0
-//! noise_grey = 2.0                      # rendered: grey levels of 255. points: noise_px = 0.03 and points = 100 instead
+//! noise_grey = 2.0                      # points: noise_px = 0.03 and points = 100 instead
 //!
 //! [[target]]                            # legs, one after the other
 //! motion = "step"                       # still; step; line; lissajous
-//! by_mm = [4.0, 4.0, 1.0]               # line: velocity_mm_s. lissajous: amplitude_mm, ratio, peak_mm_s
+//! by_mm = [4.0, 4.0, 1.0]               # lissajous: amplitude_mm, ratio, peak_mm_s
 //! seconds = 1.0
 //! [[target]]
 //! motion = "line"
 //! velocity_mm_s = [30.0, 40.0, 0.0]
 //! seconds = 2.0
-//! ramp_in_s = 0.3                       # line, lissajous: optional, 0 without; ramp_out_s likewise
+//! ramp_in_s = 0.3                       # optional, default 0; likewise ramp_out_s
 //!
 //! [[event]]                             # see `Happening`
 //! at_s = 1.5

@@ -154,8 +154,8 @@ pub fn page(outcomes: &[Outcome]) -> Page {
     let page = Page::new("Trinocular: scenarios", "on the built-in twin")
         .section(
             "Figures",
-            "Positions are counted from the edges at the step pins, every millisecond; the error is cameras minus target, each from its place at \
-             the keyframe.",
+            "Positions are counted from the edges at the step pins, every millisecond; the error \
+             is cameras minus target, each from its place at the keyframe.",
         )
         .table(following(outcomes))
         .table(stage(outcomes));

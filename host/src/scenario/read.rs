@@ -280,8 +280,8 @@ fn happening(table: &Field<'_>) -> Result<Happening, InputError> {
         }
         other => {
             return Err(kind.fault(format!(
-                "unknown event `{other}`; known here: occlusion, drop, late, outlier, silence, limit, emergency_stop, driver_fault, \
-                 stop, reset, zero"
+                "unknown event `{other}`; known here: occlusion, drop, late, outlier, silence, \
+                 limit, emergency_stop, driver_fault, stop, reset, zero"
             )));
         }
     })

@@ -16,9 +16,9 @@
 //! `q` is the spectral density of the target's acceleration, which is unknown. Three rules set it:
 //!
 //! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two consecutive ones of
-//!   equal sign say that `q` is too small, of opposite signs that it is too large. With `c = n
-//!   n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`. A still
-//!   target is averaged down to a fraction of the measurement's noise, and one on a curve is
+//!   equal sign say that `q` is too small, of opposite signs that it is too large. With
+//!   `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`. A
+//!   still target is averaged down to a fraction of the measurement's noise, and one on a curve is
 //!   followed.
 //! * *Manoeuvre.* After an innovation beyond three sigmas, `q` is raised in that step until the
 //!   innovation is three sigmas.

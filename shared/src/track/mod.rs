@@ -2,8 +2,8 @@
 //! stage did meanwhile.
 //!
 //! The cameras ride on the stage, so a frame gives the position of the target *relative to the
-//! stage at the capture*, against the view at the reference instant. With `e(t) = target(t) -
-//! stage(t)` in stage axes,
+//! stage at the capture*, against the view at the reference instant. With
+//! `e(t) = target(t) - stage(t)` in stage axes,
 //!
 //! ```text
 //! e(capture) = e(reference) + displacement        target(capture) = stage(capture) + e(capture)

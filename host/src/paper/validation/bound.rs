@@ -17,8 +17,8 @@
 //! B_i - B_i (A_i + B_i)^-1 B_i = (A_i^-1 + B_i^-1)^-1
 //! ```
 //!
-//! (the variances of two positions add up in their difference). The bound is `s² (Σ_i (A_i^-1 +
-//! B_i^-1)^-1)^-1`.
+//! (the variances of two positions add up in their difference). The bound is
+//! `s² (Σ_i (A_i^-1 + B_i^-1)^-1)^-1`.
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::{Camera, Rig};

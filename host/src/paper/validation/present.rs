@@ -48,8 +48,9 @@ impl Validation {
         page.section(
             "Numerical validation (section 3)",
             format!(
-                "{} random sets of {} points, depth {} to {} mm, f = 530 px, h1 = 90 mm, h2 = 70 mm, without noise. \
-                 Every move is recovered from every set; the paper prints the result of one.",
+                "{} random sets of {} points, depth {} to {} mm, f = 530 px, h1 = 90 mm, h2 = 70 \
+                 mm, without noise. Every move is recovered from every set; the paper prints the \
+                 result of one.",
                 self.recovery.sets,
                 recovery::POINTS,
                 depth[0],
@@ -63,8 +64,9 @@ impl Validation {
         .section(
             "Noise",
             format!(
-                "{} trials of each move, {} points, noise of {} px in every coordinate, f = 533.32 px, gaps of 70 and \
-                 68 mm. The Cramér-Rao bound is the least error that any unbiased estimator can have; 1.00 is perfect.",
+                "{} trials of each move, {} points, noise of {} px in every coordinate, f = \
+                 533.32 px, gaps of 70 and 68 mm. The Cramér-Rao bound is the least error that any \
+                 unbiased estimator can have; 1.00 is perfect.",
                 self.noise.trials,
                 noise::POINTS,
                 noise::NOISE_PX

@@ -158,8 +158,8 @@ impl Window {
     }
 
     /// Returns the share of the apparent target's variance that a linear function of the stage's
-    /// motion explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and `bᵢ = cov(s,
-    /// pᵢ)`.
+    /// motion explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and
+    /// `bᵢ = cov(s, pᵢ)`.
     pub fn explained(&self) -> f32 {
         let Some(basis) = Basis::new(&self.times) else {
             return 0.0;
