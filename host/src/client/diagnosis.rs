@@ -116,7 +116,7 @@ pub const fn fault(fault: Fault) -> FaultText {
         ),
         Fault::SwitchNotFound => (
             "switch_not_found",
-            "no home switch found: at the other end, not wired, or the motor stalls",
+            "no home switch found: at the other end, not wired, or the axis stands still",
             "`reset`, see to the switch and home_switch in the rig file, then `home`",
         ),
         Fault::SwitchStuck => (

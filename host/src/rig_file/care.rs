@@ -11,7 +11,7 @@
 //! unknown_window_mm = 10.0                   # farthest motion while the position is unknown
 //! largest_error_mm = 20.0                    # largest distance of the target while following
 //! longest_error_s = 1.0                      # fault 5 after this time above largest_error_mm
-//! largest_unseen_mm = 10.0                   # fault 6 after this motion without approach; 0: never
+//! largest_unseen_mm = 10.0                   # fault 6 after this motion without approach; 0 = off
 //! motors_off_after_s = 0                     # time at rest until the motors are off; 0 is never
 //! ```
 
