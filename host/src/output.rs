@@ -61,7 +61,7 @@ impl Output {
     /// Opens the file at `path` without changing it.
     ///
     /// # Errors
-    /// If it cannot be written, or exists and may not be replaced.
+    /// If the file cannot be written, or exists and may not be replaced.
     pub fn open(path: &Path, replace: Replace) -> Result<Self, InputError> {
         Self::open_any(path, replace, None)
     }
@@ -70,7 +70,7 @@ impl Output {
     /// like [`Output::open`].
     ///
     /// # Errors
-    /// As [`Output::open`].
+    /// Like [`Output::open`].
     pub fn open_successor(
         path: &Path,
         replace: Replace,
@@ -145,7 +145,7 @@ impl Output {
     /// Writes the file.
     ///
     /// # Errors
-    /// If it cannot be written; then it is as it was.
+    /// If the file cannot be written; an existing file is then unchanged.
     pub fn write(self, text: &str) -> Result<(), InputError> {
         write_all(vec![(self, text.to_owned())])
     }
@@ -157,9 +157,9 @@ impl Output {
 /// leave temporary files, or old and new files side by side.
 ///
 /// # Errors
-/// If one of them cannot be written.
+/// If one of the files cannot be written.
 pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
-    // What was read since the outputs were opened is an input, too.
+    // Files that were read since the outputs were opened are inputs, too.
     outputs
         .iter()
         .try_for_each(|(output, _)| output.refuse_input())?;
@@ -215,7 +215,7 @@ impl NewFolders {
     /// Creates `dir` and its missing parent folders.
     ///
     /// # Errors
-    /// If they cannot be made.
+    /// If the folders cannot be created.
     pub fn make(&mut self, dir: &Path) -> Result<(), InputError> {
         let missing = dir
             .ancestors()

@@ -149,7 +149,7 @@ impl<'a> Rows<'a> {
             length += written;
             count += ended;
             match outcome {
-                // Asked once more, the reader learns that this is the end of the text.
+                // At the next call, the reader reports the end of the text.
                 Outcome::InputEmpty => {}
                 Outcome::OutputFull => {
                     return Some(Err(LongRow::Bytes));

@@ -172,7 +172,7 @@ impl RigFile {
             names,
             rig: Rig {
                 image_size_px,
-                // `cameras` has let through no more than fit.
+                // `cameras` has checked the number of cameras.
                 cameras: cameras.into_iter().collect(),
             },
             stage,
@@ -237,7 +237,7 @@ fn cameras(
         let given = folder_name(&name)?;
         let camera = camera(table, image_size_px)?;
         for (other, placed) in &read {
-            // Some file systems cannot tell folders apart that differ in case only.
+            // Some file systems do not distinguish the case of folder names.
             if other.eq_ignore_ascii_case(given) {
                 return Err(name.fault(format!("another camera is named `{other}` already")));
             }

@@ -45,7 +45,7 @@ pub fn run(
         });
         outcomes.collect()
     };
-    // In the order of the seeds: the same bits however many threads there are.
+    // In the order of the seeds, so that the result has the same bits for any number of threads.
     let found = ThreadPool::new(threads).map((1..=seeds).collect(), of_seed);
     let mut rows: Vec<Row> = (conditions.iter())
         .map(|condition| Row {

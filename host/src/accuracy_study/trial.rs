@@ -59,7 +59,7 @@ impl Posters {
             texture
         };
         for grey in &mut texture.grey {
-            // Less contrast around a grey that leaves room for more light.
+            // Reduce the contrast around a grey that leaves room for more light.
             *grey = (100.0 + contrast * (f64::from(*grey) - 128.0) + 28.0 * contrast) as f32;
         }
         texture
@@ -152,7 +152,7 @@ impl<'a> Bench<'a> {
 
     fn trial(&mut self, noise_grey: f64) -> Result<Outcome, FlowRefusal> {
         let moved = self.motion();
-        // Another part of the poster every time, at every phase.
+        // View another part of the poster in every trial, at every phase.
         let place = [(); 2].map(|()| self.random.between(-300.0, 300.0));
         self.scene.look_at(place);
         if let Some(other) = &mut self.other {
@@ -269,7 +269,7 @@ impl<'a> Bench<'a> {
         for ((view, front), camera) in views.zip(&self.rig.cameras) {
             let [edge, _] = camera.project(edge_mm);
             for (i, (grey, front)) in view.grey.iter_mut().zip(front.grey).enumerate() {
-                // The pixel on the edge sees a part of each.
+                // The pixel on the edge is a mixture of both.
                 let share = ((i % view.width) as f64 + 0.5 - edge).clamp(0.0, 1.0);
                 let [front, behind] = [front, *grey].map(f64::from);
                 *grey = (behind + share * (front - behind)).round() as u8;

@@ -133,7 +133,7 @@ fn refusals(config: &Config) -> Vec<(String, String)> {
         false => None,
     };
     let fields = limits.into_iter().chain(first);
-    // The driver's fault has words of its own.
+    // The driver's fault is reported separately.
     let fields = fields.filter(|field| *field != ConfigField::Driver);
     fields
         .map(|field| {
@@ -162,7 +162,7 @@ fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
     let Ok(limits) = Limits::new(axes, WORD_RATE) else {
         return wanted(stage);
     };
-    // Fine units per slot to mm/s, then per tick.
+    // From fine units per slot to mm/s, then per tick.
     let (speeds, accelerations, jerks) = (limits.speeds(), limits.accelerations(), limits.jerks());
     [0, 1, 2].map(|i| {
         let per_s = f64::from(WORD_RATE.slots_per_s()) / 2f64.powi(32) / stage.steps_per_mm[i];
@@ -176,14 +176,14 @@ fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
 
 fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
     let [v, a, j] = paces[i];
-    // More than this is never reached before it must be eased off again.
+    // Largest acceleration of a ramp that does not reach the limit.
     let up = a.min((2.0 * v * j).sqrt());
     let down = up.min((v * j).sqrt());
     let ramp_mm = 0.5 * v * (v / down + down / j);
     let easing_mm = v * up / j - up.powi(3) / (6.0 * j * j);
     let grid_mm = (v + up * TICK_S) * TICK_S;
     let silence_s = 1e-3 * f64::from(heartbeat_ms) + NOTICE_S;
-    // Before the stop it sped up at `up`, from rest or for all of the silence.
+    // Before the stop the axis accelerated at `up`, from rest or during the whole silence.
     let lacking = up * up / (2.0 * j);
     let speeding_s = silence_s.min((v - lacking) / up);
     let lacking_mm = speeding_s * (lacking + 0.5 * up * speeding_s) + v * (silence_s - speeding_s);
@@ -203,7 +203,7 @@ fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
 /// Returns the highest word rate whose words are long enough for the driver.
 fn highest_word_rate(driver: &DriverTiming) -> Option<u32> {
     const STEP_HZ: u32 = 8_000;
-    // From 16 MHz down; there are 2,000 of them.
+    // Scan down from 16 MHz; there are 2,000 rates.
     let rates = (4..=2_000).rev().map(|n| WordRate::from_hz(n * STEP_HZ));
     rates
         .flatten()
@@ -280,7 +280,7 @@ mod tests {
         for stage in [stage, slow] {
             let predicted = Drive::of(&stage).axes[0].silence_mm;
             let mut farthest: f64 = 0.0;
-            // In mid-acceleration, at full speed, and shortly after a ping or long after one.
+            // In mid-acceleration, at full speed, and shortly or long after a ping.
             for after_ms in [
                 60, 150, 220, 250, 280, 300, 1_001, 1_005, 1_008, 1_013, 1_019,
             ] {
@@ -294,7 +294,7 @@ mod tests {
                 twin.advance(twin.now().plus_micros(2_000_000));
                 farthest = farthest.max(twin.position_mm()[0] - last);
             }
-            // The pings are 20 ms apart: the last one may be some ms older than the last look.
+            // Pings are 20 ms apart: the last one may be some ms older than the last inspection.
             assert!(
                 farthest <= predicted && farthest > 0.8 * predicted,
                 "{farthest} of {predicted} mm"

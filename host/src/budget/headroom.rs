@@ -384,7 +384,7 @@ mod tests {
                 pair.add([views[0], views[1], views[2]]);
             }
             let (Ok(c), Ok(p)) = (centred.quantise(), pair.quantise()) else {
-                continue; // no point was left
+                continue; // no point is left
             };
             let groups: [&[i32]; 6] = [
                 &c.mean_nm,
@@ -412,7 +412,7 @@ mod tests {
     fn paper_rig_has_headroom() {
         let headroom = of(&Rig::paper());
         assert!(headroom.rooms.iter().all(|room| room.bits_left > 0.0));
-        // As the closed form's own documentation says of 70 and 68 mm.
+        // As documented at the closed form for 70 and 68 mm.
         let to = headroom.closed_form_to_mm.unwrap();
         assert!((2100.0..2300.0).contains(&to), "{to}");
         assert!(headroom.midpoint_to_mm > 10_000.0);
@@ -481,7 +481,7 @@ mod tests {
                 let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();
                 (taken.is_ok(), room(&headroom, name).bits_left >= 0.0)
             };
-            // The edge to a µm, by halves.
+            // Bisect for the edge, to one µm.
             let (mut low, mut high) = (about_mm, 1.2 * about_mm);
             assert_eq!(
                 (verdict(low), verdict(high)),

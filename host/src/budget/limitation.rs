@@ -200,7 +200,7 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     else {
         return;
     };
-    // Very wide angles turn it round, and then nothing limits Z.
+    // At very wide angles X is less certain than Z, and nothing limits Z.
     if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2))
         && z > x
     {
@@ -248,7 +248,7 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
                 text,
             );
         }
-        // What a step leaves is spread evenly over it.
+        // The remainder of a step is uniformly distributed.
         let rounding = axis.step_mm / 12f64.sqrt();
         let row = stage.matrix[i];
         let along = |at: &AtDepth| {

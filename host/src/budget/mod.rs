@@ -111,7 +111,7 @@ impl Verification {
     pub fn of(rig: &RigFile, settings: Settings) -> Self {
         let view = FieldOfView::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
-        // Cameras in one place match nothing.
+        // Cameras in one place give no matches.
         let matched = RigGeometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
         let depths = depths(near, far)
             .into_iter()

@@ -84,7 +84,7 @@ impl Predictor {
         let px_per_mm = rig.mean_focal_px() / depth_mm;
         let sides_px = common.sides().map(|side| side * px_per_mm);
         Some(Self {
-            // Four points gave the sums.
+            // The sums are over four points.
             covariance_mm2: inverse * noisy * inverse * 4.0,
             overlap: overlap(sides_px),
             room_for: room_for(sides_px),

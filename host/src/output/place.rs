@@ -29,7 +29,7 @@ impl Place {
         let mut target = path.to_owned();
         for _ in 0..MOST_LINKS {
             match descriptor(&target) {
-                // A second descriptor of the same file would write over what the first has written.
+                // A second descriptor of the same file would overwrite the output of the first.
                 Some(1) => return Ok(Self::Output),
                 Some(2) => return Ok(Self::Error),
                 Some(_) => return append(&target).map(Self::Stream),
@@ -64,10 +64,10 @@ impl Place {
     }
 
     fn file(target: &Path) -> io::Result<Self> {
-        // What cannot be made later cannot be made now.
+        // Fails now if the file could not be created later.
         Staged::write(target, b"")?;
         let name = target.file_name().unwrap_or_default();
-        // One name for one file, however its folder was named.
+        // Gives one file one name, for every spelling of its folder.
         Ok(Self::File(fs::canonicalize(folder(target))?.join(name)))
     }
 

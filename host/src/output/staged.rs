@@ -43,7 +43,7 @@ impl Staged {
 
 impl Drop for Staged {
     fn drop(&mut self) {
-        // After the rename there is nothing to remove, before it an error is not worth telling.
+        // After the rename the file is gone; before it, an error here adds nothing.
         let _ = fs::remove_file(&self.temporary);
     }
 }
@@ -51,7 +51,7 @@ impl Drop for Staged {
 /// Puts all files in their places or, on any error, none.
 ///
 /// # Errors
-/// With the path of the file that could not be put there.
+/// Returns the path of the file that could not be put in place.
 pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io::Error)> {
     let is_single = staged.len() == 1;
     let mut done: Vec<Undo> = Vec::new();
@@ -62,7 +62,7 @@ pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io
         };
         let placed = backup.and_then(|backup| {
             let target = &file.target;
-            // Made first, so that its backup is removed in any case.
+            // Push first, so that the backup is removed in any case.
             let mut undo = Undo {
                 target,
                 backup,
@@ -146,7 +146,7 @@ fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
 /// Returns the result of `make` and the name it was made under: a new name beside `path`.
 fn unused<T>(path: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
     for attempt in 0..100_u32 {
-        // Not made of the file's own name, which may be as long as a name can be.
+        // The name is independent of the file's own, which may have the maximum length.
         let name = format!(".trinocular-{}-{attempt}.tmp", std::process::id());
         let beside = folder(path).join(name);
         match make(&beside) {

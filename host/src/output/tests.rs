@@ -104,7 +104,7 @@ fn one_failure_changes_no_file() {
     fs::write(path("old"), "old").unwrap();
     let open = |name| Output::open(&path(name), Replace::Anything).unwrap();
     let outputs = ["old", "new", "lost"].map(|name| (open(name), "text".to_owned()));
-    // In the place of the last one something comes up that no file replaces.
+    // A folder appears in the place of the last output; no file replaces a folder.
     fs::create_dir_all(path("lost/inside")).unwrap();
     let error = write_all(outputs.into()).unwrap_err();
     assert_eq!(error.file, path("lost"));
@@ -150,7 +150,7 @@ mod unix {
         );
         assert!(fs::symlink_metadata(path("link")).unwrap().is_symlink());
 
-        // A link that leads nowhere yet.
+        // A link to a file that does not exist yet.
         symlink("later", path("early")).unwrap();
         write(&path("early"), Replace::Nothing, "text").unwrap();
         assert_eq!(fs::read_to_string(path("later")).unwrap(), "text");

@@ -52,7 +52,7 @@ pub struct Row {
 /// Measures all eight moves of a rendered poster.
 ///
 /// # Errors
-/// If the scene cannot be rendered or the reference pictures show nothing usable.
+/// If the scene cannot be rendered or the keyframe shows nothing usable.
 pub fn run(
     texture: TextureKind,
     seed: u64,

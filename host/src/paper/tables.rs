@@ -39,7 +39,7 @@ impl PaperTables {
     /// Computes all tables. Calls `progress` with the share of the tracking that is done, 0 to 1.
     ///
     /// # Errors
-    /// If the scene cannot be rendered, a twin refuses or an estimator does.
+    /// If the scene cannot be rendered, or a twin or an estimator refuses.
     pub fn run(
         texture: TextureKind,
         seed: u64,

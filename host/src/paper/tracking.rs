@@ -186,7 +186,7 @@ impl Run {
 /// to 1, after every frame set.
 ///
 /// # Errors
-/// If a station cannot be reached, refuses or faults, or the first pictures show nothing usable.
+/// If a station cannot be reached, refuses or faults, or the keyframe shows nothing usable.
 pub fn run(
     settings: &Settings,
     stage: &Stage,
@@ -200,7 +200,7 @@ pub fn run(
     let mut servo = SimulatedServo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
-    // How far the moves are behind their times, s.
+    // Delay of the moves behind their schedule, s.
     let mut late_s = 0.0;
     for (stop, paper_mm) in PAPER_MM.into_iter().enumerate() {
         let true_mm = MOVE_MM.map(|d| d * (stop + 1) as f64);
@@ -240,7 +240,7 @@ pub fn run(
             tracked_mm,
         });
     }
-    // At rest, so that all commanded steps are out.
+    // Read at rest, so that all commanded steps are out.
     world.b.command("stop", Command::Stop)?;
     world.advance(world.now().max(world.b.now()).plus_micros(300_000));
     let pulses = |status: Option<&Status>, counted| Pulses {

@@ -41,7 +41,7 @@ impl Validation {
     /// each move.
     ///
     /// # Errors
-    /// A refusal of an estimator, which no set of this size gives.
+    /// If an estimator refuses, which does not happen with sets of this size.
     pub fn run() -> Result<Self, Refusal> {
         Ok(Self {
             recovery: recovery::run(1000)?,
@@ -58,7 +58,7 @@ fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> 
     let mut centred = CentredSums::new(rig)?;
     for views in points {
         pair.add(*views);
-        // A point behind the cameras is none of ours; it would show as too few points.
+        // A point behind the cameras shows as too few points.
         let _ = centred.add(views);
     }
     Ok([

@@ -29,7 +29,7 @@ impl Axis {
         let Some((low, high)) = extremes else {
             return Self::spanning(0.0, 1.0, count);
         };
-        // A constant still needs a range: one that its own rounding cannot fill.
+        // A constant needs a range that its own rounding cannot fill.
         let middle = 0.5 * (low + high);
         let least = (middle.abs() * 1e-6).max(1e-9);
         let span = high - low;

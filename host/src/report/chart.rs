@@ -71,7 +71,7 @@ pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, D
     let (width, height) = (f64::from(width) / UNIT, f64::from(height) / UNIT);
     let margin_right = 22.0;
     let below = 2.0 * TEXT + 18.0;
-    // An equal scale changes the labels of y, hence its width; one round more settles it.
+    // An equal scale changes the labels of y, hence its width; a second pass converges.
     let (mut x, mut y) = (axes.x.clone(), axes.y.clone());
     let mut left = label_area(&y);
     if axes.equal {

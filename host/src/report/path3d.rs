@@ -223,7 +223,7 @@ impl View {
             middle.0 + units(16.0 + 0.8 * label(1)),
             middle.1 + units(34.0),
         );
-        // Never beyond the right edge.
+        // Keep the label within the right edge.
         let last = sheet.dim_in_pixel().0 as i32 - units(text_width(&names[1], TEXT) + 6.0);
         write_text(sheet, &names[1], (at.0.min(last), at.1), &ink(HPos::Left))?;
         let end = self.spot(edges[2](1.0));

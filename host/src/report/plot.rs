@@ -204,7 +204,7 @@ mod tests {
         ];
         let plot = LinePlot::new("gap", "t, s", "x, mm").series("", Style::Line, points);
         let svg = checked(plot.to_svg());
-        // The grid and the axes are polylines too; the series' colour tells them apart.
+        // The grid and the axes are polylines too; the series' colour distinguishes it.
         assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 2, "{svg}");
     }
 

@@ -10,7 +10,7 @@ use crate::error::InputError;
 /// Returns `text`, a rig file, after `change`. Errors name `file`.
 ///
 /// # Errors
-/// That of `change`; or if the text is no TOML, or the result would be no rig file.
+/// If `change` fails, the text is not TOML, or the result is not a valid rig file.
 pub(crate) fn edited(
     file: &Path,
     text: &str,
@@ -21,7 +21,7 @@ pub(crate) fn edited(
     })?;
     change(&mut document)?;
     let text = document.to_string();
-    // A value that no rig can have is refused here, with its line.
+    // Refuses invalid values with their line.
     RigFile::parse(file, &text)?;
     Ok(text)
 }

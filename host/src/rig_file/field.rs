@@ -33,7 +33,7 @@ impl Source<'_> {
         let Some(span) = error.span() else {
             return InputError::file(self.file, reason);
         };
-        // An unfinished value is noticed where the text ends, which may be past its own line.
+        // The parser reports an unfinished value at the end of the text, maybe past its line.
         let line = self.line(span.start);
         let text = self.text.lines().nth(line - 1).unwrap_or_default();
         if has_decimal_comma(text) {
@@ -136,7 +136,7 @@ impl<'a> Field<'a> {
             .table()?
             .keys()
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
-            // The one that comes first in the file, whatever order the parser keeps.
+            // Name the first unknown key of the file, for any order of the parser.
             .min_by_key(|key| key.span().start);
         match unknown {
             None => Ok(()),
@@ -248,7 +248,7 @@ impl<'a> Field<'a> {
     pub fn number(&self, limit: f64) -> Result<f64, InputError> {
         let value: f64 = match self.value {
             DeValue::Float(float) => float.as_str().parse().unwrap_or(f64::NAN),
-            // Rig files never need more than f64's 53 bits of a whole number.
+            // Whole numbers of rig files need at most f64's 53 bits.
             DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
                 .map_or(f64::INFINITY, |whole| whole as f64),
             _ => return Err(self.wrong_kind("a number")),

@@ -203,7 +203,7 @@ fn unknown_or_missing_key_is_named() {
     let (error, _) = refusal("offset_mm = [68.0, 0.0]", "");
     assert_eq!(error.field.as_deref(), Some("camera[2].offset_mm"));
     assert!(error.reason.contains("missing"), "{error}");
-    // The table's own line stands for a field that is not there.
+    // A missing field is reported at the line of its table.
     assert_eq!(error.line, Some(15), "{error}");
     let (error, _) = refusal("image_size_px = [320, 240]", "");
     assert_eq!(error.field.as_deref(), Some("image_size_px"));
@@ -247,7 +247,7 @@ fn camera_places_must_be_distinct() {
         "camera[2].offset_mm",
         "left < middle < right",
     );
-    // Of two cameras in the wrong order the later one is named.
+    // Of two cameras in the wrong order, the error names the later one.
     let (error, _) = refusal("-70.0", "70.0");
     assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm"));
     assert!(error.reason.contains("left < middle < right"), "{error}");
@@ -288,7 +288,7 @@ fn writing_replaces_whole_file() {
     let nowhere = folder.path().join("none/rig.toml");
     let error = RigFile::paper().write(&nowhere).unwrap_err();
     assert!(error.to_string().contains("cannot write"), "{error}");
-    // A folder cannot be replaced by a file: the draft must be gone again.
+    // A file cannot replace a folder: the draft must be removed.
     let occupied = folder.path().join("occupied");
     fs::create_dir(&occupied).unwrap();
     RigFile::paper().write(&occupied).unwrap_err();

@@ -41,7 +41,7 @@ impl Eyes {
     /// Takes the keyframe.
     ///
     /// # Errors
-    /// If the scene cannot be rendered, or its pictures are no reference.
+    /// If the scene cannot be rendered, or its images cannot serve as a keyframe.
     pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, ServoError> {
         let rig = Rig::paper();
         let mut servo =
@@ -91,7 +91,7 @@ impl Eyes {
     /// `relative_mm` as seen from the cameras.
     ///
     /// # Errors
-    /// With the reason why there are none.
+    /// If the measurement is refused.
     pub fn see(&mut self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, MeasureRefusal> {
         let seed = capture_seed(self.seed, number);
         let measured = match &self.kind {
@@ -110,7 +110,7 @@ impl Eyes {
     /// Measures a frame set with an occluder before the target.
     ///
     /// # Errors
-    /// As it should: there is nothing to see.
+    /// Returns the refusal, which is the expected result.
     pub fn see_occluder(&mut self, number: u64) -> Result<FrameSums, MeasureRefusal> {
         match &self.kind {
             Kind::Rendered(scene) => {

@@ -206,7 +206,7 @@ fn settle_ms(scenario: &Scenario, trace: &Trace, way: &Way) -> Option<f64> {
             return None;
         }
         let settled_s = last.map_or(jump.at_s, |last| last + SAMPLE_S);
-        // To the microsecond, which all instants are.
+        // Rounded to the microsecond, the unit of all instants.
         let settle_ms = ((settled_s - arrival_s) * 1e6).round().max(0.0) / 1e3;
         slowest = Some(settle_ms.max(slowest.unwrap_or(0.0)));
     }

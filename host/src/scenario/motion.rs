@@ -53,7 +53,7 @@ impl Motion {
                 ratio,
                 peak_mm_s,
             } => {
-                // All cosines are 1 at the start: there the speed is ω |amplitude ratio|.
+                // All cosines are 1 at the start, where the speed is ω |amplitude ratio|.
                 let unit = |i: usize| amplitude_mm[i] * ratio[i];
                 let length = (0..3).map(|i| unit(i).powi(2)).sum::<f64>().sqrt();
                 let omega = peak_mm_s / length;
@@ -215,7 +215,7 @@ mod tests {
         assert!(speed(0.001) < 0.01 && speed(1.999) < 0.01);
         assert!((speed(0.25) - 25.0).abs() < 0.01);
         assert!((speed(0.6) - 50.0).abs() < 1e-6);
-        // No jump of velocity anywhere: the steepest is 1.5 times the speed over the ramp.
+        // The velocity is continuous: its largest slope is 1.5 times the speed over the ramp.
         for k in 1..2_000 {
             let t = f64::from(k) * 1e-3;
             assert!((speed(t) - speed(t - 1e-3)).abs() <= 50.0 * 1.5 / 0.5 * 1e-3 + 1e-6);

@@ -30,7 +30,7 @@ impl Scenario {
     /// Reads and checks the scenario file at `path`.
     ///
     /// # Errors
-    /// The first thing that is wrong with it.
+    /// Returns the first fault of the file.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::parse(path, &input::text(path, LIMIT)?)
     }
@@ -38,7 +38,7 @@ impl Scenario {
     /// Checks the text of a scenario file; errors name `file`.
     ///
     /// # Errors
-    /// The first thing that is wrong with it.
+    /// Returns the first fault of the file.
     pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
         let source = Source { file, text };
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;

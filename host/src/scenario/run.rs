@@ -119,8 +119,8 @@ struct RunningScenario<'a> {
 /// Runs a scenario. Calls `progress` with the share done, 0 to 1, at every frame set.
 ///
 /// # Errors
-/// If the scene shows nothing usable, or the station refuses the stage. What goes wrong afterwards
-/// is part of the trace.
+/// If the scene shows nothing usable, or the station refuses the stage. Later faults are part of
+/// the trace.
 pub fn run(
     scenario: &Scenario,
     options: Options,
@@ -365,7 +365,7 @@ impl<'a> RunningScenario<'a> {
         self.twin.send(Command::Stop);
         let end = self.twin.now().plus_micros(REST_US);
         let moves = |twin: &Twin| twin.status().is_none_or(|status| status.state.is_moving());
-        // Past the next status at least, and until all words are out.
+        // Wait at least until the next status, and until all words are out.
         loop {
             self.twin.advance(self.twin.now().plus_micros(200_000));
             if !moves(&self.twin) || self.twin.now() >= end {

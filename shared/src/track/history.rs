@@ -90,7 +90,7 @@ impl History {
     /// Returns the position of the pins at `instant`, 2⁻³² steps, with a resolution of 1/256 step.
     ///
     /// # Errors
-    /// [`Unknown`] when it is not within what is remembered.
+    /// [`Unknown`] if the instant is outside the remembered time.
     pub fn at(&self, instant: Instant) -> Result<Fine, Unknown> {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);

@@ -61,7 +61,7 @@ impl Tracker {
     /// Returns the view that a frame refers to, if the tracker can take the frame.
     ///
     /// # Errors
-    /// [`Denial::UnknownReference`], [`Denial::CaptureOutOfOrder`].
+    /// [`Denial::UnknownReference`] or [`Denial::CaptureOutOfOrder`].
     pub fn reference(&self, reference: Instant, capture: Instant) -> Result<View, Denial> {
         let newest = self.recent.back().map(|view| view.instant);
         if capture <= reference || newest.is_some_and(|newest| capture <= newest) {

@@ -262,7 +262,7 @@ impl Pursuit {
     /// Takes in a measurement that arrived at `now`; captures must come in order.
     ///
     /// # Errors
-    /// [`Outlier`]: only remembered.
+    /// [`Outlier`] if the measurement fails the innovation gate. It is then only remembered.
     pub fn measure(
         &mut self,
         now: Instant,

@@ -74,7 +74,7 @@ struct Trial {
 /// Runs `trials` trials of every move.
 ///
 /// # Errors
-/// A refusal of an estimator, which no trial of this size and noise gives.
+/// If an estimator refuses, which does not happen with trials of this size and noise.
 pub fn run(trials: usize) -> Result<Noise, Refusal> {
     let rig = section_4_rig();
     let rows = MOVES_MM.iter().zip(0_u64..).map(|(move_mm, number)| {

@@ -199,7 +199,7 @@ mod tests {
         let html = validation.add_to(Page::new("", "")).to_html().unwrap();
         assert_eq!(html.matches("<svg").count(), 4);
         assert_eq!(html.matches(" bad\"").count(), 0);
-        // One mark a row and column that is judged.
+        // One mark per row and judged column.
         assert_eq!(html.matches(" good\"").count(), 13 + 26 + 5);
     }
 }

@@ -117,7 +117,7 @@ pub struct Recovery {
 /// Recovers every move of the tables from `sets` random sets.
 ///
 /// # Errors
-/// A refusal of an estimator, which no set of this size gives.
+/// If an estimator refuses, which does not happen with sets of this size.
 pub fn run(sets: usize) -> Result<Recovery, Refusal> {
     let rig = section_3_rig();
     let rows = PRINTED.iter().map(|printed| {

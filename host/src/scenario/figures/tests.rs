@@ -79,7 +79,7 @@ fn settling_starts_at_first_frame() {
     let settle_ms = found.settle_ms.expect("it settles");
     assert!((settle_ms - 160.0).abs() < 1e-6, "{settle_ms}");
     assert!((found.overshoot.expect("a jump") - 0.03).abs() < 1e-9);
-    // One that is never there does not settle.
+    // A jump that never arrives does not settle.
     let found = Figures::of(&scenario, &trace(&scenario, |_| [0.0; 3]));
     assert_eq!(found.settle_ms, None);
 }
@@ -97,7 +97,7 @@ fn error_figures_match_trace() {
     assert!((found.max_mm[1] - 0.4).abs() < 1e-9);
     assert!((found.speed_mm_s[1] - 40.0).abs() < 1e-6);
     assert!(found.acceleration_mm_s2[1] < 1e-6);
-    // 19 within the two seconds, that of the first sample not counted.
+    // 19 reversals within the two seconds, without that of the first sample.
     assert!((found.reversals_per_s[0] - 9.5).abs() < 0.1);
     let still = scenario(vec![leg(Motion::Still, 2.0)]);
     let wobble = |t: f64| {
@@ -117,7 +117,7 @@ fn acceleration_skips_abrupt_stops() {
     let still = scenario(vec![leg(Motion::Still, 1.0)]);
     let camera = |t: f64| [500.0 * t.min(0.5).powi(2), 0.0, 0.0];
     let mut trace = trace(&still, camera);
-    // It stops dead at 0.5 s, from 500 mm/s.
+    // The stage stops abruptly at 0.5 s, from 500 mm/s.
     let found = Figures::of(&still, &trace);
     assert!(found.acceleration_mm_s2[0] > 10_000.0);
     trace.abrupt_s.push(0.5);

@@ -19,7 +19,7 @@ impl RunningScenario<'_> {
             Happening::Reset => self.send(Asked::Other("reset"), Command::Reset),
             Happening::Zero => self.send(Asked::Zero, Command::Zero),
             Happening::Silence { seconds } => {
-                // A last sign of life at this very moment.
+                // Send the last ping at the instant of the event.
                 self.twin.set_pings(true);
                 self.twin.advance(self.twin.now());
                 self.twin.set_pings(false);

@@ -58,7 +58,7 @@ fn wrong_sign_is_unstable_following() {
 
 #[test]
 fn target_that_runs_ahead_is_no_fault() {
-    // It goes on while the stage stands.
+    // The target goes on while the stage stands.
     assert_eq!(obeys(400, |k, stage| 300 + 45 * k - stage), None);
 }
 
@@ -74,7 +74,7 @@ fn distant_target_is_following_error() {
     // At rest: 26 frames are the first beyond half a second.
     assert_eq!(far(100, |_| 1_601), Some(26));
     assert_eq!(far(100, |_| 1_599), None);
-    // One frame within begins anew.
+    // One frame within the bound restarts the time.
     assert_eq!(far(100, |k| if k == 20 { 0 } else { -1_700 }), Some(47));
 }
 

@@ -161,7 +161,7 @@ impl Trial {
         large: f32,
     ) -> Verdict {
         let energy = Energy::new(&moving.spreads, variance);
-        // Over the axes on which the apparent target moved.
+        // Sum over the axes on which the apparent target moved.
         let (mut moved, mut rested, mut noise) = (0.0, 0.0, 0.0);
         for ((m, r), variance) in moving.spreads.iter().zip(rest).zip(variance) {
             let variance = believed(variance);

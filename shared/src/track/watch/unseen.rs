@@ -89,9 +89,9 @@ mod tests {
     fn way_without_approach_is_suspicious() {
         assert_eq!(suspects(100, |k| (40 * k, 300)), Some(11));
         assert_eq!(suspects(100, |k| (-40 * k, -300)), Some(11));
-        // The wrong way round.
+        // The stage goes in the wrong direction.
         assert_eq!(suspects(100, |k| (40 * k, 300 + 40 * k)), Some(11));
-        // While the target itself moves a little.
+        // The target itself moves a little.
         assert_eq!(suspects(100, |k| (40 * k, 300 + 8 * (k % 2))), Some(11));
     }
 
@@ -99,11 +99,11 @@ mod tests {
     fn approach_restarts_count() {
         let arrives = |k: i64| (40 * k.min(50), 2_000 - 40 * k.min(50));
         assert_eq!(suspects(100, arrives), None);
-        // A matrix that is off by half.
+        // The matrix is off by half.
         assert_eq!(suspects(100, |k| (20 * k, 1_500 - 10 * k)), None);
-        // To and fro, from near by.
+        // The stage moves to and fro near the target.
         assert_eq!(suspects(1_000, |k| (30 * k, 49)), None);
-        // A target that speeds up and slows down takes its distance with it.
+        // The target accelerates and brakes, and the distance with it.
         assert_eq!(suspects(60, |k| (20 * k, 150 + 4 * (k - 30).abs())), None);
     }
 
