@@ -132,7 +132,7 @@ const PLAIN: Condition = Condition {
     tilt_deg: 0.0,
     move_px: [0.0, 20.0],
     away: 0.01,
-    // From none to more noise than usual sensors have.
+    // The largest is above the noise of usual sensors.
     noise_grey: &[0.5, 2.0, 5.0, 10.0],
     change: Change::Nothing,
     expected: MEASURED,

@@ -176,7 +176,7 @@ fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
 
 fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
     let [v, a, j] = paces[i];
-    // Largest acceleration of a ramp that does not reach the limit.
+    // Largest acceleration that is reached before it must be reduced again.
     let up = a.min((2.0 * v * j).sqrt());
     let down = up.min((v * j).sqrt());
     let ramp_mm = 0.5 * v * (v / down + down / j);

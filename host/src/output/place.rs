@@ -64,10 +64,10 @@ impl Place {
     }
 
     fn file(target: &Path) -> io::Result<Self> {
-        // Fails now if the file could not be created later.
+        // Fail now if the file could not be created later.
         Staged::write(target, b"")?;
         let name = target.file_name().unwrap_or_default();
-        // Gives one file one name, for every spelling of its folder.
+        // Give one file one name, for every spelling of its folder.
         Ok(Self::File(fs::canonicalize(folder(target))?.join(name)))
     }
 

@@ -43,7 +43,7 @@ impl Staged {
 
 impl Drop for Staged {
     fn drop(&mut self) {
-        // After the rename the file is gone; before it, an error here adds nothing.
+        // After the rename there is no file to remove; before it, another error is already reported.
         let _ = fs::remove_file(&self.temporary);
     }
 }

@@ -95,7 +95,7 @@ impl History {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);
         }
-        // 32 bits, in which a Cortex-M4 divides by itself.
+        // 32 bits, which a Cortex-M4 divides in hardware.
         let age = u32::try_from(self.newest.since(instant)).map_err(|_| Unknown::Past)?;
         let (ticks, rest) = (age / TICK_US as u32, age % TICK_US as u32);
         let back = usize::try_from(ticks).map_err(|_| Unknown::Past)?;

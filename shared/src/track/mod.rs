@@ -87,7 +87,7 @@ impl Tracker {
         if self.recent.is_full() {
             self.recent.pop_front();
         }
-        // There is room: the oldest was dropped above.
+        // There is room, because the oldest was dropped above.
         let _ = self.recent.push_back(view);
         self.reference = Some(reference);
     }

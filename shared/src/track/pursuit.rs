@@ -408,7 +408,7 @@ impl Target {
         settings: &Settings,
     ) -> bool {
         let dt = milliseconds(measurement.capture.since(self.capture));
-        // A target that was lost is looked for where that happened.
+        // Search for a lost target where it was lost.
         let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
         let recent = within(dt, 0.0, RECENT_MS);
         let mut filters = self.axes.each_ref().map(|axis| axis.filter);
@@ -508,7 +508,7 @@ mod tests {
         // 5 mm.
         assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
         assert_eq!(pursuit.filters(), before);
-        // Not where the last one was, nor where it was expected.
+        // Neither near the last outlier nor near the prediction.
         assert_eq!(measure(&mut pursuit, &seen(992, -400)), Err(Outlier));
         assert_eq!(pursuit.filters(), before);
         assert_eq!(measure(&mut pursuit, &seen(1_008, -400)), Ok(()));
@@ -532,7 +532,7 @@ mod tests {
         for k in 1..=20 {
             assert_eq!(measure(&mut pursuit, &seen(200 * k, 0)), Ok(()));
             let before = Instant::from_micros((200 * k + 199) * 1_000);
-            // One interval has to be known first.
+            // The first interval must be known.
             let expected = if k == 1 {
                 Sight::Coasting
             } else {

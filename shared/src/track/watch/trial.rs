@@ -189,7 +189,7 @@ impl Trial {
                     true => 16.0 * energy.stage > large,
                     false => lost || moving.explained > 0.97,
                 };
-                // Twice as much as the stage, all of it explained, and then nothing.
+                // The target moved twice as much as the stage, as explained by it, and then rested.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
                 let runs = moving.explained > 0.995 && energy.target > 1.8 * energy.stage;
                 let points = match (sure || !shaking && runs && alone, strong) {
