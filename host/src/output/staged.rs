@@ -43,7 +43,7 @@ impl Staged {
 
 impl Drop for Staged {
     fn drop(&mut self) {
-        // After the rename there is no file to remove; before it, another error is already reported.
+        // After the rename there is no file to remove; before it, an earlier error is reported.
         let _ = fs::remove_file(&self.temporary);
     }
 }
