@@ -1,7 +1,8 @@
-//! Files that the user names to be written: whole or not at all, and nothing else is replaced.
+//! Output files that the user names: each is written whole or not at all, and no other file is
+//! replaced.
 //!
-//! An [`Output`] is opened before the work whose result it takes, so that a place that cannot be
-//! written is refused at once.
+//! An [`Output`] is opened before the work that produces its text, so that an unwritable place is
+//! refused at once.
 //!
 //! | What is there | What happens |
 //! |---|---|
@@ -12,7 +13,7 @@
 //! | a folder, a disk, a socket | refused |
 //! | a file that this run has read | refused, through links too, even with `--force` |
 //!
-//! Only a rig file may be the successor of the rig file that it was made from.
+//! Only a new version of a rig file may replace an input: the rig file of which it is a version.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom};
@@ -27,19 +28,19 @@ mod staged;
 use place::Place;
 use staged::Staged;
 
-/// Which of the files that exist may be replaced.
+/// Existing files that may be replaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replace {
-    /// None.
+    /// No existing file.
     Nothing,
     /// Reports and figures of this program, and empty files.
     Own,
-    /// All.
+    /// Every regular file.
     Anything,
 }
 
 impl Replace {
-    /// What `--force` makes of it.
+    /// Returns [`Replace::Anything`] if `force` is set, otherwise `self`.
     #[must_use]
     pub fn or_forced(self, force: bool) -> Self {
         if force { Self::Anything } else { self }
@@ -49,26 +50,27 @@ impl Replace {
 /// A file that will be written.
 #[derive(Debug)]
 pub struct Output {
-    /// As the user has named it.
+    /// Path as given by the user.
     path: PathBuf,
     place: Place,
-    /// The input that it may replace.
+    /// Input file that this output may replace.
     predecessor: Option<Identity>,
 }
 
 impl Output {
-    /// Opens the file at `path`; nothing is changed yet.
+    /// Opens the file at `path` without changing it.
     ///
     /// # Errors
-    /// If it cannot be written, or exists and may not be replaced.
+    /// If the file cannot be written, or exists and may not be replaced.
     pub fn open(path: &Path, replace: Replace) -> Result<Self, InputError> {
         Self::open_any(path, replace, None)
     }
 
-    /// As [`Output::open`], for a new version of the input `predecessor`, which it may replace.
+    /// Opens `path` for a new version of the input `predecessor`, which it may replace. Otherwise
+    /// like [`Output::open`].
     ///
     /// # Errors
-    /// As [`Output::open`].
+    /// Like [`Output::open`].
     pub fn open_successor(
         path: &Path,
         replace: Replace,
@@ -125,17 +127,17 @@ impl Output {
         }
     }
 
-    /// Whether writing replaces a file.
+    /// Returns true if writing replaces a file.
     pub fn replaces_file(&self) -> bool {
         matches!(&self.place, Place::File(target) if target.exists())
     }
 
-    /// Whether both lead to the same file, of which one text would be lost.
+    /// Returns true if both outputs are the same file, so that one text would overwrite the other.
     pub fn is_same_file(&self, other: &Self) -> bool {
         matches!((&self.place, &other.place), (Place::File(a), Place::File(b)) if a == b)
     }
 
-    /// The path as the user has named it.
+    /// Returns the path as given by the user.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -143,21 +145,21 @@ impl Output {
     /// Writes the file.
     ///
     /// # Errors
-    /// If it cannot be written; then it is as it was.
+    /// If the file cannot be written; an existing file is then unchanged.
     pub fn write(self, text: &str) -> Result<(), InputError> {
         write_all(vec![(self, text.to_owned())])
     }
 }
 
-/// Writes all of these files or, on any error, none. What is written in place cannot be taken back.
+/// Writes all of these files or, on any error, none. Text written in place cannot be taken back.
 ///
 /// Ctrl-C and the other signals wait until the files are in their places; otherwise they could
 /// leave temporary files, or old and new files side by side.
 ///
 /// # Errors
-/// If one of them cannot be written.
+/// If one of the files cannot be written.
 pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
-    // What was read since the outputs were opened is an input, too.
+    // Files that were read since the outputs were opened are inputs, too.
     outputs
         .iter()
         .try_for_each(|(output, _)| output.refuse_input())?;
@@ -182,18 +184,18 @@ fn unwritten(path: &Path, cause: &io::Error) -> InputError {
     InputError::io(path, "write", cause)
 }
 
-/// Texts near the end of what this program writes: pages close with the first, figures with the
+/// Marks near the end of this program's own files: pages close with the first, figures with the
 /// second.
 const MARKS: [&str; 2] = ["<footer>Trinocular ", FIGURE_MARK];
 const FIGURE_MARK: &str = "<!-- Trinocular ";
 
-/// Returns a figure that says which program has written it.
+/// Returns the figure with the mark of this program.
 pub fn marked(svg: &str) -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!("{}\n{FIGURE_MARK}{version} -->\n", svg.trim_end())
 }
 
-/// Whether this program wrote the file, or nothing is lost with it.
+/// Returns true if this program wrote the file, or if the file is empty.
 fn is_own(path: &Path) -> io::Result<bool> {
     const END: u64 = 256;
     let mut file = File::open(path)?;
@@ -205,15 +207,15 @@ fn is_own(path: &Path) -> io::Result<bool> {
     Ok(length == 0 || MARKS.iter().any(|mark| end.contains(mark)))
 }
 
-/// Makes the folders that `dir` lacks.
+/// Folders created for output; those that stay empty are removed when it is dropped.
 #[derive(Debug, Default)]
 pub struct NewFolders(Vec<PathBuf>);
 
 impl NewFolders {
-    /// Makes `dir` and the folders above it that do not exist.
+    /// Creates `dir` and its missing parent folders.
     ///
     /// # Errors
-    /// If they cannot be made.
+    /// If the folders cannot be created.
     pub fn make(&mut self, dir: &Path) -> Result<(), InputError> {
         let missing = dir
             .ancestors()
@@ -233,7 +235,7 @@ impl Drop for NewFolders {
     }
 }
 
-/// Opens what exists for writing; a file that is read-only stays so.
+/// Opens an existing file for writing; a read-only file stays read-only.
 fn open_existing(path: &Path) -> io::Result<File> {
     OpenOptions::new().write(true).open(path)
 }

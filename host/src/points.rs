@@ -1,4 +1,4 @@
-//! Matched points from a CSV file.
+//! Reads matched points from a CSV file.
 //!
 //! ```csv
 //! id,camera,x0,y0,x1,y1
@@ -6,14 +6,14 @@
 //! 1,middle,159.9,101.7,163.8,105.5
 //! ```
 //!
-//! One row per point and camera: where the camera saw the point at the reference instant (`x0`,
-//! `y0`) and where it sees it now (`x1`, `y1`). Pixels as seen, from the centre of the top left
-//! pixel; principal point and lens distortion are the rig's business. Rows may come in any order;
-//! points keep the order of their first rows, so that the same file always gives the same sums.
+//! Each row is one point in one camera: its pixel at the keyframe (`x0`, `y0`) and its pixel now
+//! (`x1`, `y1`). Pixels are raw, from the centre of the top left pixel; the rig file corrects for
+//! principal point and lens distortion. Rows may come in any order; points keep the order of their
+//! first rows, so that the same file always gives the same sums.
 //!
-//! A byte order mark, CRLF, blank lines and spaces around fields are tolerated; everything else
-//! that is not as stated is refused with file, line and field, before any of it is used. Only a
-//! point that some camera has not seen is left out, and counted.
+//! A byte order mark, CRLF, blank lines and spaces around fields are accepted. Any other deviation
+//! is refused with file, line and field before any row is used. Points that some camera has not
+//! seen are left out and counted.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -25,28 +25,29 @@ use crate::input::{self, Limit};
 use crate::printable::printable_up_to;
 use crate::rig_file::RigFile;
 
-/// The columns, in this order.
+/// Names of the columns, in this order.
 pub const HEADER: [&str; 6] = ["id", "camera", "x0", "y0", "x1", "y1"];
 
-/// What a file may hold: each point of each camera takes some 60 bytes.
+/// Size limit of a file: each point of each camera takes some 60 bytes.
 const LIMIT: Limit = Limit {
     what: "a CSV file of points",
     bytes: 32 << 20,
 };
-/// Points of one file at most.
+/// Largest number of points of one file.
 const MOST_POINTS: usize = 500_000;
-/// Bytes of one row, and columns that are looked at.
+/// Longest row, bytes.
 const LONGEST_ROW: usize = 4_096;
+/// Largest number of columns read.
 const MOST_COLUMNS: usize = 16;
-/// Characters of a field that a message quotes.
+/// Longest quotation of a field in a message, characters.
 const QUOTED: usize = 60;
 
 /// The points of one file.
 #[derive(Clone, Debug)]
 pub struct Points {
-    /// The points that every camera has seen.
+    /// Points that every camera has seen.
     pub correspondences: Vec<Correspondence>,
-    /// Points that some camera has not seen.
+    /// Number of points that some camera has not seen.
     pub rejected: usize,
 }
 
@@ -55,7 +56,7 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Points, InputError> {
     parse(path, &input::bytes(path, LIMIT)?, rig)
 }
 
-/// Reads the content of a CSV file; `file` is what errors name.
+/// Reads the content of a CSV file; errors name `file`.
 pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = std::str::from_utf8(bytes)
@@ -105,7 +106,7 @@ fn not_utf8(file: &Path, before: &[u8]) -> InputError {
     }
 }
 
-/// Reason why a text is no row.
+/// Reason for a text that is not a row.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 enum LongRow {
     #[error("a row of more than {LONGEST_ROW} bytes")]
@@ -114,10 +115,10 @@ enum LongRow {
     Columns,
 }
 
-/// The rows of a CSV text, in memory that does not grow with them.
+/// Iterator over the rows of a CSV text, in constant memory.
 struct Rows<'a> {
     text: &'a [u8],
-    /// Where the next row begins.
+    /// Byte offset of the next row.
     start: usize,
     reader: csv_core::Reader,
     content: [u8; LONGEST_ROW],
@@ -135,7 +136,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// The next row's fields without the spaces around them, or why it cannot be one.
+    /// Returns the next row's fields without the spaces around them, or the reason why it is not a
+    /// row.
     fn next(&mut self) -> Option<Result<Vec<&str>, LongRow>> {
         use csv_core::ReadRecordResult as Outcome;
         let (mut length, mut count) = (0, 0);
@@ -147,7 +149,7 @@ impl<'a> Rows<'a> {
             length += written;
             count += ended;
             match outcome {
-                // Asked once more, the reader learns that this is the end of the text.
+                // At the next call, the reader reports the end of the text.
                 Outcome::InputEmpty => {}
                 Outcome::OutputFull => {
                     return Some(Err(LongRow::Bytes));
@@ -169,12 +171,13 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// A field for a message.
+/// Quotes a field for a message.
 fn quoted(text: &str) -> String {
     printable_up_to(QUOTED, text)
 }
 
-/// Lines of the text by byte offset. The reader's own count stands before the blank lines it skips.
+/// Counts the lines of the text by byte offset. The CSV reader's own count excludes the blank lines
+/// that it skips.
 struct LineCounter<'a> {
     text: &'a [u8],
     offset: usize,
@@ -190,7 +193,7 @@ impl<'a> LineCounter<'a> {
         }
     }
 
-    /// Line of the first text at or after `start`; offsets must not go down.
+    /// Returns the line of the first text at or after `start`; offsets must not decrease.
     fn at(&mut self, start: usize) -> usize {
         while let Some(&byte) = self.text.get(self.offset) {
             let blank = matches!(byte, b'\n' | b'\r');
@@ -207,7 +210,7 @@ impl<'a> LineCounter<'a> {
     }
 }
 
-/// Makes the error of the line at hand, from a field's name and a reason.
+/// Creates the error of the current line from a field's name and a reason.
 type Refuse<'a> = dyn Fn(&str, String) -> InputError + 'a;
 
 fn header(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
@@ -237,19 +240,19 @@ fn too_many(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
     }
 }
 
-/// One row: its line, and the pixels at the reference instant and now.
+/// One row: its line, and the pixels at the keyframe and now.
 #[derive(Clone, Copy)]
 struct Sighting {
     line: usize,
     pixels: [[f64; 2]; 2],
 }
 
-/// What the rows have said so far.
+/// Points collected from the rows so far.
 struct Collector<'a> {
     rig: &'a RigFile,
-    /// Where in `seen` the point with this id is.
+    /// Index in `seen` of each point by its id.
     places: HashMap<String, usize>,
-    /// Per point, in order of first rows, and per camera.
+    /// Rows per point, in order of first rows, and per camera.
     seen: Vec<Vec<Option<Sighting>>>,
 }
 
@@ -310,7 +313,7 @@ impl<'a> Collector<'a> {
         Ok(())
     }
 
-    /// `last_line` is where the rows ended.
+    /// Returns the complete points. `last_line` is the last line with a row.
     fn finish(self, file: &Path, last_line: usize) -> Result<Points, InputError> {
         for (camera, name) in self.rig.names.iter().enumerate() {
             if self.seen.iter().all(|point| point[camera].is_none()) {
@@ -339,7 +342,7 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Reason why a text is no coordinate of a point in an image.
+/// Reason for a text that is not a coordinate of a point in an image.
 #[derive(Clone, Debug, thiserror::Error)]
 enum WrongCoordinate {
     #[error("must not be empty")]
@@ -352,7 +355,7 @@ enum WrongCoordinate {
     Outside { text: String, size_px: u32 },
 }
 
-/// One coordinate, px. A point may have left the image, but not by more than the image's own size.
+/// Reads one coordinate, px. A point may lie outside the image by up to the image's own size.
 fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
     if text.is_empty() {
         return Err(WrongCoordinate::Empty);

@@ -8,22 +8,22 @@
 //! focal_px = [533.16, 529.12]           # along x, along y
 //! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
 //! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
-//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, zero without
-//! rotation_deg = [0.0, 0.0, 0.0]        # turned about x, y, z against the rig's axes; optional, zero without
+//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, default 0
+//! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
 //!
 //! [stage]                               # optional; see `Stage`
 //! ```
 //!
 //! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
-//! rig's axes to directions along the camera's; every pixel is rectified by it on its way in, so
-//! cameras need not be exactly parallel.
+//! rig's axes to directions along the camera's. Every pixel is rectified by it on input, so cameras
+//! need not be exactly parallel.
 //!
-//! Unknown, missing and impossible fields are refused with file, line and name of the field.
-//! Nothing but distortion, rotation and what is listed in [`Care`] has a default: a rig that was
-//! guessed makes a stage run away.
+//! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
+//! distortion, rotation and the fields of [`Care`] have defaults, because a stage with a guessed
+//! rig may run away.
 //!
-//! *Invariant:* a `RigFile` that came out of [`RigFile::read`] or [`RigFile::parse`] obeys every
-//! rule stated on its fields, and cameras named left, middle and right stand in this order.
+//! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
+//! its fields, and cameras named left, middle and right stand in this order.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -46,33 +46,35 @@ pub mod template;
 pub use care::{Care, HomeSwitch};
 pub use stage::{Driver, Stage};
 
-/// The paper's three cameras, in the order its estimators need.
+/// Names of the paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
 
-/// A rig file has a few hundred lines; its numbers are read in linear time up to here.
+/// Size limit of a rig file. A rig file has a few hundred lines; its numbers are read in linear
+/// time up to this limit.
 pub(crate) const LIMIT: Limit = Limit {
     what: "a rig file",
     bytes: 1 << 20,
 };
-/// Sides of an image that could be one, px.
+/// Valid sides of an image, px.
 const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
-/// Longer focal lengths than this belong to telescopes.
+/// Largest focal length, px. Longer ones belong to telescopes.
 const LIMIT_FOCAL_PX: f64 = 1e6;
-/// A shorter focal length than this part of the image's side is no lens that draws straight lines
-/// straight: it would see more than 168 degrees.
+/// Least focal length over the image's side. A shorter one would see more than 168 degrees, which
+/// no lens that keeps straight lines straight does.
 const LEAST_FOCAL_SHARE: f64 = 0.05;
-/// Pixels are nearly square. The larger side is at most so many times the smaller one.
+/// Largest ratio of the two focal lengths, because pixels are nearly square.
 const LARGEST_ASPECT: f64 = 10.0;
-/// A rig wider than 100 m is a slip of the unit.
+/// Largest offset of a camera, mm. A rig wider than 100 m is a mistake of the unit.
 const LIMIT_OFFSET_MM: f64 = 1e5;
-/// What is wrong with a distortion that [`can_undistort`] refuses.
+/// Reason that the refusals by [`can_undistort`] state.
 pub(crate) const NOT_A_LENS: &str =
     "this lens model cannot be inverted everywhere in the image, so it is not the lens's";
-/// Lens models beyond this fold the image over.
+/// Largest coefficient of a lens model; larger ones fold the image over.
 const LIMIT_DISTORTION: f64 = 1e3;
-/// Cameras turned farther than this were not meant to be parallel, and see too little in common.
+/// Largest rotation of a camera, degrees. Cameras turned farther were not meant to be parallel and
+/// have too small a common view.
 pub const LIMIT_ROTATION_DEG: f64 = 20.0;
-/// Cameras closer than this are the same camera twice, mm: no two lenses are.
+/// Least distance between two cameras, mm. Closer ones are the same camera twice.
 const LEAST_BASELINE_MM: f64 = 0.1;
 
 /// Fields that every camera has, each with an example.
@@ -83,12 +85,12 @@ const CAMERA_FIELDS: [(&str, &str); 4] = [
     ("offset_mm", "offset_mm = [-30.0, 0.0]"),
 ];
 
-/// What the rig is wanted for.
+/// Required arrangement of the cameras.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shape {
-    /// The midpoint: 2 to 8 cameras anywhere in a plane.
+    /// Any arrangement of 2 to 8 cameras in a plane, for the midpoint.
     Plane,
-    /// The paper's estimators: left, middle, right, nearly in line.
+    /// Left, middle, right, nearly in line, for the paper's estimators.
     Line,
 }
 
@@ -97,7 +99,7 @@ const PAPERS_ESTIMATORS: &str = "the estimators closed-form and least-squares";
 /// A rig with the names of its cameras, as a rig file holds it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigFile {
-    /// The cameras' names in the rig's order: distinct, usable as names of folders.
+    /// Names of the cameras in the rig's order: distinct, and usable as names of folders.
     pub names: Vec<String>,
     /// The cameras, in the file's order; left, middle, right if they have these names.
     pub rig: Rig,
@@ -106,7 +108,7 @@ pub struct RigFile {
 }
 
 impl RigFile {
-    /// The paper's rig (its Table 3 and section 4): left, middle, right; no stage.
+    /// Returns the paper's rig (its Table 3 and section 4): left, middle, right; no stage.
     pub fn paper() -> Self {
         Self {
             names: TRINOCULAR.map(String::from).to_vec(),
@@ -115,7 +117,7 @@ impl RigFile {
         }
     }
 
-    /// Whether the cameras are exactly left, middle and right.
+    /// Returns true if the cameras are exactly left, middle and right.
     pub fn is_trinocular(&self) -> bool {
         self.names == TRINOCULAR
     }
@@ -125,15 +127,16 @@ impl RigFile {
         Self::read_as(path, Shape::Plane)
     }
 
-    /// As [`RigFile::read`], with the text it was read from, whose comments are the user's.
+    /// Reads the rig file like [`RigFile::read`] and returns its text as well, which holds the
+    /// user's comments.
     pub fn read_with_text(path: &Path) -> Result<(Self, String), InputError> {
         let text = input::text(path, LIMIT)?;
         Ok((Self::parse(path, &text)?, text))
     }
 
-    /// As [`RigFile::read`], and refuses every rig that the paper's two estimators are not made
-    /// for: they need exactly the cameras left, middle and right, at heights as equal as
-    /// [`Rig::is_in_line`] wants them.
+    /// Reads the rig file like [`RigFile::read`] and refuses every rig that the paper's two
+    /// estimators do not support: they need exactly the cameras left, middle and right, at heights
+    /// as equal as [`Rig::is_in_line`] requires.
     pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
         Self::read_as(path, Shape::Line)
     }
@@ -142,7 +145,7 @@ impl RigFile {
         Self::parse_as(path, &input::text(path, LIMIT)?, shape)
     }
 
-    /// Checks the text of a rig file; `file` is what errors name.
+    /// Checks the text of a rig file; errors name `file`.
     pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
         Self::parse_as(file, text, Shape::Plane)
     }
@@ -169,14 +172,14 @@ impl RigFile {
             names,
             rig: Rig {
                 image_size_px,
-                // `cameras` has let through no more than fit.
+                // `cameras` has checked the number of cameras.
                 cameras: cameras.into_iter().collect(),
             },
             stage,
         })
     }
 
-    /// The file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
+    /// Returns the file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
     pub fn to_toml(&self) -> String {
         let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
         for (name, camera) in self.names.iter().zip(&self.rig.cameras) {
@@ -198,14 +201,15 @@ impl RigFile {
         text
     }
 
-    /// Writes the file whole or not at all: whatever stood at `path` stays until its successor is
+    /// Writes the file whole or not at all: the old file at `path` stays until the new one is
     /// complete.
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
     }
 }
 
-/// The `[[camera]]` tables: each by itself, then the rules between them, then their order.
+/// Reads the `[[camera]]` tables: checks each of them, then the rules between them, then sorts
+/// them.
 fn cameras(
     list: &Field<'_>,
     image_size_px: [u32; 2],
@@ -233,7 +237,7 @@ fn cameras(
         let given = folder_name(&name)?;
         let camera = camera(table, image_size_px)?;
         for (other, placed) in &read {
-            // Some file systems cannot tell folders apart that differ in case only.
+            // Some file systems do not distinguish the case of folder names.
             if other.eq_ignore_ascii_case(given) {
                 return Err(name.fault(format!("another camera is named `{other}` already")));
             }
@@ -280,8 +284,8 @@ fn cameras(
     Ok(read.into_iter().unzip())
 }
 
-/// Heights that are near enough: the paper's pairs share their image rows. `rig` has left, middle,
-/// right in this order, `outer` are the tables of the first and the last.
+/// Refuses cameras at different heights, because the paper's pairs share their image rows. `rig`
+/// has left, middle, right in this order; `outer` are the tables of the first and the last.
 fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
     let error = rig.height_error().unwrap_or(f64::INFINITY);
     if error <= HEIGHT_ERROR_LIMIT {
@@ -296,8 +300,9 @@ fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
     let [_, y] = table.required("offset_mm")?.fields()?;
     let [error, limit] = [error, HEIGHT_ERROR_LIMIT].map(|share| 100.0 * share);
     Err(y.fault(format!(
-        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, which costs Y up to {error:.2} % of a \
-         displacement along Z; {limit} % at most are let pass (the estimator midpoint takes any heights)",
+        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, \
+         which costs Y up to {error:.2} % of a displacement along Z; {limit} % at most are let \
+         pass (the estimator midpoint takes any heights)",
         at[1], middle[1]
     )))
 }
@@ -339,7 +344,7 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
     }
 }
 
-/// Returns which of the focal lengths, along x and y, belongs to no camera, and why.
+/// Returns the index of an impossible focal length, along x or y, and the reason.
 pub(crate) fn focal_fault(focal_px: [f64; 2], image_size_px: [u32; 2]) -> Option<(usize, String)> {
     for (index, (focal, side)) in focal_px.into_iter().zip(image_size_px).enumerate() {
         let least = (LEAST_FOCAL_SHARE * f64::from(side)).max(1.0);
@@ -368,17 +373,18 @@ fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
     let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
     if angle > LIMIT_ROTATION_DEG {
         return Err(field.fault(format!(
-            "turned by {angle:.1} degrees, but cameras that see the same may be turned by {LIMIT_ROTATION_DEG} at most"
+            "turned by {angle:.1} degrees, but cameras that see the same may be turned by \
+             {LIMIT_ROTATION_DEG} at most"
         )));
     }
     Ok(Rotation::from_degrees(degrees))
 }
 
-/// Whether removing and applying the distortion leads back to the same pixel, all round the image's
-/// border.
+/// Returns true if removing and applying the distortion leads back to the same pixel, all around
+/// the image's border.
 pub(crate) fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
     const STEPS: u32 = 16;
-    /// Far below what any tracker sees, far above rounding.
+    /// Tolerance of the round trip: far below the resolution of any tracker, far above rounding.
     const TOLERANCE_PX: f64 = 1e-3;
     let [width, height] = image_size_px.map(|size| f64::from(size) - 1.0);
     (0..=STEPS)
@@ -393,7 +399,7 @@ pub(crate) fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
         })
 }
 
-/// A camera's name is also the name of its folder of images and stands in CSV files.
+/// Reads a camera's name, which is also the name of its folder of images and stands in CSV files.
 fn folder_name<'a>(field: &Field<'a>) -> Result<&'a str, InputError> {
     let name = field.text()?;
     if name.trim().is_empty() {

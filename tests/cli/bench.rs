@@ -140,6 +140,6 @@ fn folder_beyond_memory_is_refused() {
     let outcome = run(desk.folder.path(), &arguments);
     outcome.failed(
         1,
-        &["views", "8 captures", "1024 MB", "7 captures or fewer"],
+        &["views", "8 frame sets", "1024 MB", "7 frame sets or fewer"],
     );
 }

@@ -86,7 +86,7 @@ fn image_that_breaks_decoder_is_named() {
         assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
         for command in [
             &["calibrate", "views", "--board", "9x6", "--square", "25"][..],
-            &["bench", "flow", "views"],
+            &["bench", "flow", "views", "--rig", "rig.toml"],
         ] {
             let outcome = run(desk.folder.path(), command);
             outcome.failed_after_notes(1, &["0001.pgm"]);

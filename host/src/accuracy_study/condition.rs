@@ -1,71 +1,72 @@
-//! What is photographed, what is wrong with it, and what must come out.
+//! Conditions of the accuracy study as data: scene, disturbance, and required result.
 
 use crate::images::TextureKind;
 use shared::rig::Rig;
 
-/// What goes wrong between the reference instant and now, or during either.
+/// Disturbance between the keyframe and the measured frame set, or during either.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
-    /// Nothing: the target moves, and that is all.
+    /// No disturbance: only the target moves.
     Nothing,
-    /// Light multiplied with 0.7 to 1.4 and shifted by up to 20 grey levels; for each camera its
-    /// own if so said.
+    /// Light multiplied by 0.7 to 1.4 and shifted by up to 20 grey levels, in all cameras alike or
+    /// in each camera independently.
     Light {
-        /// Whether each camera has its own.
+        /// True if each camera has a light of its own.
         per_camera: bool,
     },
-    /// The target moves by so many px while the shutter is open.
+    /// The target moves while the shutter is open (motion blur).
     Smear {
-        /// At most.
+        /// Largest motion during the exposure, px.
         px: f64,
     },
-    /// Something nearer covers two fifths of every view.
+    /// A nearer object covers two fifths of every image.
     Cover {
-        /// Whether it is a part of the target and moves with it, or moves differently.
+        /// True if the object is a part of the target and moves with it; otherwise it moves
+        /// differently.
         own: bool,
-        /// What it looks like.
+        /// Texture of the object.
         texture: TextureKind,
     },
-    /// The target turns, about an axis of its own.
+    /// The target rotates about one of its own axes.
     Turn {
-        /// Which: x, y, z.
+        /// Index of the rotation axis: 0 is x, 1 is y, 2 is z.
         axis: usize,
-        /// Between so many degrees, either way.
+        /// Smallest and largest angle of the rotation in degrees; the sign is random.
         degrees: [f64; 2],
     },
-    /// One camera takes its picture later, by a share of the time in which the target moves.
+    /// One camera takes its image later, by a share of the time in which the target moves.
     Late {
-        /// Between these shares.
+        /// Smallest and largest share.
         share: [f64; 2],
     },
-    /// One camera fails after the reference instant.
+    /// One camera fails after the keyframe.
     Fail(Failure),
     /// Another target takes the first one's place.
     Replaced,
 }
 
 impl Change {
-    /// Whether a measurement must name the camera at fault.
+    /// Returns true if a measurement must name the camera at fault.
     pub const fn is_of_one_camera(self) -> bool {
         matches!(self, Self::Late { .. } | Self::Fail(_))
     }
 }
 
-/// How a camera fails.
+/// Failures of one camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// No picture comes.
+    /// The camera gives no image.
     Missing,
-    /// A picture of the inside of a lens cap comes.
+    /// The camera gives an image of the inside of its lens cap.
     Dark,
-    /// The picture of the reference instant comes again.
+    /// The camera repeats the image of the keyframe.
     Frozen,
 }
 
-/// What must come out.
+/// Required result of a condition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// Share of trials that are measured, at least and at most.
+    /// Least and greatest share of trials that give a measurement.
     pub measured: [f64; 2],
     /// Names of the refusals that may occur ([`crate::flow::FlowRefusal::name`]).
     pub refusals: &'static [&'static str],
@@ -74,37 +75,37 @@ pub struct Expected {
 /// One row of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
-    /// On the command line and in the table.
+    /// Name on the command line and in the table.
     pub name: &'static str,
-    /// What is photographed.
+    /// Texture of the target.
     pub texture: TextureKind,
-    /// Its contrast, 1 as drawn: the rest is grey.
+    /// Contrast of the texture; 1 is the texture as drawn, 0 an even grey.
     pub contrast: f64,
     /// The cameras.
     pub rig: fn() -> Rig,
-    /// Between these distances, mm.
+    /// Smallest and largest distance of the target, mm.
     pub depth_mm: [f64; 2],
-    /// Tilt of the poster, degrees, about a random axis in its plane, at most.
+    /// Largest tilt of the poster in degrees, about a random axis in its plane.
     pub tilt_deg: f64,
-    /// Lateral motion of the target, px, between these, in a random direction.
+    /// Smallest and largest lateral motion of the target in px, in a random direction.
     pub move_px: [f64; 2],
-    /// Motion along z as a share of the depth, at most, either way.
+    /// Largest motion along z as a share of the depth, in either direction.
     pub away: f64,
-    /// Sensor noise, grey levels; each is tried.
+    /// Sensor noise in grey levels; every value is tried.
     pub noise_grey: &'static [f64],
-    /// What goes wrong.
+    /// Disturbance of the scene.
     pub change: Change,
-    /// What must come out.
+    /// Required result.
     pub expected: Expected,
 }
 
-/// Everything is measured.
+/// Result in which every trial gives a measurement.
 const MEASURED: Expected = Expected {
     measured: [0.98, 1.0],
     refusals: &[],
 };
 
-/// Nothing is measured, for one of these reasons.
+/// Returns the result in which every trial is refused for one of these reasons.
 const fn refused(refusals: &'static [&'static str]) -> Expected {
     Expected {
         measured: [0.0, 0.0],
@@ -112,7 +113,8 @@ const fn refused(refusals: &'static [&'static str]) -> Expected {
     }
 }
 
-/// Some are measured, the others refused for one of these reasons.
+/// Returns the result in which at least the share `least` of the trials is measured and the others
+/// are refused for one of these reasons.
 const fn either(least: f64, refusals: &'static [&'static str]) -> Expected {
     Expected {
         measured: [least, 1.0],
@@ -120,7 +122,7 @@ const fn either(least: f64, refusals: &'static [&'static str]) -> Expected {
     }
 }
 
-/// The paper's bench with rich texture: what every condition changes something about.
+/// The paper's bench with rich texture, the base that every condition modifies.
 const PLAIN: Condition = Condition {
     name: "plain",
     texture: TextureKind::Natural,
@@ -130,7 +132,7 @@ const PLAIN: Condition = Condition {
     tilt_deg: 0.0,
     move_px: [0.0, 20.0],
     away: 0.01,
-    // Up to more than usual sensors have.
+    // The largest is above the noise of usual sensors.
     noise_grey: &[0.5, 2.0, 5.0, 10.0],
     change: Change::Nothing,
     expected: MEASURED,
@@ -148,7 +150,7 @@ const COVERED: &[&str] = &[
     "turned",
 ];
 
-/// The whole table.
+/// All conditions, in the order of the table.
 pub const ALL: &[Condition] = &[
     PLAIN,
     Condition {
@@ -350,7 +352,7 @@ pub const ALL: &[Condition] = &[
     },
 ];
 
-/// The paper's cameras with other lenses.
+/// Returns the paper's rig with unequal focal lengths.
 fn unequal_focal() -> Rig {
     let mut rig = Rig::paper();
     for (camera, focal_px) in rig.cameras.iter_mut().zip([470.0, 540.0, 610.0]) {
@@ -359,7 +361,7 @@ fn unequal_focal() -> Rig {
     rig
 }
 
-/// The paper's cameras with wide lenses: 12 px off in the corners.
+/// Returns the paper's rig with wide lenses, whose distortion is 12 px in the corners.
 fn distorted() -> Rig {
     let mut rig = Rig::paper();
     for (camera, k1) in rig.cameras.iter_mut().zip([-0.30, -0.25, -0.28]) {

@@ -1,11 +1,10 @@
-//! Whether what is measured can be trusted when the pictures are bad: many measurements of rendered
-//! posters under each of a list of conditions, held against the truth and against their own sigma.
+//! Accuracy study for developers: measures rendered posters under each of a list of adverse
+//! conditions and compares the results with the truth and with their own sigma.
 //!
-//! * [`condition`] says, as data, what is photographed, what is wrong with it, and what must come
-//!   out;
-//! * [`trial`] photographs and measures once;
-//! * [`tally`] counts what came out and judges it;
-//! * [`sweep`] runs everything on a few threads;
+//! * [`condition`] holds scene, disturbance and required result as data;
+//! * [`trial`] renders and measures once;
+//! * [`tally`] counts the results and judges them;
+//! * [`sweep`] runs all conditions on a few threads;
 //! * [`phase`] measures the tracker's bias at every sub-pixel phase;
 //! * [`present`] prints.
 //!

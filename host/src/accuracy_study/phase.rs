@@ -1,10 +1,10 @@
-//! What all points err by together, at every sub-pixel phase of the motion.
+//! Bias common to all points at every sub-pixel phase of the motion.
 //!
-//! Interpolation errs by where a template lies between the pixels, and by how far it has moved
-//! between them. The flow takes its templates at phases evenly spread, so that most of it averages
-//! out; what remains is common to all points, and no residual shows it. Here it is measured: the
-//! displacement that the whole path gives, less the truth, in pixels of the cameras, with hardly
-//! any noise.
+//! Interpolation errors depend on the position of a template between the pixels, and on the
+//! distance it has moved between them. The flow takes its templates at evenly spread phases, so
+//! that most of the error averages out. The rest is common to all points, and no residual shows it.
+//! This module measures it: the displacement of the whole path minus the truth, in camera pixels,
+//! with hardly any noise.
 
 use super::trial::Posters;
 use crate::flow::{Flow, FlowSettings};
@@ -14,38 +14,39 @@ use crate::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
-/// Phases that are tried.
+/// Number of phases tried.
 pub const PHASES: usize = 10;
-/// The largest mean error at any phase that is claimed, px, beyond three times its own uncertainty.
+/// Claimed limit of the mean error at any phase, px, beyond three times its own uncertainty.
 pub const MOST_PX: f64 = 0.0005;
-/// Sensor noise, grey levels: next to none, but pixels are rounded.
+/// Sensor noise in grey levels: nearly none, but pixels are rounded.
 const NOISE_GREY: f64 = 0.3;
-/// References per poster.
+/// Keyframes per poster.
 const PLACES: usize = 3;
 const DEPTH_MM: f64 = 850.0;
 
-/// What came out at one phase.
+/// Result at one phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Phase {
-    /// Shift to the right, px; downwards it is the same less a half.
+    /// Shift to the right, px; the shift downwards is half a pixel less.
     pub shift_px: f64,
     /// Mean error along x and y, px.
     pub bias_px: [f64; 2],
-    /// Standard error of that mean, px.
+    /// Standard error of the mean error, px.
     pub uncertainty_px: [f64; 2],
     /// Mean scatter of single flow components, px.
     pub scatter_px: f64,
 }
 
 impl Phase {
-    /// Whether the bias is within what is claimed.
+    /// Returns true if the bias is within the claimed limit.
     pub fn is_small(&self) -> bool {
         let within = |i: usize| self.bias_px[i].abs() <= MOST_PX + 3.0 * self.uncertainty_px[i];
         within(0) && within(1)
     }
 }
 
-/// Mean over the posters of the seeds `1..=seeds`. `told` hears of progress, 0 to 1.
+/// Computes the mean over the posters of the seeds `1..=seeds`. Calls `told` with the progress, 0
+/// to 1.
 ///
 /// # Errors
 /// If the scene cannot be rendered.

@@ -1,4 +1,5 @@
-//! The table: as text for people, as Markdown for the committed file, as JSON for programs.
+//! The table of results: as text for the screen, as Markdown for the committed file, as JSON for
+//! programs.
 
 use super::phase::Phase;
 use super::sweep::Row;
@@ -50,7 +51,7 @@ impl Line {
     }
 }
 
-/// The rows of a sweep and their sum, columns aligned by spaces; or, for Markdown, by bars.
+/// Returns the rows of a sweep and their sum as text with aligned columns, or as Markdown.
 pub fn table(rows: &[Row], total: &Tally, by_noise: bool, markdown: bool) -> String {
     let mut lines = vec![Line(HEADERS.map(String::from))];
     for row in rows {
@@ -86,7 +87,7 @@ pub fn table(rows: &[Row], total: &Tally, by_noise: bool, markdown: bool) -> Str
     text
 }
 
-/// One JSON object for a row.
+/// Returns a row as one JSON object.
 pub fn json(name: &str, tally: &Tally) -> Value {
     let refused: Map<String, Value> = (tally.refused.iter())
         .map(|(name, count)| ((*name).to_owned(), json!(count)))
@@ -105,7 +106,7 @@ pub fn json(name: &str, tally: &Tally) -> Value {
     })
 }
 
-/// The bias at every phase, as text or Markdown.
+/// Returns the bias at every phase, as text or Markdown.
 pub fn phases(phases: &[Phase], markdown: bool) -> String {
     let mut text = if markdown {
         "| shift, px | bias x, px | bias y, px | scatter of a point, px |\n|---|---|---|---|\n"
@@ -136,7 +137,7 @@ pub fn phases(phases: &[Phase], markdown: bool) -> String {
     text
 }
 
-/// One JSON object for a phase.
+/// Returns a phase as one JSON object.
 pub fn phase_json(phase: &Phase) -> Value {
     json!({
         "phase_px": phase.shift_px,

@@ -1,4 +1,4 @@
-//! All conditions over all seeds, on a few threads.
+//! Runs all conditions with all seeds on a few threads.
 
 use super::condition::Condition;
 use super::tally::Tally;
@@ -7,23 +7,24 @@ use crate::images::SceneError;
 use crate::thread_pool::ThreadPool;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What came out of one condition.
+/// Result of one condition.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Which.
+    /// The condition.
     pub condition: &'static Condition,
-    /// In all.
+    /// Counts over all noise levels.
     pub tally: Tally,
-    /// By noise, grey levels.
+    /// Counts per noise level; noise in grey levels.
     pub by_noise: Vec<(f64, Tally)>,
 }
 
-/// One seed of one condition: noise and outcome of each trial.
+/// Results of one seed and one condition: noise and outcome of each trial.
 type Outcomes = Vec<(f64, Outcome)>;
-/// One seed of all conditions.
+/// Results of one seed and all conditions.
 type OfSeed = Result<Vec<Outcomes>, SceneError>;
 
-/// Runs `conditions` with the seeds `1..=seeds` on so many threads. `told` hears of progress, 0 to 1.
+/// Runs `conditions` with the seeds `1..=seeds` on `threads` threads. Calls `told` with the
+/// progress, 0 to 1.
 ///
 /// # Errors
 /// If a condition's scene cannot be rendered.
@@ -44,7 +45,7 @@ pub fn run(
         });
         outcomes.collect()
     };
-    // In the order of the seeds: the same bits however many threads there are.
+    // In the order of the seeds, so that the result has the same bits for any number of threads.
     let found = ThreadPool::new(threads).map((1..=seeds).collect(), of_seed);
     let mut rows: Vec<Row> = (conditions.iter())
         .map(|condition| Row {

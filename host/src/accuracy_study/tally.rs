@@ -1,32 +1,32 @@
-//! Counts of outcomes, and what they must be.
+//! Counts of outcomes and the limits they are judged by.
 
 use super::condition::Condition;
 use super::trial::Outcome;
 use std::collections::BTreeMap;
 
-/// What came out of many trials.
+/// Counts over many trials.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Displacements.
+    /// Number of measurements.
     pub measured: u32,
-    /// Refusals by name.
+    /// Number of refusals by name.
     pub refused: BTreeMap<&'static str, u32>,
     /// Sum of squared errors per axis, mm².
     pub squares_mm2: [f64; 3],
     /// Sum of (error / sigma)² per axis.
     pub normalised: [f64; 3],
-    /// Measurements within three sigma, per axis.
+    /// Number of measurements within three sigma, per axis.
     pub within: [u32; 3],
-    /// Measurements with any axis off by more than five sigma and [`GROSS_MM`].
+    /// Number of measurements with an error on any axis above five sigma and [`GROSS_MM`].
     pub gross: u32,
-    /// Points behind the measurements.
+    /// Sum of the points of all measurements.
     pub points: usize,
-    /// Measurements that said of themselves what they had to.
+    /// Number of measurements whose refused cameras are the required ones.
     pub said: u32,
 }
 
 impl Tally {
-    /// Counts one.
+    /// Counts one outcome.
     pub fn add(&mut self, outcome: &Outcome) {
         let (error, sigma, points, said) = match outcome {
             Outcome::Refused(name) => {
@@ -54,7 +54,7 @@ impl Tally {
         self.gross += u32::from(gross);
     }
 
-    /// Counts all that another one counted.
+    /// Adds the counts of `other`.
     pub fn merge(&mut self, other: &Self) {
         self.measured += other.measured;
         for (name, count) in &other.refused {
@@ -70,34 +70,34 @@ impl Tally {
         self.said += other.said;
     }
 
-    /// Trials.
+    /// Returns the number of trials.
     pub fn trials(&self) -> u32 {
         self.measured + self.refused.values().sum::<u32>()
     }
 
-    /// Root mean square error per axis, mm. Not a number of nothing.
+    /// Returns the root mean square error per axis, mm. NaN without a measurement.
     pub fn rms_mm(&self) -> [f64; 3] {
         self.squares_mm2
             .map(|s| (s / f64::from(self.measured)).sqrt())
     }
 
-    /// Mean of (error / sigma)² per axis: 1 where sigma is right.
+    /// Returns the mean of (error / sigma)² per axis: 1 if sigma is right.
     pub fn normalised(&self) -> [f64; 3] {
         self.normalised.map(|s| s / f64::from(self.measured))
     }
 
-    /// Share within three sigma, worst axis.
+    /// Returns the share of measurements within three sigma, on the worst axis.
     pub fn within(&self) -> f64 {
         let least = self.within.iter().min().copied().unwrap_or(0);
         f64::from(least) / f64::from(self.measured)
     }
 
-    /// Mean number of points.
+    /// Returns the mean number of points.
     pub fn mean_points(&self) -> f64 {
         self.points as f64 / f64::from(self.measured)
     }
 
-    /// What of a condition's expectations does not hold, in words.
+    /// Returns the unmet expectations of a condition, in words.
     pub fn failures(&self, condition: &Condition) -> Vec<String> {
         let expected = &condition.expected;
         let mut failures = Vec::new();
@@ -131,13 +131,13 @@ impl Tally {
 pub const HONEST: [f64; 2] = [0.8, 1.3];
 /// Least share of measurements within three sigma, per axis.
 pub const WITHIN: f64 = 0.99;
-/// What an error may exceed five sigma by before it is a gross error, mm.
+/// Margin beyond five sigma above which an error is gross, mm.
 pub const GROSS_MM: f64 = 0.02;
-/// One gross error may occur in so many measurements.
+/// Number of measurements in which one gross error may occur.
 pub const GROSS_IN: u32 = 10_000;
 
-/// What of the claims about all measurements together does not hold, in words. `looseness` widens
-/// the statistical limits for sweeps of few measurements: 1 for none.
+/// Returns the unmet claims about all measurements together, in words. `looseness` widens the
+/// statistical limits for sweeps of few measurements; 1 leaves them unchanged.
 pub fn failures_of_all(total: &Tally, looseness: f64) -> Vec<String> {
     let mut failures = Vec::new();
     let [low, high] = [HONEST[0] / looseness, HONEST[1] * looseness];

@@ -1,4 +1,4 @@
-//! One reference, one motion, one measurement.
+//! One trial: a keyframe, a motion, and a measurement.
 
 use super::condition::{Change, Condition, Failure};
 use crate::flow::CameraRefusal;
@@ -11,28 +11,28 @@ use crate::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
 
-/// Motions that are tried with every poster and noise.
+/// Number of motions tried with every poster and noise level.
 pub const MOVES: usize = 4;
 
-/// What a trial gave.
+/// Result of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// A displacement.
+    /// The trial gave a displacement.
     Measured {
-        /// Less the truth, mm.
+        /// Measured minus true displacement, mm.
         error_mm: [f64; 3],
-        /// As stated, mm.
+        /// Stated sigma, mm.
         sigma_mm: [f64; 3],
-        /// Points behind it.
+        /// Number of points in the measurement.
         points: usize,
-        /// Whether the measurement said of itself what it had to.
+        /// True if the measurement refused exactly the cameras at fault.
         said: bool,
     },
-    /// None, for this reason.
+    /// The trial gave no displacement, for this reason.
     Refused(&'static str),
 }
 
-/// Posters by kind, of one seed: drawn once, hung many times.
+/// Posters by kind, of one seed. Each is drawn once and used in many trials.
 #[derive(Debug)]
 pub struct Posters {
     seed: u64,
@@ -40,7 +40,7 @@ pub struct Posters {
 }
 
 impl Posters {
-    /// None is drawn yet.
+    /// Creates a collection without posters.
     pub fn new(seed: u64) -> Self {
         Self {
             seed,
@@ -48,7 +48,7 @@ impl Posters {
         }
     }
 
-    /// With so much of its contrast.
+    /// Returns the poster of this kind with its contrast scaled by `contrast`.
     pub fn of(&mut self, kind: TextureKind, contrast: f64) -> Texture {
         let found = self.drawn.iter().find(|(drawn, _)| *drawn == kind);
         let mut texture = if let Some((_, texture)) = found {
@@ -59,29 +59,29 @@ impl Posters {
             texture
         };
         for grey in &mut texture.grey {
-            // Less contrast around a grey that leaves room for more light.
+            // Reduce the contrast around a grey that leaves room for more light.
             *grey = (100.0 + contrast * (f64::from(*grey) - 128.0) + 28.0 * contrast) as f32;
         }
         texture
     }
 }
 
-/// A condition with one seed's poster hung.
+/// Scene of one condition with the poster of one seed.
 pub struct Bench<'a> {
     condition: &'a Condition,
     rig: Rig,
     scene: Scene,
-    /// In front of the target, or in its place.
+    /// Scene in front of the target, or in its place.
     other: Option<Scene>,
     depth_mm: f64,
     random: Random,
 }
 
-/// Nearness of what covers the target, as a share of its depth.
+/// Depth of the covering object as a share of the target's depth.
 const COVER: f64 = 0.82;
 
 impl<'a> Bench<'a> {
-    /// Hangs the poster.
+    /// Sets up the scene.
     ///
     /// # Errors
     /// If the condition's scene cannot be rendered.
@@ -126,7 +126,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// All noises and motions.
+    /// Runs all noise levels and motions.
     pub fn run(&mut self) -> Vec<(f64, Outcome)> {
         let mut outcomes = Vec::new();
         for noise_grey in self.condition.noise_grey {
@@ -139,7 +139,7 @@ impl<'a> Bench<'a> {
         outcomes
     }
 
-    /// A motion along a random direction, mm.
+    /// Returns a random motion of the target, mm.
     fn motion(&mut self) -> [f64; 3] {
         let mm_per_px = self.depth_mm / self.rig.mean_focal_px();
         let [low, high] = self.condition.move_px.map(|px| px * mm_per_px);
@@ -152,7 +152,7 @@ impl<'a> Bench<'a> {
 
     fn trial(&mut self, noise_grey: f64) -> Result<Outcome, FlowRefusal> {
         let moved = self.motion();
-        // Another part of the poster every time, at every phase.
+        // View another part of the poster in every trial, at every phase.
         let place = [(); 2].map(|()| self.random.between(-300.0, 300.0));
         self.scene.look_at(place);
         if let Some(other) = &mut self.other {
@@ -245,7 +245,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// Differs from the target's by at least two pixels.
+    /// Returns a motion that differs from the target's by at least two pixels.
     fn motion_of_cover(&self, moved: [f64; 3]) -> [f64; 3] {
         let mut random = self.random.clone();
         let px = self.depth_mm / self.rig.mean_focal_px();
@@ -258,7 +258,7 @@ impl<'a> Bench<'a> {
         ]
     }
 
-    /// Puts `front` before the right two fifths of the middle view; its left edge is a vertical
+    /// Covers the right two fifths of the middle image with `front`, whose left edge is a vertical
     /// line in space.
     fn cover(&self, capture: &mut FrameSet, front: FrameSet, moved: [f64; 3]) {
         let z = COVER * self.depth_mm;
@@ -269,7 +269,7 @@ impl<'a> Bench<'a> {
         for ((view, front), camera) in views.zip(&self.rig.cameras) {
             let [edge, _] = camera.project(edge_mm);
             for (i, (grey, front)) in view.grey.iter_mut().zip(front.grey).enumerate() {
-                // The pixel on the edge sees a part of each.
+                // The pixel on the edge is a mixture of both.
                 let share = ((i % view.width) as f64 + 0.5 - edge).clamp(0.0, 1.0);
                 let [front, behind] = [front, *grey].map(f64::from);
                 *grey = (behind + share * (front - behind)).round() as u8;
@@ -278,7 +278,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// The inside of a lens cap.
+/// Returns an image of the inside of a lens cap.
 fn dark(like: &Image, noise_grey: f64, mut random: Random) -> Image {
     let grey = || (5.0 + noise_grey * random.gaussian()).round() as u8;
     Image {
@@ -287,7 +287,7 @@ fn dark(like: &Image, noise_grey: f64, mut random: Random) -> Image {
     }
 }
 
-/// Whether the measurement says of its cameras what it has to, and nothing else. `which` is at
+/// Returns true if the measurement refused exactly the cameras it must. `which` is the camera at
 /// fault.
 fn says(seen: &Measurement, condition: &Condition, which: usize) -> bool {
     let expected = |absence: &CameraRefusal| match (condition.change, absence) {

@@ -1,17 +1,17 @@
-//! What the stage can do at the station's word rate, and how far it goes before it stands.
+//! Step rates of the stage at the station's word rate, and its stopping distances.
 //!
 //! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The
-//! worst moment for a stop is the one in which the axis still speeds up, at `a`, and will be at
-//! full speed once the acceleration is gone: that adds `v a/j - a³/6j²`. The planner's grid adds
+//! worst moment for a stop is the one in which the axis still accelerates at `a` and will be at
+//! full speed once the acceleration has ended: that adds `v a/j - a³/6j²`. The planner's grid adds
 //! `(v + a·1 ms)·1 ms`. These are the terms of [`shared::motion::Planner`]'s stop bound at its
 //! largest.
 //!
-//! When the host falls silent the axis goes on for the heartbeat time and the ticks until the
-//! station acts on it, `T`. Farthest comes either one that cruises, `v T` and the ramp; or one that
-//! still speeds up at the stop, at `a`, and so was slower before: with `D(u)` what it lacks of the
-//! full speed a time `u` before it would be there, `v (T + a/j) - ∫ D` over `T + a/j`, and the
-//! ramp. Both are below the bound of any speed and acceleration,
-//! `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
+//! When the host falls silent, the axis goes on for a time `T`: the heartbeat time and the ticks
+//! until the station acts on it. One of two cases has the longest distance. An axis that cruises
+//! travels `v T` and the ramp. An axis that still accelerates at `a` at the stop was slower before:
+//! if `D(u)` is the difference to full speed at a time `u` before it would be reached, the distance
+//! is `v (T + a/j) - ∫ D` over `T + a/j`, and the ramp. Both are below the bound of any speed and
+//! acceleration, `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
 
 use serde::Serialize;
 use shared::frame::message::{Config, ConfigField, Mounting};
@@ -23,31 +23,31 @@ use crate::client::bound::{Refused, refused};
 use crate::client::stage::{HEARTBEAT_MS, configuration, timing};
 use crate::rig_file::Stage;
 
-/// The word rate of the firmware and the twin.
+/// Word rate of the firmware and the twin.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;
 
-/// From the end of the heartbeat time to the stop: the tick that notices, the tick already planned,
-/// and the one in which the last ping came, s.
+/// Time from the end of the heartbeat time to the stop, s: the tick that detects the timeout, the
+/// tick already planned, and the tick of the last ping.
 const NOTICE_S: f64 = 3e-3;
 
-/// Control ticks of the planner, s.
+/// Period of the planner's control ticks, s.
 const TICK_S: f64 = 1e-3;
 
 /// Names of the stage's axes.
 pub const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// What one axis can do.
+/// Step rate and distances of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Axis {
-    /// One step, mm.
+    /// Length of one step, mm.
     pub step_mm: f64,
     /// Steps per second at full speed.
     pub steps_per_s: f64,
-    /// The most that the word rate makes.
+    /// Largest number of steps per second at the word rate.
     pub most_steps_per_s: u32,
-    /// Largest way from the order to stop to rest, mm.
+    /// Largest distance from the stop command to rest, mm.
     pub stop_mm: f64,
-    /// Largest way from the host's last sign of life to rest, mm.
+    /// Largest distance from the host's last heartbeat to rest, mm.
     pub silence_mm: f64,
     /// Length of the shortest move that reaches full speed, mm.
     pub full_speed_mm: f64,
@@ -55,33 +55,33 @@ pub struct Axis {
     pub travel_mm: f64,
 }
 
-/// The drivers at the station's word rate.
+/// Step drivers at the station's word rate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drivers {
-    /// Their name.
+    /// Name of the drivers.
     pub name: &'static str,
     /// Port words per second.
     pub word_rate_hz: u32,
-    /// The highest word rate they could take, Hz; `None` if they are too slow for any.
+    /// Highest word rate the drivers allow, Hz; `None` if they are too slow for any.
     pub highest_word_rate_hz: Option<u32>,
 }
 
-/// The stage.
+/// Predictions for the stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drive {
-    /// Per axis.
+    /// Predictions per axis.
     pub axes: [Axis; 3],
-    /// The step drivers.
+    /// Predictions for the step drivers.
     pub drivers: Drivers,
-    /// Longest silence of the host that the station bears, ms.
+    /// Heartbeat timeout of the station, ms.
     pub heartbeat_ms: u16,
-    /// Why the station would refuse this stage: field of the rig file, reason. Empty if it takes
-    /// it.
+    /// Reasons for the station to refuse this stage, each with the field of the rig file. Empty if
+    /// the station accepts it.
     pub faults: Vec<(String, String)>,
 }
 
 impl Drive {
-    /// Of this stage behind the station's ports.
+    /// Predicts `stage` behind the station's ports.
     pub fn of(stage: &Stage) -> Self {
         let mut faults = Vec::new();
         let config = configuration(stage, Mounting::OnStage);
@@ -119,7 +119,8 @@ impl Drive {
     }
 }
 
-/// The fields that the station would refuse: all limits of axes and, without one, its own first.
+/// Returns the fields that the station would refuse: all limits of the axes or, if these are valid,
+/// the first field that the station's own check refuses.
 fn refusals(config: &Config) -> Vec<(String, String)> {
     let axes = config.axes.iter().enumerate();
     let limits = axes.filter_map(|(axis, config)| {
@@ -132,7 +133,7 @@ fn refusals(config: &Config) -> Vec<(String, String)> {
         false => None,
     };
     let fields = limits.into_iter().chain(first);
-    // The driver's fault has words of its own.
+    // The driver's fault is reported separately.
     let fields = fields.filter(|field| *field != ConfigField::Driver);
     fields
         .map(|field| {
@@ -142,7 +143,7 @@ fn refusals(config: &Config) -> Vec<(String, String)> {
         .collect()
 }
 
-/// Speed, acceleration and jerk of the three axes, mm/s, mm/s², mm/s³.
+/// Speed, acceleration and jerk of the three axes, in mm/s, mm/s² and mm/s³.
 type Paces = [[f64; 3]; 3];
 
 fn wanted(stage: &Stage) -> Paces {
@@ -155,13 +156,13 @@ fn wanted(stage: &Stage) -> Paces {
     })
 }
 
-/// What is left of the limits on the planner's grid: a lower jerk makes a longer ramp. Where the
-/// planner refuses the stage, what it was asked for.
+/// Returns the limits on the planner's grid: a lower jerk makes a longer ramp. Returns the
+/// requested limits if the planner refuses the stage.
 fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
     let Ok(limits) = Limits::new(axes, WORD_RATE) else {
         return wanted(stage);
     };
-    // Fine units per slot to mm/s, then per tick.
+    // From fine units per slot to mm/s, then per tick.
     let (speeds, accelerations, jerks) = (limits.speeds(), limits.accelerations(), limits.jerks());
     [0, 1, 2].map(|i| {
         let per_s = f64::from(WORD_RATE.slots_per_s()) / 2f64.powi(32) / stage.steps_per_mm[i];
@@ -175,14 +176,14 @@ fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
 
 fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
     let [v, a, j] = paces[i];
-    // More than this is never reached before it must be eased off again.
+    // Largest acceleration that is reached before it must be reduced again.
     let up = a.min((2.0 * v * j).sqrt());
     let down = up.min((v * j).sqrt());
     let ramp_mm = 0.5 * v * (v / down + down / j);
     let easing_mm = v * up / j - up.powi(3) / (6.0 * j * j);
     let grid_mm = (v + up * TICK_S) * TICK_S;
     let silence_s = 1e-3 * f64::from(heartbeat_ms) + NOTICE_S;
-    // Before the stop it sped up at `up`, from rest or for all of the silence.
+    // Before the stop the axis accelerated at `up`, from rest or during the whole silence.
     let lacking = up * up / (2.0 * j);
     let speeding_s = silence_s.min((v - lacking) / up);
     let lacking_mm = speeding_s * (lacking + 0.5 * up * speeding_s) + v * (silence_s - speeding_s);
@@ -199,10 +200,10 @@ fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
     }
 }
 
-/// The highest rate whose words are long enough for the driver.
+/// Returns the highest word rate whose words are long enough for the driver.
 fn highest_word_rate(driver: &DriverTiming) -> Option<u32> {
     const STEP_HZ: u32 = 8_000;
-    // From 16 MHz down; there are 2,000 of them.
+    // Scan down from 16 MHz; there are 2,000 rates.
     let rates = (4..=2_000).rev().map(|n| WordRate::from_hz(n * STEP_HZ));
     rates
         .flatten()
@@ -234,10 +235,10 @@ mod tests {
         [default_stage(), quick, soft]
     }
 
-    /// Drives the planner along a long way and orders a stop in every tick: the farthest is within
-    /// the bound, and the bound is near.
+    /// Drives the planner along a long move and stops it in every tick: the longest distance is
+    /// within the bound and near it.
     #[test]
-    fn the_planner_stops_within_the_bound_and_not_far_below() {
+    fn planner_stop_bound_is_tight() {
         for stage in stages() {
             let far = Stage {
                 travel_mm: [[-2_000.0, 2_000.0]; 3],
@@ -266,7 +267,7 @@ mod tests {
 
     /// The twin's host falls silent at full speed: the pins stop within the bound.
     #[test]
-    fn a_silent_host_costs_no_more_than_predicted() {
+    fn silent_host_stays_within_bound() {
         let stage = Stage {
             travel_mm: [[-1_000.0, 1_000.0]; 3],
             ..default_stage()
@@ -279,7 +280,7 @@ mod tests {
         for stage in [stage, slow] {
             let predicted = Drive::of(&stage).axes[0].silence_mm;
             let mut farthest: f64 = 0.0;
-            // In mid-acceleration, at full speed, and shortly after a ping or long after one.
+            // In mid-acceleration, at full speed, and shortly or long after a ping.
             for after_ms in [
                 60, 150, 220, 250, 280, 300, 1_001, 1_005, 1_008, 1_013, 1_019,
             ] {
@@ -293,7 +294,7 @@ mod tests {
                 twin.advance(twin.now().plus_micros(2_000_000));
                 farthest = farthest.max(twin.position_mm()[0] - last);
             }
-            // The pings are 20 ms apart: the last one may be some ms older than the last look.
+            // Pings are 20 ms apart: the last one may be some ms older than the last inspection.
             assert!(
                 farthest <= predicted && farthest > 0.8 * predicted,
                 "{farthest} of {predicted} mm"
@@ -302,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn both_ways_are_within_the_bound_of_any_speed_and_acceleration() {
+    fn general_bound_covers_both() {
         for stage in stages() {
             for (i, axis) in Drive::of(&stage).axes.iter().enumerate() {
                 // Of the limits on the planner's grid, none of which is lower by more than a sixth
@@ -345,7 +346,7 @@ mod tests {
 
     /// `verify` and the station use one check, so that both accept the same stages.
     #[test]
-    fn other_fields_are_checked_as_the_station_does() {
+    fn fields_match_station_check() {
         let mut stage = default_stage();
         stage.care.slow_speed_mm_s = 0.001;
         let drive = Drive::of(&stage);
@@ -355,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_travel_shows_that_full_speed_is_never_reached() {
+    fn short_travel_limits_speed() {
         let axis = &Drive::of(&default_stage()).axes[0];
         // v²/a + v a/j = 5 + 4 mm, and 2 % more on the planner's grid.
         assert!((9.0..9.2).contains(&axis.full_speed_mm), "{axis:?}");

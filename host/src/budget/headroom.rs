@@ -1,12 +1,13 @@
-//! How far the numbers of this rig stay from the ends of their fixed-point formats.
+//! Headroom: distance of this rig's numbers from the limits of their fixed-point formats.
 //!
-//! Every sum is a mean over the points, so it is largest for points that all lie where one point
-//! would make it largest. That is searched for over the corners of what all cameras see, the depths
-//! of the range, and displacements of up to the rated 100 mm each way along every axis, as long as
-//! the depth stays in the range. The sums are the station's own ([`CentredSums`], [`PairSums`]).
+//! Every sum is a mean over the points, so it is largest if all points lie at the one place that
+//! makes it largest. The search covers the corners of the view common to all cameras, the depths of
+//! the range, and displacements of up to the rated 100 mm in each direction along every axis, as
+//! long as the depth stays in the range. The sums are the station's own ([`CentredSums`],
+//! [`PairSums`]).
 //!
-//! Some numbers must not become too *small*: spread and determinant shrink with depth. For these
-//! the depth is searched at which the station's own estimators refuse.
+//! Some numbers must not become too *small*: spread and determinant shrink with depth. For these,
+//! the search finds the depth at which the station's own estimators refuse.
 
 use serde::Serialize;
 use shared::estimate::{Gate, closed_form, midpoint};
@@ -19,24 +20,24 @@ use shared::sums::pair::{FixedPairSums, PairSums};
 use crate::field_of_view::FieldOfView;
 use crate::rig_file::Stage;
 
-/// Largest displacement along each axis that the station is rated for, mm.
+/// Rated displacement of the station along each axis, mm.
 pub const RATED_MOVE_MM: f64 = 100.0;
 
-/// Most points it is rated for.
+/// Rated number of points of the station.
 pub const RATED_POINTS: u32 = 4_000;
 
-/// One number of the wire or the station.
+/// Headroom of one number on the wire or in the station.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Room {
-    /// Its name in the code.
+    /// Name of the number in the code.
     pub name: &'static str,
-    /// Its format.
+    /// Fixed-point format of the number.
     pub format: &'static str,
-    /// Largest size over the rated range.
+    /// Largest magnitude over the rated range.
     pub worst: f64,
-    /// Largest size the format holds.
+    /// Largest magnitude the format holds.
     pub limit: f64,
-    /// `log2(limit/worst)`: negative if it overflows.
+    /// Headroom in bits, `log2(limit/worst)`: negative if the number overflows.
     pub bits_left: f64,
 }
 
@@ -52,19 +53,18 @@ impl Room {
     }
 }
 
-/// Everything that could overflow or vanish.
+/// Headroom of every number that could overflow or vanish.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Headroom {
-    /// The numbers that must not become too large.
+    /// Numbers that must not become too large.
     pub rooms: Vec<Room>,
-    /// Depth beyond which the station's midpoint finds no displacement in points that all lie in
-    /// one place, mm.
+    /// Depth beyond which the station's midpoint refuses points that all lie in one place, mm.
     pub midpoint_to_mm: f64,
-    /// The same of the closed form; `None` if it is not made for this rig.
+    /// The depth limit of the closed form, mm; `None` if the rig does not suit the closed form.
     pub closed_form_to_mm: Option<f64>,
 }
 
-/// Largest sizes met so far.
+/// Largest magnitudes found so far.
 #[derive(Default)]
 struct Worst {
     mean_mm: f64,
@@ -76,8 +76,8 @@ struct Worst {
 }
 
 impl Headroom {
-    /// Of a rig whose targets stay between two depths, mm. `None` if the cameras have nothing in
-    /// common there.
+    /// Computes the headroom of a rig whose targets stay between two depths, mm. Returns `None` if
+    /// the cameras have no common view there.
     pub fn of(
         rig: &Rig,
         stage: Option<&Stage>,
@@ -155,7 +155,8 @@ impl Headroom {
     }
 }
 
-/// The distances of a stage in steps, as far as the station checks them.
+/// Returns the headroom of the stage's distances in steps, for all distances that the station
+/// checks.
 fn distances(stage: &Stage) -> impl Iterator<Item = Room> {
     let finest = stage.steps_per_mm.into_iter().fold(0.0, f64::max);
     let gate_mm = f64::from(Gate::DEFAULT.max_displacement_nm) * 1e-6;
@@ -256,7 +257,7 @@ fn grow(worst: &mut f64, values: impl IntoIterator<Item = f64>) {
 }
 
 impl Worst {
-    /// A frame whose points are all at one place.
+    /// Takes in a frame whose points are all in one place.
     fn meet(&mut self, rig: &Rig, from: [f64; 3], to: [f64; 3]) {
         let views = views(rig, from, to);
         if let Some(sums) = centred(rig, &views) {
@@ -291,7 +292,8 @@ fn pair(rig: &Rig, views: &[PointView]) -> Option<PairSums> {
     Some(sums)
 }
 
-/// A point in the middle of the common view that does not move: what remains is what depth does.
+/// Returns a point in the middle of the common view that does not move, so that only depth affects
+/// its sums.
 fn at_rest(rig: &Rig, view: &FieldOfView, depth: f64) -> Option<Vec<PointView>> {
     let [.., [x, y]] = view.common(depth)?.corners_and_middle();
     let at = [x, y, depth];
@@ -310,8 +312,8 @@ fn closed_form_works(rig: &Rig, view: &FieldOfView, depth: f64) -> bool {
     fixed.is_some_and(|fixed| closed_form::solve_fixed(&fixed).is_ok())
 }
 
-/// The largest depth that works, mm, between 10 mm and 1,000 m: from the far end down to the first
-/// that does, then halved.
+/// Returns the largest depth that works, mm, between 10 mm and 1,000 m: scans from the far end for
+/// the first depth that works, then bisects.
 fn farthest(works: impl Fn(f64) -> bool) -> f64 {
     let (nearest, farthest) = (10.0, 1e6);
     let (mut low, mut high) = (farthest, farthest);
@@ -349,10 +351,10 @@ mod tests {
         Headroom::of(rig, None, &FieldOfView::new(rig, 0.0), RANGE_MM).unwrap()
     }
 
-    /// Random frames of the rated range, quantised: none comes nearer to the end of its format than
-    /// stated, and some come near.
+    /// Random quantised frames of the rated range: none exceeds the stated worst case, and some
+    /// come near it.
     #[test]
-    fn no_frame_of_the_rated_range_is_worse_than_the_worst() {
+    fn rated_frames_stay_within_worst() {
         let rig = Rig::paper();
         let (headroom, view) = (of(&rig), FieldOfView::new(&rig, 0.0));
         let mut random = Random::new(3, 0);
@@ -382,7 +384,7 @@ mod tests {
                 pair.add([views[0], views[1], views[2]]);
             }
             let (Ok(c), Ok(p)) = (centred.quantise(), pair.quantise()) else {
-                continue; // no point was left
+                continue; // no point is left
             };
             let groups: [&[i32]; 6] = [
                 &c.mean_nm,
@@ -407,17 +409,17 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_rig_has_room_everywhere() {
+    fn paper_rig_has_headroom() {
         let headroom = of(&Rig::paper());
         assert!(headroom.rooms.iter().all(|room| room.bits_left > 0.0));
-        // As the closed form's own documentation says of 70 and 68 mm.
+        // As documented at the closed form for 70 and 68 mm.
         let to = headroom.closed_form_to_mm.unwrap();
         assert!((2100.0..2300.0).contains(&to), "{to}");
         assert!(headroom.midpoint_to_mm > 10_000.0);
     }
 
     #[test]
-    fn a_wide_rig_overflows_by_name_and_a_narrow_one_ends_early() {
+    fn extreme_rigs_exceed_formats() {
         let camera = |x| Camera::ideal([400.0; 2], [960.0, 540.0], [x, 0.0]);
         let wide = Rig {
             image_size_px: [1920, 1080],
@@ -432,10 +434,10 @@ mod tests {
         assert!(of(&narrow).closed_form_to_mm.unwrap() < 400.0);
     }
 
-    /// A room that is overrun belongs to a stage that the station refuses, and one that is not to a
-    /// stage that it takes: at the edge of each distance.
+    /// A distance overflows exactly if the station refuses the stage: tested at the edge of each
+    /// distance.
     #[test]
-    fn distances_end_where_the_station_refuses() {
+    fn distance_limits_match_station() {
         use crate::client::stage::{configuration, default_stage};
         use crate::rig_file::HomeSwitch;
         use shared::frame::message::{Mounting, Side};
@@ -479,7 +481,7 @@ mod tests {
                 let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();
                 (taken.is_ok(), room(&headroom, name).bits_left >= 0.0)
             };
-            // The edge to a µm, by halves.
+            // Bisect for the edge, to one µm.
             let (mut low, mut high) = (about_mm, 1.2 * about_mm);
             assert_eq!(
                 (verdict(low), verdict(high)),

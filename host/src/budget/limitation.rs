@@ -1,4 +1,4 @@
-//! What limits a rig, each limit under the name of the field or number that sets it.
+//! Limits of a rig, each under the name of the field or number that sets it.
 
 use serde::Serialize;
 use shared::estimate::Gate;
@@ -13,20 +13,20 @@ use crate::matching::geometry::RigGeometry;
 use crate::matching::stereo::matched_depths_mm;
 use crate::rig_file::{RigFile, Stage};
 
-/// How bad it is, the worst first.
+/// Severity of a limit, worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// The station would refuse the rig.
     Refusal,
-    /// Part of the range cannot be used, or not as asked for.
+    /// Part of the range cannot be used as requested.
     Warning,
-    /// Worth knowing: what to change first.
+    /// Advice on the most effective change.
     Note,
 }
 
 impl Severity {
-    /// As it is printed.
+    /// Returns the name as printed.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Refusal => "refusal",
@@ -36,25 +36,26 @@ impl Severity {
     }
 }
 
-/// One limit.
+/// One limit of a rig.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Limitation {
-    /// How bad.
+    /// Severity of the limit.
     pub severity: Severity,
-    /// The field of the rig file, or the number, that sets it.
+    /// Field of the rig file, or number, that sets the limit.
     pub name: String,
-    /// What it does, with figures.
+    /// Effect of the limit, with figures.
     pub text: String,
 }
 
-/// How many times as much one camera may magnify as another: at 1.3 half of the points are matched,
-/// at 1.5 hardly any (`tests/pipeline/rigs.rs`).
+/// Largest ratio of magnification between two cameras: at 1.3 half of the points are matched, at
+/// 1.5 hardly any (`tests/pipeline/rigs.rs`).
 const MOST_MAGNIFICATION: f64 = 1.3;
 
-/// Windows so crowded that the variance is this much wider: twice the points gain next to nothing.
+/// Variance inflation factor above which windows are crowded: doubling the points then gains next
+/// to nothing.
 const CROWDED: f64 = 3.0;
 
-/// All limits of `rig`, the worst first.
+/// Returns all limits of `rig`, the worst first.
 pub(super) fn find(rig: &RigFile, view: &FieldOfView, found: &Verification) -> Vec<Limitation> {
     let mut limits = Vec::new();
     let mut add = |severity, name: &str, text: String| {
@@ -114,7 +115,8 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
             let ratio = ratio.max(1.0 / ratio);
             if ratio > MOST_MAGNIFICATION {
                 let text = format!(
-                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
+                    "focal lengths of {name} and {} differ {ratio:.2} times: half of the points \
+                     are lost at {MOST_MAGNIFICATION}, nearly all at 1.5",
                     rig.names[geometry.reference]
                 );
                 add(Severity::Warning, "camera.focal_px", text);
@@ -124,13 +126,15 @@ fn cameras(rig: &RigFile, view: &FieldOfView, found: &Verification, add: &mut Ad
             (matched_depths_mm(&geometry), geometry.longest_baseline_mm);
         if most < far {
             let text = format!(
-                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points beyond {most:.0} mm are not matched, their disparities say too little"
+                "no camera is farther than {reach_mm:.2} mm from the one in the middle: points \
+                 beyond {most:.0} mm are not matched, their disparities say too little"
             );
             add(Severity::Warning, "camera.offset_mm", text);
         }
         if least > near.max(nearest) {
             let text = format!(
-                "points nearer than {least:.0} mm are not matched: they lie more than half an image apart in the cameras"
+                "points nearer than {least:.0} mm are not matched: they lie more than half an \
+                 image apart in the cameras"
             );
             add(Severity::Warning, "image_size_px", text);
         }
@@ -159,7 +163,8 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
         let beyond = (found.depths.iter()).find(|at| sigma(at, axis).is_some_and(|s| s > gate));
         if let Some(at) = beyond {
             let text = format!(
-                "from {:.0} mm on sigma {name} is above the station's gate of {gate} mm even with {points} points: frames are refused",
+                "from {:.0} mm on sigma {name} is above the station's gate of {gate} mm even with \
+                 {points} points: frames are refused",
                 at.depth_mm
             );
             add(Severity::Warning, &format!("sigma {name}"), text);
@@ -182,7 +187,8 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
         (found.depths.iter()).rfind(|at| at.widening.get(most).is_some_and(|w| *w > CROWDED));
     if let Some(at) = crowded {
         let text = format!(
-            "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} independent ones there; a larger image or less noise helps, more points do not",
+            "{points} windows overlap in the common view up to {:.0} mm: as good as {:.0} \
+             independent ones there; a larger image or less noise helps, more points do not",
             at.depth_mm,
             f64::from(points.min(at.room_for)) / at.widening[most]
         );
@@ -194,12 +200,13 @@ fn certainty(found: &Verification, add: &mut Add<'_>) {
     else {
         return;
     };
-    // Very wide angles turn it round, and then nothing limits Z.
+    // At very wide angles X is less certain than Z, and nothing limits Z.
     if let (Some(x), Some(z)) = (sigma(middle, 0), sigma(middle, 2))
         && z > x
     {
         let text = format!(
-            "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the views span; shorter focal lengths or cameras farther apart help",
+            "Z is {:.1} times less certain than X at {:.0} mm: it grows with the angle that the \
+             views span; shorter focal lengths or cameras farther apart help",
             z / x,
             middle.depth_mm
         );
@@ -241,7 +248,7 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
                 text,
             );
         }
-        // What a step leaves is spread evenly over it.
+        // The remainder of a step is uniformly distributed.
         let rounding = axis.step_mm / 12f64.sqrt();
         let row = stage.matrix[i];
         let along = |at: &AtDepth| {
@@ -263,8 +270,8 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
     }
 }
 
-/// Describes an axis that will stand outside its travel once its position is known; `None` if it
-/// will not.
+/// Describes an axis that will stand outside its travel once its position is known. Returns `None`
+/// if the axis will be inside.
 fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
     let [low, high] = stage.travel_mm[axis];
     let outside = |mm: f64| mm < low || mm > high;
@@ -280,7 +287,8 @@ fn outside_travel(stage: &Stage, axis: usize) -> Option<String> {
     };
     outside(place).then(|| {
         format!(
-            "excludes {place} mm, where the axis stands after `{after}`: from there it moves only inwards, slowly and when a jog names it, and no target is followed"
+            "excludes {place} mm, where the axis stands after `{after}`: from there it moves only \
+             inwards, slowly and when a jog names it, and no target is followed"
         )
     })
 }
@@ -292,7 +300,8 @@ fn formats(found: &Verification, add: &mut Add<'_>) {
     let [near, far] = found.settings.depth_range_mm;
     for room in headroom.rooms.iter().filter(|room| room.bits_left < 0.0) {
         let text = format!(
-            "reaches {:.4} of {:.4} ({}) between {near} and {far} mm and displacements of {RATED_MOVE_MM} mm: such frames are refused",
+            "reaches {:.4} of {:.4} ({}) between {near} and {far} mm and displacements of \
+             {RATED_MOVE_MM} mm: such frames are refused",
             room.worst, room.limit, room.format
         );
         add(Severity::Warning, room.name, text);

@@ -1,14 +1,13 @@
-//! What a rig will be able to do, from its description alone.
+//! Error budget: predicts accuracy and limits of a rig from its description alone.
 //!
-//! - [`field_of_view`](crate::field_of_view): what the cameras see, together and between two;
-//! - [`sigma`]: how well a displacement will be known, per axis, over depth and number of points;
+//! - [`field_of_view`](crate::field_of_view): common view of all cameras and of two;
+//! - [`sigma`]: standard deviation of a displacement per axis, over depth and number of points;
 //! - [`drive`]: step rates and stopping distances of the stage;
-//! - [`headroom`]: how far all numbers stay from the ends of their fixed-point formats;
-//! - [`limitation`]: which of these limits the rig, by name;
-//! - [`present`]: all of it as tables, figures and page.
+//! - [`headroom`]: distance of all numbers from the limits of their fixed-point formats;
+//! - [`limitation`]: the limits of the rig, by name;
+//! - [`present`]: all predictions as tables, figures and page.
 //!
-//! Nothing here is measured. The tests hold every prediction against a simulation of what it
-//! predicts.
+//! Nothing here is measured. The tests compare every prediction with a simulation.
 
 pub mod drive;
 pub mod headroom;
@@ -27,7 +26,7 @@ use headroom::Headroom;
 use limitation::Limitation;
 use sigma::{MARGIN_PX, Predictor};
 
-/// What to predict for.
+/// Conditions of the prediction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// Standard deviation of each component of a point's flow in one camera, px.
@@ -39,8 +38,9 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// The rated depths. With noise of 2 grey levels, sharp pictures have 0.011 to 0.012 px and
-    /// soft ones 0.03 to 0.054 px (`tests/verify.rs` prints it).
+    /// Returns the settings for the rated depths. With noise of 2 grey levels, sharp images have
+    /// 0.011 to 0.012 px of flow noise and soft ones 0.03 to 0.054 px (`tests/verify.rs` prints
+    /// it).
     fn default() -> Self {
         Self {
             noise_px: 0.03,
@@ -50,69 +50,68 @@ impl Default for Settings {
     }
 }
 
-/// What is predicted for one depth.
+/// Predictions for one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AtDepth {
     /// Depth, mm.
     pub depth_mm: f64,
-    /// Round enough for the table.
+    /// True if the depth is round enough for a row of the table.
     #[serde(skip)]
     pub is_row: bool,
-    /// Width and height of what all cameras see, mm; `None` if nothing.
+    /// Width and height of the view common to all cameras, mm; `None` if they have none.
     pub view_mm: Option<[f64; 2]>,
     /// Area that at least two cameras see, mm².
     pub two_see_mm2: f64,
-    /// Standard deviation per axis, mm, for each of [`Settings::points`]; empty without a common
-    /// view, and where no points are matched.
+    /// Standard deviation per axis, mm, for each of [`Settings::points`]. Empty without a common
+    /// view, and at depths where no points are matched.
     pub sigma_mm: Vec<[f64; 3]>,
-    /// How many points have room in what all cameras see; more gain nothing.
+    /// Largest number of points that fit into the common view; more points gain nothing.
     pub room_for: u32,
-    /// By how much the variance is larger than for independent points, for each of
-    /// [`Settings::points`].
+    /// Variance inflation factor for each of [`Settings::points`], at least 1.
     pub widening: Vec<f64>,
 }
 
-/// The space in which targets can be.
+/// Space in which targets can be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Volume {
-    /// Depth from which on all cameras have something in common and points are matched, mm, within
-    /// the range; `None` if they never have.
+    /// Smallest depth within the range, mm, with a common view and matched points; `None` if there
+    /// is none.
     pub from_mm: Option<f64>,
-    /// Depth up to which they have and points are matched, mm, within the range; `None` with
+    /// Largest depth within the range, mm, with a common view and matched points; `None` with
     /// `from_mm`.
     pub to_mm: Option<f64>,
-    /// Volume that all cameras see, litres.
+    /// Volume in the view of all cameras, litres.
     pub all_see_l: f64,
-    /// Volume that at least two cameras see, litres.
+    /// Volume in the view of at least two cameras, litres.
     pub two_see_l: f64,
 }
 
-/// Everything that is predicted.
+/// All predictions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Verification {
-    /// What for.
+    /// Conditions of the predictions.
     pub settings: Settings,
-    /// Over the range of depths, near to far.
+    /// Predictions over the range of depths, near to far.
     pub depths: Vec<AtDepth>,
-    /// The space in view.
+    /// Volume in view.
     pub volume: Volume,
-    /// The stage; `None` if the rig has none.
+    /// Predictions for the stage; `None` if the rig has none.
     pub drive: Option<Drive>,
-    /// Fixed-point formats; `None` if the cameras have nothing in common.
+    /// Headroom of the fixed-point formats; `None` if the cameras have no common view.
     pub headroom: Option<Headroom>,
-    /// What limits the rig, the worst first.
+    /// Limits of the rig, the worst first.
     pub limitations: Vec<Limitation>,
 }
 
-/// Depths between two rows of the table, for the plots.
+/// Number of depths between two rows of the table, for the plots.
 const BETWEEN_ROWS: u32 = 6;
 
 impl Verification {
-    /// Of `rig`.
+    /// Predicts the accuracy and the limits of `rig`.
     pub fn of(rig: &RigFile, settings: Settings) -> Self {
         let view = FieldOfView::new(&rig.rig, MARGIN_PX);
         let [near, far] = settings.depth_range_mm;
-        // Cameras in one place match nothing.
+        // Cameras in one place give no matches.
         let matched = RigGeometry::new(&rig.rig).map_or([far, near], |g| matched_depths_mm(&g));
         let depths = depths(near, far)
             .into_iter()
@@ -143,13 +142,13 @@ impl Verification {
         verification
     }
 
-    /// The rows of the table.
+    /// Returns the rows of the table.
     pub fn table_depths(&self) -> impl Iterator<Item = &AtDepth> {
         self.depths.iter().filter(|at| at.is_row)
     }
 }
 
-/// Depths from near to far and whether they are round enough for a row of the table: the ends, and
+/// Returns depths from near to far, each with true if it is a row of the table: the ends, and
 /// multiples of 1, 2 or 5 times a power of ten.
 fn depths(near: f64, far: f64) -> Vec<(f64, bool)> {
     let rough = (far - near) / 10.0;
@@ -200,9 +199,9 @@ fn at_depth(
 mod tests {
     use super::*;
 
-    /// The range of depths is that of the table, whatever ends it.
+    /// The range of depths is that of the table, whichever limit ends it.
     #[test]
-    fn views_that_cross_are_predicted_up_to_where_they_part() {
+    fn crossing_views_end_prediction() {
         let mut rig = RigFile::paper();
         rig.rig.cameras[0].principal_px[0] = 0.0;
         rig.rig.cameras[2].principal_px[0] = 319.0;
@@ -227,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn images_smaller_than_a_window_are_named() {
+    fn image_below_window_is_named() {
         let mut rig = RigFile::paper();
         rig.rig.image_size_px = [16, 12];
         for camera in &mut rig.rig.cameras {
@@ -242,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tables_depths_are_round_and_within_the_range() {
+    fn table_depths_are_round() {
         for (near, far, count) in [(300.0, 2000.0, 9), (812.0, 813.0, 11), (1.0, 1e6, 11)] {
             let depths = depths(near, far);
             assert!(depths.windows(2).all(|pair| pair[0].0 < pair[1].0));

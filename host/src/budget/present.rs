@@ -4,7 +4,7 @@ use super::drive::AXES;
 use super::{AtDepth, Verification};
 use crate::report::{Cell, LinePlot, Page, Style, Table};
 
-/// All tables, in the order in which they are read.
+/// Returns all tables, in reading order.
 pub fn tables(found: &Verification) -> Vec<Table> {
     let drive = found.drive.as_ref().map(|_| stage(found));
     let headroom = found.headroom.as_ref().map(|_| headroom(found));
@@ -14,7 +14,7 @@ pub fn tables(found: &Verification) -> Vec<Table> {
         .collect()
 }
 
-/// Sigma over depth and number of points.
+/// Returns sigma over depth and number of points.
 fn sigma(found: &Verification) -> Table {
     let caption = format!(
         "Predicted sigma X Y Z of small displacements, mm, by number of points (flow noise {} px)",
@@ -36,7 +36,7 @@ fn sigma(found: &Verification) -> Table {
     table
 }
 
-/// Step rates and ways to rest.
+/// Returns step rates and stopping distances.
 fn stage(found: &Verification) -> Table {
     let mut table = Table::new(
         "The stage",
@@ -66,7 +66,7 @@ fn stage(found: &Verification) -> Table {
     table
 }
 
-/// Bits left in every format.
+/// Returns the bits left in every format.
 fn headroom(found: &Verification) -> Table {
     let [near, far] = found.settings.depth_range_mm;
     let caption =
@@ -90,7 +90,7 @@ fn headroom(found: &Verification) -> Table {
     table
 }
 
-/// Whole numbers for counts, four decimals for fractions.
+/// Formats counts as whole numbers and fractions with four decimals.
 fn significant(value: f64) -> String {
     if value >= 1000.0 {
         format!("{value:.0}")
@@ -99,7 +99,7 @@ fn significant(value: f64) -> String {
     }
 }
 
-/// Names and values that are no table.
+/// Returns the names and values that belong to no table.
 pub fn facts(found: &Verification) -> Vec<(&'static str, String)> {
     let [near, far] = found.settings.depth_range_mm;
     let volume = &found.volume;
@@ -138,7 +138,7 @@ pub fn facts(found: &Verification) -> Vec<(&'static str, String)> {
     facts
 }
 
-/// The page: tables, and sigma and view drawn over the depth.
+/// Returns the page: the tables, and sigma and view drawn over the depth.
 pub fn page(rig: &str, found: &Verification) -> Page {
     let limits: Vec<(String, String)> = found
         .limitations

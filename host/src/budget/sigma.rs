@@ -1,23 +1,24 @@
-//! How well a displacement will be known, before anything is photographed.
+//! Predicts the standard deviation of a displacement before any image is taken.
 //!
-//! `N` points are spread evenly over what all cameras see at the depth `Z`. Each gives in each
-//! camera the flow `v = g (T_xy - ξ T_z)`, `g = 1/Z`, with noise of `s` px, that is `s/f` in
+//! `N` points are spread evenly over the view common to all cameras at the depth `Z`. Each gives in
+//! each camera the flow `v = g (T_xy - ξ T_z)`, `g = 1/Z`, with noise of `s` px, that is `s/f` in
 //! normalised coordinates. The midpoint estimator is the least-squares solution for `T` with equal
-//! weights, so with `A` the rows `g [1 0 -ξ]`, `g [0 1 -η]` and `S` the variances `(s/f)²`
+//! weights. With `A` the rows `g [1 0 -ξ]`, `g [0 1 -η]` and `S` the variances `(s/f)²`, its
+//! covariance is
 //!
 //! ```text
 //! Cov = w/N (Ā'Ā)^-1 (Ā'S Ā) (Ā'Ā)^-1          means over the points, sums over the cameras
 //! ```
 //!
-//! For equal focal lengths that is the Cramér-Rao bound of small displacements (a test holds the
-//! two together). The means over a rectangle of polynomials of the second degree are those over its
-//! four Gauss points, exactly.
+//! For equal focal lengths that is the Cramér-Rao bound of small displacements (a test compares the
+//! two). The means of polynomials of the second degree over a rectangle are computed exactly from
+//! its four Gauss points.
 //!
-//! `w` widens the variance for what is not independent: windows that overlap see the same noise,
-//! and sub-pixel tracking errs alike for all points ([`crate::sums`]). So beyond some number of
-//! points more of them do not help. All noise is taken to be the sensor's; what of it is
-//! interpolation's own error windows do not share, so with sharp texture and little noise a
-//! measurement states less ([`crate::flow::variance_inflation`]).
+//! `w` is the variance inflation factor for correlated errors: overlapping windows share noise, and
+//! sub-pixel tracking errs alike for all points ([`crate::sums`]). Beyond some number of points,
+//! more points therefore do not help. The prediction takes all noise to be the sensor's. Windows do
+//! not share the part of it that is interpolation's own error, so with sharp texture and little
+//! noise a measurement states a smaller factor ([`crate::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
@@ -32,34 +33,35 @@ pub const WINDOW_PX: f64 = 21.0;
 /// Least distance between two points, px ([`crate::flow::FlowSettings::min_spacing_px`]).
 const APART_PX: f64 = 8.0;
 
-/// Margin that such a window needs from the image's border, px.
+/// Margin that a window needs from the image's border, px.
 pub const MARGIN_PX: f64 = FineTemplate::MARGIN as f64;
 
-/// What is predicted for one depth and number of points.
+/// Prediction for one depth and number of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction {
     /// Standard deviation of each component of the displacement, mm.
     pub sigma_mm: [f64; 3],
-    /// By how much the variance is larger than for independent points, at least 1.
+    /// Variance inflation factor: variance over that of independent points, at least 1.
     pub widening: f64,
 }
 
-/// What one point at a depth is worth.
+/// Information of one point at a depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Predictor {
-    /// Covariance of the displacement from one point, on average over the view, mm².
+    /// Covariance of the displacement from one point, averaged over the view, mm².
     covariance_mm2: Matrix3<f64>,
-    /// Mean share of a window that another one covers.
+    /// Mean share of a window that another window covers.
     overlap: f64,
-    /// How many points have room in the view.
+    /// Largest number of points in the view at the flow's spacing.
     room_for: u32,
     cameras: f64,
     noise_px: f64,
 }
 
 impl Predictor {
-    /// For points at `depth_mm` whose flow has noise of `noise_px` (standard deviation of each
-    /// component in each camera). `None` where the cameras have nothing in common.
+    /// Creates a predictor for points at `depth_mm` whose flow has noise of `noise_px` (standard
+    /// deviation of each component in each camera). Returns `None` if the cameras have no common
+    /// view.
     pub fn new(rig: &Rig, view: &FieldOfView, depth_mm: f64, noise_px: f64) -> Option<Self> {
         let common = view.common(depth_mm)?;
         let (mut normal, mut noisy) = (Matrix3::zeros(), Matrix3::zeros());
@@ -82,7 +84,7 @@ impl Predictor {
         let px_per_mm = rig.mean_focal_px() / depth_mm;
         let sides_px = common.sides().map(|side| side * px_per_mm);
         Some(Self {
-            // Four points gave the sums.
+            // The sums are over four points.
             covariance_mm2: inverse * noisy * inverse * 4.0,
             overlap: overlap(sides_px),
             room_for: room_for(sides_px),
@@ -91,17 +93,18 @@ impl Predictor {
         })
     }
 
-    /// With `points` independent points.
+    /// Returns the standard deviation per axis from `points` independent points, mm.
     pub fn independent(&self, points: u32) -> [f64; 3] {
         self.with(points, 1.0)
     }
 
-    /// How many points, each so far from all others as the flow wants it, have room in the view.
+    /// Returns the largest number of points in the view at the flow's least spacing.
     pub fn room_for(&self) -> u32 {
         self.room_for
     }
 
-    /// With `points` points as the flow finds them: no more than have room.
+    /// Predicts a displacement from `points` points as the flow finds them, limited to the number
+    /// that fits into the view.
     pub fn predict(&self, points: u32) -> Prediction {
         let points = points.min(self.room_for);
         let others = f64::from(points.saturating_sub(1));
@@ -118,8 +121,8 @@ impl Predictor {
     }
 }
 
-/// Four points whose mean of any polynomial of up to the third degree is that of the whole
-/// rectangle.
+/// Returns the four Gauss points of a rectangle, whose mean of any polynomial of up to the third
+/// degree is that of the whole rectangle.
 fn gauss_points(rectangle: &Rectangle) -> [[f64; 2]; 4] {
     let place = |i: usize, side: f64| {
         let middle = 0.5 * (rectangle.low[i] + rectangle.high[i]);
@@ -129,16 +132,16 @@ fn gauss_points(rectangle: &Rectangle) -> [[f64; 2]; 4] {
         .map(|[x, y]: [f64; 2]| [place(0, x), place(1, y)])
 }
 
-/// The most points of a view of this size none of which is within [`APART_PX`] of another: discs of
-/// that diameter in hexagonal order, half of each outermost one outside.
+/// Returns the largest number of points in a view of this size at a spacing of [`APART_PX`]: discs
+/// of that diameter in hexagonal order, half of each outermost one outside.
 fn room_for(sides_px: [f64; 2]) -> u32 {
     let [width, height] = sides_px.map(|side| side + APART_PX);
     let each = 0.5 * 3f64.sqrt() * APART_PX * APART_PX;
     (width * height / each) as u32
 }
 
-/// Mean share that two windows have in common whose middles lie anywhere in a view of this size,
-/// but not too near to each other.
+/// Returns the mean overlap of two windows whose centres lie anywhere in a view of this size, but
+/// not closer than [`APART_PX`].
 fn overlap([width_px, height_px]: [f64; 2]) -> f64 {
     // What the circle around a corner in which there is no other would have added: the mean of |x|
     // over a disc is 4/3π of its radius.
@@ -148,8 +151,8 @@ fn overlap([width_px, height_px]: [f64; 2]) -> f64 {
     (covered(width_px) * covered(height_px) - near).max(0.0)
 }
 
-/// Mean of the share that two windows, each with its middle anywhere on a line of `length_px`, have
-/// in common along it: the mean of `max(0, 1 - |distance|/side)`.
+/// Returns the mean overlap of two windows along one axis, each with its centre anywhere on a line
+/// of `length_px`: the mean of `max(0, 1 - |distance|/side)`.
 fn covered(length_px: f64) -> f64 {
     let ratio = length_px / WINDOW_PX;
     if ratio >= 1.0 {
@@ -182,7 +185,7 @@ mod tests {
         [x, y, depth_mm]
     }
 
-    /// Root mean squared error of many seeded estimates, per axis, mm.
+    /// Returns the root mean squared error of many seeded estimates, per axis, mm.
     fn simulated(rig: &Rig, depth_mm: f64, noise_px: f64, points: u32, trials: u64) -> [f64; 3] {
         let (_, common) = predictor(rig, depth_mm, noise_px);
         let moved = [2.0, -1.5, 1.0];
@@ -213,7 +216,8 @@ mod tests {
         squares.map(|sum| (sum / trials as f64).sqrt())
     }
 
-    /// 3,000 trials leave a root mean square uncertain by 1.3 %.
+    /// Compares predicted with simulated errors. 3,000 trials leave a root mean square uncertain by
+    /// 1.3 %.
     #[track_caller]
     fn assert_predicted(rig: &Rig, depths_mm: &[f64], what: &str) {
         for &depth_mm in depths_mm {
@@ -225,7 +229,8 @@ mod tests {
                     let ratio = measured[axis] / predicted[axis];
                     assert!(
                         (0.93..=1.07).contains(&ratio),
-                        "{what}, {depth_mm} mm, {points} points, axis {axis}: measured {} predicted {}",
+                        "{what}, {depth_mm} mm, {points} points, axis {axis}: measured {} \
+                         predicted {}",
                         measured[axis],
                         predicted[axis]
                     );
@@ -235,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn predicted_sigma_is_the_measured_error() {
+    fn predicted_sigma_matches_error() {
         assert_predicted(
             &Rig::paper(),
             &[350.0, 600.0, 850.0, 1400.0, 2000.0],
@@ -244,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn also_for_unlike_cameras_and_other_rigs() {
+    fn prediction_holds_for_other_rigs() {
         let mut unlike = Rig::paper();
         unlike.cameras[0].focal_px = [900.0, 880.0];
         unlike.cameras[2].focal_px = [400.0, 420.0];
@@ -258,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn for_small_displacements_it_is_the_cramer_rao_bound() {
+    fn sigma_matches_cramer_rao_bound() {
         let mut rig = Rig::paper();
         for camera in &mut rig.cameras {
             camera.focal_px = [530.0; 2];
@@ -273,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_share_what_random_windows_share() {
+    fn overlap_matches_random_windows() {
         let mut random = Random::new(8, 0);
         for length_px in [5.0, 21.0, 30.0, 200.0] {
             let count = 200_000;
@@ -290,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_are_as_far_apart_as_the_flow_keeps_them() {
+    fn spacing_matches_flow_settings() {
         assert_eq!(
             crate::flow::FlowSettings::default().min_spacing_px,
             APART_PX
@@ -298,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn more_points_help_less_and_less_but_never_harm() {
+    fn more_points_gain_less_and_less() {
         let (predictor, _) = predictor(&Rig::paper(), 850.0, 0.05);
         let sigma = |points| predictor.predict(points).sigma_mm;
         assert!(sigma(4)[2] > 1.7 * sigma(16)[2]);
@@ -309,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_seen_nothing_is_predicted() {
+    fn no_common_view_predicts_nothing() {
         let rig = Rig::paper();
         assert_eq!(
             Predictor::new(&rig, &FieldOfView::new(&rig, MARGIN_PX), 100.0, 0.1),

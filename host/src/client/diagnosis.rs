@@ -98,12 +98,12 @@ pub const fn fault(fault: Fault) -> FaultText {
         Fault::Driver => (
             "driver",
             "a motor driver reports a fault",
-            "check its wiring, current and temperature, `reset`, then `home` or `zero`",
+            "check wiring, current and temperature, `reset`, then `home` or `zero`",
         ),
         Fault::Underrun => (
             "underrun",
             "the step engine fell behind or stopped: pulses were not made in time",
-            "`reset`, then `zero` or `home`; if it comes again, note what `hello` and `status` say",
+            "`reset`, `zero` or `home`; if it recurs, report `hello` and `status`",
         ),
         Fault::FollowingError => (
             "following_error",

@@ -1,4 +1,4 @@
-//! Where a path leads to: a file, or something that is written in place.
+//! Target of an output path: a regular file, or a place that is written directly.
 
 use std::fs::{self, File};
 use std::io;
@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use super::open_existing;
 use super::staged::{Staged, folder};
 
-/// Links that are followed before they count as a circle, as Linux has it.
+/// Largest number of links followed before they count as a circle, as on Linux.
 const MOST_LINKS: usize = 40;
 
-/// What will be written.
+/// Place that will be written.
 #[derive(Debug)]
 pub(super) enum Place {
-    /// A regular file, which may exist or not; the path has no link at its end.
+    /// A regular file, which may not exist yet; the path does not end in a link.
     File(PathBuf),
     /// A pipe or a device.
     Stream(File),
@@ -24,12 +24,12 @@ pub(super) enum Place {
 }
 
 impl Place {
-    /// Follows the links at `path` and opens what is there.
+    /// Follows the links at `path` and opens their target.
     pub fn open(path: &Path) -> io::Result<Self> {
         let mut target = path.to_owned();
         for _ in 0..MOST_LINKS {
             match descriptor(&target) {
-                // A second descriptor of the same file would write over what the first has written.
+                // A second descriptor of the same file would overwrite the output of the first.
                 Some(1) => return Ok(Self::Output),
                 Some(2) => return Ok(Self::Error),
                 Some(_) => return append(&target).map(Self::Stream),
@@ -64,14 +64,14 @@ impl Place {
     }
 
     fn file(target: &Path) -> io::Result<Self> {
-        // What cannot be made later cannot be made now.
+        // Fail now if the file could not be created later.
         Staged::write(target, b"")?;
         let name = target.file_name().unwrap_or_default();
-        // One name for one file, however its folder was named.
+        // Give one file one name, for every spelling of its folder.
         Ok(Self::File(fs::canonicalize(folder(target))?.join(name)))
     }
 
-    /// Writes all of `bytes`, unless that is for a [`Staged`] file.
+    /// Writes all of `bytes`, unless the place is a regular file, which a [`Staged`] file replaces.
     pub fn write_in_place(&self, bytes: &[u8]) -> io::Result<()> {
         let write = |stream: &mut dyn io::Write| {
             stream.write_all(bytes)?;
@@ -86,7 +86,7 @@ impl Place {
     }
 }
 
-/// The number of this program's descriptor that the path names: `/dev/stdout` leads to number 1.
+/// Returns the number of this program's descriptor that the path names: 1 for `/dev/stdout`.
 fn descriptor(path: &Path) -> Option<u32> {
     let number = path.file_name()?.to_str()?.parse().ok()?;
     let folder = fs::canonicalize(folder(path)).ok()?;
@@ -98,7 +98,7 @@ fn append(path: &Path) -> io::Result<File> {
     fs::OpenOptions::new().append(true).open(path)
 }
 
-/// Opens what is no regular file.
+/// Opens a file that is not a regular one.
 #[cfg(unix)]
 fn special(path: &Path, about: &fs::Metadata) -> io::Result<File> {
     use std::os::unix::fs::FileTypeExt as _;
@@ -125,8 +125,8 @@ fn special(_: &Path, about: &fs::Metadata) -> io::Result<File> {
     Err(io::Error::other(what))
 }
 
-/// Opens a named pipe that another program reads. Opened plainly it would wait for a reader for
-/// ever.
+/// Opens a named pipe that another program reads; waits up to 5 s for that program. A plain open
+/// would block until it comes.
 #[cfg(unix)]
 fn pipe(path: &Path) -> io::Result<File> {
     use rustix::fs::OFlags;

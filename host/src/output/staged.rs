@@ -1,4 +1,4 @@
-//! A file's successor, complete and beside it, until it takes its place.
+//! A complete new version of a file beside it, until it takes its place.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write as _};
@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 
 use crate::interruption::Hold;
 
-/// A written file under a temporary name, which is removed with this value.
+/// A complete file under a temporary name; dropping this value removes it.
 pub(super) struct Staged {
     target: PathBuf,
     temporary: PathBuf,
-    /// No signal may end the program before the file is in its place or removed.
+    /// Holds signals back until the file is in its place or removed.
     _hold: Hold,
 }
 
 impl Staged {
-    /// Writes what will be `target`, with the owner and the mode of a file that is there.
+    /// Writes the new version of `target`, with the owner and the mode of an existing file.
     pub fn write(target: &Path, bytes: &[u8]) -> io::Result<Self> {
         fits_limit(bytes.len())?;
         let hold = Hold::new();
@@ -43,7 +43,7 @@ impl Staged {
 
 impl Drop for Staged {
     fn drop(&mut self) {
-        // After the rename there is nothing to remove, before it an error is not worth telling.
+        // After the rename there is no file to remove; before it, an earlier error is reported.
         let _ = fs::remove_file(&self.temporary);
     }
 }
@@ -51,7 +51,7 @@ impl Drop for Staged {
 /// Puts all files in their places or, on any error, none.
 ///
 /// # Errors
-/// With the path of the file that could not be put there.
+/// Returns the path of the file that could not be put in place.
 pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io::Error)> {
     let is_single = staged.len() == 1;
     let mut done: Vec<Undo> = Vec::new();
@@ -62,7 +62,7 @@ pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io
         };
         let placed = backup.and_then(|backup| {
             let target = &file.target;
-            // Made first, so that its backup is removed in any case.
+            // Push first, so that the backup is removed in any case.
             let mut undo = Undo {
                 target,
                 backup,
@@ -81,10 +81,10 @@ pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io
     Ok(())
 }
 
-/// How a file gets what it had.
+/// Restores a replaced file.
 struct Undo<'a> {
     target: &'a Path,
-    /// A second name of the file that was replaced.
+    /// Second name of the replaced file.
     backup: Option<PathBuf>,
     is_placed: bool,
 }
@@ -107,7 +107,7 @@ impl Drop for Undo<'_> {
     }
 }
 
-/// Gives the file a second name, if it exists.
+/// Gives the file a second name if it exists.
 fn backup(target: &Path) -> io::Result<Option<PathBuf>> {
     if !target.exists() {
         return Ok(None);
@@ -125,8 +125,8 @@ pub(super) fn folder(path: &Path) -> &Path {
     }
 }
 
-/// A file that did not exist before, in the folder of `path` so that renaming stays on one file
-/// system. If it `is_private`, only its owner may read it for now.
+/// Creates a new file in the folder of `path`, so that renaming stays on one file system. If it
+/// `is_private`, only its owner may read it for now.
 fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
     if path.file_name().is_none() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "names no file"));
@@ -143,10 +143,10 @@ fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
     unused(path, |temporary| options.open(temporary))
 }
 
-/// What `make` makes, and its name: beside `path`, and not used before.
+/// Returns the result of `make` and the name it was made under: a new name beside `path`.
 fn unused<T>(path: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
     for attempt in 0..100_u32 {
-        // Not made of the file's own name, which may be as long as a name can be.
+        // The name is independent of the file's own, which may have the maximum length.
         let name = format!(".trinocular-{}-{attempt}.tmp", std::process::id());
         let beside = folder(path).join(name);
         match make(&beside) {
@@ -175,7 +175,8 @@ fn keep_access(file: &File, before: &Metadata) -> io::Result<()> {
     file.set_permissions(before.permissions())
 }
 
-/// Refuses what is longer than this process may write: the system would end it in the middle.
+/// Refuses a length above the file size limit of this process, because the system would end the
+/// process in the middle.
 #[cfg(unix)]
 fn fits_limit(length: usize) -> io::Result<()> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Fsize).current;

@@ -1,4 +1,4 @@
-//! Whatever stands at a path is replaced whole, kept, or written in place.
+//! An existing file is replaced whole or kept; pipes and devices are written in place.
 
 use super::*;
 use std::fs;
@@ -17,7 +17,7 @@ fn write(path: &Path, replace: Replace, text: &str) -> Result<(), InputError> {
 }
 
 #[test]
-fn new_text_replaces_old_and_nothing_stays() {
+fn new_text_replaces_old() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("report.html");
     write(&path, Replace::Nothing, "old").unwrap();
@@ -27,7 +27,7 @@ fn new_text_replaces_old_and_nothing_stays() {
 }
 
 #[test]
-fn foreign_file_is_kept_unless_forced() {
+fn foreign_file_needs_force() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     fs::write(&path, "mine").unwrap();
@@ -46,7 +46,7 @@ fn foreign_file_is_kept_unless_forced() {
 }
 
 #[test]
-fn own_report_and_figure_are_replaced() {
+fn own_output_is_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     let page = crate::report::Page::new("t", "s").to_html().unwrap();
@@ -58,7 +58,7 @@ fn own_report_and_figure_are_replaced() {
 }
 
 #[test]
-fn unwritable_place_is_refused_when_opened() {
+fn unwritable_place_fails_at_open() {
     let folder = tempfile::tempdir().unwrap();
     let error = Output::open(&folder.path().join("none/a"), Replace::Anything).unwrap_err();
     assert!(error.reason.contains("no such folder"), "{error}");
@@ -81,7 +81,7 @@ fn opening_changes_nothing() {
 }
 
 #[test]
-fn file_with_the_longest_name_can_be_written() {
+fn longest_file_name_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("n".repeat(255));
     write(&path, Replace::Nothing, "text").unwrap();
@@ -89,7 +89,7 @@ fn file_with_the_longest_name_can_be_written() {
 }
 
 #[test]
-fn leftover_of_a_killed_run_is_stepped_around() {
+fn leftover_does_not_block_write() {
     let folder = tempfile::tempdir().unwrap();
     let stale = format!(".trinocular-{}-0.tmp", std::process::id());
     fs::write(folder.path().join(&stale), "stale").unwrap();
@@ -98,13 +98,13 @@ fn leftover_of_a_killed_run_is_stepped_around() {
 }
 
 #[test]
-fn one_failure_leaves_all_files_as_they_were() {
+fn one_failure_changes_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     fs::write(path("old"), "old").unwrap();
     let open = |name| Output::open(&path(name), Replace::Anything).unwrap();
     let outputs = ["old", "new", "lost"].map(|name| (open(name), "text".to_owned()));
-    // In the place of the last one something comes up that no file replaces.
+    // A folder appears in the place of the last output; no file replaces a folder.
     fs::create_dir_all(path("lost/inside")).unwrap();
     let error = write_all(outputs.into()).unwrap_err();
     assert_eq!(error.file, path("lost"));
@@ -113,7 +113,7 @@ fn one_failure_leaves_all_files_as_they_were() {
 }
 
 #[test]
-fn folders_that_stay_empty_are_removed() {
+fn empty_new_folders_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     let inner = folder.path().join("a/b/c");
     for keeps in [false, true] {
@@ -150,7 +150,7 @@ mod unix {
         );
         assert!(fs::symlink_metadata(path("link")).unwrap().is_symlink());
 
-        // A link that leads nowhere yet.
+        // A link to a file that does not exist yet.
         symlink("later", path("early")).unwrap();
         write(&path("early"), Replace::Nothing, "text").unwrap();
         assert_eq!(fs::read_to_string(path("later")).unwrap(), "text");
@@ -159,7 +159,7 @@ mod unix {
     }
 
     #[test]
-    fn device_and_pipe_are_written_in_place() {
+    fn devices_are_written_in_place() {
         write(Path::new("/dev/null"), Replace::Nothing, "text").unwrap();
         assert!(
             fs::metadata("/dev/null")

@@ -8,7 +8,7 @@ use crate::sums::Sums;
 use serde::Serialize;
 use shared::rig::Rig;
 
-/// A move and what the paper estimated, mm.
+/// A move and the paper's estimate, mm.
 pub const PRINTED: [([f64; 3], [f64; 3]); 8] = [
     ([10.0, 10.0, 0.0], [10.2277, 10.4544, 0.2204]),
     ([15.0, 15.0, 0.0], [15.0612, 15.2314, 0.3384]),
@@ -23,36 +23,36 @@ pub const PRINTED: [([f64; 3], [f64; 3]); 8] = [
 /// Bounds on the midpoint's error, mm.
 pub const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
-/// One move, the paper's estimate and ours, mm. `None` where an estimator gave no answer.
+/// One move, the paper's estimate and this program's, mm. `None` if an estimator gave no answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// How the target moved.
+    /// True motion of the target.
     #[serde(rename = "true")]
     pub true_mm: [f64; 3],
     /// The paper's estimate.
     #[serde(rename = "paper")]
     pub paper_mm: [f64; 3],
-    /// Eq. 9.
+    /// Estimate of the closed form (eq. 9).
     pub closed_form: Option<[f64; 3]>,
-    /// Eq. 7.
+    /// Estimate of the least squares (eq. 7).
     pub least_squares: Option<[f64; 3]>,
-    /// Ours.
+    /// Estimate of the midpoint, this program's own estimator.
     pub midpoint: Option<[f64; 3]>,
-    /// Its standard deviation.
+    /// Standard deviation of the midpoint.
     #[serde(skip)]
     pub sigma_mm: Option<[f64; 3]>,
-    /// Points behind them.
+    /// Number of points in the estimates.
     #[serde(skip)]
     pub points: usize,
-    /// Why there is no answer.
+    /// Reason for a missing answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
 
-/// All eight moves of a rendered poster.
+/// Measures all eight moves of a rendered poster.
 ///
 /// # Errors
-/// If the scene cannot be rendered or the reference pictures show nothing usable.
+/// If the scene cannot be rendered or the keyframe shows nothing usable.
 pub fn run(
     texture: TextureKind,
     seed: u64,

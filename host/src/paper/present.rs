@@ -1,4 +1,4 @@
-//! The experiment as tables and figures, the same for the screen and for the page.
+//! The experiment as tables and figures for the screen and for the page.
 
 use super::moves::{self, Row};
 use super::tracking::{self, BOUND_MM, MOVE_MM, Pulses, Run, Settings, Stop};
@@ -7,7 +7,7 @@ use crate::servo::simulated::SimulatedStep;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// Table 6: the paper's station B and ours, which used this estimator.
+/// Returns Table 6: the paper's station B, and this program's with this estimator.
 pub fn stops(estimator: &str, stops: &[Stop]) -> Table {
     let columns = [
         "stop",
@@ -41,7 +41,7 @@ pub fn stops(estimator: &str, stops: &[Stop]) -> Table {
         })
 }
 
-/// Table 5: the paper's estimates and ours.
+/// Returns Table 5: the paper's estimates and this program's.
 pub fn moves(rows: &[Row]) -> Table {
     let columns = [
         "true, mm",
@@ -77,7 +77,7 @@ pub fn moves(rows: &[Row]) -> Table {
     })
 }
 
-/// Fig. 7: both paths in space; with the closed form's, if there is one.
+/// Returns Fig. 7: both paths in space, and the closed form's if there is one.
 pub fn path(run: &Run, closed_form: Option<&Run>) -> Path3d {
     let truth = (0..=tracking::MOVES).map(|n| MOVE_MM.map(|d| d * n as f64));
     let paper = std::iter::once([0.0; 3]).chain(run.stops.iter().map(|stop| stop.paper_mm));
@@ -95,7 +95,7 @@ pub fn path(run: &Run, closed_form: Option<&Run>) -> Path3d {
     }
 }
 
-/// Fig. 8: where a laser on B marks the poster on A.
+/// Returns Fig. 8: the marks of a laser on B on the poster on A.
 pub fn laser(run: &Run) -> Scatter {
     let spot = |target: [f64; 3], camera: [f64; 3]| [camera[0] - target[0], camera[1] - target[1]];
     let at_rest = |step: &&SimulatedStep| !is_moving(run, step.time_s);
@@ -114,7 +114,7 @@ pub fn laser(run: &Run) -> Scatter {
         .series("while A rests (after 0.4 s)", Style::Points, resting)
 }
 
-/// Whether A moved within the last 0.4 s.
+/// Returns true if A moved within the last 0.4 s.
 fn is_moving(run: &Run, time_s: f64) -> bool {
     let now = run
         .samples
@@ -129,7 +129,7 @@ fn is_moving(run: &Run, time_s: f64) -> bool {
     now.map(|sample| sample.target_mm) != before.map(|sample| sample.target_mm)
 }
 
-/// Target and cameras over time, one plot per axis, and their difference.
+/// Returns target and cameras over time, one plot per axis, and their difference.
 pub fn curves(run: &Run) -> Vec<Figure> {
     let positions = (0..3).map(|i| {
         let of = |get: fn(&tracking::Sample) -> [f64; 3]| {
@@ -166,7 +166,7 @@ pub fn curves(run: &Run) -> Vec<Figure> {
     positions.chain([lag.into(), sigmas.into()]).collect()
 }
 
-/// Settings and counts as name and value.
+/// Returns settings and counts as name and value.
 pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let latency: Vec<u32> = run
         .steps
@@ -245,7 +245,7 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     .collect()
 }
 
-/// One number if all three are the same.
+/// Returns a single number if all three are equal, otherwise the three.
 fn list(axes: [f64; 3]) -> String {
     match axes {
         [x, y, z] if x == y && y == z => format!("{x}"),
@@ -253,19 +253,23 @@ fn list(axes: [f64; 3]) -> String {
     }
 }
 
-/// The page of the closed-loop experiment.
+/// Returns the page of the closed-loop experiment.
 pub fn page(settings: &Settings, run: &Run) -> Page {
-    let page = Page::new("Trinocular: tracking in closed loop", format!("the paper's section 4.3 on {}", run.station))
-        .section(
-            "Five moves",
-            "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries three cameras, sees the poster only through \
-             them, and keeps its view of it constant. Pictures are rendered through the paper's cameras; everything from the pictures to the step \
-             pulses is the code that also runs with real hardware. Positions are counted from edges at the step pins, or reported by the station if \
-             it is on a serial line.",
-        )
-        .table(stops("midpoint", &run.stops))
-        .facts(&facts(settings, run))
-        .plots([path(run, None).into(), laser(run).into()]);
+    let page = Page::new(
+        "Trinocular: tracking in closed loop",
+        format!("the paper's section 4.3 on {}", run.station),
+    )
+    .section(
+        "Five moves",
+        "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries \
+         three cameras, sees the poster only through them, and keeps its view of it constant. \
+         Pictures are rendered through the paper's cameras; everything from the pictures to the \
+         step pulses is the code that also runs with real hardware. Positions are counted from \
+         edges at the step pins, or reported by the station if it is on a serial line.",
+    )
+    .table(stops("midpoint", &run.stops))
+    .facts(&facts(settings, run))
+    .plots([path(run, None).into(), laser(run).into()]);
     curves(run)
         .into_iter()
         .fold(page.section("Over time", ""), |page, figure| {

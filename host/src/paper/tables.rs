@@ -1,4 +1,4 @@
-//! All tables of the paper at once: what `trinocular tables` prints.
+//! All tables of the paper, as printed by `trinocular tables`.
 
 use super::tracking::{self, Run, Stop};
 use super::validation::Validation;
@@ -13,7 +13,7 @@ use crate::sums::Estimator;
 use serde_json::{Value, json};
 use shared::estimate::Refusal;
 
-/// Reason why the tables cannot be computed.
+/// Reason for tables that cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum TablesError {
     /// An estimator refused a set of points.
@@ -24,7 +24,8 @@ pub enum TablesError {
     Servo(#[from] ServoError),
 }
 
-/// The paper's Tables 1, 2, 5 and 6, and the estimators against the Cramér-Rao bound.
+/// The paper's Tables 1, 2, 5 and 6, and the comparison of the estimators with the Cramér-Rao
+/// bound.
 #[derive(Clone, Debug)]
 pub struct PaperTables {
     settings: tracking::Settings,
@@ -35,10 +36,10 @@ pub struct PaperTables {
 }
 
 impl PaperTables {
-    /// Computes all tables. `progress` is told the share of the tracking that is done, 0 to 1.
+    /// Computes all tables. Calls `progress` with the share of the tracking that is done, 0 to 1.
     ///
     /// # Errors
-    /// If the scene cannot be rendered, a twin refuses or an estimator does.
+    /// If the scene cannot be rendered, or a twin or an estimator refuses.
     pub fn run(
         texture: TextureKind,
         seed: u64,
@@ -75,23 +76,23 @@ impl PaperTables {
         })
     }
 
-    /// Tables 1, 2 and the bound, before the single moves.
+    /// Returns Tables 1 and 2 and the comparison with the bound.
     pub fn simulated(&self) -> [Table; 3] {
         self.validation.tables()
     }
 
-    /// Table 5.
+    /// Returns Table 5.
     pub fn single_moves(&self) -> Table {
         present::moves(&self.moves)
     }
 
-    /// The moves of Table 5 that were refused, mm, each with the reason.
+    /// Returns the refused moves of Table 5, mm, each with the reason.
     pub fn refused_moves(&self) -> impl Iterator<Item = ([f64; 3], &str)> {
         let rows = self.moves.iter();
         rows.filter_map(|row| Some((row.true_mm, row.refused.as_deref()?)))
     }
 
-    /// Table 6 with the midpoint, and with the closed form.
+    /// Returns Table 6 with the midpoint, and with the closed form.
     pub fn stops(&self) -> [Table; 2] {
         [
             present::stops("midpoint", &self.midpoint.stops),
@@ -99,7 +100,7 @@ impl PaperTables {
         ]
     }
 
-    /// The tables and figures as a page.
+    /// Returns the tables and figures as a page.
     pub fn page(&self) -> Page {
         let subtitle =
             "every table and figure of the paper that has numbers, ours beside the printed ones";
@@ -120,7 +121,7 @@ impl PaperTables {
             ])
     }
 
-    /// The tables as one JSON object, mm.
+    /// Returns the tables as one JSON object, in mm.
     pub fn to_json(&self) -> Value {
         let of = |table: u8| -> Vec<Value> {
             let rows = self.validation.recovery.rows.iter();
@@ -153,7 +154,7 @@ impl PaperTables {
     }
 }
 
-/// Table 6: positions of B with the midpoint, and with the closed form.
+/// Returns Table 6 as JSON: positions of B with the midpoint, and with the closed form.
 fn stops(midpoint: &[Stop], closed_form: &[Stop]) -> Vec<Value> {
     let rows = midpoint.iter().zip(closed_form);
     rows.map(|(stop, other)| {
@@ -167,7 +168,8 @@ fn stops(midpoint: &[Stop], closed_form: &[Stop]) -> Vec<Value> {
     .collect()
 }
 
-/// A row of Tables 1 and 2: means over the point sets, and the closed form's spread.
+/// Returns a row of Tables 1 and 2 as JSON: means over the point sets, and the closed form's
+/// spread.
 fn recovered(row: &recovery::Row) -> Value {
     let [closed_form, least_squares, midpoint] = &row.recovered;
     json!({

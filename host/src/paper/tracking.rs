@@ -1,5 +1,5 @@
-//! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, B follows what its
-//! cameras see.
+//! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, and B follows by its
+//! cameras.
 
 use crate::client::serial::Serial;
 use crate::client::stage::setpoint;
@@ -18,10 +18,10 @@ use shared::safety::Fault;
 /// One move of station A, mm.
 pub const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];
 
-/// How many moves.
+/// Number of moves.
 pub const MOVES: usize = 5;
 
-/// Where the paper's station B stood after each move, mm (its Table 6).
+/// Positions of the paper's station B after each move, mm (its Table 6).
 pub const PAPER_MM: [[f64; 3]; MOVES] = [
     [4.1351, 4.1724, 1.0168],
     [7.7655, 7.7374, 1.8914],
@@ -30,7 +30,7 @@ pub const PAPER_MM: [[f64; 3]; MOVES] = [
     [19.9192, 19.7846, 4.9699],
 ];
 
-/// Largest error of the paper's station B over its stops, mm.
+/// Returns the largest error of the paper's station B over its stops, mm.
 pub fn paper_worst_mm() -> [f64; 3] {
     let error = |stop: usize, i: usize| PAPER_MM[stop][i] - MOVE_MM[i] * (stop + 1) as f64;
     std::array::from_fn(|i| {
@@ -43,25 +43,25 @@ pub fn paper_worst_mm() -> [f64; 3] {
 /// Bounds on |B - A| at each stop, mm.
 pub const BOUND_MM: [f64; 3] = [0.02, 0.02, 0.05];
 
-/// A stop ends after so many used pictures at the earliest. That is half of what the usual rest has
-/// time for, and matters only where the time is real and the computer busy.
+/// Least number of used images before a stop ends. It is half of the number within the usual rest,
+/// and matters only if time is real and the computer loaded.
 const LEAST_PICTURES: usize = 15;
 
-/// A stop ends after so many rests at the latest.
+/// Longest duration of a stop, in rests.
 const LONGEST_RESTS: f64 = 10.0;
 
-/// What is free to choose.
+/// Settings of the experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// The poster on A.
+    /// Texture of the poster on A.
     pub texture: TextureKind,
     /// Seed of poster and noise.
     pub seed: u64,
-    /// Depth, tilt, blur, noise.
+    /// Depth, tilt, blur and noise of the scene.
     pub scene: SceneSettings,
-    /// Rate and latency.
+    /// Frame rate and latency.
     pub timing: ServoTiming,
-    /// How long A rests after each move, s.
+    /// Rest of A after each move, s.
     pub rest_s: f64,
     /// The station's estimator.
     pub estimator: Estimator,
@@ -83,75 +83,76 @@ impl Default for Settings {
 /// Target and cameras at one stop, mm from the keyframe.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stop {
-    /// Where A was sent.
+    /// Commanded position of A.
     #[serde(rename = "true")]
     pub true_mm: [f64; 3],
-    /// The paper's B.
+    /// Position of the paper's B.
     #[serde(rename = "paper")]
     pub paper_mm: [f64; 3],
-    /// Our B: edges counted at its step pins, or its own report if it is on a serial line.
+    /// Position of this program's B: edges counted at its step pins, or its own report if it is on
+    /// a serial line.
     #[serde(rename = "tracked")]
     pub tracked_mm: [f64; 3],
 }
 
 impl Stop {
-    /// Tracked minus true, mm.
+    /// Returns the tracked minus the true position, mm.
     pub fn error_mm(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.tracked_mm[i] - self.true_mm[i])
     }
 }
 
-/// Where both stations were at one instant.
+/// Positions of both stations at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Since the keyframe, s.
+    /// Time since the keyframe, s.
     pub time_s: f64,
-    /// Poster, mm.
+    /// Position of the poster, mm.
     pub target_mm: [f64; 3],
-    /// Cameras, mm.
+    /// Position of the cameras, mm.
     pub camera_mm: [f64; 3],
 }
 
-/// What happened.
+/// Result of the experiment.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// After each move.
+    /// Positions after each move.
     pub stops: Vec<Stop>,
-    /// Every picture.
+    /// Steps of the servo, one per frame set.
     pub steps: Vec<SimulatedStep>,
-    /// Both stations every 5 ms; at every picture if B is on a serial line, where nothing else is
-    /// known.
+    /// Positions of both stations every 5 ms. If B is on a serial line, its position is known only
+    /// at its status reports, and there is one sample per frame set.
     pub samples: Vec<Sample>,
-    /// Per station, A then B.
+    /// Pulses per station, A then B.
     pub pulses: [Pulses; 2],
-    /// Of B's stage.
+    /// Steps per mm of B's stage.
     pub steps_per_mm: [f64; 3],
-    /// What B was, for people.
+    /// Description of B for the reader.
     pub station: String,
-    /// The fault that B had latched before, and that the start cleared.
+    /// Fault that B had latched before the run and that the start cleared.
     pub cleared: Option<Fault>,
-    /// The bound of B's time sync, µs; `None` for a twin.
+    /// Bound of B's time synchronisation, µs; `None` for a twin.
     pub sync_bound_us: Option<u64>,
 }
 
 /// Steps of one station from its zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pulses {
-    /// The station's own count.
+    /// Steps counted by the station itself.
     pub commanded: [i64; 3],
-    /// Edges counted at the pins, where something counts them.
+    /// Edges counted at the pins; `None` if nothing counts them.
     pub counted: Option<[i64; 3]>,
 }
 
 impl Pulses {
-    /// No edge is known to be missing.
+    /// Returns true unless counted edges differ from the station's count.
     pub fn agree(&self) -> bool {
         self.counted.is_none_or(|counted| counted == self.commanded)
     }
 }
 
 impl Run {
-    /// Pictures that the station used.
+    /// Returns the number of frame sets that the station used.
     pub fn used(&self) -> usize {
         self.steps
             .iter()
@@ -159,7 +160,7 @@ impl Run {
             .count()
     }
 
-    /// Largest |error| over the stops per axis, mm.
+    /// Returns the largest |error| over the stops per axis, mm.
     pub fn worst_mm(&self) -> [f64; 3] {
         let worst = |i: usize| {
             self.stops
@@ -170,7 +171,7 @@ impl Run {
         std::array::from_fn(worst)
     }
 
-    /// Every stop within [`BOUND_MM`], and every commanded step at the pins that are watched.
+    /// Returns true if every stop is within [`BOUND_MM`] and no counted step is missing.
     pub fn succeeded(&self) -> bool {
         let within = self
             .worst_mm()
@@ -181,11 +182,11 @@ impl Run {
     }
 }
 
-/// Runs the experiment with B in `place`, moving `stage`. `progress` is told the share done, 0 to
-/// 1, after every picture.
+/// Runs the experiment with B in `place`, moving `stage`. Calls `progress` with the share done, 0
+/// to 1, after every frame set.
 ///
 /// # Errors
-/// If a station cannot be reached, refuses or faults, or the first pictures show nothing usable.
+/// If a station cannot be reached, refuses or faults, or the keyframe shows nothing usable.
 pub fn run(
     settings: &Settings,
     stage: &Stage,
@@ -199,7 +200,7 @@ pub fn run(
     let mut servo = SimulatedServo::start(&mut world, &rig, settings.timing, settings.estimator)?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
-    // How far the moves are behind their times, s.
+    // Delay of the moves behind their schedule, s.
     let mut late_s = 0.0;
     for (stop, paper_mm) in PAPER_MM.into_iter().enumerate() {
         let true_mm = MOVE_MM.map(|d| d * (stop + 1) as f64);
@@ -213,7 +214,7 @@ pub fn run(
                 late_s += (servo.time_s(&world) - end_s).max(0.0);
                 break;
             }
-            // Between its reports nobody knows where a station on a line is.
+            // A remote station's position is known only at its status reports.
             while world.b.twin().is_some()
                 && world.now().plus_micros(5_000) < servo.next_capture(&world)
             {
@@ -239,7 +240,7 @@ pub fn run(
             tracked_mm,
         });
     }
-    // At rest, so that all commanded steps are out.
+    // Read at rest, so that all commanded steps are out.
     world.b.command("stop", Command::Stop)?;
     world.advance(world.now().max(world.b.now()).plus_micros(300_000));
     let pulses = |status: Option<&Status>, counted| Pulses {

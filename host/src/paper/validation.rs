@@ -1,13 +1,13 @@
 //! The paper's section 3 as numbers: its Tables 1 and 2 for all three estimators, its Figs. 3 and
-//! 4, and how far each estimator is from the best that any could do with noisy images.
+//! 4, and the error of each estimator with noisy images relative to the Cramér-Rao bound.
 //!
-//! Everything is drawn from seeded streams, one per set of points, and summed up in the order of
-//! the sets: the results are the same bits on one core and on many.
+//! All data are drawn from seeded streams, one per set of points, and summed up in the order of the
+//! sets: the results are the same bits on one core and on many.
 //!
 //! - [`recovery`]: noise-free moves of random point sets, recovered (Tables 1 and 2);
 //! - [`noise`]: the same moves through noisy cameras, against the Cramér-Rao bound;
 //! - [`scene`]: the random points themselves (Figs. 3 and 4);
-//! - [`present`]: all of it as tables and figures, for the screen and the page.
+//! - [`present`]: these results as tables and figures, for the screen and the page.
 
 pub mod bound;
 pub mod noise;
@@ -22,7 +22,7 @@ use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 
-/// The estimators, in the order of every array of three in this module.
+/// Names of the estimators, in the order of every array of three in this module.
 pub const ESTIMATORS: [&str; 3] = ["closed form", "least squares", "midpoint"];
 
 /// The whole of section 3, for `--json`, the screen and the page.
@@ -30,17 +30,18 @@ pub const ESTIMATORS: [&str; 3] = ["closed form", "least squares", "midpoint"];
 pub struct Validation {
     /// Tables 1 and 2.
     pub recovery: recovery::Recovery,
-    /// Noisy cameras against the bound.
+    /// Errors with noisy cameras against the bound.
     pub noise: noise::Noise,
     /// One set of points, in space and in the three images.
     pub sample: scene::Sample,
 }
 
 impl Validation {
-    /// With the paper's sizes: 1,000 sets of 50 points; and 4,000 noisy trials of each move.
+    /// Runs section 3 with the paper's sizes: 1,000 sets of 50 points, and 4,000 noisy trials of
+    /// each move.
     ///
     /// # Errors
-    /// A refusal of an estimator, which no set of this size gives.
+    /// If an estimator refuses, which does not happen with sets of this size.
     pub fn run() -> Result<Self, Refusal> {
         Ok(Self {
             recovery: recovery::run(1000)?,
@@ -50,14 +51,14 @@ impl Validation {
     }
 }
 
-/// What each estimator makes of the same views: mm, target in the camera frame. `points` holds the
-/// views of one point in the left, the middle and the right camera.
+/// Computes the estimate of every estimator from the same views: target in the camera frame, mm.
+/// `points` holds the views of each point in the left, the middle and the right camera.
 fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> {
     let mut pair = PairSums::new(rig)?;
     let mut centred = CentredSums::new(rig)?;
     for views in points {
         pair.add(*views);
-        // A point behind the cameras is none of ours; it would show as too few points.
+        // A point behind the cameras shows as too few points.
         let _ = centred.add(views);
     }
     Ok([
@@ -67,7 +68,7 @@ fn estimates(rig: &Rig, points: &[[View; 3]]) -> Result<[[f64; 3]; 3], Refusal> 
     ])
 }
 
-/// `job(0)` to `job(count - 1)` on all cores, results in that order.
+/// Runs `job(0)` to `job(count - 1)` on all cores and returns the results in that order.
 fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let share = count.div_ceil(threads).max(1);
@@ -77,7 +78,7 @@ fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T>
             let last = (first + share).min(count);
             scope.spawn(move || (first..last).map(job).collect::<Vec<T>>())
         });
-        // All are started before the first is waited for.
+        // Start all jobs before joining the first.
         let shares: Vec<_> = shares.collect();
         let results = shares.into_iter().map(|handle| {
             handle
@@ -93,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parallel_results_keep_their_order() {
+    fn parallel_results_keep_order() {
         for count in [0, 1, 2, 3, 1000] {
             let squares: Vec<usize> = (0..count).map(|i| i * i).collect();
             assert_eq!(in_parallel(count, |i| i * i), squares);

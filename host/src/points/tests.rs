@@ -30,7 +30,7 @@ fn pixels(points: &Points) -> Vec<Vec<[[f64; 2]; 2]>> {
 }
 
 #[test]
-fn rows_in_any_order_make_points_in_the_rigs_order() {
+fn row_order_does_not_matter() {
     let points = parse_bytes(GOOD.as_bytes()).unwrap();
     assert_eq!(points.rejected, 0);
     assert_eq!(
@@ -51,7 +51,7 @@ fn rows_in_any_order_make_points_in_the_rigs_order() {
 }
 
 #[test]
-fn marks_line_ends_blank_lines_spaces_and_quotes_change_nothing() {
+fn csv_variants_read_alike() {
     let plain = pixels(&parse_bytes(GOOD.as_bytes()).unwrap());
     let windows = format!("\u{feff}{}", GOOD.replace('\n', "\r\n"));
     let airy = GOOD.replace(',', " ,\t").replace('\n', "\n\n  \n");
@@ -67,13 +67,13 @@ fn marks_line_ends_blank_lines_spaces_and_quotes_change_nothing() {
 }
 
 #[test]
-fn points_missing_from_a_camera_are_counted() {
+fn incomplete_points_are_counted() {
     let points = parse_bytes(GOOD.replace("b,left,93,11,97,15\n", "").as_bytes()).unwrap();
     assert_eq!((points.correspondences.len(), points.rejected), (1, 1));
 }
 
 #[test]
-fn bad_values_are_refused_by_line_and_field() {
+fn bad_values_name_line_and_field() {
     refused("197", "abc", 2, "x1", "not a number");
     refused("197", "1 97", 2, "x1", "not a number");
     refused("197", "", 2, "x1", "empty");
@@ -90,13 +90,13 @@ fn bad_values_are_refused_by_line_and_field() {
 }
 
 #[test]
-fn points_up_to_one_image_size_outside_are_taken() {
+fn points_near_image_are_accepted() {
     let far = GOOD.replacen("193,101", "-320,480", 1);
     assert!(parse_bytes(far.as_bytes()).is_ok());
 }
 
 #[test]
-fn wrong_columns_are_refused_by_line_and_field() {
+fn wrong_columns_name_line() {
     refused(",105\n", "\n", 2, "y1", "missing: 5 of 6");
     refused(",105\n", ",105,7\n", 2, "column 7", "too many");
     refused("a,middle,159,101,163,105", "a", 3, "camera", "missing");
@@ -114,7 +114,7 @@ fn wrong_columns_are_refused_by_line_and_field() {
 }
 
 #[test]
-fn a_camera_without_rows_is_refused() {
+fn camera_without_rows_is_refused() {
     let lines: Vec<&str> = GOOD.lines().filter(|l| !l.contains("right")).collect();
     let error = parse_bytes(lines.join("\n").as_bytes()).unwrap_err();
     assert_eq!(error.field.as_deref(), Some("camera"));
@@ -133,7 +133,7 @@ fn empty_files_are_refused() {
 }
 
 #[test]
-fn lines_are_counted_past_blank_ones() {
+fn line_count_includes_blanks() {
     let text = GOOD.replacen("b,right", "\r\n\n   \n\nb,wrong", 1);
     let error = parse_bytes(text.as_bytes()).unwrap_err();
     assert_eq!(
@@ -143,7 +143,7 @@ fn lines_are_counted_past_blank_ones() {
 }
 
 #[test]
-fn text_that_is_not_utf8_is_refused_by_line_and_field() {
+fn invalid_utf8_names_line() {
     let mut bytes = GOOD.as_bytes().to_vec();
     let at = GOOD.find("163").unwrap();
     bytes[at] = 0xff;
@@ -153,8 +153,8 @@ fn text_that_is_not_utf8_is_refused_by_line_and_field() {
 }
 
 #[test]
-fn a_file_of_garbage_is_refused_not_panicked_over() {
-    // Any byte in any place: the reader must answer, and never with a point that is not there.
+fn corrupt_bytes_never_panic() {
+    // Replace any byte by any other: the reader must answer, and never with an invalid point.
     for at in 0..GOOD.len() {
         for byte in [0_u8, b'"', b',', b'\r', b'\n', b'-', 0xff] {
             let mut bytes = GOOD.as_bytes().to_vec();
@@ -167,7 +167,7 @@ fn a_file_of_garbage_is_refused_not_panicked_over() {
 }
 
 #[test]
-fn row_that_is_too_long_is_refused_by_line() {
+fn overlong_row_names_its_line() {
     let row = |end: &str| parse_bytes(format!("{GOOD}{end}").as_bytes()).unwrap_err();
     for (end, reason) in [
         (",".repeat(1_000_000), "more than 16 columns"),

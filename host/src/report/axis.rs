@@ -1,9 +1,9 @@
-//! Where an axis starts, ends and is labelled.
+//! Range and labels of an axis.
 
-/// Values beyond this cannot be told apart on any axis worth reading; they are left out like NaN.
+/// Largest magnitude an axis shows. Larger values are left out like NaN.
 const LARGEST: f64 = 1e12;
 
-/// Whether a value can be placed on an axis.
+/// Returns true if a value can be placed on an axis.
 pub(super) fn drawable(value: f64) -> bool {
     value.is_finite() && value.abs() <= LARGEST
 }
@@ -18,8 +18,8 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// An axis that holds all drawable `values`, with a little air around them and about `count`
-    /// labels. Without any value it runs from 0 to 1.
+    /// Returns an axis around all drawable `values`, with a small margin and about `count` labels.
+    /// Without any value it runs from 0 to 1.
     pub fn around(values: impl IntoIterator<Item = f64>, count: usize) -> Self {
         let drawable = values.into_iter().filter(|value| drawable(*value));
         let extremes = drawable.fold(None, |range: Option<(f64, f64)>, value| {
@@ -29,7 +29,7 @@ impl Axis {
         let Some((low, high)) = extremes else {
             return Self::spanning(0.0, 1.0, count);
         };
-        // A constant still needs a range: one that its own rounding cannot fill.
+        // A constant needs a range that its own rounding cannot fill.
         let middle = 0.5 * (low + high);
         let least = (middle.abs() * 1e-6).max(1e-9);
         let span = high - low;
@@ -44,9 +44,9 @@ impl Axis {
         Self::spanning(low - 0.05 * span, high + 0.05 * span, count)
     }
 
-    /// An axis from `low` to `high` (`low < high`, both drawable), labelled at multiples of 1, 2 or
-    /// 5 times a power of ten: at least two labels, since one gives no scale, and else at most
-    /// `count + 1` (or 5 if that is more).
+    /// Returns an axis from `low` to `high` (`low < high`, both drawable), labelled at multiples of
+    /// 1, 2 or 5 times a power of ten. It has at least two labels, because one gives no scale, and
+    /// at most `count + 1` (or 5 if that is more).
     pub fn spanning(low: f64, high: f64, count: usize) -> Self {
         let count = count.clamp(1, 50);
         let rough = (high - low) / count as f64;
@@ -84,7 +84,7 @@ impl Axis {
             .collect();
     }
 
-    /// The label of one tick.
+    /// Returns the label of one tick.
     pub fn label(&self, tick: f64) -> String {
         let text = format!("{:.*}", self.decimals, tick.abs());
         if tick < 0.0 && text.bytes().any(|b| (b'1'..=b'9').contains(&b)) {
@@ -94,13 +94,13 @@ impl Axis {
         }
     }
 
-    /// The longest of the labels, characters.
+    /// Returns the length of the longest label, characters.
     pub fn label_length(&self) -> usize {
         let labels = self.ticks.iter().map(|tick| self.label(*tick));
         labels.map(|label| label.chars().count()).max().unwrap_or(1)
     }
 
-    /// Where a value stands: 0 at `low`, 1 at `high`.
+    /// Returns the position of a value: 0 at `low`, 1 at `high`.
     pub fn fraction(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
     }
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn every_range_has_labels_inside_it() {
+    fn every_range_has_inner_labels() {
         for exponent in -9..12 {
             for mantissa in [1.0, 1.7, 2.0, 3.3, 5.0, 9.99] {
                 let span = mantissa * 10f64.powi(exponent);
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_no_numbers_do_not_count() {
+    fn nan_values_are_ignored() {
         let axis = Axis::around([f64::NAN, 1.0, f64::INFINITY, 3.0, 1e300], 5);
         assert_eq!((axis.low, axis.high), (0.9, 3.1));
         let empty = Axis::around([f64::NAN], 5);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_stands_in_the_middle() {
+    fn constant_is_centred() {
         for value in [0.0, 5.0, -1e-12, 1e12] {
             let axis = Axis::around([value, value], 5);
             assert!(axis.low < axis.high, "{value}");

@@ -1,4 +1,4 @@
-//! The sheet a figure is drawn on, and its lettering.
+//! The sheet of a figure, and its lettering.
 //!
 //! `plotters` places everything on whole units. A unit here is a tenth of a pixel, so that a slow
 //! curve is a curve and not a staircase; the document's header scales it back.
@@ -11,9 +11,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Units per pixel.
 pub(super) const UNIT: f64 = 10.0;
-/// The font size of axis labels and legends, px.
+/// Font size of axis labels and legends, px.
 pub(super) const TEXT: f64 = 13.0;
-/// The font size of a figure's title, px.
+/// Font size of a figure's title, px.
 pub(super) const TITLE: f64 = 15.0;
 /// Height of the title's line, px.
 pub(super) const TITLE_LINE: f64 = 28.0;
@@ -24,7 +24,7 @@ pub(super) const GRID: RGBColor = RGBColor(0xe4, 0xe7, 0xeb);
 pub(super) const AXIS: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
 pub(super) const SHADOW: RGBColor = RGBColor(0xc3, 0xca, 0xd2);
 
-/// Colours that stay apart for people with any of the common colour vision deficiencies, and on
+/// Colours that people with any of the common colour vision deficiencies can distinguish, also on
 /// paper in grey (Okabe and Ito's set without its yellow, which is unreadable on white).
 const PALETTE: [RGBColor; 7] = [
     RGBColor(0x00, 0x72, 0xb2),
@@ -36,22 +36,22 @@ const PALETTE: [RGBColor; 7] = [
     RGBColor(0x56, 0xb4, 0xe9),
 ];
 
-/// The colour of the series number `index`; colours repeat after seven.
+/// Returns the colour of the series number `index`; colours repeat after seven.
 pub(super) fn colour(index: usize) -> RGBColor {
     PALETTE[index % PALETTE.len()]
 }
 
-/// What figures are drawn on: positions in units, from the top left corner.
+/// Drawing area of a figure: positions in units, from the top left corner.
 pub(super) type Sheet<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-/// A position on the sheet, units.
+/// Position on the sheet, units.
 pub(super) type Spot = (i32, i32);
 
-/// Pixels to units. Saturates, and sends NaN to 0, as `as` does.
+/// Converts pixels to units. Saturates, and converts NaN to 0, as `as` does.
 pub(super) fn units(pixels: f64) -> i32 {
     (pixels * UNIT).round() as i32
 }
 
-/// A stroke of so many pixels.
+/// Returns a stroke of `pixels` px.
 pub(super) fn pen(colour: RGBColor, pixels: f64) -> ShapeStyle {
     ShapeStyle {
         color: colour.to_rgba(),
@@ -63,7 +63,7 @@ pub(super) fn pen(colour: RGBColor, pixels: f64) -> ShapeStyle {
 /// Error of the drawing library.
 pub(super) type DrawingError = DrawingAreaErrorKind<std::io::Error>;
 
-/// Draws a figure of so many pixels with its title, and returns the SVG document.
+/// Draws a figure of `size_px` px with its title, and returns the SVG document.
 pub(super) fn render(
     title: &str,
     size_px: [u32; 2],
@@ -120,10 +120,10 @@ fn bold_width(text: &str, pixels: f64) -> f64 {
     1.1 * text_width(text, pixels)
 }
 
-/// `plotters` divides every font size by this when it writes SVG.
+/// Ratio by which `plotters` divides every font size when it writes SVG.
 const SVG_FONT_RATIO: f64 = 1.24;
 
-/// Text of so many pixels, held at the given side.
+/// Returns the style of text of `pixels` px, anchored at the given side.
 pub(super) fn lettering(
     pixels: f64,
     colour: RGBColor,
@@ -136,7 +136,7 @@ pub(super) fn lettering(
         .pos(Pos::new(side, level))
 }
 
-/// One line of text.
+/// Writes one line of text.
 pub(super) fn write_text(
     sheet: &Sheet,
     text: &str,
@@ -146,8 +146,8 @@ pub(super) fn write_text(
     sheet.draw_text(&printable_text(text), style, at)
 }
 
-/// About how wide a text is, px. No font is at hand, and the reader's is not ours: this is the
-/// width in a wide sans-serif (DejaVu, Verdana), so that others fit as well.
+/// Estimates the width of a text, px. The reader's font is unknown, so this is the width in a wide
+/// sans-serif (DejaVu, Verdana); narrower fonts fit as well.
 pub(super) fn text_width(text: &str, pixels: f64) -> f64 {
     let ems = text.chars().map(|c| match c {
         'i' | 'j' | 'l' | '.' | ',' | ':' | ';' | '\'' | '|' | ' ' | 'I' | '(' | ')' | 'f'

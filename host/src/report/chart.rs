@@ -14,16 +14,16 @@ use plotters::style::text_anchor::{HPos, VPos};
 /// Height of a legend's line, px.
 const LEGEND_LINE: f64 = 20.0;
 
-/// What a legend says of one series.
+/// Legend entry of one series.
 pub(super) struct Entry<'a> {
     pub name: &'a str,
     pub style: Style,
-    /// The series' number, which gives colour and marker.
+    /// Number of the series, which selects colour and marker.
     pub index: usize,
 }
 
-/// Draws the legend under the title and returns the height used by both, px. Series without a name
-/// are left out; a figure with one named series still shows it, since the name says what is drawn.
+/// Draws the legend under the title and returns the height of both, px. Series without a name are
+/// left out. A single named series is shown, because its name says what is drawn.
 pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, DrawingError> {
     let width = f64::from(sheet.dim_in_pixel().0) / UNIT;
     let named: Vec<&Entry> = entries
@@ -53,25 +53,25 @@ pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, Drawi
     })
 }
 
-/// The axes of a plane figure, before it is known how many pixels they get.
+/// Axes of a plane figure, before their size in pixels is known.
 pub(super) struct Axes<'a> {
     pub x_label: &'a str,
     pub y_label: &'a str,
     pub x: Axis,
     pub y: Axis,
-    /// Both axes at the same scale; the shorter one is widened.
+    /// True if both axes have the same scale; the shorter one is widened.
     pub equal: bool,
-    /// y grows downwards, as in images.
+    /// True if y grows downwards, as in images.
     pub y_down: bool,
 }
 
-/// Draws grid, axes and labels below `top` px, and returns where data go on the sheet.
+/// Draws grid, axes and labels below `top` px, and returns the place of the data on the sheet.
 pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, DrawingError> {
     let (width, height) = sheet.dim_in_pixel();
     let (width, height) = (f64::from(width) / UNIT, f64::from(height) / UNIT);
     let margin_right = 22.0;
     let below = 2.0 * TEXT + 18.0;
-    // An equal scale changes the labels of y, hence its width; one round more settles it.
+    // An equal scale changes the labels of y, hence its width; a second pass converges.
     let (mut x, mut y) = (axes.x.clone(), axes.y.clone());
     let mut left = label_area(&y);
     if axes.equal {
@@ -118,10 +118,10 @@ pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, D
     Ok(Place(chart.as_coord_spec().clone()))
 }
 
-/// An axis as `plotters` wants it: it labels what [`Axis`] chose and nothing else.
+/// Axis for `plotters` with exactly the labels of [`Axis`].
 #[derive(Clone)]
 struct Scale {
-    /// The values at the axis's two ends; the first may be the larger.
+    /// Values at the axis's two ends; the first may be the larger.
     ends: (f64, f64),
     ticks: Vec<f64>,
 }
@@ -148,22 +148,22 @@ impl Ranged for Scale {
     }
 }
 
-/// Where data go on the sheet.
+/// Mapping from data to positions on the sheet.
 pub(super) struct Place(Cartesian2d<Scale, Scale>);
 
 impl Place {
-    /// The spot of a drawable point, units.
+    /// Returns the spot of a drawable point, units.
     pub fn spot(&self, point: [f64; 2]) -> Spot {
         self.0.translate(&(point[0], point[1]))
     }
 }
 
-/// Room for the labels and the name of a vertical axis, px.
+/// Returns the width of the labels and the name of a vertical axis, px.
 fn label_area(y: &Axis) -> f64 {
     y.label_length() as f64 * 0.65 * TEXT + TEXT + 26.0
 }
 
-/// Both axes at one scale in an area of so many pixels.
+/// Returns both axes at one scale for an area of `area_px` px.
 pub(super) fn equalised(x: &Axis, y: &Axis, area_px: [f64; 2]) -> (Axis, Axis) {
     let [wide, high] = area_px.map(|side| side.max(1.0));
     let scale = ((x.high - x.low) / wide).max((y.high - y.low) / high);
@@ -175,7 +175,7 @@ pub(super) fn equalised(x: &Axis, y: &Axis, area_px: [f64; 2]) -> (Axis, Axis) {
     (widened(x, wide), widened(y, high))
 }
 
-/// How many labels fit on so many pixels.
+/// Returns the number of labels that fit on `pixels` px.
 pub(super) fn ticks_for(pixels: f64) -> usize {
     (pixels / 52.0).floor().clamp(3.0, 12.0) as usize
 }

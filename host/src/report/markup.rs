@@ -1,7 +1,7 @@
-//! Text that may hold anything, made safe to stand inside HTML and SVG.
+//! Makes arbitrary text safe inside HTML and SVG.
 
-/// `text` with the five characters of markup replaced, and characters that no XML document may hold
-/// (control characters other than tab and line ends) shown as U+FFFD.
+/// Returns `text` with the five characters of markup escaped, and with U+FFFD for characters that
+/// no XML document may hold (control characters other than tab and line ends).
 pub(super) fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -17,7 +17,7 @@ pub(super) fn escape(text: &str) -> String {
     safe
 }
 
-/// `text` without the characters that no XML document may hold; markup is left as it is.
+/// Returns `text` with U+FFFD for characters that no XML document may hold; markup is unchanged.
 pub(super) fn printable_text(text: &str) -> String {
     text.chars().map(printable).collect()
 }
@@ -31,11 +31,11 @@ fn printable(c: char) -> char {
     }
 }
 
-/// Checks for tests: every tag that opens closes in order, every `&` starts an entity.
+/// Checks for tests: every tag that opens closes in order, and every `&` starts an entity.
 #[cfg(test)]
 pub(super) mod balance {
-    /// The first fault in `document`, or nothing. Written for the pages and figures made here: XML
-    /// rules, plus `<!doctype html>`.
+    /// Returns the first fault in `document`. Checks XML rules plus `<!doctype html>`, as far as
+    /// the pages and figures of this module need them.
     pub fn fault(document: &str) -> Option<String> {
         let mut open: Vec<&str> = Vec::new();
         let mut rest = document;
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn markup_and_control_characters_are_disarmed() {
+    fn markup_and_controls_are_escaped() {
         assert_eq!(
             escape("<script>alert(\"a&b\")</script>'"),
             "&lt;script&gt;alert(&quot;a&amp;b&quot;)&lt;/script&gt;&#39;"

@@ -1,19 +1,16 @@
-//! What a run found, on paper: one HTML file that needs nothing else, and the same tables on
-//! screen.
+//! Reports: the results of a run as one self-contained HTML file, and the same tables on screen.
 //!
-//! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and hands them
-//! to a [`Page`]. The page is one file: no script, no font, no image and no address outside itself,
-//! so it can be mailed, archived beside a recording, and opened in twenty years.
+//! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and adds them to
+//! a [`Page`]. The page is one file without scripts, fonts, images or external addresses, so that
+//! it can be mailed and archived beside a recording.
 //!
 //! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same
 //!   cells.
 //! - A figure is drawn as SVG by `plotters`, in tenths of a pixel ([`Figure::to_svg`] also serves a
 //!   README).
-//! - Data are taken as they come: what is not a number leaves a gap, an empty series leaves "no
-//!   data".
+//! - A value that is not a number leaves a gap; an empty series shows "no data".
 //!
-//! *Invariant:* nothing here measures or decides; a figure shows the numbers it was given and
-//! nothing else.
+//! *Invariant:* nothing here measures or decides; a figure shows exactly the numbers it was given.
 //!
 //! ```
 //! use host::report::{Cell, LinePlot, Page, Style, Table};
@@ -49,15 +46,15 @@ pub use table::{Cell, Emphasis, Table};
 
 use crate::error::InputError;
 
-/// Why a report could not be made.
+/// Reason for a report that could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The drawing library refused a figure.
     #[error("figure \"{title}\" cannot be drawn: {reason}")]
     Draw {
-        /// The figure's title.
+        /// Title of the figure.
         title: String,
-        /// What the drawing library said.
+        /// Message of the drawing library.
         reason: String,
     },
     /// The file cannot be written.
@@ -65,7 +62,7 @@ pub enum Error {
     Write(#[from] InputError),
 }
 
-/// Any of the drawings a page can hold.
+/// Any of the figures of a page.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Figure {
     /// Values over an axis.
@@ -77,7 +74,7 @@ pub enum Figure {
 }
 
 impl Figure {
-    /// The figure as one SVG document.
+    /// Returns the figure as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         match self {
             Self::Line(plot) => plot.to_svg(),

@@ -1,4 +1,4 @@
-//! The page: headings, words, tables and figures in one HTML file.
+//! The page: headings, paragraphs, tables and figures in one HTML file.
 
 use super::markup::escape;
 use super::{Error, Figure, Table};
@@ -23,7 +23,7 @@ enum Part {
 }
 
 impl Page {
-    /// An empty page.
+    /// Creates an empty page.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -32,7 +32,7 @@ impl Page {
         }
     }
 
-    /// The page with a heading and, unless it is empty, a paragraph under it.
+    /// Adds a heading and, unless it is empty, a paragraph under it.
     pub fn section(self, heading: impl Into<String>, paragraph: impl Into<String>) -> Self {
         self.with(Part::Section {
             heading: heading.into(),
@@ -40,28 +40,27 @@ impl Page {
         })
     }
 
-    /// The page with one more paragraph.
+    /// Adds a paragraph.
     pub fn paragraph(self, text: impl Into<String>) -> Self {
         self.with(Part::Paragraph(text.into()))
     }
 
-    /// The page with one more table.
+    /// Adds a table.
     pub fn table(self, table: Table) -> Self {
         self.with(Part::Table(table))
     }
 
-    /// The page with one more figure: a [`super::LinePlot`], [`super::Scatter`] or
-    /// [`super::Path3d`].
+    /// Adds a figure: a [`super::LinePlot`], [`super::Scatter`] or [`super::Path3d`].
     pub fn plot(self, figure: impl Into<Figure>) -> Self {
         self.with(Part::Figures(vec![figure.into()]))
     }
 
-    /// The page with figures side by side, as many in a row as fit.
+    /// Adds figures side by side, filling each row.
     pub fn plots(self, figures: impl IntoIterator<Item = Figure>) -> Self {
         self.with(Part::Figures(figures.into_iter().collect()))
     }
 
-    /// The page with names and their values: settings, versions, totals.
+    /// Adds names and their values: settings, versions, totals.
     pub fn facts<N: AsRef<str>, V: AsRef<str>>(self, facts: &[(N, V)]) -> Self {
         let owned = facts.iter();
         self.with(Part::Facts(
@@ -76,7 +75,7 @@ impl Page {
         self
     }
 
-    /// The page as HTML.
+    /// Returns the page as HTML.
     pub fn to_html(&self) -> Result<String, Error> {
         let title = escape(&self.title);
         let mut html = format!(
@@ -145,11 +144,13 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
     Ok(())
 }
 
-/// The page's looks. It holds no `<` and no `&`, so that the page is also well-formed XML.
+/// Style sheet of the page. It holds no `<` and no `&`, so that the page is also well-formed XML.
 const STYLE: &str = "\
-:root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;--accent:#0072b2}
+:root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;\
+--accent:#0072b2}
 *{box-sizing:border-box}
-body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
+body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,\
+'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
 main{max-width:1120px;margin:0 auto;padding:40px 32px 24px;background:#fff;min-height:100vh}
 header{border-bottom:3px solid var(--accent);padding-bottom:12px;margin-bottom:8px}
 h1{font-size:1.9rem;line-height:1.2;margin:0}
@@ -159,8 +160,10 @@ p{max-width:72ch;margin:8px 0 16px}
 .table{overflow-x:auto;margin:16px 0 24px}
 table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
 caption{text-align:left;font-weight:600;padding:0 0 8px}
-th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;border-bottom:1px solid var(--line)}
-th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;vertical-align:bottom}
+th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;\
+border-bottom:1px solid var(--line)}
+th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;\
+vertical-align:bottom}
 tbody tr:hover{background:var(--back)}
 .n{text-align:right}
 td.n{white-space:pre}
@@ -172,11 +175,14 @@ td.n{white-space:pre}
 figure{margin:0;max-width:100%}
 svg{display:block;max-width:100%;height:auto}
 svg text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
-dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px 24px;margin:16px 0 24px;padding:16px 20px;background:var(--back);border-radius:8px}
+dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px 24px;\
+margin:16px 0 24px;padding:16px 20px;background:var(--back);border-radius:8px}
 dt{font-size:.8rem;color:var(--soft)}
 dd{margin:0;font-weight:600;font-variant-numeric:tabular-nums;overflow-wrap:anywhere}
-footer{margin-top:48px;padding-top:12px;border-top:1px solid var(--line);font-size:.8rem;color:var(--soft)}
-@media print{body,main{background:#fff;padding:0}figure,tr,dl{break-inside:avoid}h2{break-after:avoid}}
+footer{margin-top:48px;padding-top:12px;border-top:1px solid var(--line);font-size:.8rem;\
+color:var(--soft)}
+@media print{body,main{background:#fff;padding:0}figure,tr,dl{break-inside:avoid}h2{\
+break-after:avoid}}
 ";
 
 #[cfg(test)]
@@ -201,12 +207,12 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_well_formed() {
+    fn page_is_well_formed() {
         assert_eq!(balance::fault(&page().to_html().unwrap()), None);
     }
 
     #[test]
-    fn the_page_needs_nothing_from_outside() {
+    fn page_is_self_contained() {
         let html = page()
             .to_html()
             .unwrap()
@@ -237,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_page_gives_the_same_bytes() {
+    fn page_is_deterministic() {
         assert_eq!(page().to_html().unwrap(), page().to_html().unwrap());
     }
 }

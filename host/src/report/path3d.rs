@@ -1,5 +1,5 @@
-//! Paths and points in space, seen from one fixed side without perspective, so that equal lengths
-//! along an axis look equal wherever they are.
+//! Paths and points in space, projected from one fixed direction without perspective, so that equal
+//! lengths along an axis look equal everywhere.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -13,15 +13,15 @@ use super::stroke::{self, Style};
 use plotters::prelude::{Circle, Color as _, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
 
-/// Positions in space. The box is as high as half its width whatever the ranges are: depth moves
-/// are often much smaller than the others, and their scale is on the axis.
+/// Positions in space. The box is as high as half its width for all ranges: depth moves are often
+/// much smaller than the others, and their scale is on the axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path3d {
-    /// What it shows.
+    /// Title of the figure.
     pub title: String,
     /// The three quantities and their units; the third is drawn upwards.
     pub labels: [String; 3],
-    /// What is drawn, from back to front.
+    /// Series, drawn from back to front.
     pub series: Vec<Series<3>>,
     /// Width and height, px.
     pub size_px: [u32; 2],
@@ -30,13 +30,13 @@ pub struct Path3d {
 /// Half the box's extent along each axis.
 const HALF: [f64; 3] = [1.0, 1.0, 0.62];
 
-/// Where the eye is: 35 degrees right of the x axis seen from the front, 24 degrees above the
+/// Direction of the eye: 35 degrees right of the x axis seen from the front, 24 degrees above the
 /// floor.
 const AZIMUTH_DEG: f64 = -55.0;
 const ELEVATION_DEG: f64 = 24.0;
 
 impl Path3d {
-    /// A figure without series, 530 by 420 px.
+    /// Creates a figure without series, 530 by 420 px.
     pub fn new(title: impl Into<String>, labels: [&str; 3]) -> Self {
         Self {
             title: title.into(),
@@ -46,7 +46,7 @@ impl Path3d {
         }
     }
 
-    /// The figure with one more series.
+    /// Adds a series.
     pub fn series(
         mut self,
         name: &str,
@@ -57,13 +57,13 @@ impl Path3d {
         self
     }
 
-    /// The figure at another size, px.
+    /// Sets the size, px.
     pub fn sized(mut self, width: u32, height: u32) -> Self {
         self.size_px = [width, height];
         self
     }
 
-    /// The figure as one SVG document.
+    /// Returns the figure as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         render(&self.title, self.size_px, |sheet| {
             let top = draw_legend(sheet, &entries(&self.series))?;
@@ -100,12 +100,12 @@ impl Path3d {
     }
 }
 
-/// The projection of the box onto the sheet.
+/// Projection of the box onto the sheet.
 struct View {
     axes: [Axis; 3],
-    /// Units per length of the box's half.
+    /// Units per half length of the box.
     scale: f64,
-    /// Where the box's centre is, units.
+    /// Position of the box's centre, units.
     centre: [f64; 2],
 }
 
@@ -129,8 +129,7 @@ impl View {
         }
     }
 
-    /// Where a point of the box is on the sheet; each coordinate runs from -1 to 1 between the
-    /// walls.
+    /// Returns the spot of a point of the box; each coordinate runs from -1 to 1 between the walls.
     fn spot(&self, unit: [f64; 3]) -> Spot {
         let [x, y] = flat([0, 1, 2].map(|i| unit[i] * HALF[i]));
         (
@@ -158,7 +157,7 @@ impl View {
         sheet.draw(&PathElement::new(path, style))
     }
 
-    /// Floor and the two walls behind, with grid lines at the labels.
+    /// Draws the floor and the two walls behind, with grid lines at the labels.
     fn draw_walls(&self, sheet: &Sheet) -> Result<(), DrawingError> {
         let grid = pen(GRID, 1.0);
         for tick in self.ticks(0) {
@@ -191,7 +190,7 @@ impl View {
         Ok(())
     }
 
-    /// The labelled positions of axis `i`, from -1 to 1.
+    /// Returns the labelled positions of axis `i`, from -1 to 1.
     fn ticks(&self, i: usize) -> impl Iterator<Item = f64> + '_ {
         let axis = &self.axes[i];
         axis.ticks
@@ -224,7 +223,7 @@ impl View {
             middle.0 + units(16.0 + 0.8 * label(1)),
             middle.1 + units(34.0),
         );
-        // Never beyond the right edge.
+        // Keep the label within the right edge.
         let last = sheet.dim_in_pixel().0 as i32 - units(text_width(&names[1], TEXT) + 6.0);
         write_text(sheet, &names[1], (at.0.min(last), at.1), &ink(HPos::Left))?;
         let end = self.spot(edges[2](1.0));
@@ -236,7 +235,7 @@ impl View {
         )
     }
 
-    /// The series on the floor, in grey: it tells depth from height.
+    /// Draws the series on the floor in grey, which distinguishes depth from height.
     fn draw_shadow(&self, sheet: &Sheet, series: &Series<3>) -> Result<(), DrawingError> {
         let floor = |point: &[f64; 3]| {
             let seen = point.iter().all(|value| drawable(*value));
@@ -257,7 +256,7 @@ impl View {
     }
 }
 
-/// The view along the line of sight: right and up.
+/// Projects a point along the line of sight: right and up.
 fn flat([x, y, z]: [f64; 3]) -> [f64; 2] {
     let (sin_a, cos_a) = AZIMUTH_DEG.to_radians().sin_cos();
     let (sin_e, cos_e) = ELEVATION_DEG.to_radians().sin_cos();
@@ -275,7 +274,7 @@ mod tests {
     const LABELS: [&str; 3] = ["X, mm", "Y, mm", "Z, mm"];
 
     #[test]
-    fn x_and_y_run_to_the_right_and_z_runs_up() {
+    fn x_and_y_run_right_and_z_up() {
         let origin = flat([0.0; 3]);
         assert!(flat([1.0, 0.0, 0.0])[0] > origin[0] && flat([0.0, 1.0, 0.0])[0] > origin[0]);
         assert_eq!(flat([0.0, 0.0, 1.0])[0], origin[0]);
@@ -287,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn any_data_make_a_whole_document() {
+    fn any_data_make_a_document() {
         let path = |n: i32| {
             (0..n)
                 .map(|i| [f64::from(i), f64::from(i * i), -f64::from(i)])
@@ -320,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_stays_on_the_sheet() {
+    fn path_stays_on_sheet() {
         let points = [
             [0.0, 0.0, 0.0],
             [20.0, 20.0, 5.0],

@@ -1,4 +1,4 @@
-//! Values over an axis; and the series of any figure.
+//! Plots of values over an axis, and the series of any figure.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -12,11 +12,12 @@ use plotters::style::text_anchor::{HPos, VPos};
 /// Named points of a figure with `N` axes, in the axes' units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series<const N: usize> {
-    /// Its name in the legend; empty keeps it out.
+    /// Name in the legend; an unnamed series is not in the legend.
     pub name: String,
-    /// The values of each point, in drawing order. A point that is not a number breaks the line.
+    /// Values of each point, in drawing order. A point that is not a number breaks the line.
     pub points: Vec<[f64; N]>,
-    /// How the points are joined. In space, steps are drawn as a line: there is no held axis.
+    /// Style of the connection between points. In space, steps are drawn as a line, because there
+    /// is no held axis.
     pub style: Style,
 }
 
@@ -37,22 +38,22 @@ impl<const N: usize> Series<N> {
 /// Values over an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinePlot {
-    /// What it shows.
+    /// Title of the plot.
     pub title: String,
-    /// The horizontal quantity and its unit.
+    /// Horizontal quantity and its unit.
     pub x_label: String,
-    /// The vertical quantity and its unit.
+    /// Vertical quantity and its unit.
     pub y_label: String,
-    /// What is drawn, from back to front.
+    /// Series, drawn from back to front.
     pub series: Vec<Series<2>>,
-    /// The vertical axis includes these values whatever the data are (a bound, zero).
+    /// Values that the vertical axis always includes (a bound, zero).
     pub y_include: Vec<f64>,
     /// Width and height, px.
     pub size_px: [u32; 2],
 }
 
 impl LinePlot {
-    /// A plot without series, 760 by 340 px.
+    /// Creates a plot without series, 760 by 340 px.
     pub fn new(
         title: impl Into<String>,
         x_label: impl Into<String>,
@@ -68,7 +69,7 @@ impl LinePlot {
         }
     }
 
-    /// The plot with one more series.
+    /// Adds a series.
     pub fn series(
         mut self,
         name: &str,
@@ -79,19 +80,19 @@ impl LinePlot {
         self
     }
 
-    /// The plot with a vertical axis that holds `value` as well.
+    /// Extends the vertical axis to `value`.
     pub fn including(mut self, value: f64) -> Self {
         self.y_include.push(value);
         self
     }
 
-    /// The plot at another size, px.
+    /// Sets the size, px.
     pub fn sized(mut self, width: u32, height: u32) -> Self {
         self.size_px = [width, height];
         self
     }
 
-    /// The plot as one SVG document.
+    /// Returns the plot as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         render(&self.title, self.size_px, |sheet| {
             let top = draw_legend(sheet, &entries(&self.series))?;
@@ -130,7 +131,7 @@ fn size(sheet: &Sheet) -> [f64; 2] {
     [f64::from(width) / UNIT, f64::from(height) / UNIT]
 }
 
-/// All points that have a place.
+/// Returns all drawable points.
 pub(super) fn points<const N: usize>(series: &[Series<N>]) -> impl Iterator<Item = [f64; N]> + '_ {
     let all = series
         .iter()
@@ -157,7 +158,7 @@ pub(super) fn draw_series(
     Ok(())
 }
 
-/// Stretches between the gaps.
+/// Splits the points at their gaps.
 pub(super) fn unbroken(spots: impl Iterator<Item = Option<Spot>>) -> Vec<Vec<Spot>> {
     let mut runs = vec![Vec::new()];
     for spot in spots {
@@ -170,7 +171,7 @@ pub(super) fn unbroken(spots: impl Iterator<Item = Option<Spot>>) -> Vec<Vec<Spo
     runs
 }
 
-/// Says in the middle of a figure that there is nothing in it.
+/// Writes "no data" in the middle of an empty figure.
 pub(super) fn say_no_data(sheet: &Sheet, top: f64) -> Result<(), DrawingError> {
     let [width, height] = size(sheet);
     let style = lettering(TEXT + 1.0, SOFT_INK, HPos::Center, VPos::Center);
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_breaks_the_line() {
+    fn gap_breaks_line() {
         let points = [
             [0.0, 1.0],
             [1.0, 2.0],
@@ -203,12 +204,12 @@ mod tests {
         ];
         let plot = LinePlot::new("gap", "t, s", "x, mm").series("", Style::Line, points);
         let svg = checked(plot.to_svg());
-        // The grid and the axes are polylines too; the series' colour tells them apart.
+        // The grid and the axes are polylines too; the series' colour distinguishes it.
         assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 2, "{svg}");
     }
 
     #[test]
-    fn nothing_drawable_is_said_and_not_a_panic() {
+    fn undrawable_data_are_reported() {
         for style in [
             Style::Line,
             Style::Dashed,
@@ -228,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_point_is_visible_in_every_style() {
+    fn single_point_is_visible() {
         for style in [
             Style::Line,
             Style::Dashed,
@@ -260,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_recording_makes_a_small_figure() {
+    fn long_recording_stays_small() {
         let noise =
             (0..200_000_u32).map(|i| [f64::from(i), f64::from(i.wrapping_mul(2_654_435_761) >> 8)]);
         for style in [Style::Line, Style::Steps, Style::Dashed] {

@@ -1,4 +1,4 @@
-//! Positions in a plane.
+//! Plots of positions in a plane.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -18,33 +18,33 @@ pub struct Circle {
     pub centre: [f64; 2],
     /// Radius, in the axes' units.
     pub radius: f64,
-    /// Written at the circle.
+    /// Name, written at the circle.
     pub name: String,
 }
 
 /// Positions in a plane, both axes at the same scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scatter {
-    /// What it shows.
+    /// Title of the figure.
     pub title: String,
-    /// The horizontal quantity and its unit.
+    /// Horizontal quantity and its unit.
     pub x_label: String,
-    /// The vertical quantity and its unit.
+    /// Vertical quantity and its unit.
     pub y_label: String,
-    /// What is drawn, from back to front.
+    /// Series, drawn from back to front.
     pub series: Vec<Series<2>>,
     /// Circles, drawn behind the series.
     pub circles: Vec<Circle>,
-    /// The axes hold these points whatever the data are (the corners of an image).
+    /// Points that the axes always include (the corners of an image).
     pub include: Vec<[f64; 2]>,
-    /// The vertical axis grows downwards, as in images and in the rig's frame.
+    /// True if the vertical axis grows downwards, as in images and in the rig's frame.
     pub y_down: bool,
     /// Width and height, px.
     pub size_px: [u32; 2],
 }
 
 impl Scatter {
-    /// A figure without points, 420 by 420 px, y upwards.
+    /// Creates a figure without points, 420 by 420 px, y upwards.
     pub fn new(
         title: impl Into<String>,
         x_label: impl Into<String>,
@@ -62,7 +62,7 @@ impl Scatter {
         }
     }
 
-    /// The figure with one more series.
+    /// Adds a series.
     pub fn series(
         mut self,
         name: &str,
@@ -73,7 +73,7 @@ impl Scatter {
         self
     }
 
-    /// The figure with one more circle.
+    /// Adds a circle.
     pub fn circle(mut self, centre: [f64; 2], radius: f64, name: &str) -> Self {
         self.circles.push(Circle {
             centre,
@@ -83,25 +83,25 @@ impl Scatter {
         self
     }
 
-    /// The figure with axes that hold `point` as well.
+    /// Extends the axes to `point`.
     pub fn including(mut self, point: [f64; 2]) -> Self {
         self.include.push(point);
         self
     }
 
-    /// The figure with its vertical axis downwards.
+    /// Turns the vertical axis downwards.
     pub fn y_down(mut self) -> Self {
         self.y_down = true;
         self
     }
 
-    /// The figure at another size, px.
+    /// Sets the size, px.
     pub fn sized(mut self, width: u32, height: u32) -> Self {
         self.size_px = [width, height];
         self
     }
 
-    /// The figure as one SVG document.
+    /// Returns the figure as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         render(&self.title, self.size_px, |sheet| {
             let top = draw_legend(sheet, &entries(&self.series))?;
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_circle_is_round_and_inside() {
+    fn circle_is_round_and_inside() {
         let plot = Scatter::new("t", "x", "y").circle([5.0, -3.0], 2.0, "2 mm");
         let svg = plot.to_svg().unwrap();
         assert_eq!(balance::fault(&svg), None, "{svg}");

@@ -1,12 +1,11 @@
-//! How a series looks, in the plane of the sheet: the same strokes for plots and for paths in
-//! space.
+//! Strokes of series in the plane of the sheet, for plots and for paths in space.
 
 use super::canvas::{DrawingError, Sheet, Spot, UNIT, colour, pen, units};
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use std::collections::BTreeSet;
 
-/// How the points of a series are joined.
+/// Style of the connection between the points of a series.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
     /// A line.
@@ -18,7 +17,7 @@ pub enum Style {
     Marked,
     /// Markers only.
     Points,
-    /// Each value held until the next: what a sampled output did.
+    /// Each value held until the next, as a sampled output does.
     Steps,
 }
 
@@ -36,15 +35,15 @@ impl Style {
 const MARKER: f64 = 3.6;
 /// Width of a series' line, px.
 const LINE: f64 = 1.8;
-/// Dash and gap, px.
+/// Length of a dash and of a gap, px.
 const DASH: f64 = 7.0;
 const GAP: f64 = 5.0;
-/// Dashes are separate elements of the file; a curve longer than this many pixels is drawn solid
-/// and thin.
+/// Longest curve drawn with dashes, px. Dashes are separate elements of the file, so a longer curve
+/// is drawn solid and thin.
 const LONGEST_DASHED: f64 = 6000.0;
 
 /// Draws one series. `runs` are its unbroken stretches; a stretch of a single point gets a marker,
-/// since a line of one point cannot be seen.
+/// because a line of one point is invisible.
 pub(super) fn draw(
     sheet: &Sheet,
     runs: &[Vec<Spot>],
@@ -93,7 +92,7 @@ fn draw_line(
     sheet.draw(&dashes)
 }
 
-/// The marker of series number `index`: shapes differ as well as colours.
+/// Draws the marker of series number `index`: shapes differ as well as colours.
 fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
     let fill = colour(index).filled();
     let r = units(MARKER);
@@ -128,7 +127,7 @@ fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
 /// Width of a sample in a legend, px.
 pub(super) const SAMPLE: f64 = 28.0;
 
-/// The sample of a series in a legend, from `at` to the right.
+/// Draws the sample of a series in a legend, from `at` to the right.
 pub(super) fn sample(
     sheet: &Sheet,
     at: Spot,
@@ -145,7 +144,7 @@ pub(super) fn sample(
     Ok(())
 }
 
-/// Steps: to the right first, then up or down.
+/// Converts points to steps: to the right first, then up or down.
 fn held(run: &[Spot]) -> Vec<Spot> {
     let mut path: Vec<Spot> = run.first().copied().into_iter().collect();
     for pair in run.windows(2) {
@@ -156,9 +155,9 @@ fn held(run: &[Spot]) -> Vec<Spot> {
     path
 }
 
-/// The path with what no eye can see left out: of the points in one pixel column only the first,
-/// the lowest, the highest and the last stay. A path that turns back keeps its order; only
-/// neighbours merge.
+/// Removes invisible detail from a path: of the points in one pixel column only the first, the
+/// lowest, the highest and the last stay. A path that turns back keeps its order; only neighbours
+/// merge.
 pub(super) fn thinned(path: &[Spot]) -> Vec<Spot> {
     let mut kept = Vec::new();
     let column = |spot: &Spot| f64::from(spot.0).div_euclid(UNIT);

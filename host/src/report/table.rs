@@ -1,37 +1,37 @@
-//! One table for the terminal and for the page.
+//! A table for the terminal and for the page.
 
 use super::markup::{escape, printable_text};
 use std::fmt::Write as _;
 
-/// How much a cell wants to be seen. Colour alone never carries a meaning: the text says it too.
+/// Emphasis of a cell. Colour alone never carries a meaning: the text says it too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Emphasis {
-    /// Like the rest.
+    /// No emphasis.
     #[default]
     None,
-    /// Bold: the figure to look at.
+    /// Bold, for the main figure.
     Strong,
-    /// Within its bound.
+    /// Value within its bound.
     Good,
-    /// Out of its bound.
+    /// Value out of its bound.
     Bad,
-    /// Given for comparison.
+    /// Value for comparison.
     Muted,
 }
 
 /// One entry of a [`Table`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
-    /// What it says.
+    /// Content of the cell.
     pub text: String,
-    /// Right-aligned (numbers) rather than left (words).
+    /// True for right alignment (numbers), false for left (words).
     pub right: bool,
-    /// How it looks on the page.
+    /// Emphasis of the cell on the page.
     pub emphasis: Emphasis,
 }
 
 impl Cell {
-    /// Words, left-aligned.
+    /// Creates a cell of words, left-aligned.
     pub fn text(text: impl Into<String>) -> Self {
         Self {
             text: text.into(),
@@ -39,7 +39,7 @@ impl Cell {
         }
     }
 
-    /// Something already formatted, right-aligned.
+    /// Creates a cell of preformatted text, right-aligned.
     pub fn right(text: impl Into<String>) -> Self {
         Self {
             text: text.into(),
@@ -48,13 +48,14 @@ impl Cell {
         }
     }
 
-    /// A number with so many decimals, right-aligned; what is not finite is shown as "-".
+    /// Creates a cell with a number of `decimals` decimals, right-aligned. A value that is not
+    /// finite is shown as "-".
     pub fn number(value: f64, decimals: usize) -> Self {
         Self::right(fixed(value, decimals))
     }
 
-    /// Several numbers in one cell, each padded to `width` characters so that they line up down the
-    /// column.
+    /// Creates a cell with several numbers, each padded to `width` characters so that they line up
+    /// down the column.
     pub fn vector(values: &[f64], decimals: usize, width: usize) -> Self {
         let numbers: Vec<String> = values
             .iter()
@@ -63,22 +64,22 @@ impl Cell {
         Self::right(numbers.join(" "))
     }
 
-    /// The same, bold.
+    /// Returns the cell in bold.
     pub fn strong(self) -> Self {
         self.with(Emphasis::Strong)
     }
 
-    /// The same, marked as within its bound.
+    /// Returns the cell marked as within its bound.
     pub fn good(self) -> Self {
         self.with(Emphasis::Good)
     }
 
-    /// The same, marked as out of its bound.
+    /// Returns the cell marked as out of its bound.
     pub fn bad(self) -> Self {
         self.with(Emphasis::Bad)
     }
 
-    /// The same, in the background.
+    /// Returns the cell muted.
     pub fn muted(self) -> Self {
         self.with(Emphasis::Muted)
     }
@@ -88,7 +89,7 @@ impl Cell {
     }
 }
 
-/// A number as tables print it: never "-0.000", never "NaN".
+/// Formats a number for tables: never "-0.000", never "NaN".
 fn fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "-".to_owned();
@@ -104,16 +105,16 @@ fn fixed(value: f64, decimals: usize) -> String {
 /// column are not shown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
-    /// What it shows.
+    /// Caption of the table.
     pub caption: String,
-    /// The columns' names, with units.
+    /// Names of the columns, with units.
     pub columns: Vec<String>,
-    /// The cells, row by row.
+    /// Cells, row by row.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new<const N: usize>(caption: impl Into<String>, columns: [&str; N]) -> Self {
         Self {
             caption: caption.into(),
@@ -122,22 +123,22 @@ impl Table {
         }
     }
 
-    /// The table with one more row.
+    /// Adds a row.
     pub fn row(mut self, cells: impl IntoIterator<Item = Cell>) -> Self {
         self.rows.push(cells.into_iter().collect());
         self
     }
 
-    /// Whether column `j` holds numbers, so that its name stands above them: true when any cell is
-    /// right-aligned.
+    /// Returns true if column `j` holds numbers, so that its name is right-aligned: true if any
+    /// cell is right-aligned.
     fn right(&self, j: usize) -> bool {
         self.rows
             .iter()
             .any(|row| row.get(j).is_some_and(|cell| cell.right))
     }
 
-    /// The table in aligned columns, for a terminal: caption, a blank line, names over a rule,
-    /// rows. Ends with a line end; no line ends in spaces.
+    /// Returns the table in aligned columns for a terminal: caption, a blank line, names over a
+    /// rule, rows. Ends with a line end; no line ends in spaces.
     pub fn to_text(&self) -> String {
         let plain = |text: &str| printable_text(text).replace(['\n', '\r', '\t'], " ");
         let names: Vec<String> = self.columns.iter().map(|name| plain(name)).collect();
@@ -187,7 +188,7 @@ impl Table {
         text
     }
 
-    /// The table as HTML.
+    /// Returns the table as HTML.
     pub(super) fn to_html(&self) -> String {
         let mut html = String::from("<div class=\"table\"><table>\n");
         if !self.caption.is_empty() {
@@ -275,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_do_not_reach_the_terminal() {
+    fn terminal_gets_no_controls() {
         let table = Table::new("a\u{1b}[2J", ["b\nc"]).row([Cell::text("d\te")]);
         let text = table.to_text();
         assert!(
@@ -285,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_table_is_still_a_table() {
+    fn empty_table_is_a_table() {
         assert_eq!(Table::default().to_text(), "\n\n");
         assert_eq!(balance::fault(&Table::default().to_html()), None);
     }

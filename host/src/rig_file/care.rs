@@ -1,18 +1,18 @@
-//! What a rig file may say of its stage beyond the axes: lost motion, home switches, and what the
-//! station watches. All of it is optional.
+//! Optional stage settings of a rig file: backlash, home switches, and the station's supervision of
+//! the stage.
 //!
 //! ```toml
-//! backlash_mm = [0.02, 0.02, 0.05]           # lost motion when an axis turns round; none without
-//! home_switch = ["negative", "negative", "none"] # the end whose limit switch says where the axis is; none without
-//! home_position_mm = [-61.0, -61.0, 0.0]     # where it trips; needed with a home switch
-//! home_speed_mm_s = [10.0, 1.0]              # towards it the first time, and the second
-//! back_off_mm = 2.0                          # in between, and afterwards
+//! backlash_mm = [0.02, 0.02, 0.05]           # backlash of each axis; default 0
+//! home_switch = ["negative", "negative", "none"] # end with the home switch; default none
+//! home_position_mm = [-61.0, -61.0, 0.0]     # where the switch trips; required with a home switch
+//! home_speed_mm_s = [10.0, 1.0]              # towards the switch: first and second approach
+//! back_off_mm = 2.0                          # distance between the approaches, and afterwards
 //! slow_speed_mm_s = 5.0                      # fastest motion while the position is unknown
 //! unknown_window_mm = 10.0                   # farthest motion while the position is unknown
-//! largest_error_mm = 20.0                    # target to stage while following, on any axis ...
-//! longest_error_s = 1.0                      # ... for longer than this is fault 5; never without largest_error_mm
-//! largest_unseen_mm = 10.0                   # so much motion towards the target that brings it no nearer is fault 6; 0 is never
-//! motors_off_after_s = 0                     # switch the motors off after this time at rest; 0 is never
+//! largest_error_mm = 20.0                    # largest distance of the target while following
+//! longest_error_s = 1.0                      # fault 5 after this time above largest_error_mm
+//! largest_unseen_mm = 10.0                   # fault 6 after this motion without approach; 0 = off
+//! motors_off_after_s = 0                     # time at rest until the motors are off; 0 is never
 //! ```
 
 use std::fmt::Write as _;
@@ -22,44 +22,45 @@ use shared::frame::message::Side;
 use super::field::Field;
 use crate::error::InputError;
 
-/// A limit switch that says where its axis is.
+/// A limit switch that defines the position of its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomeSwitch {
-    /// Which end it is at.
+    /// End of the travel with the switch.
     pub side: Side,
-    /// Where it trips on the way onto it, mm.
+    /// Position at which the switch trips when approached, mm.
     pub position_mm: f64,
 }
 
-/// How the stage is treated.
+/// Optional settings of the stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Care {
-    /// Lost motion per axis, mm, from 0.
+    /// Backlash per axis, mm, at least 0.
     pub backlash_mm: [f64; 3],
-    /// Home switches.
+    /// Home switch per axis.
     pub home: [Option<HomeSwitch>; 3],
     /// Speed towards a home switch the first time and the second, mm/s, > 0.
     pub home_speed_mm_s: [f64; 2],
-    /// How far an axis backs off from its home switch, mm, > 0.
+    /// Distance that an axis backs off from its home switch, mm, > 0.
     pub back_off_mm: f64,
     /// Fastest motion while the position is unknown, mm/s, > 0.
     pub slow_speed_mm_s: f64,
-    /// How far an axis may go from where its position began to be unknown, mm, > 0.
+    /// Largest distance of an axis from the place where its position became unknown, mm, > 0.
     pub unknown_window_mm: f64,
-    /// Longest distance of the target while following, on any axis, mm, > 0; `None` is any.
+    /// Largest distance of the target while following, on any axis, mm, > 0; `None` disables the
+    /// limit.
     pub largest_error_mm: Option<f64>,
-    /// For how long it may be longer, s.
+    /// Longest time above that distance, s.
     pub longest_error_s: f64,
-    /// Motion towards the target without its coming nearer, on any axis, mm, > 0; `None` is any.
-    /// Only while prediction is on.
+    /// Largest motion towards the target that brings it no nearer, on any axis, mm, > 0; `None`
+    /// disables the limit. Checked only while prediction is on.
     pub largest_unseen_mm: Option<f64>,
     /// Time at rest after which the motors are switched off, s; 0 is never.
     pub motors_off_after_s: u16,
 }
 
 impl Default for Care {
-    /// No lost motion, no home switches; 5 mm/s and 10 mm while the position is unknown; 10 mm of
-    /// steps in vain.
+    /// Returns settings without backlash and home switches, with 5 mm/s and 10 mm while the
+    /// position is unknown, and with 10 mm of motion without effect.
     fn default() -> Self {
         Self {
             backlash_mm: [0.0; 3],
@@ -76,9 +77,9 @@ impl Default for Care {
     }
 }
 
-/// Larger figures than these belong to no stage; a slip of the unit does.
+/// Largest distance, mm, and speed, mm/s, of a stage. Larger figures are mistakes of the unit.
 const LIMIT_MM: f64 = 1e3;
-/// The protocol's range.
+/// Largest backlash of the protocol, mm.
 const LIMIT_BACKLASH_MM: f64 = 65.0;
 const LIMIT_SPEED_MM_S: f64 = 1e4;
 const LIMIT_TIME_S: f64 = 60.0;
@@ -129,7 +130,7 @@ impl Care {
         })
     }
 
-    /// Only what differs from the defaults.
+    /// Writes the settings that differ from the defaults.
     pub(super) fn write_toml(&self, text: &mut String) {
         let default = Self::default();
         if self.backlash_mm != default.backlash_mm {
@@ -198,7 +199,7 @@ fn from_zero(field: &Field<'_>, limit: f64) -> Result<f64, InputError> {
     }
 }
 
-/// As in a rig file.
+/// Returns the name of a side in a rig file.
 const fn side_name(side: Option<Side>) -> &'static str {
     match side {
         None => "none",

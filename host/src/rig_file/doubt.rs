@@ -1,13 +1,12 @@
-//! Doubts about a rig that obeys every rule and yet is probably not the one that was meant: wrong
-//! units, exchanged names.
+//! Doubts about a rig that obeys every rule but probably has wrong units or exchanged names.
 
 use super::RigFile;
 
-/// Cameras side by side are farther apart than this, mm: their housings are wider.
+/// Least distance of cameras side by side, mm, because of their housings.
 const CLOSEST_MM: f64 = 5.0;
-/// A rig below this size, mm, is one in metres.
+/// Size below which a rig is probably in metres, mm.
 const METRES_MM: f64 = 0.5;
-/// Rigs on one frame are narrower than this, mm.
+/// Largest size of a rig on one frame, mm.
 const WIDEST_MM: f64 = 5_000.0;
 /// Least focal length over the image's width: a field of view of 127 degrees.
 const LEAST_FOCAL: f64 = 0.25;
@@ -15,7 +14,7 @@ const LEAST_FOCAL: f64 = 0.25;
 const GREATEST_FOCAL: f64 = 50.0;
 
 impl RigFile {
-    /// Returns what is probably a mistake of units or names, as sentences for the user.
+    /// Returns the probable mistakes of units or names, as sentences for the user.
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
         doubts.extend(self.distance());
@@ -100,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn other_units_of_offsets_are_named() {
+    fn wrong_offset_units_are_named() {
         for (by, unit) in [
             (1e-3, "metres"),
             (0.02, "centimetres"),

@@ -1,5 +1,4 @@
-//! Other numbers in the text of a rig file: everything else stays as it stands there, comments
-//! included.
+//! Replaces numbers in the text of a rig file; all other text stays unchanged, comments included.
 
 use std::path::Path;
 
@@ -8,10 +7,10 @@ use toml_edit::{Array, DocumentMut, Value};
 use super::RigFile;
 use crate::error::InputError;
 
-/// `text`, a rig file, after `change`. `file` is what errors name.
+/// Returns `text`, a rig file, after `change`. Errors name `file`.
 ///
 /// # Errors
-/// That of `change`; or if the text is no TOML, or the result would be no rig file.
+/// If `change` fails, the text is not TOML, or the result is not a valid rig file.
 pub(crate) fn edited(
     file: &Path,
     text: &str,
@@ -22,17 +21,17 @@ pub(crate) fn edited(
     })?;
     change(&mut document)?;
     let text = document.to_string();
-    // A value that no rig can have is refused here, with its line.
+    // Refuses invalid values with their line.
     RigFile::parse(file, &text)?;
     Ok(text)
 }
 
-/// Rounded, `parts` to the unit. Adding zero to what is left turns -0 into 0.
+/// Rounds `number` to a multiple of `1/parts`. Adding zero turns -0 into 0.
 pub(crate) fn rounded(number: f64, parts: f64) -> f64 {
     (number * parts).round() / parts + 0.0
 }
 
-/// Numbers in the place of an array's, each with what stood around its predecessor.
+/// Replaces the numbers of an array; each keeps the whitespace and comments of its predecessor.
 pub(crate) fn replace(array: &mut Array, numbers: impl Iterator<Item = f64>) {
     for (old, number) in array.iter_mut().zip(numbers) {
         let around = old.decor().clone();

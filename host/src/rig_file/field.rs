@@ -1,5 +1,5 @@
-//! A value of a TOML file that knows its own name and line, so that whatever is wrong with it can
-//! be said in full: `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
+//! A value of a TOML file that knows its name and line, so that errors can state both:
+//! `rig.toml:7: field `camera[1].focal_px[0]`: ...`.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::InputError;
 
-/// The file's name and text.
+/// Name and text of the file.
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
     pub file: &'a Path,
@@ -17,14 +17,14 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Line of a byte offset, counted from 1.
+    /// Returns the line of a byte offset, counted from 1.
     pub fn line(&self, offset: usize) -> usize {
         let before = self.text.as_bytes().get(..offset);
         let before = before.unwrap_or(self.text.as_bytes());
         1 + before.iter().filter(|&&byte| byte == b'\n').count()
     }
 
-    /// The parser's complaint, with the key of the line it stumbled over.
+    /// Returns the parser's error, with the key of the line at fault.
     pub fn syntax(&self, error: &toml::de::Error) -> InputError {
         if let Some(reason) = other_format(self.text) {
             return InputError::file(self.file, reason);
@@ -33,7 +33,7 @@ impl Source<'_> {
         let Some(span) = error.span() else {
             return InputError::file(self.file, reason);
         };
-        // An unfinished value is noticed where the text ends, which may be past its own line.
+        // The parser reports an unfinished value at the end of the text, maybe past its line.
         let line = self.line(span.start);
         let text = self.text.lines().nth(line - 1).unwrap_or_default();
         if has_decimal_comma(text) {
@@ -88,7 +88,7 @@ pub(crate) struct Field<'a> {
 }
 
 impl<'a> Field<'a> {
-    /// The whole document.
+    /// Returns the whole document.
     pub fn root(source: Source<'a>, value: &'a DeValue<'a>) -> Self {
         Self {
             source,
@@ -98,7 +98,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Something is wrong with this value.
+    /// Returns an error at this value.
     pub fn fault(&self, reason: impl Into<String>) -> InputError {
         let line = self.source.line(self.span.start);
         if self.path.is_empty() {
@@ -136,7 +136,7 @@ impl<'a> Field<'a> {
             .table()?
             .keys()
             .filter(|key| !known.contains(&key.get_ref().as_ref()))
-            // The one that comes first in the file, whatever order the parser keeps.
+            // Name the first unknown key of the file, for any order of the parser.
             .min_by_key(|key| key.span().start);
         match unknown {
             None => Ok(()),
@@ -149,7 +149,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The value under `key`, if there is one.
+    /// Returns the value under `key`, if it exists.
     pub fn optional(&self, key: &str) -> Result<Option<Field<'a>>, InputError> {
         let entry = self.table()?.get(key);
         Ok(entry.map(|value| self.child(self.key_path(key), value)))
@@ -183,7 +183,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The value under `key`.
+    /// Returns the value under `key`, or an error.
     pub fn required(&self, key: &str) -> Result<Field<'a>, InputError> {
         self.optional(key)?.ok_or_else(|| {
             let line = self.source.line(self.span.start);
@@ -205,7 +205,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The elements of an array.
+    /// Returns the elements of an array.
     pub fn elements(&self) -> Result<Vec<Field<'a>>, InputError> {
         let DeValue::Array(array) = self.value else {
             return Err(self.wrong_kind("an array"));
@@ -216,7 +216,7 @@ impl<'a> Field<'a> {
             .collect())
     }
 
-    /// The elements of an array that must have exactly `N`.
+    /// Returns the elements of an array that must have exactly `N`.
     pub fn fields<const N: usize>(&self) -> Result<[Field<'a>; N], InputError> {
         self.elements()?
             .try_into()
@@ -231,7 +231,7 @@ impl<'a> Field<'a> {
             })
     }
 
-    /// The elements of an array that must have exactly `N`, each read by `read`.
+    /// Returns the elements of an array that must have exactly `N`, each read by `read`.
     pub fn each<const N: usize, T: Copy + Default>(
         &self,
         read: impl Fn(&Field<'a>) -> Result<T, InputError>,
@@ -244,11 +244,11 @@ impl<'a> Field<'a> {
         Ok(values)
     }
 
-    /// A finite number of at most `limit` in size, whole or not.
+    /// Reads a finite number of at most `limit` in magnitude, whole or not.
     pub fn number(&self, limit: f64) -> Result<f64, InputError> {
         let value: f64 = match self.value {
             DeValue::Float(float) => float.as_str().parse().unwrap_or(f64::NAN),
-            // Rig files never need more than f64's 53 bits of a whole number.
+            // Whole numbers of rig files need at most f64's 53 bits.
             DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix())
                 .map_or(f64::INFINITY, |whole| whole as f64),
             _ => return Err(self.wrong_kind("a number")),
@@ -262,7 +262,7 @@ impl<'a> Field<'a> {
         Ok(value)
     }
 
-    /// A number greater than 0 and at most `limit`.
+    /// Reads a number greater than 0 and at most `limit`.
     pub fn positive(&self, limit: f64) -> Result<f64, InputError> {
         let value = self.number(limit)?;
         if value > 0.0 {
@@ -272,7 +272,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// A whole number within `range`.
+    /// Reads a whole number within `range`.
     pub fn whole(&self, range: std::ops::RangeInclusive<u32>) -> Result<u32, InputError> {
         let DeValue::Integer(integer) = self.value else {
             return Err(self.wrong_kind("a whole number"));
@@ -286,7 +286,7 @@ impl<'a> Field<'a> {
             })
     }
 
-    /// A text.
+    /// Reads a text.
     pub fn text(&self) -> Result<&'a str, InputError> {
         match self.value {
             DeValue::String(text) => Ok(text),
@@ -294,7 +294,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// `true` or `false`.
+    /// Reads `true` or `false`.
     pub fn flag(&self) -> Result<bool, InputError> {
         match self.value {
             DeValue::Boolean(flag) => Ok(*flag),

@@ -1,4 +1,4 @@
-//! The `[stage]` section: three axes of stepping motors and how the cameras sit on them.
+//! The `[stage]` section: three axes of stepping motors and the hand-eye matrix.
 
 use std::fmt::Write as _;
 
@@ -19,10 +19,10 @@ pub enum Driver {
 }
 
 impl Driver {
-    /// All of them.
+    /// All drivers.
     pub const ALL: [Self; 3] = [Self::A4988, Self::Drv8825, Self::Tmc2209];
 
-    /// The name a rig file gives it.
+    /// Returns the name in a rig file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::A4988 => "A4988",
@@ -43,19 +43,19 @@ pub struct Stage {
     pub max_acceleration_mm_s2: [f64; 3],
     /// Greatest jerk, mm/s³, > 0.
     pub max_jerk_mm_s3: [f64; 3],
-    /// Soft limits, mm from the home position: least, greatest.
+    /// Soft limits, mm from the home position: lower, upper.
     pub travel_mm: [[f64; 2]; 3],
-    /// Whether the motor's positive direction is the axis's negative one.
+    /// True if the motor's positive direction is the axis's negative one.
     pub invert: [bool; 3],
-    /// Rows of the matrix that takes a displacement along the camera axes to one along the stage
+    /// Hand-eye matrix: its rows take a displacement along the camera axes to one along the stage
     /// axes. Dimensionless, invertible.
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
     pub driver: Driver,
-    /// How a target is followed: `prediction` (optional, true without) and `coast_ms` (optional,
-    /// 800 without).
+    /// Settings of tracking: `prediction` (optional, default true) and `coast_ms` (optional,
+    /// default 800).
     pub tracking: Settings,
-    /// Lost motion, home switches, and what is watched.
+    /// Backlash, home switches, and supervision.
     pub care: Care,
 }
 
@@ -107,7 +107,7 @@ const REQUIRED: [(&str, &str); 8] = [
     ("driver", "driver = \"TMC2209\""),
 ];
 
-/// Larger figures than these belong to no stage; a slip of the unit does.
+/// Largest number of steps per mm of a stage. Larger figures are mistakes of the unit.
 const LIMIT_STEPS_PER_MM: f64 = 1e6;
 const LIMIT_RATE: f64 = 1e9;
 const LIMIT_TRAVEL_MM: f64 = 1e5;

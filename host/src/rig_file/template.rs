@@ -1,4 +1,4 @@
-//! A commented rig file to begin with: every field, what it means, and what it may be.
+//! A commented rig file for a new rig: every field, its meaning, and its range.
 //!
 //! The values of cameras are guesses until `calibrate` has measured them, and the text says so.
 
@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use super::stage::Driver;
 
-/// Values of a rig file that is to be written, for [`text`].
+/// Values of a new rig file, for [`text`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Template {
     /// Names of the cameras from left to right, 2 to 8.
@@ -24,7 +24,7 @@ pub struct Template {
 /// Values of the `[stage]` section. Arrays are per stage axis X, Y, Z.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageTemplate {
-    /// The board that drives it, as `firmware/build` names it.
+    /// Name of its board in `firmware/build`.
     pub board: String,
     /// Steps per mm, micro steps included.
     pub steps_per_mm: [f64; 3],
@@ -41,8 +41,8 @@ pub struct StageTemplate {
 /// Jerk over acceleration, 1/s: full acceleration is reached within 40 ms.
 const JERK_PER_ACCELERATION: f64 = 25.0;
 
-/// Returns the text of a rig file with these values, which
-/// [`RigFile::parse`](super::RigFile::parse) judges as it judges a user's.
+/// Returns the text of a rig file with these values. [`RigFile::parse`](super::RigFile::parse)
+/// checks it like a user's file.
 pub fn text(template: &Template) -> String {
     let mut text = String::from(HEAD);
     let [columns, rows] = template.image_size_px;
@@ -57,7 +57,8 @@ pub fn text(template: &Template) -> String {
         let centre = [columns, rows].map(|side| (f64::from(side) - 1.0) / 2.0);
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {}\nfocal_px = [{focal:?}, {focal:?}]\nprincipal_px = {centre:?}\n\
+            "\n[[camera]]\nname = {}\nfocal_px = [{focal:?}, {focal:?}]\n\
+             principal_px = {centre:?}\n\
              offset_mm = [{offset_mm:?}, 0.0]\n\
              # distortion = [0.0, 0.0, 0.0, 0.0, 0.0]\n# rotation_deg = [0.0, 0.0, 0.0]\n",
             toml::Value::from(name.as_str()),
@@ -85,8 +86,10 @@ fn stage_text(text: &mut String, stage: &StageTemplate) {
          max_speed_mm_s = {speed:?}\n\
          max_acceleration_mm_s2 = {acceleration:?}\n\
          max_jerk_mm_s3 = {jerk:?}  # acceleration over the time to reach it\n\
-         travel_mm = [[{low:?}, {high:?}], [{low:?}, {high:?}], [{low:?}, {high:?}]]  # soft limits from zero\n\
-         invert = [false, false, false]  # true: the motor's positive direction is the axis's negative\n\
+         travel_mm = [[{low:?}, {high:?}], [{low:?}, {high:?}], [{low:?}, {high:?}]]  \
+         # soft limits from zero\n\
+         invert = [false, false, false]  # true: the motor's positive direction \
+         is the axis's negative\n\
          driver = \"{driver}\"  # A4988, DRV8825 or TMC2209: sets pulse lengths and set-up times\n",
         board = stage.board,
         steps = stage.steps_per_mm,
@@ -130,7 +133,8 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 # prediction = true                     # follow the predicted target; false: the last measured one
 # coast_ms = 800                        # go on at the last velocity for this time without a frame
 # backlash_mm = [0.0, 0.0, 0.0]         # play of each axis when it reverses
-# home_switch = [\"none\", \"none\", \"none\"] # end with the home switch: negative, positive or none
+# home_switch = [\"none\", \"none\", \"none\"] \
+# end with the home switch: negative, positive or none
 # home_position_mm = [0.0, 0.0, 0.0]    # where each home switch trips
 # home_speed_mm_s = [10.0, 1.0]         # towards a home switch: first approach, second approach
 # back_off_mm = 2.0                     # distance between the two approaches, and afterwards
@@ -171,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn template_is_a_rig_file_with_its_values() {
+    fn template_reads_back() {
         let file = parsed(&text(&example(&["left", "middle", "right"])));
         let offsets: Vec<_> = file.rig.cameras.iter().map(|c| c.offset_mm[0]).collect();
         assert_eq!(offsets, [-30.0, 0.0, 30.0]);
@@ -184,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn template_names_every_field_of_a_stage() {
+    fn template_names_all_stage_fields() {
         let known = std::collections::BTreeSet::from(KEYS);
         assert_eq!(known.len(), KEYS.len());
         let text = text(&example(&["a", "b"]));
@@ -194,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn optional_fields_show_their_defaults() {
+    fn optional_fields_show_defaults() {
         let with = text(&example(&["left", "right"]));
         let all = with
             .replace("# largest_error_mm = 20.0", "")

@@ -23,7 +23,7 @@ fn parse(text: &str) -> Result<RigFile, InputError> {
     RigFile::parse(Path::new("rig.toml"), text)
 }
 
-/// The error of the paper's rig with one change, and the line the change stands in.
+/// Returns the error of the paper's rig with one change, and the line of the change.
 #[track_caller]
 fn refusal(from: &str, to: &str) -> (InputError, usize) {
     let text = paper_text();
@@ -42,7 +42,7 @@ fn refused(from: &str, to: &str, field: &str, reason: &str) {
 }
 
 #[test]
-fn the_papers_rig_reads_back_bit_for_bit() {
+fn paper_rig_reads_back_exactly() {
     let mut rig = RigFile::paper();
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
     rig.rig.cameras[1].distortion = [-0.123_456_789_012_345_67, 1e-9, 1e-3 / 3.0, 0.0, -0.0];
@@ -59,7 +59,7 @@ fn the_papers_rig_reads_back_bit_for_bit() {
 }
 
 #[test]
-fn a_stage_reads_back() {
+fn stage_reads_back() {
     let rig = parse(&paper_text()).unwrap();
     let stage = rig.stage.clone().unwrap();
     assert_eq!(stage.steps_per_mm, [80.0, 80.0, 400.0]);
@@ -70,7 +70,7 @@ fn a_stage_reads_back() {
 }
 
 #[test]
-fn how_a_target_is_followed_is_optional() {
+fn tracking_settings_are_optional() {
     let standard = parse(&paper_text()).unwrap().stage.unwrap().tracking;
     assert_eq!(standard, Settings::DEFAULT);
     let chosen = paper_text() + "prediction = false\ncoast_ms = 250\n";
@@ -101,7 +101,7 @@ fn whole_numbers_serve_as_floats() {
 }
 
 #[test]
-fn left_middle_right_are_put_in_order() {
+fn trinocular_names_are_ordered() {
     let text = RigFile::paper().to_toml();
     let blocks: Vec<&str> = text.split("\n[[camera]]").collect();
     let shuffled = [blocks[0], blocks[3], blocks[1], blocks[2]].join("\n[[camera]]");
@@ -110,7 +110,7 @@ fn left_middle_right_are_put_in_order() {
 }
 
 #[test]
-fn other_names_keep_the_files_order() {
+fn other_names_keep_file_order() {
     let text = RigFile::paper().to_toml();
     let text = text
         .replace("\"left\"", "\"zulu\"")
@@ -122,7 +122,7 @@ fn other_names_keep_the_files_order() {
 }
 
 #[test]
-fn impossible_numbers_are_refused_by_name() {
+fn impossible_numbers_are_named() {
     refused(
         "533.16",
         "-533.16",
@@ -170,7 +170,7 @@ fn impossible_numbers_are_refused_by_name() {
 }
 
 #[test]
-fn wrong_shapes_are_refused_by_name() {
+fn wrong_shapes_are_named() {
     refused(
         "[320, 240]",
         "[320]",
@@ -190,7 +190,7 @@ fn wrong_shapes_are_refused_by_name() {
 }
 
 #[test]
-fn unknown_and_missing_fields_are_refused_by_name() {
+fn unknown_or_missing_key_is_named() {
     refused("image_size_px", "image_size", "image_size", "unknown field");
     let at_name = "name = \"middle\"";
     refused(
@@ -203,17 +203,18 @@ fn unknown_and_missing_fields_are_refused_by_name() {
     let (error, _) = refusal("offset_mm = [68.0, 0.0]", "");
     assert_eq!(error.field.as_deref(), Some("camera[2].offset_mm"));
     assert!(error.reason.contains("missing"), "{error}");
-    // The table's own line stands for a field that is not there.
+    // A missing field is reported at the line of its table.
     assert_eq!(error.line, Some(15), "{error}");
     let (error, _) = refusal("image_size_px = [320, 240]", "");
     assert_eq!(error.field.as_deref(), Some("image_size_px"));
 }
 
 #[test]
-fn two_to_eight_cameras() {
+fn two_to_eight_cameras_are_valid() {
     let camera = |i: usize| {
         format!(
-            "[[camera]]\nname = \"c{i}\"\nfocal_px = [500, 500]\nprincipal_px = [160, 120]\noffset_mm = [{}, 0]\n",
+            "[[camera]]\nname = \"c{i}\"\nfocal_px = [500, 500]\nprincipal_px = [160, 120]\n\
+             offset_mm = [{}, 0]\n",
             10 * i
         )
     };
@@ -228,7 +229,7 @@ fn two_to_eight_cameras() {
 }
 
 #[test]
-fn names_must_be_distinct_and_name_folders() {
+fn camera_names_must_be_distinct() {
     refused("\"right\"", "\"left\"", "camera[2].name", "already");
     refused("\"right\"", "\"Left\"", "camera[2].name", "already");
     refused("\"right\"", "\"\"", "camera[2].name", "empty");
@@ -238,7 +239,7 @@ fn names_must_be_distinct_and_name_folders() {
 }
 
 #[test]
-fn cameras_need_distinct_places_in_order() {
+fn camera_places_must_be_distinct() {
     refused("68.0", "0.0", "camera[2].offset_mm", "same place");
     refused(
         "68.0",
@@ -246,14 +247,14 @@ fn cameras_need_distinct_places_in_order() {
         "camera[2].offset_mm",
         "left < middle < right",
     );
-    // Of two cameras in the wrong order the later one is named.
+    // Of two cameras in the wrong order, the error names the later one.
     let (error, _) = refusal("-70.0", "70.0");
     assert_eq!(error.field.as_deref(), Some("camera[1].offset_mm"));
     assert!(error.reason.contains("left < middle < right"), "{error}");
 }
 
 #[test]
-fn impossible_stages_are_refused_by_name() {
+fn impossible_stages_are_named() {
     refused("400]", "-400]", "stage.steps_per_mm[2]", "greater than 0");
     refused("[0, 30]", "[30, 0]", "stage.travel_mm[2]", "less than");
     refused("[0, 0, 1]]", "[0, 1, 0]]", "stage.matrix", "not invertible");
@@ -276,7 +277,7 @@ fn broken_toml_names_the_line() {
 }
 
 #[test]
-fn writing_replaces_the_file_whole_and_leaves_no_draft() {
+fn writing_replaces_whole_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
     fs::write(&path, "old").unwrap();
@@ -287,7 +288,7 @@ fn writing_replaces_the_file_whole_and_leaves_no_draft() {
     let nowhere = folder.path().join("none/rig.toml");
     let error = RigFile::paper().write(&nowhere).unwrap_err();
     assert!(error.to_string().contains("cannot write"), "{error}");
-    // A folder cannot be replaced by a file: the draft must be gone again.
+    // A file cannot replace a folder: the draft must be removed.
     let occupied = folder.path().join("occupied");
     fs::create_dir(&occupied).unwrap();
     RigFile::paper().write(&occupied).unwrap_err();
@@ -295,7 +296,7 @@ fn writing_replaces_the_file_whole_and_leaves_no_draft() {
 }
 
 #[test]
-fn a_lens_model_that_folds_the_image_over_is_refused() {
+fn folding_lens_model_is_refused() {
     let with = |k1: &str| format!("offset_mm = [68.0, 0.0]\ndistortion = [{k1}, 0, 0, 0, 0]");
     let (error, line) = refusal("offset_mm = [68.0, 0.0]", &with("-30"));
     assert_eq!(error.field.as_deref(), Some("camera[2].distortion"));
@@ -307,7 +308,7 @@ fn a_lens_model_that_folds_the_image_over_is_refused() {
 }
 
 #[test]
-fn a_camera_may_be_turned_a_little() {
+fn slightly_turned_camera_is_valid() {
     let with = |degrees: &str| format!("offset_mm = [68.0, 0.0]\nrotation_deg = {degrees}");
     let text = paper_text().replace("offset_mm = [68.0, 0.0]", &with("[0.5, -1, 12]"));
     let rig = parse(&text).unwrap();
@@ -330,7 +331,7 @@ fn a_camera_may_be_turned_a_little() {
 }
 
 #[test]
-fn the_papers_estimators_want_a_rig_in_line() {
+fn paper_estimators_need_line_rig() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
     RigFile::paper().write(&path).unwrap();
@@ -373,7 +374,7 @@ fn the_papers_estimators_want_a_rig_in_line() {
 }
 
 #[test]
-fn deep_nesting_is_refused_without_overflowing_the_stack() {
+fn deep_nesting_is_refused() {
     for open in ["[", "{a = "] {
         let error = parse(&format!("image_size_px = {}", open.repeat(100_000))).unwrap_err();
         assert!(error.reason.contains("not valid TOML"), "{error}");
@@ -381,7 +382,7 @@ fn deep_nesting_is_refused_without_overflowing_the_stack() {
 }
 
 #[test]
-fn other_formats_are_named_with_the_way_out() {
+fn other_formats_are_named() {
     let reason = |text: &str| {
         let parsed = RigFile::parse(Path::new("rig.toml"), text);
         parsed.expect_err("it is no rig file").to_string()

@@ -1,4 +1,4 @@
-//! The cameras on the stage: from where the target is to the sums of a frame.
+//! The cameras on the stage: converts the position of the target to the flow sums of a frame.
 
 use super::file::{Cameras, Sight};
 use crate::flow::Correspondence;
@@ -14,13 +14,13 @@ use shared::rig::Rig;
 /// Half the width, height and depth of the cloud of points, mm.
 const CLOUD_MM: [f64; 3] = [140.0, 120.0, 110.0];
 
-/// What an occluder looks like: an even grey.
+/// Grey level of an occluder.
 const OCCLUDER_GREY: f64 = 128.0;
 
 /// Cameras that have taken their keyframe.
 #[derive(Debug)]
 pub struct Eyes {
-    /// The loop that measures what they see.
+    /// Visual servo that measures the frame sets.
     pub servo: VisualServo,
     rig: Rig,
     seed: u64,
@@ -32,7 +32,7 @@ enum Kind {
     Rendered(Box<Scene>),
     Points {
         noise_px: f64,
-        /// In space, and where each camera saw it at the keyframe, noise included.
+        /// Position in space, and pixel in each camera at the keyframe, noise included.
         points: Vec<([f64; 3], Vec<[f64; 2]>)>,
     },
 }
@@ -41,7 +41,7 @@ impl Eyes {
     /// Takes the keyframe.
     ///
     /// # Errors
-    /// If the scene cannot be rendered, or its pictures are no reference.
+    /// If the scene cannot be rendered, or its images cannot serve as a keyframe.
     pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, ServoError> {
         let rig = Rig::paper();
         let mut servo =
@@ -87,11 +87,11 @@ impl Eyes {
         })
     }
 
-    /// The sums of capture `number` (from 1), with the target displaced by `relative_mm` as seen
-    /// from the cameras.
+    /// Measures the flow sums of frame set `number` (from 1), with the target displaced by
+    /// `relative_mm` as seen from the cameras.
     ///
     /// # Errors
-    /// With the reason why there are none.
+    /// If the measurement is refused.
     pub fn see(&mut self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, MeasureRefusal> {
         let seed = capture_seed(self.seed, number);
         let measured = match &self.kind {
@@ -107,10 +107,10 @@ impl Eyes {
         measured.map(|measured| measured.sums)
     }
 
-    /// The same with something before the target.
+    /// Measures a frame set with an occluder before the target.
     ///
     /// # Errors
-    /// As it should: there is nothing to see.
+    /// Returns the refusal, which is the expected result.
     pub fn see_occluder(&mut self, number: u64) -> Result<FrameSums, MeasureRefusal> {
         match &self.kind {
             Kind::Rendered(scene) => {
@@ -141,7 +141,7 @@ impl Eyes {
         }
     }
 
-    /// The points that lie within every camera's image.
+    /// Returns the points that lie within every camera's image.
     fn project(
         rig: &Rig,
         points: &[([f64; 3], Vec<[f64; 2]>)],
@@ -171,7 +171,8 @@ impl Eyes {
     }
 }
 
-/// Noise differs from capture to capture, and is the same in every run.
+/// Returns the seed of a frame set's noise, which differs between frame sets and is the same in
+/// every run.
 fn capture_seed(seed: u64, number: u64) -> u64 {
     Random::new(seed, number.wrapping_add(1)).next_u64()
 }
@@ -199,10 +200,10 @@ mod tests {
         estimate.displacement_nm.map(|nm| f64::from(nm) * 1e-6)
     }
 
-    /// A scenario with points in place of pictures is about as hard: their errors are alike on
-    /// every axis.
+    /// Points are about as uncertain as rendered images on every axis, so a scenario is about as
+    /// hard with either.
     #[test]
-    fn points_are_about_as_uncertain_as_pictures() {
+    fn points_match_image_uncertainty() {
         let rendered = Sight::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
@@ -228,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn both_kinds_see_where_the_target_is_and_nothing_through_an_occluder() {
+    fn target_seen_unless_occluded() {
         let rendered = Sight::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,

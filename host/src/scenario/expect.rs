@@ -6,53 +6,54 @@ use shared::track::pursuit::Sight;
 /// The `[expect]` section. Figures are those of [`Figures`](super::figures::Figures), over the
 /// scenario's measured time; each is an upper bound.
 ///
-/// Three things are always expected: no step is lost, speed and acceleration of the stage are
-/// within its limits (abrupt stops left out), and a host that falls silent leaves a stage that
-/// stands within the bound of its way. So is that no command of the scenario is refused.
+/// Every run must also fulfil four conditions. No step is lost; speed and acceleration of the stage
+/// are within its limits (abrupt stops left out); the stage stops within the stated bound after a
+/// silence of the host; and no command of the scenario is refused.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expect {
-    /// [`rms_mm`](super::figures::Figures::rms_mm).
+    /// Bound on [`rms_mm`](super::figures::Figures::rms_mm).
     pub rms_mm: Option<[f64; 3]>,
-    /// [`max_mm`](super::figures::Figures::max_mm).
+    /// Bound on [`max_mm`](super::figures::Figures::max_mm).
     pub max_mm: Option<[f64; 3]>,
-    /// [`lag_mm`](super::figures::Figures::lag_mm).
+    /// Bound on [`lag_mm`](super::figures::Figures::lag_mm).
     pub lag_mm: Option<f64>,
-    /// [`settle_ms`](super::figures::Figures::settle_ms); there must be a jump, and it must settle.
+    /// Bound on [`settle_ms`](super::figures::Figures::settle_ms); the target must jump, and every
+    /// jump must settle.
     pub settle_ms: Option<f64>,
-    /// [`overshoot`](super::figures::Figures::overshoot).
+    /// Bound on [`overshoot`](super::figures::Figures::overshoot).
     pub overshoot: Option<f64>,
-    /// [`jitter_mm`](super::figures::Figures::jitter_mm).
+    /// Bound on [`jitter_mm`](super::figures::Figures::jitter_mm).
     pub jitter_mm: Option<[f64; 3]>,
-    /// [`reversals_per_s`](super::figures::Figures::reversals_per_s), every axis.
+    /// Bound on [`reversals_per_s`](super::figures::Figures::reversals_per_s) of every axis.
     pub reversals_per_s: Option<f64>,
-    /// The 99th percentile of [`latency_ms`](super::figures::Figures::latency_ms).
+    /// Bound on the 99th percentile of [`latency_ms`](super::figures::Figures::latency_ms).
     pub latency_ms: Option<f64>,
-    /// Without prediction, [`rms_3d_mm`](super::figures::Figures::rms_3d_mm) must be larger by at
-    /// least this factor. The scenario is run a second time for this.
+    /// Least factor by which [`rms_3d_mm`](super::figures::Figures::rms_3d_mm) is larger without
+    /// prediction. The scenario is run a second time for this.
     pub prediction_gain: Option<f64>,
-    /// [`steps`](super::figures::Figures::steps), exactly ...
+    /// Expected [`steps`](super::figures::Figures::steps) per axis.
     pub steps: Option<[i64; 3]>,
-    /// ... or so near.
+    /// Largest difference from the expected steps, per axis.
     pub steps_within: [i64; 3],
-    /// The faults in their order; none without this field.
+    /// Expected faults in their order; none without this field.
     pub faults: Vec<Fault>,
-    /// The states in their order.
+    /// Expected states in their order.
     pub states: Option<Vec<State>>,
-    /// What the station knew of the target, in order.
+    /// Expected knowledge of the target in its order, as the station reports it.
     pub sights: Option<Vec<Sight>>,
-    /// Points of the expected trace.
+    /// Expectations at single instants.
     pub at: Vec<Checkpoint>,
 }
 
-/// What must be so at one instant: a `[[expect.at]]` table.
+/// Expectations at one instant: an `[[expect.at]]` table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// When, s.
+    /// Instant, s.
     pub time_s: f64,
-    /// The error is within.
+    /// Bound on the error per axis, mm.
     pub error_mm: Option<[f64; 3]>,
-    /// The station's state.
+    /// Expected state of the station.
     pub state: Option<State>,
-    /// Whether the stage stands: no step in the 20 ms before.
+    /// Expected standstill: true if the stage makes no step in the 20 ms before.
     pub standing: Option<bool>,
 }

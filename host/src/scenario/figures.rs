@@ -1,10 +1,10 @@
-//! Figures of a run, from its trace alone.
+//! Figures of a run, computed from its trace alone.
 //!
-//! *Error* is where the cameras are minus where the target is, each from its place at the keyframe,
-//! at every millisecond: the truth of the step pins, not the station's estimate. Speed and
-//! acceleration of the stage are differences of its position over 20 ms, which are means of the
-//! derivative; a position is known to one step, so a difference of order `k` is off by `2^(k-1)`
-//! steps over the window's `k`th power at most.
+//! The *error* is the position of the cameras minus that of the target, each from its position at
+//! the keyframe, at every millisecond. It uses the true positions from the step pins, not the
+//! station's estimate. Speed and acceleration of the stage are differences of its position over 20
+//! ms, which are means of the derivative. A position is known to one step, so a difference of order
+//! `k` has an error of at most `2^(k-1)` steps over the window's `k`th power.
 
 use super::file::{Measure, Scenario};
 use super::motion::Way;
@@ -14,51 +14,51 @@ use crate::client::stage::HEARTBEAT_MS;
 use crate::rig_file::Stage;
 use serde::Serialize;
 
-/// Speed and acceleration are means over so much time, s.
+/// Window of the means of speed and acceleration, s.
 const WINDOW_S: f64 = 0.020;
 
-/// The same in samples.
+/// Window in samples.
 const WINDOW: usize = (WINDOW_S / SAMPLE_S) as usize;
 
-/// From the end of the heartbeat time to the stop: the tick of the last ping, the one that notices,
-/// the one already planned, and the words in the engine, s.
+/// Time from the end of the heartbeat time to the stop, s: the tick of the last ping, the tick that
+/// detects the timeout, the tick already planned, and the words in the engine.
 const NOTICE_S: f64 = 3.6e-3;
 
-/// After something that stops the stage at once it has stopped within this, s.
+/// Time within which an abrupt stop is complete, s.
 const ABRUPT_S: f64 = 0.005;
 
-/// What a run shows.
+/// Figures of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
     /// Root mean square of the error per axis, mm.
     pub rms_mm: [f64; 3],
     /// Largest error per axis, mm.
     pub max_mm: [f64; 3],
-    /// The slowest jump: from the arrival of the first frame that shows it until the error stays
-    /// within the tolerance, ms. `None` without a jump, or if one does not settle before the target
-    /// moves on.
+    /// Settling time of the slowest jump, ms: from the arrival of the first frame that shows it
+    /// until the error stays within the tolerance. `None` without a jump, or if a jump does not
+    /// settle before the target moves on.
     pub settle_ms: Option<f64>,
-    /// From a capture to the first port word that its frame can change.
+    /// Time from a frame set to the first port word that its frame can change.
     pub latency_ms: Latency,
     /// Steps at the pins from start to end.
     pub steps: [i64; 3],
-    /// Steps that were planned and not made, all axes.
+    /// Number of steps that were planned and not made, on all axes.
     pub lost: u64,
-    /// Names of the faults that were latched, in their order.
+    /// Names of the latched faults, in their order.
     pub faults: Vec<&'static str>,
     /// Names of the station's states, in their order.
     pub states: Vec<&'static str>,
-    /// Names of what the station knew of the target, in their order.
+    /// Names of the station's knowledge of the target, in their order.
     pub sights: Vec<&'static str>,
     /// Root mean square of the error's length, mm.
     pub rms_3d_mm: f64,
-    /// Length of the mean error, mm: of a target on a straight line, the steady lag.
+    /// Length of the mean error, mm: the steady lag if the target moves on a straight line.
     pub lag_mm: f64,
-    /// How far the stage goes beyond a jump's end, over the jump, the worst axis. `None` without a
-    /// jump.
+    /// Distance of the stage beyond a jump's end, over the jump, on the worst axis. `None` without
+    /// a jump.
     pub overshoot: Option<f64>,
-    /// Root mean square of the stage's distance from its mean position, mm: of a target that
-    /// stands, the jitter.
+    /// Root mean square of the stage's distance from its mean position, mm: the jitter if the
+    /// target stands.
     pub jitter_mm: [f64; 3],
     /// Reversals of direction at the pins per second.
     pub reversals_per_s: [f64; 3],
@@ -66,40 +66,40 @@ pub struct Figures {
     pub speed_mm_s: [f64; 3],
     /// Greatest acceleration of the stage, abrupt stops left out, mm/s².
     pub acceleration_mm_s2: [f64; 3],
-    /// What became of the captures.
+    /// Counts of frame sets by result.
     pub frames: Frames,
-    /// What the stage did when the host fell silent.
+    /// Motion of the stage during each silence of the host.
     pub silences: Vec<Silence>,
     /// Commands of the scenario that the station refused.
     pub refused_commands: Vec<String>,
 }
 
-/// Percentiles, ms. `None` if no frame was used.
+/// Percentiles of the latency, ms. `None` if no frame was used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Latency {
-    /// Half of the frames are faster.
+    /// Median latency.
     pub p50: Option<f64>,
-    /// One in a hundred is slower.
+    /// 99th percentile of the latency.
     pub p99: Option<f64>,
 }
 
-/// What the stage did after the host's last ping.
+/// Motion of the stage after the host's last ping.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Silence {
-    /// When that was, s.
+    /// Instant of the last ping, s.
     pub at_s: f64,
-    /// Speed then, mm/s.
+    /// Speed at that instant, mm/s.
     pub speed_mm_s: [f64; 3],
-    /// The farthest it was from where it was then, mm.
+    /// Largest distance from the position at that instant, mm.
     pub way_mm: [f64; 3],
-    /// [`silence_bound_mm`] of that speed.
+    /// Bound of that distance, by [`silence_bound_mm`] of that speed.
     pub bound_mm: [f64; 3],
-    /// Whether it stood before the host spoke again.
+    /// True if the stage stood before the host spoke again.
     pub stood: bool,
 }
 
 impl Figures {
-    /// Of this run of this scenario.
+    /// Computes the figures of one run of a scenario.
     pub fn of(scenario: &Scenario, trace: &Trace) -> Self {
         let Measure {
             from_s, until_s, ..
@@ -147,16 +147,16 @@ impl Figures {
     }
 }
 
-/// How far [`Figures::speed_mm_s`] and [`Figures::acceleration_mm_s2`] may be above the truth for
-/// want of resolution, on an axis with so many steps per mm.
+/// Returns the resolution of [`Figures::speed_mm_s`] and [`Figures::acceleration_mm_s2`] on an axis
+/// with `steps_per_mm` steps per mm: they may exceed the true values by this much.
 pub fn resolution(steps_per_mm: f64) -> [f64; 2] {
     let step_mm = steps_per_mm.recip();
     [step_mm / WINDOW_S, 2.0 * step_mm / WINDOW_S.powi(2)]
 }
 
-/// The longest way of an axis from the host's last ping to rest, mm: from speed `v` and any
-/// acceleration up to `a`, for the heartbeat time and what it takes to notice, `T`, and then the
-/// planner's ramp; no faster than `most`.
+/// Returns the longest distance of an axis from the host's last ping to rest, mm. The axis starts
+/// at speed `v` and any acceleration up to `a`, goes on for the heartbeat time and the reaction
+/// time, together `T`, and then stops on the planner's ramp; it is never faster than `most`.
 ///
 /// ```text
 /// v' = v + aT    v'' = v' + a²/2j    d = vT + aT²/2 + v'a/j + a³/3j² + (v''/2)(v''/a + a/j)
@@ -206,7 +206,7 @@ fn settle_ms(scenario: &Scenario, trace: &Trace, way: &Way) -> Option<f64> {
             return None;
         }
         let settled_s = last.map_or(jump.at_s, |last| last + SAMPLE_S);
-        // To the microsecond, which all instants are.
+        // Rounded to the microsecond, the unit of all instants.
         let settle_ms = ((settled_s - arrival_s) * 1e6).round().max(0.0) / 1e3;
         slowest = Some(settle_ms.max(slowest.unwrap_or(0.0)));
     }
@@ -231,7 +231,7 @@ fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
 fn latency(latencies_us: &[u32]) -> Latency {
     let mut sorted = latencies_us.to_vec();
     sorted.sort_unstable();
-    // The nearest rank: the smallest that so many are not above.
+    // Nearest rank: the smallest value with at least this share of values at or below it.
     let percentile = |share: f64| {
         let rank = (share * sorted.len() as f64).ceil() as usize;
         let value = sorted.get(rank.max(1) - 1)?;
@@ -251,8 +251,8 @@ fn reversals_per_s(samples: &[Sample]) -> [f64; 3] {
     per_axis(|i| f64::from(last.reversals[i] - first.reversals[i]) / seconds)
 }
 
-/// The largest first or second difference of an axis's position over the window, as a derivative;
-/// windows that touch an abrupt stop left out.
+/// Returns the largest first or second difference of an axis's position over the window, as a
+/// derivative. Windows that touch an abrupt stop are left out.
 fn largest_difference(samples: &[Sample], abrupt_s: &[f64], axis: usize, order: usize) -> f64 {
     let at = |index: usize| samples[index].camera_mm[axis];
     let differences = (0..samples.len().saturating_sub(order * WINDOW)).map(|first| {

@@ -1,25 +1,25 @@
-//! A scenario as data: what the target does, what goes wrong and when, and what must come of it.
+//! A scenario as data: motion of the target, events, and expected result.
 //!
 //! ```toml
 //! title = "A step, then a line"
 //! seed = 1                              # of poster and noise
 //!
 //! [cameras]
-//! kind = "rendered"                     # real pictures through the flow; "points": ideal points with pixel noise, fast
+//! kind = "rendered"                     # images through the flow; "points": ideal points
 //! frames_per_s = 60.0
-//! latency_ms = 20.0                     # from a capture to its frame at the station
+//! latency_ms = 20.0                     # from a frame set to its frame at the station
 //! depth_mm = 850.0
-//! noise_grey = 2.0                      # rendered: grey levels of 255. points: noise_px = 0.03 and points = 100 instead
+//! noise_grey = 2.0                      # points: noise_px = 0.03 and points = 100 instead
 //!
 //! [[target]]                            # legs, one after the other
 //! motion = "step"                       # still; step; line; lissajous
-//! by_mm = [4.0, 4.0, 1.0]               # line: velocity_mm_s. lissajous: amplitude_mm, ratio, peak_mm_s
+//! by_mm = [4.0, 4.0, 1.0]               # lissajous: amplitude_mm, ratio, peak_mm_s
 //! seconds = 1.0
 //! [[target]]
 //! motion = "line"
 //! velocity_mm_s = [30.0, 40.0, 0.0]
 //! seconds = 2.0
-//! ramp_in_s = 0.3                       # line, lissajous: optional, 0 without; ramp_out_s likewise
+//! ramp_in_s = 0.3                       # optional, default 0; likewise ramp_out_s
 //!
 //! [[event]]                             # see `Happening`
 //! at_s = 1.5
@@ -45,119 +45,120 @@ use super::motion::Leg;
 use crate::images::TextureKind;
 use crate::rig_file::Stage;
 
-/// All that a scenario file says.
+/// Content of a scenario file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// For people.
+    /// Title for the reader.
     pub title: String,
-    /// Of poster and noise.
+    /// Seed of poster and noise.
     pub seed: u64,
-    /// What the cameras are.
+    /// Cameras of the scenario.
     pub cameras: Cameras,
-    /// The target's way.
+    /// Path of the target.
     pub legs: Vec<Leg>,
-    /// What happens meanwhile, in the file's order.
+    /// Events, in the file's order.
     pub events: Vec<Event>,
     /// The stage that carries the cameras.
     pub stage: Stage,
-    /// What the figures are taken over.
+    /// Measured time and tolerance of the figures.
     pub measure: Measure,
-    /// What they must be.
+    /// Expected figures and events.
     pub expect: Expect,
 }
 
 /// The paper's three cameras on the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cameras {
-    /// How their pictures become flow.
+    /// Source of the flow.
     pub sight: Sight,
-    /// Captures per second, 1 to 200.
+    /// Frame sets per second, 1 to 200.
     pub frames_per_s: f64,
-    /// From a capture to its frame's arrival at the station, ms.
+    /// Time from a frame set to its frame's arrival at the station, ms.
     pub latency_ms: f64,
     /// Distance of the target from the cameras at the keyframe, mm.
     pub depth_mm: f64,
 }
 
-/// How a capture becomes flow.
+/// Source of a frame set's flow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sight {
-    /// Pictures of a poster through lens and sensor, and the flow that is found in them.
+    /// Images of a poster, rendered through lens and sensor, and the flow found in them.
     Rendered {
-        /// The poster.
+        /// Texture of the poster.
         texture: TextureKind,
         /// Noise, grey levels of 0 to 255.
         noise_grey: f64,
     },
-    /// Points around `depth_mm`, projected exactly, with noise on every pixel coordinate. Same
-    /// sums, no matching.
+    /// Points around `depth_mm`, projected exactly, with noise on every pixel coordinate. They give
+    /// the same kind of sums without matching.
     Points {
-        /// How many.
+        /// Number of points.
         count: usize,
         /// Noise, px.
         noise_px: f64,
     },
 }
 
-/// Something that goes wrong, or is done to the station.
+/// A disturbance, or a command to the station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
-    /// When, s.
+    /// Start of the event, s.
     pub at_s: f64,
-    /// What.
+    /// Kind of the event.
     pub what: Happening,
 }
 
-/// The kinds of events. `frames` counts captures from the event on, `seconds` is how long it lasts.
+/// Kinds of events. `frames` counts frame sets from the event on; `seconds` is the duration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Happening {
     /// `occlusion`: the cameras see an even grey instead of the target.
     Occlusion {
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
-    /// `drop`: captures whose frames are never sent.
+    /// `drop`: the frames of these frame sets are never sent.
     Drop {
-        /// How many.
+        /// Number of frame sets.
         frames: u32,
     },
-    /// `late`: frames that arrive later than the others; by more than a period, they arrive after
-    /// their successors.
+    /// `late`: frames that arrive later than the others. If the delay exceeds a period, they arrive
+    /// after their successors.
     Late {
-        /// How many.
+        /// Number of frame sets.
         frames: u32,
-        /// By how much, ms.
+        /// Additional delay, ms.
         by_ms: f64,
     },
-    /// `outlier`: frames that say, with all confidence, that the target is elsewhere.
+    /// `outlier`: frames that report a wrong position of the target with a small sigma.
     Outlier {
-        /// How many.
+        /// Number of frame sets.
         frames: u32,
-        /// Off by so much, mm.
+        /// Error of the position, mm.
         by_mm: [f64; 3],
     },
     /// `silence`: the host sends nothing, no heartbeat either; its last ping goes out at the event.
     Silence {
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// `limit`: a limit switch is tripped.
     Limit {
         /// Stage axis, 0 to 2; `axis = "x"` in the file.
         axis: usize,
-        /// 0 at the negative end, 1 at the positive one; `end = "positive"` in the file.
+        /// End of the travel: 0 is the negative end, 1 the positive one; `end = "positive"` in the
+        /// file.
         end: usize,
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// `emergency_stop`: the emergency stop is open.
     EmergencyStop {
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// `driver_fault`: a driver reports a fault.
     DriverFault {
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// `stop`: the host sends a stop.
@@ -169,7 +170,7 @@ pub enum Happening {
 }
 
 impl Happening {
-    /// How long it lasts by itself, s; 0 for what is counted in frames or done at once.
+    /// Returns the duration, s; 0 for events that count frame sets or take no time.
     pub fn seconds(&self) -> f64 {
         match *self {
             Self::Occlusion { seconds }
@@ -186,7 +187,7 @@ impl Happening {
         }
     }
 
-    /// Whether the stage stops at once, without a ramp, if it is struck in motion.
+    /// Returns true if a moving stage stops at once on this event, without a ramp.
     pub fn is_abrupt(&self) -> bool {
         matches!(
             self,
@@ -195,19 +196,19 @@ impl Happening {
     }
 }
 
-/// What the figures are taken over.
+/// Measured time and tolerance of the figures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measure {
-    /// From, s.
+    /// Start of the measured time, s.
     pub from_s: f64,
-    /// Until, s.
+    /// End of the measured time, s.
     pub until_s: f64,
-    /// A step has settled when the error stays within, mm.
+    /// Tolerance within which a step counts as settled, mm.
     pub settle_within_mm: [f64; 3],
 }
 
 impl Sight {
-    /// Points that are about as uncertain as pictures with 2 grey levels of noise.
+    /// Points that are about as uncertain as images with 2 grey levels of noise.
     pub const POINTS: Self = Self::Points {
         count: 200,
         noise_px: 0.01,
@@ -215,13 +216,13 @@ impl Sight {
 }
 
 impl Scenario {
-    /// How long it lasts, s.
+    /// Returns the duration of the scenario, s.
     pub fn seconds(&self) -> f64 {
         self.legs.iter().map(|leg| leg.seconds).sum()
     }
 
-    /// The same with [`Sight::POINTS`] instead of rendered pictures: about as hard, and without the
-    /// work.
+    /// Returns the scenario with [`Sight::POINTS`] instead of rendered images, which is about as
+    /// hard and much faster.
     pub fn with_points(mut self) -> Self {
         self.cameras.sight = Sight::POINTS;
         self

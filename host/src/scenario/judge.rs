@@ -1,4 +1,4 @@
-//! Judgement of a run: which expectations of its scenario were missed.
+//! Compares a run with the expectations of its scenario.
 
 use super::expect::Checkpoint;
 use super::figures::{Figures, resolution};
@@ -8,12 +8,12 @@ use crate::client::diagnosis;
 use shared::safety::{Fault, State};
 use shared::track::pursuit::Sight;
 
-/// A stage that has made no step for so many samples stands.
+/// Time without a step after which the stage counts as standing, s: 20 samples.
 const STANDING: f64 = 20.0 * SAMPLE_S;
 
 impl Scenario {
-    /// Everything that was expected and is not so, in words. `unpredicted` are the figures of the
-    /// run without prediction, if there was one.
+    /// Returns the missed expectations, in words. `unpredicted` are the figures of the run without
+    /// prediction, if there was one.
     pub fn missed(
         &self,
         trace: &Trace,
@@ -137,7 +137,7 @@ fn judge_checkpoint(point: &Checkpoint, trace: &Trace, missed: &mut Missed) {
     }
 }
 
-/// A list that grows.
+/// List of missed expectations.
 struct Missed(Vec<String>);
 
 impl Missed {
@@ -145,7 +145,7 @@ impl Missed {
         self.0.push(what);
     }
 
-    /// Says so unless `found` is a number up to `most`.
+    /// Adds an entry unless `found` is a number up to `most`.
     fn bound(&mut self, name: &str, found: f64, most: f64) {
         if !(found <= most) {
             self.say(format!("{name} is {found:.4}, above {most:.4}"));
@@ -159,7 +159,7 @@ impl Missed {
         }
     }
 
-    /// Says so unless the names found are those of `must`, in its order.
+    /// Adds an entry unless the names found are those of `must`, in its order.
     fn names<T>(
         &mut self,
         what: &str,

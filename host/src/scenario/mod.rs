@@ -1,18 +1,18 @@
-//! Scenarios: timelines of target motion, frames and faults as data, run on virtual time, with what
-//! must come of them.
+//! Scenarios: timelines of target motion, frames and faults as data, run on virtual time, with
+//! their expected results.
 //!
 //! ```text
 //! file -> scenario -> run (cameras, host, twin) -> trace -> figures -> missed expectations, page
 //! ```
 //!
-//! * [`mod@file`] says what a file may hold, [`motion`] how the target moves;
-//! * [`run`] is the loop, with [`cameras`] that render pictures or project points;
-//! * [`trace`] is the truth at every millisecond, [`figures`] what it amounts to;
-//! * [`expect`] is what must come of it, [`judge`] says what was missed;
-//! * [`present`] shows it.
+//! * [`mod@file`] is the content of a file, [`motion`] the motion of the target;
+//! * [`run`] is the loop, with [`cameras`] that render images or project points;
+//! * [`trace`] is the true position at every millisecond, [`figures`] computes figures from it;
+//! * [`expect`] holds the expected result, [`judge`] lists the missed expectations;
+//! * [`present`] shows the results.
 //!
-//! *Invariant:* nothing depends on how fast this machine is: a scenario gives the same step edges
-//! in every run, and its tape, replayed on another machine, too.
+//! *Invariant:* no result depends on the speed of this machine. A scenario gives the same step
+//! edges in every run, and so does its tape when replayed on another machine.
 
 pub mod cameras;
 pub mod expect;

@@ -1,33 +1,33 @@
-//! How a scenario's target moves: legs, one after the other, each from where the last one ended.
+//! Motion of a scenario's target: a sequence of legs, each from the end of the one before.
 //!
-//! A leg's own clock may run up and down smoothly: with a ramp of length `R` its rate goes from 0
-//! to 1 as `3u² - 2u³`, `u = t/R`, so that the leg has passed `R (u³ - u⁴/2)` of its own time after
+//! A leg's own clock may start and stop smoothly: with a ramp of length `R` its rate goes from 0 to
+//! 1 as `3u² - 2u³`, `u = t/R`, so that the leg has passed `R (u³ - u⁴/2)` of its own time after
 //! `uR`. A ramp costs half its length.
 
-/// One leg of the target's way.
+/// One leg of the target's path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leg {
-    /// What it does.
+    /// Kind of motion.
     pub motion: Motion,
-    /// For how long, s.
+    /// Duration, s.
     pub seconds: f64,
     /// Ramps at its start and its end, s.
     pub ramps_s: [f64; 2],
 }
 
-/// The kinds of motion, mm as seen from the cameras at rest.
+/// Kinds of motion, mm as seen from the cameras at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// None.
+    /// No motion.
     Still,
     /// A jump at the leg's start.
     Step {
-        /// By so much.
+        /// Displacement of the jump.
         by_mm: [f64; 3],
     },
     /// A straight line.
     Line {
-        /// At this velocity.
+        /// Velocity of the target.
         velocity_mm_s: [f64; 3],
     },
     /// `amplitude sin(ratio ω t)` on each axis.
@@ -36,13 +36,13 @@ pub enum Motion {
         amplitude_mm: [f64; 3],
         /// Frequencies, relative to each other.
         ratio: [f64; 3],
-        /// The greatest speed in space, which is that at the start; sets `ω`.
+        /// Greatest speed in space, which occurs at the start; sets `ω`.
         peak_mm_s: f64,
     },
 }
 
 impl Motion {
-    /// Displacement since the leg's start after `t` s of its own clock.
+    /// Returns the displacement since the leg's start after `t` s of its own clock.
     fn after(&self, t: f64) -> [f64; 3] {
         match self {
             Self::Still => [0.0; 3],
@@ -53,7 +53,7 @@ impl Motion {
                 ratio,
                 peak_mm_s,
             } => {
-                // All cosines are 1 at the start: there the speed is ω |amplitude ratio|.
+                // All cosines are 1 at the start, where the speed is ω |amplitude ratio|.
                 let unit = |i: usize| amplitude_mm[i] * ratio[i];
                 let length = (0..3).map(|i| unit(i).powi(2)).sum::<f64>().sqrt();
                 let omega = peak_mm_s / length;
@@ -64,7 +64,7 @@ impl Motion {
 }
 
 impl Leg {
-    /// The leg's own clock, s, when `t` s have passed since its start.
+    /// Returns the leg's own clock, s, when `t` s have passed since its start.
     fn clock(&self, t: f64) -> f64 {
         let [up, down] = self.ramps_s;
         let ramped = |t: f64, ramp: f64| {
@@ -91,15 +91,15 @@ impl Leg {
 /// A jump of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jump {
-    /// When, s.
+    /// Instant of the jump, s.
     pub at_s: f64,
-    /// By how much, mm.
+    /// Displacement, mm.
     pub by_mm: [f64; 3],
-    /// When the target moves on, or the scenario ends, s.
+    /// Instant at which the target moves on or the scenario ends, s.
     pub until_s: f64,
 }
 
-/// The whole way.
+/// Whole path of the target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Way {
     /// Start of each leg: time in s, position in mm.
@@ -108,7 +108,7 @@ pub struct Way {
 }
 
 impl Way {
-    /// The legs in their order, from zero.
+    /// Creates a path of these legs in their order, from zero.
     pub fn new(legs: &[Leg]) -> Self {
         let (mut at_s, mut from) = (0.0, [0.0; 3]);
         let mut placed = Vec::with_capacity(legs.len());
@@ -123,12 +123,13 @@ impl Way {
         }
     }
 
-    /// How long it takes, s.
+    /// Returns the duration, s.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// Where the target is, mm from its start. After the end it stands.
+    /// Returns the position of the target, mm from its start. It stands after the end of the last
+    /// leg.
     pub fn at(&self, time_s: f64) -> [f64; 3] {
         let leg = self.legs.iter().rev().find(|(start, ..)| *start <= time_s);
         match leg {
@@ -137,7 +138,7 @@ impl Way {
         }
     }
 
-    /// All jumps, in order.
+    /// Returns all jumps, in order.
     pub fn jumps(&self) -> impl Iterator<Item = Jump> + '_ {
         self.legs.iter().filter_map(|(at_s, _, leg)| {
             let Motion::Step { by_mm } = leg.motion else {
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn legs_follow_each_other_without_a_gap() {
+    fn legs_join_without_gap() {
         let way = Way::new(&[
             leg(Motion::Still, 1.0, [0.0; 2]),
             leg(
@@ -207,14 +208,14 @@ mod tests {
     }
 
     #[test]
-    fn ramps_are_smooth_and_reach_the_full_speed() {
+    fn ramps_reach_full_speed() {
         let velocity_mm_s = [30.0, -40.0, 0.0];
         let way = Way::new(&[leg(Motion::Line { velocity_mm_s }, 2.0, [0.5, 0.5])]);
         let speed = |t: f64| distance(way.at(t + 1e-4), way.at(t - 1e-4)) / 2e-4;
         assert!(speed(0.001) < 0.01 && speed(1.999) < 0.01);
         assert!((speed(0.25) - 25.0).abs() < 0.01);
         assert!((speed(0.6) - 50.0).abs() < 1e-6);
-        // No jump of velocity anywhere: the steepest is 1.5 times the speed over the ramp.
+        // The velocity is continuous: its largest slope is 1.5 times the speed over the ramp.
         for k in 1..2_000 {
             let t = f64::from(k) * 1e-3;
             assert!((speed(t) - speed(t - 1e-3)).abs() <= 50.0 * 1.5 / 0.5 * 1e-3 + 1e-6);
@@ -222,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lissajous_figure_has_its_width_and_its_peak() {
+    fn lissajous_has_width_and_peak() {
         let (amplitude_mm, ratio) = ([20.0, 20.0, 5.0], [1.0, 2.0, 3.0]);
         let figure = Motion::Lissajous {
             amplitude_mm,

@@ -1,4 +1,4 @@
-//! Scenarios on screen and on paper.
+//! Results of scenarios for the screen and for the page.
 
 use super::figures::Figures;
 use super::file::Scenario;
@@ -7,28 +7,27 @@ use crate::report::{Cell, Figure, LinePlot, Page, Style, Table};
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// Velocities are differences over so many samples.
+/// Number of samples over which velocities are differences.
 const VELOCITY_SAMPLES: usize = 10;
 
 /// A scenario that has been run, once or twice, and judged.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Its name, for people: that of its file.
+    /// Name for the reader: that of its file.
     pub name: String,
-    /// What was run.
+    /// Scenario that was run.
     pub scenario: Scenario,
-    /// What happened.
+    /// Trace of the run.
     pub trace: Trace,
-    /// What it amounts to.
+    /// Figures of the run.
     pub figures: Figures,
     /// The run without prediction, if the scenario wants one.
     pub unpredicted: Option<(Trace, Figures)>,
-    /// What was expected and is not so.
+    /// Missed expectations.
     pub missed: Vec<String>,
 }
 
-/// How well the target is followed, one row per run; those without prediction follow their
-/// scenario's.
+/// Returns the tracking errors, one row per run; a run without prediction follows its scenario's.
 pub fn following(outcomes: &[Outcome]) -> Table {
     let table = Table::new(
         "Cameras minus target",
@@ -73,7 +72,7 @@ pub fn following(outcomes: &[Outcome]) -> Table {
     })
 }
 
-/// What the stage did, one row per scenario.
+/// Returns the motion of the stage, one row per scenario.
 pub fn stage(outcomes: &[Outcome]) -> Table {
     let table = Table::new(
         "The stage",
@@ -105,7 +104,7 @@ pub fn stage(outcomes: &[Outcome]) -> Table {
     })
 }
 
-/// What else is to be said of a run, name and value.
+/// Returns further facts of a run, as name and value.
 pub fn facts(outcome: &Outcome) -> Vec<(String, String)> {
     let figures = &outcome.figures;
     let frames = &figures.frames;
@@ -150,13 +149,13 @@ pub fn facts(outcome: &Outcome) -> Vec<(String, String)> {
     facts
 }
 
-/// The page: the tables, and every scenario over time.
+/// Returns the page: the tables, and every scenario over time.
 pub fn page(outcomes: &[Outcome]) -> Page {
     let page = Page::new("Trinocular: scenarios", "on the built-in twin")
         .section(
             "Figures",
-            "Positions are counted from the edges at the step pins, every millisecond; the error is cameras minus target, each from its place at \
-             the keyframe.",
+            "Positions are counted from the edges at the step pins, every millisecond; the error \
+             is cameras minus target, each from its place at the keyframe.",
         )
         .table(following(outcomes))
         .table(stage(outcomes));
@@ -172,7 +171,7 @@ pub fn page(outcomes: &[Outcome]) -> Page {
     })
 }
 
-/// Target and stage on each axis, their difference, and how fast both are.
+/// Returns target and stage on each axis, their difference, and their velocities.
 pub fn curves(trace: &Trace) -> Vec<Figure> {
     let positions = (0..3).map(|i| {
         let of = |get: fn(&Sample) -> [f64; 3]| {

@@ -1,4 +1,4 @@
-//! Scenario files, read strictly: whatever is wrong is named with file, line and field.
+//! Reads scenario files strictly: every error names file, line and field.
 
 use super::expect::{Checkpoint, Expect};
 use super::file::{self, Cameras, Event, Happening, Measure, Scenario};
@@ -14,31 +14,31 @@ use shared::track::pursuit::Sight;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
-/// What a scenario file may hold.
+/// Size limit of a scenario file.
 const LIMIT: Limit = Limit {
     what: "a scenario",
     bytes: 1 << 20,
 };
-/// Nothing in a scenario lasts longer, s.
+/// Longest duration in a scenario, s.
 const LONGEST_S: f64 = 3_600.0;
-/// A target farther away than this is a slip of the unit, mm.
+/// Largest distance of a target, mm. A larger one is a mistake of the unit.
 const FARTHEST_MM: f64 = 1e5;
-/// Any figure that is larger than this bounds nothing.
+/// Largest bound of any figure.
 const LARGEST: f64 = 1e9;
 
 impl Scenario {
     /// Reads and checks the scenario file at `path`.
     ///
     /// # Errors
-    /// The first thing that is wrong with it.
+    /// Returns the first fault of the file.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::parse(path, &input::text(path, LIMIT)?)
     }
 
-    /// Checks the text of a scenario file; `file` is what errors name.
+    /// Checks the text of a scenario file; errors name `file`.
     ///
     /// # Errors
-    /// The first thing that is wrong with it.
+    /// Returns the first fault of the file.
     pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
         let source = Source { file, text };
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
@@ -69,7 +69,7 @@ impl Scenario {
     }
 }
 
-/// A number between two bounds, both included.
+/// Reads a number between two bounds, both included.
 fn between(field: &Field<'_>, low: f64, high: f64) -> Result<f64, InputError> {
     let value = field.number(f64::MAX)?;
     if (low..=high).contains(&value) {
@@ -280,14 +280,14 @@ fn happening(table: &Field<'_>) -> Result<Happening, InputError> {
         }
         other => {
             return Err(kind.fault(format!(
-                "unknown event `{other}`; known here: occlusion, drop, late, outlier, silence, limit, emergency_stop, driver_fault, \
-                 stop, reset, zero"
+                "unknown event `{other}`; known here: occlusion, drop, late, outlier, silence, \
+                 limit, emergency_stop, driver_fault, stop, reset, zero"
             )));
         }
     })
 }
 
-/// The index of one of these words.
+/// Reads one of these words and returns its index.
 fn choice(field: &Field<'_>, words: &[&str]) -> Result<usize, InputError> {
     let given = field.text()?;
     let found = words.iter().position(|word| *word == given);
@@ -428,7 +428,7 @@ fn checkpoint(table: &Field<'_>, seconds: f64) -> Result<Checkpoint, InputError>
     })
 }
 
-/// The things with these names, in the list's order.
+/// Returns the values with these names, in the list's order.
 fn named<T: Copy, const N: usize>(
     list: &Field<'_>,
     all: [T; N],

@@ -1,7 +1,7 @@
-//! The loop: cameras, host and station on virtual time, whatever happens next first.
+//! The loop of a scenario: cameras, host and station on virtual time, in the order of their events.
 //!
-//! Frames are in a pipeline as in life: a capture is taken every period, and each frame arrives its
-//! own latency later, so that several may be under way. The truth is sampled every millisecond from
+//! Frames are pipelined: a frame set is taken every period, and each frame arrives after its own
+//! latency, so that several may be under way. The true position is sampled every millisecond from
 //! the edges at the station's pins.
 
 mod events;
@@ -21,24 +21,24 @@ use shared::safety::{Fault, State};
 use shared::time::Instant;
 use std::collections::BTreeMap;
 
-/// Between two samples, µs.
+/// Time between two samples, µs.
 const SAMPLE_US: u64 = 1_000;
 
-/// The pins are looked at this often for reversals, µs: a segment of the planner.
+/// Time between two inspections of the pins for reversals, µs: a segment of the planner.
 const LOOK_US: u64 = 250;
 
-/// How long the stage may take to come to rest at the end, µs.
+/// Longest time for the stage to come to rest at the end, µs.
 const REST_US: u64 = 10_000_000;
 
-/// How a scenario is run.
+/// Options of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Whether the station predicts where the target is; without it the stage goes to where the
-    /// target was seen.
+    /// True if the station predicts the target's position; otherwise the stage goes to the last
+    /// measured position.
     pub prediction: bool,
-    /// The name that the station gives in its hello, at most 16 bytes.
+    /// Name that the station gives in its hello, at most 16 bytes.
     pub board: &'static str,
-    /// Whether the twin keeps a [`Tape`](crate::client::tape::Tape).
+    /// True if the twin keeps a [`Tape`](crate::client::tape::Tape).
     pub record: bool,
 }
 
@@ -55,13 +55,13 @@ impl Default for Options {
 /// A scenario that has been run.
 #[derive(Debug)]
 pub struct Run {
-    /// What happened.
+    /// Trace of the run.
     pub trace: Trace,
     /// The station, at rest.
     pub twin: Twin,
 }
 
-/// Something that is due. The order is that in which things of one instant happen.
+/// An action that is due. Actions of one instant happen in the order of their rank.
 #[derive(Debug)]
 enum Due {
     Begin(usize),
@@ -95,15 +95,17 @@ struct RunningScenario<'a> {
     way: Way,
     eyes: Eyes,
     twin: Twin,
-    /// The keyframe on the common clock.
+    /// Instant of the keyframe on the common clock.
     start: Instant,
-    /// Where the cameras were then, mm from where the station was switched on.
+    /// Position of the cameras at the keyframe, mm from their position at power-up.
     origin_mm: [f64; 3],
-    /// By instant, rank, and number; the number keeps them in the order in which they were made.
+    /// Events by instant, rank and number; the number keeps events of equal rank in the order of
+    /// their creation.
     agenda: BTreeMap<(u64, u8, u64), Due>,
     made: u64,
-    /// Per event: it lasts; captures it is still for.
+    /// Per event: true while it lasts.
     lasts: Vec<bool>,
+    /// Per event: number of frame sets that it still affects.
     frames_left: Vec<u32>,
     asked: Vec<(u16, Asked)>,
     /// Steps at the pins when the position was last zeroed.
@@ -114,11 +116,11 @@ struct RunningScenario<'a> {
     trace: Trace,
 }
 
-/// Runs a scenario. `progress` is told the share done, 0 to 1, at every capture.
+/// Runs a scenario. Calls `progress` with the share done, 0 to 1, at every frame set.
 ///
 /// # Errors
-/// If the scene shows nothing usable, or the station refuses the stage. What goes wrong afterwards
-/// is part of the trace.
+/// If the scene shows nothing usable, or the station refuses the stage. Later faults are part of
+/// the trace.
 pub fn run(
     scenario: &Scenario,
     options: Options,
@@ -210,7 +212,7 @@ impl<'a> RunningScenario<'a> {
         self.plan(seconds_us(at_s), Due::Capture(number));
     }
 
-    /// Lets time pass, with a look at the pins now and then.
+    /// Advances virtual time to `at_us` and inspects the pins on the way.
     fn live_until(&mut self, at_us: u64) {
         let end = self.start.plus_micros(at_us);
         while self.twin.now() < end {
@@ -349,7 +351,7 @@ impl<'a> RunningScenario<'a> {
         }
     }
 
-    /// Stops the stage, and compares what was planned with what the pins have made.
+    /// Stops the stage, and compares the planned steps with those at the pins.
     fn come_to_rest(&mut self) {
         let waiting = self.asked.iter();
         let waiting = waiting.filter(|(_, asked)| matches!(asked, Asked::Frame));
@@ -363,7 +365,7 @@ impl<'a> RunningScenario<'a> {
         self.twin.send(Command::Stop);
         let end = self.twin.now().plus_micros(REST_US);
         let moves = |twin: &Twin| twin.status().is_none_or(|status| status.state.is_moving());
-        // Past the next status at least, and until all words are out.
+        // Wait at least until the next status, and until all words are out.
         loop {
             self.twin.advance(self.twin.now().plus_micros(200_000));
             if !moves(&self.twin) || self.twin.now() >= end {
@@ -378,7 +380,7 @@ impl<'a> RunningScenario<'a> {
     }
 }
 
-/// The present instant on the station's clock, as the host knows it.
+/// Returns the present instant on the station's clock, as the host knows it.
 fn station_time(twin: &Twin) -> Result<Instant, StationError> {
     let there = twin.station_time(twin.now());
     there.ok_or(StationError::Silent {

@@ -1,4 +1,4 @@
-//! What happened in a scenario: the truth at every millisecond, and what the station said.
+//! Trace of a scenario: true positions at every millisecond, and the station's reports.
 
 use serde::Serialize;
 use shared::frame::message::Denial;
@@ -7,47 +7,47 @@ use shared::track::pursuit::Sight;
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
-/// Between two samples, s.
+/// Time between two samples, s.
 pub const SAMPLE_S: f64 = 1e-3;
 
-/// The truth at one instant. Positions are mm from where target and cameras were at the keyframe.
+/// True positions at one instant, in mm from the positions of target and cameras at the keyframe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Since the keyframe, s.
+    /// Time since the keyframe, s.
     pub time_s: f64,
-    /// Where the target is.
+    /// Position of the target.
     pub target_mm: [f64; 3],
-    /// Where the cameras are, by the edges at the step pins.
+    /// Position of the cameras, by the edges at the step pins.
     pub camera_mm: [f64; 3],
-    /// Reversals of direction at the step pins since the start, per axis.
+    /// Number of reversals of direction at the step pins since the start, per axis.
     pub reversals: [u32; 3],
-    /// What the station says it is doing.
+    /// State that the station reports.
     pub state: State,
 }
 
 impl Sample {
-    /// Cameras minus target, mm.
+    /// Returns cameras minus target, mm.
     pub fn error_mm(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.camera_mm[i] - self.target_mm[i])
     }
 }
 
-/// What became of the frames.
+/// Counts of frame sets and frames by result.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Frames {
-    /// Captures.
+    /// Number of frame sets taken.
     pub taken: u32,
-    /// Captures that gave no frame, by reason.
+    /// Number of frame sets that gave no frame, by reason.
     pub refused: BTreeMap<String, u32>,
-    /// Frames that never left the host: dropped, or the host was silent.
+    /// Number of frames that never left the host: dropped, or the host was silent.
     pub lost: u32,
-    /// Frames that the station used.
+    /// Number of frames that the station used.
     pub used: u32,
-    /// Frames that the station did not use, by reason.
+    /// Number of frames that the station did not use, by reason.
     pub denied: BTreeMap<String, u32>,
-    /// Frames without an answer at the end.
+    /// Number of frames without an answer at the end.
     pub unanswered: u32,
-    /// Frames that had not arrived at the end.
+    /// Number of frames that had not arrived at the end.
     pub under_way: u32,
 }
 
@@ -64,26 +64,28 @@ impl Frames {
     }
 }
 
-/// A whole run.
+/// Trace of a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
-    /// Every millisecond.
+    /// Samples, one per millisecond.
     pub samples: Vec<Sample>,
     /// States of the station in their order, by its reports.
     pub states: Vec<State>,
-    /// What the station knew of the target, in order, by its reports.
+    /// The station's knowledge of the target in its order, by its reports.
     pub sights: Vec<Sight>,
-    /// Faults in their order; one that is latched anew counts anew.
+    /// Faults in their order; a fault that is latched again counts again.
     pub faults: Vec<Fault>,
     /// Instants at which the stage may have stopped without a ramp, s.
     pub abrupt_s: Vec<f64>,
-    /// When each capture was taken, s.
+    /// Capture time of each frame set, s.
     pub captures_s: Vec<f64>,
-    /// From capture to the first port word that the frame could change, µs, for every frame used.
+    /// Time from capture to the first port word that the frame could change, µs, for every frame
+    /// used.
     pub latencies_us: Vec<u32>,
-    /// What became of the frames.
+    /// Counts of frame sets and frames by result.
     pub frames: Frames,
-    /// Silences of the host that are longer than the heartbeat: from its last ping to its next, s.
+    /// Silences of the host that are longer than the heartbeat timeout: from its last ping to its
+    /// next, s.
     pub silences_s: Vec<[f64; 2]>,
     /// Commands that the station refused, in words.
     pub refused_commands: Vec<String>,
@@ -94,7 +96,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// The samples in `from_s..until_s`.
+    /// Returns the samples in `from_s..until_s`.
     pub fn within(&self, from_s: f64, until_s: f64) -> &[Sample] {
         let index = |time_s: f64| {
             let samples = (time_s / SAMPLE_S - 1e-6).ceil().max(0.0) as usize;

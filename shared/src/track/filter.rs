@@ -1,87 +1,85 @@
-//! Where one axis of the target is and how fast it moves: a Kalman filter of constant velocity.
+//! Position and velocity of the target on one axis: a Kalman filter of constant velocity.
 //!
 //! State `(x, v)`, measurement `z = x + noise` of a variance `R` that comes with every estimate.
 //! With `dt` since the last measurement used,
 //!
 //! ```text
 //! x += v dt       P = F P F' + q [[dt³/3, dt²/2], [dt²/2, dt]]       F = [[1, dt], [0, 1]]
-//! n = z - x       S = P_xx + R       K = (P_xx, P_xv)/S       (x, v) += K n       P -= K (P_xx, P_xv)
+//! n = z - x      S = P_xx + R      K = (P_xx, P_xv)/S      (x, v) += K n      P -= K (P_xx, P_xv)
 //! ```
 //!
-//! The position is an integer, 2⁻³² step, of any size; everything else is a deviation or a rate,
-//! for which `f32` is plenty: steps and milliseconds, so that all numbers are of a size.
+//! The position is an integer in 2⁻³² steps, with the full range of `i64`. All other numbers are
+//! deviations or rates, for which `f32` suffices; their units are steps and milliseconds, so that
+//! all have similar magnitudes.
 //!
 //! # The process noise adapts
-//! `q` says how restless the target is, and nobody can know. Three things set it:
+//! `q` is the spectral density of the target's acceleration, which is unknown. Three rules set it:
 //!
-//! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two running of one sign
-//!   say that it is too sluggish, of opposite signs that it is too restless. With
+//! * *Whiteness.* Innovations `n` of the best filter are not correlated. Two consecutive ones of
+//!   equal sign say that `q` is too small, of opposite signs that it is too large. With
 //!   `c = n n_last / S` within ±1, `q` becomes `q (1 + c/4)` or, for negative `c`, `q/(1 - c/4)`. A
-//!   still target is averaged down to a fraction of the measurement's noise, one on a curve is
-//!   followed on it.
-//! * *Manoeuvre.* An innovation beyond three sigmas is taken for what it says: as much noise is
-//!   added in that step as makes it three.
-//! * *Bounds.* No target is followed that is more restless than the stage itself can be.
+//!   still target is averaged down to a fraction of the measurement's noise, and one on a curve is
+//!   followed.
+//! * *Manoeuvre.* After an innovation beyond three sigmas, `q` is raised in that step until the
+//!   innovation is three sigmas.
+//! * *Bounds.* `q` does not exceed the value of a target that accelerates as the stage itself can.
 //!
-//! # How far to trust the speed
-//! The covariance tells how well the speed is known now. The stage, though, needs a while to match
-//! it, and a target that is speeding up or braking will have another one by then. So the
-//! acceleration is averaged over the last frames, its highest square fades from frame to frame, and
-//! [`Filter::doubt`] adds what it would make of the speed. Unevenness, now faster and now slower,
-//! averages out.
+//! # Trust in the velocity
+//! The covariance tells how well the velocity is known now. The stage, however, needs time to match
+//! it, and the velocity of a target that accelerates or brakes changes within that time. So the
+//! filter averages the acceleration over the last frames and keeps its highest square, which fades
+//! from frame to frame. [`Filter::doubt`] adds the resulting change of the velocity. Unevenness,
+//! now faster and now slower, averages out.
 //!
 //! # The same bits everywhere
-//! Only `+ - * /` in a fixed order and comparisons; Rust contracts no product and sum into one.
-//! Extremes are chosen by comparison, since a library's `max` may choose either zero. Every state
-//! number is kept within bounds, so it is finite.
+//! The filter uses only `+ - * /` in a fixed order and comparisons; Rust contracts no product and
+//! sum into one. Extremes are chosen by comparison, because a library's `max` may choose either
+//! zero. Every state number is kept within bounds, so it is finite.
 
 use crate::fixed::narrow;
 
-/// Largest variance there may be, steps² (and per ms²): far beyond any stage, far below the end of
-/// `f32`.
+/// Largest variance, steps² (and per ms²): far above any stage's, far below the limit of `f32`.
 const MOST_VARIANCE: f32 = 1e12;
 
-/// What steps add to the variance of a measurement, steps²: the stage stands in whole ones while
-/// its position is remembered as planned, which is 1/12; and as much again for whatever moves the
-/// target.
+/// Quantisation noise that steps add to the variance of a measurement, steps²: 1/12 because the
+/// stage stands in whole steps while its position is remembered as planned, and 1/12 for the drive
+/// of the target.
 const GRAIN: f32 = 1.0 / 6.0;
 
-/// Highest speed there may be, steps per ms.
+/// Highest speed, steps per ms.
 const MOST_SPEED: f32 = 1e6;
 
-/// Accelerations of stages lie within these, steps/ms².
+/// Lowest and highest acceleration of a stage, steps/ms².
 const LEAST_ACCELERATION: f32 = 1e-6;
 const MOST_ACCELERATION: f32 = 1e6;
 
-/// Longest time there may be between two measurements, ms.
+/// Longest time between two measurements, ms.
 const MOST_MS: f32 = 10_000.0;
 
-/// The lowest process noise, as a share of the highest: the acceleration's is 1/2048 of the
-/// stage's.
+/// Lowest process noise as a share of the highest: that of 1/2048 of the stage's acceleration.
 const STILL: f32 = 1.0 / 4_194_304.0;
 
-/// What a frame leaves of the mean acceleration, and of its highest square: they span some three
-/// frames.
+/// Decay per frame of the mean acceleration and of its highest square; both span some three frames.
 const FADE: f32 = 0.7;
 
-/// How long the stage may take to match a speed: so many times what it takes to come to rest from
-/// its own highest, squared.
+/// Time in which the stage matches a velocity, over the time it needs to stop from its own highest
+/// speed; squared.
 const CATCH_UP: f32 = 4.0 * 4.0;
 
-/// The speed is trusted in so many sigmas, squared.
+/// Sigmas of the velocity in [`Filter::doubt`], squared.
 const CAUTION: f32 = 4.0;
 
-/// How fast the process noise adapts: by this share with each frame at most.
+/// Largest relative change of the process noise per frame.
 const RATE: f32 = 0.25;
 
-/// An innovation of more than so many sigmas, squared, is an outlier if the stage's acceleration
-/// does not explain it.
+/// Innovation gate in sigmas, squared. A larger innovation is an outlier if the stage's
+/// acceleration does not explain it.
 const GATE: f32 = 25.0;
 
-/// An innovation of more than so many sigmas, squared, is a manoeuvre.
+/// Innovation in sigmas above which the target manoeuvres, squared.
 const MANOEUVRE: f32 = 9.0;
 
-/// What the stage can do along one axis, and so the most that a target can be followed in.
+/// Limits of the stage along one axis, and so of the motion of a target that it can follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reach {
     /// Highest speed, steps/ms.
@@ -90,37 +88,38 @@ pub struct Reach {
     pub acceleration: f32,
 }
 
-/// How well position and speed are known together, steps and ms: the covariance's three numbers.
+/// Covariance of position and velocity, in steps and ms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance {
     /// Variance of the position.
     pub position: f32,
-    /// What both have in common.
+    /// Covariance of position and velocity.
     pub both: f32,
-    /// Variance of the speed.
+    /// Variance of the velocity.
     pub speed: f32,
 }
 
-/// One axis of the target. See the [module](self).
+/// Kalman filter of one axis of the target. See the [module](self).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
-    /// 2⁻³² steps from zero.
+    /// Position, 2⁻³² steps from zero.
     position: i64,
-    /// Steps/ms.
+    /// Velocity, steps/ms.
     speed: f32,
     covariance: Covariance,
     /// The process noise `q`, steps²/ms³.
     noise: f32,
     /// Mean acceleration over the last frames, steps/ms².
     acceleration: f32,
-    /// Its square, or what is left of the highest before, (steps/ms²)².
+    /// Square of the acceleration, or of its decayed highest value before, (steps/ms²)².
     swing: f32,
-    /// The last innovation, steps.
+    /// Last innovation, steps.
     last: f32,
 }
 
 impl Filter {
-    /// From the first measurement: the speed may be any within reach. A variance is in steps².
+    /// Creates a filter from the first measurement; the velocity may be any within `reach`.
+    /// `variance` is in steps².
     pub fn new(position: i64, variance: f32, reach: Reach) -> Self {
         let speed = within(0.5 * reach.speed, 1e-3, MOST_SPEED);
         Self {
@@ -138,8 +137,8 @@ impl Filter {
         }
     }
 
-    /// From two measurements `dt` ms apart that agree with each other, and with nothing before: the
-    /// target made a jump.
+    /// Creates a filter after a jump of the target, from two measurements `dt` ms apart that agree
+    /// with each other but not with the prediction.
     pub fn restart(before: i64, position: i64, dt: f32, variances: [f32; 2], reach: Reach) -> Self {
         let dt = within(dt, 1e-3, MOST_MS);
         let [first, second] = variances.map(believed);
@@ -161,31 +160,32 @@ impl Filter {
         }
     }
 
-    /// 2⁻³² steps from zero.
+    /// Returns the position, 2⁻³² steps from zero.
     pub const fn position(&self) -> i64 {
         self.position
     }
 
-    /// Steps/ms.
+    /// Returns the velocity, steps/ms.
     pub const fn speed(&self) -> f32 {
         self.speed
     }
 
-    /// How well both are known.
+    /// Returns the covariance of position and velocity.
     pub const fn covariance(&self) -> Covariance {
         self.covariance
     }
 
-    /// The square of what the speed may be off by, or change by before the stage has matched it,
-    /// (steps/ms)².
+    /// Returns the square of the error that the velocity may have, or of its change before the
+    /// stage has matched it, (steps/ms)².
     pub fn doubt(&self, reach: Reach) -> f32 {
         let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
         let change = within(reach.speed / acceleration, 0.0, MOST_MS);
         CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
     }
 
-    /// Whether a target within reach can have gone where it was measured, this being the
-    /// prediction: five sigmas, or what full acceleration for `recent` ms makes.
+    /// Returns true if the measurement passes the innovation gate: its squared innovation is at
+    /// most that of five sigmas plus that of full acceleration for `recent` ms. Call
+    /// [`Filter::predict`] first.
     pub fn admits(&self, measured: i64, variance: f32, recent: f32, reach: Reach) -> bool {
         let innovation = steps(measured.saturating_sub(self.position));
         let sigmas = GATE * (self.covariance.position + believed(variance));
@@ -193,8 +193,7 @@ impl Filter {
         innovation * innovation <= sigmas + way * way
     }
 
-    /// Goes on to where the target will be in `dt` ms. What grows here is bounded when the
-    /// measurement is taken in.
+    /// Predicts the state `dt` ms ahead. The covariance is bounded at the next update.
     pub fn predict(&mut self, dt: f32) {
         let dt = within(dt, 0.0, MOST_MS);
         self.position = self.position.saturating_add(fine(self.speed * dt));
@@ -212,7 +211,7 @@ impl Filter {
         };
     }
 
-    /// Takes in a measurement, this being the prediction of `dt` ms.
+    /// Updates the state with a measurement, after a prediction of `dt` ms.
     pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: Reach) {
         let variance = believed(variance);
         let innovation = steps(measured.saturating_sub(self.position));
@@ -237,7 +236,7 @@ impl Filter {
         self.correct(innovation, variance, dt);
     }
 
-    /// The textbook's correction by an innovation.
+    /// Corrects state and covariance by an innovation.
     fn correct(&mut self, innovation: f32, variance: f32, dt: f32) {
         let Covariance {
             position,
@@ -264,7 +263,7 @@ impl Filter {
 }
 
 impl Covariance {
-    /// Finite, with positive variances.
+    /// Returns the covariance with finite numbers and positive variances.
     fn bounded(self) -> Self {
         Self {
             position: within(self.position, 1e-6, MOST_VARIANCE),
@@ -274,18 +273,19 @@ impl Covariance {
     }
 }
 
-/// The highest process noise, steps²/ms³: what full acceleration, anew every 32 ms, amounts to.
+/// Returns the highest process noise, steps²/ms³: that of full acceleration, drawn anew every 32
+/// ms.
 fn most_noise(reach: Reach) -> f32 {
     let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
     32.0 * acceleration * acceleration
 }
 
-/// The lowest.
+/// Returns the lowest process noise, steps²/ms³.
 fn least_noise(reach: Reach) -> f32 {
     most_noise(reach) * STILL
 }
 
-/// What white noise of the acceleration adds to the covariance in `dt` ms.
+/// Returns the covariance that white noise of the acceleration adds in `dt` ms.
 fn process(noise: f32, dt: f32) -> Covariance {
     let speed = noise * dt;
     let both = 0.5 * speed * dt;
@@ -296,12 +296,12 @@ fn process(noise: f32, dt: f32) -> Covariance {
     }
 }
 
-/// The variance of a measurement, within what is believed.
+/// Returns the variance of a measurement with quantisation noise, within bounds.
 pub(super) fn believed(variance: f32) -> f32 {
     within(variance + GRAIN, GRAIN, MOST_VARIANCE)
 }
 
-/// The value within bounds; the lower one if it is no number.
+/// Returns the value within bounds; the lower one if the value is not a number.
 pub(super) fn within(value: f32, low: f32, high: f32) -> f32 {
     if value > low {
         if value < high { value } else { high }
@@ -310,14 +310,14 @@ pub(super) fn within(value: f32, low: f32, high: f32) -> f32 {
     }
 }
 
-/// A distance in 2⁻³² steps to steps, at a resolution of 2⁻¹⁶; saturates at ±32768.
+/// Converts a distance from 2⁻³² steps to steps, at a resolution of 2⁻¹⁶; saturates at ±32768.
 pub(super) fn steps(fine: i64) -> f32 {
     narrow(fine >> 16) as f32 * (1.0 / 65_536.0)
 }
 
-/// And back.
+/// Converts a distance from steps to 2⁻³² steps; saturates.
 pub(super) fn fine(steps: f32) -> i64 {
-    // The conversion saturates, and makes zero of what is no number.
+    // The conversion saturates, and converts NaN to zero.
     i64::from((steps * 65_536.0) as i32) << 16
 }
 
@@ -343,7 +343,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever comes, infinities and what is no number included.
+        /// Feeds any values, including infinities and NaN.
         #[test]
         fn every_number_stays_finite(
             start: (i64, f32), reach in any_reach(),
@@ -365,7 +365,7 @@ mod tests {
         }
 
         #[test]
-        fn steps_and_back(fine_steps in -(1i64 << 46)..1 << 46) {
+        fn steps_round_trip(fine_steps in -(1i64 << 46)..1 << 46) {
             // A float has 24 bits.
             let off = (fine(steps(fine_steps)) - fine_steps).abs();
             prop_assert!(off <= (1 << 16) + (fine_steps.abs() >> 23), "{off}");
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_becomes_the_lower_bound() {
+    fn nan_becomes_lower_bound() {
         assert_eq!(within(f32::NAN, -1.0, 2.0), -1.0);
         assert_eq!(within(f32::INFINITY, -1.0, 2.0), 2.0);
         assert_eq!(within(0.5, -1.0, 2.0), 0.5);

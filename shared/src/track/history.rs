@@ -1,9 +1,9 @@
-//! Where the stage was: emitted positions of the last half second.
+//! History of the stage: emitted positions of the last half second.
 
 use super::Fine;
 use crate::time::Instant;
 
-/// How many control ticks are remembered.
+/// Number of control ticks in the history.
 pub const TICKS: usize = 512;
 
 /// Microseconds per control tick.
@@ -14,29 +14,28 @@ const BITS: u32 = 8;
 
 /// Emitted positions at the borders of the last [`TICKS`] control ticks.
 ///
-/// Kept in 1/256 step, and interpolated linearly: at 2,000 mm/s² that is 0.25 µm off at most. Of
-/// each only the lowest 32 bits are kept; the newest is known in full, and within what is
-/// remembered no axis comes 2²³ steps away from it: at the fastest words it makes 8 million
-/// steps/s.
+/// Positions are kept in 1/256 step and interpolated linearly, with an error of at most 0.25 µm at
+/// 2,000 mm/s². Only the lowest 32 bits of each are kept; the newest is known in full. Within the
+/// history no axis moves 2²³ steps away from it, because the fastest words make 8 million steps/s.
 #[derive(Clone, Debug)]
 pub struct History {
     positions: [[i32; 3]; TICKS],
-    /// The newest, in full, 1/256 step.
+    /// Newest position, in full, 1/256 step.
     last: Fine,
-    /// When the newest position is reached by the pins.
+    /// Instant at which the pins reach the newest position.
     newest: Instant,
-    /// How many are valid.
+    /// Number of valid positions.
     count: usize,
-    /// Index of the newest.
+    /// Index of the newest position.
     head: usize,
 }
 
-/// Why a position is not known.
+/// Reason for an unknown position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unknown {
     /// The instant is after the newest remembered position.
     Future,
-    /// The instant is before the oldest.
+    /// The instant is before the oldest remembered position.
     Past,
 }
 
@@ -53,8 +52,8 @@ impl Default for History {
 }
 
 impl History {
-    /// Remembers that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after
-    /// the one before. A gap or a step back in time forgets everything older.
+    /// Records that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after
+    /// the one before. A gap or a step back in time clears all older positions.
     pub fn record(&mut self, instant: Instant, position: Fine) {
         let follows = self.count > 0 && self.newest.plus_micros(TICK_US) == instant;
         self.count = if follows {
@@ -70,12 +69,12 @@ impl History {
         }
     }
 
-    /// Forgets everything.
+    /// Clears the history.
     pub fn clear(&mut self) {
         self.count = 0;
     }
 
-    /// Shifts all positions, for when the origin moves.
+    /// Shifts all positions after a change of the origin.
     pub fn shift(&mut self, by: Fine) {
         let by = by.map(|p| p >> (32 - BITS));
         for (last, d) in self.last.iter_mut().zip(by) {
@@ -88,15 +87,15 @@ impl History {
         }
     }
 
-    /// The position of the pins at `instant`, 2⁻³² steps, good to 1/256 step.
+    /// Returns the position of the pins at `instant`, 2⁻³² steps, with a resolution of 1/256 step.
     ///
     /// # Errors
-    /// [`Unknown`] when it is not within what is remembered.
+    /// [`Unknown`] if the instant is outside the remembered time.
     pub fn at(&self, instant: Instant) -> Result<Fine, Unknown> {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);
         }
-        // 32 bits, in which a Cortex-M4 divides by itself.
+        // 32 bits, which a Cortex-M4 divides in hardware.
         let age = u32::try_from(self.newest.since(instant)).map_err(|_| Unknown::Past)?;
         let (ticks, rest) = (age / TICK_US as u32, age % TICK_US as u32);
         let back = usize::try_from(ticks).map_err(|_| Unknown::Past)?;
@@ -148,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolates_between_ticks() {
+    fn position_is_interpolated() {
         let history = ramp(2000);
         let got = history.at(Instant::from_micros(1_800_250)).unwrap();
         let expected = 1800 * 3 * STEP + 3 * STEP / 4;
@@ -161,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn knows_its_ends() {
+    fn instants_outside_are_unknown() {
         let history = ramp(2000);
         assert_eq!(
             history.at(Instant::from_micros(1_999_001)),
@@ -177,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_forgets_what_lies_before() {
+    fn gap_forgets_earlier_positions() {
         let mut history = ramp(10);
         history.record(ms(20), [STEP; 3]);
         assert_eq!(history.at(ms(20)), Ok([STEP; 3]));

@@ -1,23 +1,23 @@
-//! From displacements to where the target is: in stage coordinates, whatever the stage did
-//! meanwhile.
+//! Tracking: converts displacements to positions of the target in stage coordinates, whatever the
+//! stage did meanwhile.
 //!
-//! The cameras ride on the stage, so a frame says where the target was *relative to the stage at
-//! the capture*, against the view at the reference instant. With `e(t) = target(t) - stage(t)` in
-//! stage axes,
+//! The cameras ride on the stage, so a frame gives the position of the target *relative to the
+//! stage at the capture*, against the view at the reference instant. With
+//! `e(t) = target(t) - stage(t)` in stage axes,
 //!
 //! ```text
 //! e(capture) = e(reference) + displacement        target(capture) = stage(capture) + e(capture)
 //! ```
 //!
 //! `stage(capture)` comes from the [`history`] of emitted positions, so neither latency nor the
-//! stage's own motion enters. The first reference a station hears of defines the view to be kept:
-//! `e = 0` there. After that, a frame may refer to the same reference again (a keyframe: no drift)
-//! or to the capture of a recent frame that was used, whose `e` is known (previous-frame reference,
-//! or a new keyframe: the accumulated target is preserved). Anything else is refused: a lost frame
-//! can never shift the target unnoticed.
+//! stage's own motion enters. The first reference that a station receives defines the view to be
+//! kept: `e = 0` there. After that, a frame may refer to the same reference again (a keyframe: no
+//! drift) or to the capture of a recent frame that was used, whose `e` is known (previous-frame
+//! reference, or a new keyframe: the accumulated target is preserved). Any other reference is
+//! refused, so that a lost frame can never shift the target unnoticed.
 //!
-//! What comes out is where the target *was*, with noise. [`pursuit`] makes of it where the stage
-//! should go now; each of its axes is a Kalman [`filter`].
+//! The result is the position of the target at the capture, with noise. [`pursuit`] computes from
+//! it the present goal of the stage; each of its axes is a Kalman [`filter`].
 
 pub mod filter;
 pub mod history;
@@ -30,10 +30,10 @@ use crate::time::Instant;
 /// Positions and distances on three stage axes, 2⁻³² steps.
 pub type Fine = [i64; 3];
 
-/// How many used captures stay available as references.
+/// Number of used captures that stay available as references.
 const RECENT: usize = 8;
 
-/// An instant at which the view is known.
+/// Position of the target relative to the stage at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     instant: Instant,
@@ -41,27 +41,27 @@ pub struct View {
     error: Fine,
 }
 
-/// Where the target was seen last.
+/// References of later frames, pursuit and watch.
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
     reference: Option<View>,
     recent: heapless::Deque<View, RECENT>,
-    /// What the stage is after.
+    /// Filters of the target and goal of the stage.
     pub pursuit: pursuit::Pursuit,
-    /// Whether the cameras see what the stage does.
+    /// Detection of a stage that does not follow its steps.
     pub watch: watch::Watch,
 }
 
 impl Tracker {
-    /// Forgets everything: the next reference defines the view to be kept.
+    /// Clears all state; the next reference defines the view to be kept.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// The view that a frame refers to, if the tracker can take the frame.
+    /// Returns the view that a frame refers to, if the tracker can take the frame.
     ///
     /// # Errors
-    /// [`Denial::UnknownReference`], [`Denial::CaptureOutOfOrder`].
+    /// [`Denial::UnknownReference`] or [`Denial::CaptureOutOfOrder`].
     pub fn reference(&self, reference: Instant, capture: Instant) -> Result<View, Denial> {
         let newest = self.recent.back().map(|view| view.instant);
         if capture <= reference || newest.is_some_and(|newest| capture <= newest) {
@@ -82,19 +82,19 @@ impl Tracker {
         })
     }
 
-    /// Remembers a view that is going to be used, and what it refers to.
+    /// Records a view that is going to be used, and the view it refers to.
     pub fn keep(&mut self, reference: View, view: View) {
         if self.recent.is_full() {
             self.recent.pop_front();
         }
-        // There is room: the oldest was dropped above.
+        // There is room, because the oldest was dropped above.
         let _ = self.recent.push_back(view);
         self.reference = Some(reference);
     }
 }
 
 impl View {
-    /// The view at a later instant, from which the target was displaced.
+    /// Returns the view at a later instant, after the target was displaced.
     pub fn moved(&self, instant: Instant, displacement: Fine) -> Self {
         Self {
             instant,
@@ -102,14 +102,14 @@ impl View {
         }
     }
 
-    /// Where the target is, for a stage that was at `stage` at this view's instant; with cameras
-    /// beside the stage any constant does.
+    /// Returns the position of the target, if the stage was at `stage` at this view's instant. With
+    /// cameras beside the stage, any constant serves.
     pub fn target(&self, stage: Fine) -> Fine {
         add(stage, self.error)
     }
 }
 
-/// The sum on each axis, saturating.
+/// Returns the sum on each axis, saturating.
 pub fn add(a: Fine, b: Fine) -> Fine {
     let [[ax, ay, az], [bx, by, bz]] = [a, b];
     [
@@ -128,7 +128,7 @@ mod tests {
     }
 
     impl Tracker {
-        /// Takes one displacement as the machine does; gives the target's position.
+        /// Takes one displacement as the machine does, and returns the target's position.
         fn update(
             &mut self,
             reference: Instant,
@@ -143,9 +143,9 @@ mod tests {
         }
     }
 
-    /// Target and stage move on their own; each reference mode must find the target.
+    /// Target and stage move independently; each reference mode must find the target.
     #[test]
-    fn keyframe_and_previous_frame_find_the_same_target() {
+    fn reference_modes_agree() {
         let target = |t: i64| [1000 * t, -300 * t, 7 * t * t];
         let stage = |t: i64| [900 * t - 4, 20 * t, -t];
         let error = |t: i64| {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_old_and_repeated_instants_change_nothing() {
+    fn bad_instants_change_nothing() {
         let mut tracker = Tracker::default();
         assert!(tracker.update(at(0), at(1), [5; 3], [0; 3]).is_ok());
         assert_eq!(

@@ -1,35 +1,35 @@
-//! Where the stage should go: which measurements of the target to believe, where it is by now, and
-//! what to do without any.
+//! Goal of the stage: gates the measurements of the target, predicts it to the present, and coasts
+//! without measurements.
 //!
-//! A measurement says where the target was at a capture, in stage coordinates (see
-//! [`Tracker`](super::Tracker)). It is old when it comes, by exposure, flow, link and the station's
-//! own delay; and the next is some way off. So each axis has a [`Filter`], and the stage is sent to
-//! where the target is by the time the next words are on the pins, with the target's speed to go on
-//! with.
+//! A measurement is the position of the target at a capture, in stage coordinates (see
+//! [`Tracker`](super::Tracker)). It is old when it arrives, by exposure, flow, link and the
+//! station's own delay, and the next one comes later still. So each axis has a [`Filter`], and the
+//! stage is sent to the predicted position of the target at the instant when the next words are on
+//! the pins, with the target's velocity.
 //!
-//! # Which measurements
-//! One that no target within the stage's reach can have caused is an *outlier*: it is refused, and
-//! remembered. If the next one lies near it and not near the prediction, both are right and the
-//! target made a *jump*: the filters start anew from the two.
+//! # Innovation gate
+//! A measurement that no target within the stage's reach can have caused is an *outlier*: it is
+//! refused, and remembered. If the next one lies near it and not near the prediction, both are
+//! right and the target made a *jump*: the filters start anew from the two.
 //!
-//! # How far ahead
-//! A speed that is hardly known, or about to change, is worse than none: after a jump it would
+//! # Velocity gain
+//! A velocity that is hardly known, or about to change, is worse than none: after a jump it would
 //! throw the stage far beyond its goal. Of `v` the share `v⁴/(v⁴ + d²)` is used, with `d` the
-//! filter's [doubt](Filter::doubt): next to all of a steady motion, next to nothing of noise or of
-//! a target that is braking hard. The share changes by degrees.
+//! filter's [doubt](Filter::doubt): nearly all of a steady motion, nearly nothing of noise or of a
+//! target that is braking hard. The share is low-pass filtered.
 //!
 //! # A still target
 //! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests
-//! in a whole step, and the measurements are averaged, up to a second's worth. It goes to another
-//! step when their mean is more than half a step and one sigma off, or the filter's position more
-//! than half a step and three. So noise does not make the motor chatter, and the rest is the right
-//! one.
+//! in a whole step, and the measurements are averaged, up to a second's worth. The axis goes to
+//! another step if their mean is more than half a step and one sigma off, or the filter's position
+//! more than half a step and three sigmas. So noise does not make the motor chatter, and the axis
+//! rests in the right step.
 //!
 //! # No measurements
-//! The stage *coasts*: the target is taken to go on as it did. After [`Settings::coast_ms`] it is
-//! *lost* and the stage ramps down. It stays [following](crate::safety::State::Following): a frame
-//! near where the target was lost, or two beyond that agree, are followed again, within the limits
-//! of the axes like any motion.
+//! The stage *coasts*: it goes on as the target did. After [`Settings::coast_ms`] the target is
+//! *lost* and the stage ramps down. It stays [following](crate::safety::State::Following): it
+//! follows again after one frame near the place where the target was lost, or after two frames
+//! beyond that agree. The limits of the axes hold as for any motion.
 
 use super::Fine;
 use super::filter::{Filter, Reach, believed, fine, steps, within};
@@ -39,121 +39,124 @@ use serde::{Deserialize, Serialize};
 /// Time without a measurement after which the target counts as out of sight, ms.
 const SIGHT_MS: f32 = 100.0;
 
-/// The same in mean periods of the measurements, if that is longer.
+/// Number of mean periods without a measurement after which the target counts as out of sight, if
+/// that is longer than [`SIGHT_MS`].
 const SIGHT_PERIODS: f32 = 2.5;
 
-/// The longest of these, ms.
+/// Longest mean period of the measurements, ms.
 const MOST_PERIOD_MS: f32 = 1_000.0;
 
-/// Share of a new interval in the mean period.
+/// Low-pass gain of the mean period, per measurement.
 const INTERVAL: f32 = 0.125;
 
-/// By how much of the difference the share of the speed changes with each frame.
+/// Low-pass gain of the velocity share, per frame.
 const EASE: f32 = 0.4;
 
-/// Speed to sigma, squared, at which a resting axis starts and a moving one comes to rest.
+/// Speed over sigma, squared, above which a resting axis starts (`START`) and below which a moving
+/// one comes to rest (`STOP`).
 const START: f32 = 9.0;
 const STOP: f32 = 2.25;
 
-/// A resting axis starts anew when the filter has the target so many sigmas beyond its step,
-/// squared.
+/// Distance of the filter's position from the step in sigmas, squared, at which a resting axis
+/// starts anew.
 const FAR: f32 = 9.0;
 
-/// The mean over a still target counts for so many measurements when it begins, and for so many at
-/// most: a second's worth.
+/// Weight of the mean over a still target, in measurements: at its beginning (`FEW`) and at most
+/// (`MANY`), which is a second's worth.
 const FEW: f32 = 4.0;
 const MANY: f32 = 64.0;
 
-/// Full acceleration since the last frame explains a displacement, for so long, ms.
+/// Longest time since the last frame in which full acceleration explains a displacement, ms.
 const RECENT_MS: f32 = 34.0;
 
 /// Half a step, 2⁻³² steps.
 const HALF: i64 = 1 << 31;
 
-/// How the target is followed. Part of the station's configuration.
+/// Settings of tracking. Part of the station's configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Whether latency is made up for. Without, the stage goes to where the target was.
+    /// True if the station predicts the target to the present. Otherwise the stage goes to the last
+    /// measured position.
     pub prediction: bool,
-    /// How long the stage goes on without a frame, ms, up to [`Settings::LONGEST_COAST_MS`].
+    /// Time for which the stage goes on without a frame, ms, up to [`Settings::LONGEST_COAST_MS`].
     pub coast_ms: u16,
 }
 
 impl Settings {
-    /// With prediction; 800 ms.
+    /// Default settings: with prediction; 800 ms.
     pub const DEFAULT: Self = Self {
         prediction: true,
         coast_ms: 800,
     };
 
-    /// The longest time there may be between a frame and the loss of the target, ms.
+    /// Longest time between a frame and the loss of the target, ms.
     pub const LONGEST_COAST_MS: u16 = 5_000;
 }
 
-/// What is known of the target. Append-only.
+/// Knowledge of the target. Append-only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sight {
-    /// Nothing is followed.
+    /// The stage follows nothing.
     #[default]
     None,
     /// A frame was used within the last 100 ms, or 2.5 mean periods of the frames.
     Tracking,
-    /// None was for longer: the stage goes on as the target did.
+    /// No frame was used for longer: the stage goes on as the target did.
     Coasting,
-    /// None was for as long as the settings allow: the stage is at rest, or ramps down to it.
+    /// No frame was used for the time that the settings allow: the stage is at rest, or ramps down.
     Lost,
 }
 
-/// A measurement that no target within reach can have caused. One that agrees with it makes it a
-/// jump.
+/// Error of a measurement that fails the innovation gate. A following measurement that agrees with
+/// it makes it a jump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outlier;
 
-/// A measurement: where the target was.
+/// Measured position of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// When.
+    /// Capture time.
     pub capture: Instant,
-    /// 2⁻³² steps from zero.
+    /// Position, 2⁻³² steps from zero.
     pub position: Fine,
     /// Variance per axis, steps².
     pub variance: [f32; 3],
 }
 
-/// Where an axis should go.
+/// Goal of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
-    /// Where to be, 2⁻³² steps from zero.
+    /// Position, 2⁻³² steps from zero.
     pub position: i64,
-    /// How fast to go on from there, steps/ms.
+    /// Velocity at that position, steps/ms.
     pub speed: f32,
 }
 
-/// One axis that is followed.
+/// One axis that follows the target.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     filter: Filter,
-    /// While the target is still.
+    /// State of an axis at rest, while the target is still.
     rest: Option<Rest>,
-    /// What is used of the speed, 0 to 1.
+    /// Velocity gain, 0 to 1.
     share: f32,
 }
 
-/// An axis at a still target.
+/// State of an axis at a still target.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
-    /// Where it stands: a whole step, in 2⁻³² steps.
+    /// Position of the axis: a whole step, in 2⁻³² steps.
     step: i64,
-    /// The mean of the measurements, 2⁻³² steps.
+    /// Mean of the measurements, 2⁻³² steps.
     mean: i64,
-    /// Over so many.
+    /// Number of measurements in the mean.
     count: f32,
     /// Variance of the mean, steps².
     variance: f32,
 }
 
 impl Rest {
-    /// In the step nearest to where the filter has the target.
+    /// Rests the axis in the step nearest to the filter's position.
     fn new(filter: &Filter) -> Self {
         Self {
             step: nearest_step(filter.position()),
@@ -163,7 +166,7 @@ impl Rest {
         }
     }
 
-    /// Takes in another measurement; goes to another step if the mean says so.
+    /// Averages another measurement, and goes to another step if the mean requires it.
     fn average(&mut self, position: i64, variance: f32) {
         self.count = within(self.count + 1.0, FEW, MANY);
         let off = steps(position.saturating_sub(self.mean));
@@ -174,7 +177,7 @@ impl Rest {
         }
     }
 
-    /// Whether `position` is no farther beyond the step than so many sigmas, squared.
+    /// Returns true if `position` is no farther beyond the step than `sigmas` sigmas, squared.
     fn holds(&self, position: i64, variance: f32, sigmas: f32) -> bool {
         let off = steps(position.saturating_sub(self.step));
         let beyond = if off < 0.0 { -off } else { off } - 0.5;
@@ -191,7 +194,7 @@ impl Axis {
         }
     }
 
-    /// Goes on from the filter with a measurement taken in.
+    /// Takes the filter after its update with a measurement.
     fn go_on(&mut self, filter: Filter, position: i64, variance: f32) {
         self.filter = filter;
         if let Some(rest) = &mut self.rest {
@@ -199,7 +202,7 @@ impl Axis {
         }
     }
 
-    /// Where to go so as to be right `lead` ms after the capture.
+    /// Computes the goal of the axis `lead` ms after the capture.
     fn aim(&mut self, lead: f32, prediction: bool, reach: Reach) -> Aim {
         let known = self.filter.covariance();
         let (position, speed) = (self.filter.position(), self.filter.speed());
@@ -229,29 +232,29 @@ impl Axis {
     }
 }
 
-/// The whole step nearest to a position, both in 2⁻³² steps.
+/// Returns the whole step nearest to a position, both in 2⁻³² steps.
 fn nearest_step(position: i64) -> i64 {
     position.saturating_add(HALF) & !(2 * HALF - 1)
 }
 
-/// The target that is being followed.
+/// The target that the stage follows.
 #[derive(Clone, Debug)]
 struct Target {
     axes: [Axis; 3],
-    /// When it was seen last.
+    /// Capture time of the last measurement.
     capture: Instant,
-    /// When that was heard of.
+    /// Instant at which that measurement arrived.
     heard: Instant,
     /// Mean time between measurements, ms; 0 after the first.
     period: f32,
     lost: bool,
 }
 
-/// What the stage is after.
+/// Target that the stage follows, and its last outlier.
 #[derive(Clone, Debug, Default)]
 pub struct Pursuit {
     target: Option<Target>,
-    /// The last outlier, if nothing was believed since.
+    /// The last outlier, if no measurement was accepted since.
     suspect: Option<Measurement>,
 }
 
@@ -259,7 +262,7 @@ impl Pursuit {
     /// Takes in a measurement that arrived at `now`; captures must come in order.
     ///
     /// # Errors
-    /// [`Outlier`]: only remembered.
+    /// [`Outlier`] if the measurement fails the innovation gate. It is then only remembered.
     pub fn measure(
         &mut self,
         now: Instant,
@@ -293,7 +296,7 @@ impl Pursuit {
         Ok(())
     }
 
-    /// The target anew, if `measurement` agrees with the suspect.
+    /// Returns the axes after a jump, if `measurement` agrees with the last outlier.
     fn jump(&self, measurement: &Measurement, reach: &[Reach; 3]) -> Option<[Axis; 3]> {
         let suspect = self.suspect.as_ref()?;
         let dt = milliseconds(measurement.capture.since(suspect.capture));
@@ -316,7 +319,7 @@ impl Pursuit {
         Some([x?, y?, z?])
     }
 
-    /// Where the stage should be at `at`, if there is a target in sight.
+    /// Computes the goal of the stage at `at`, if there is a target in sight.
     pub fn aim(
         &mut self,
         at: Instant,
@@ -334,7 +337,7 @@ impl Pursuit {
         ])
     }
 
-    /// Notices that the target is lost: `true` once.
+    /// Checks for the loss of the target; returns `true` once per loss.
     pub fn lose(&mut self, now: Instant, settings: &Settings) -> bool {
         match &mut self.target {
             Some(target) if !target.lost => {
@@ -345,7 +348,7 @@ impl Pursuit {
         }
     }
 
-    /// What is known of the target.
+    /// Returns the knowledge of the target.
     pub fn sight(&self, now: Instant) -> Sight {
         match &self.target {
             None => Sight::None,
@@ -355,7 +358,7 @@ impl Pursuit {
         }
     }
 
-    /// How long ago the target was seen, µs. 0 without one.
+    /// Returns the time since the target was seen, µs; 0 without a target.
     pub fn age_us(&self, now: Instant) -> u64 {
         self.target
             .as_ref()
@@ -378,7 +381,8 @@ impl Target {
         }
     }
 
-    /// Takes the time since the last measurement into the mean period, unless the target was lost.
+    /// Updates the mean period with the time since the last measurement, unless the target was
+    /// lost.
     fn count_interval(&mut self, capture: Instant) {
         if self.lost {
             return;
@@ -388,14 +392,15 @@ impl Target {
         self.period += (interval - self.period) * share;
     }
 
-    /// Whether the last measurement is as recent as the frame rate lets it be.
+    /// Returns true if the last measurement is as recent as the frame rate allows.
     fn is_in_sight(&self, now: Instant) -> bool {
         let longest = within(SIGHT_PERIODS * self.period, SIGHT_MS, MOST_PERIOD_MS);
         // Whole µs, below 2^20.
         now.since(self.heard) <= (longest * 1_000.0) as u64
     }
 
-    /// Takes in a measurement; `false` and nothing else if it is an outlier.
+    /// Updates the filters with a measurement. Returns false and changes nothing if it is an
+    /// outlier.
     fn take_in(
         &mut self,
         measurement: &Measurement,
@@ -403,7 +408,7 @@ impl Target {
         settings: &Settings,
     ) -> bool {
         let dt = milliseconds(measurement.capture.since(self.capture));
-        // A target that was lost is looked for where that happened.
+        // Search for a lost target where it was lost.
         let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
         let recent = within(dt, 0.0, RECENT_MS);
         let mut filters = self.axes.each_ref().map(|axis| axis.filter);
@@ -445,7 +450,7 @@ mod tests {
         acceleration: 0.16,
     }; 3];
 
-    /// A measurement on all axes after so many ms.
+    /// Returns a measurement with the same position on all axes, `ms` ms after the start.
     fn seen(ms: u64, steps: i64) -> Measurement {
         Measurement {
             capture: Instant::from_micros(ms * 1_000),
@@ -458,7 +463,7 @@ mod tests {
         pursuit.measure(measurement.capture, measurement, &REACH, &Settings::DEFAULT)
     }
 
-    /// At a still target for a second.
+    /// Returns a pursuit after one second at a still target.
     fn settled() -> Pursuit {
         let mut pursuit = Pursuit::default();
         for k in 1..=60 {
@@ -476,7 +481,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever comes, in any order and at any time.
+        /// Feeds any measurements, in any order and at any time.
         #[test]
         fn every_aim_is_finite(
             reach in any::<[[f32; 2]; 3]>(), prediction: bool, coast_ms: u16,
@@ -497,13 +502,13 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_changes_nothing_and_the_second_of_two_that_agree_everything() {
+    fn second_agreeing_outlier_is_jump() {
         let mut pursuit = settled();
         let before = pursuit.filters();
         // 5 mm.
         assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
         assert_eq!(pursuit.filters(), before);
-        // Not where the last one was, nor where it was expected.
+        // Neither near the last outlier nor near the prediction.
         assert_eq!(measure(&mut pursuit, &seen(992, -400)), Err(Outlier));
         assert_eq!(pursuit.filters(), before);
         assert_eq!(measure(&mut pursuit, &seen(1_008, -400)), Ok(()));
@@ -514,7 +519,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_in_its_place_clears_the_suspicion() {
+    fn expected_frame_clears_suspicion() {
         let mut pursuit = settled();
         assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
         assert_eq!(measure(&mut pursuit, &seen(992, 0)), Ok(()));
@@ -522,12 +527,12 @@ mod tests {
     }
 
     #[test]
-    fn few_frames_per_second_keep_the_target_in_sight() {
+    fn slow_frames_keep_target_in_sight() {
         let mut pursuit = Pursuit::default();
         for k in 1..=20 {
             assert_eq!(measure(&mut pursuit, &seen(200 * k, 0)), Ok(()));
             let before = Instant::from_micros((200 * k + 199) * 1_000);
-            // One interval has to be known first.
+            // The first interval must be known.
             let expected = if k == 1 {
                 Sight::Coasting
             } else {
@@ -541,7 +546,7 @@ mod tests {
     }
 
     #[test]
-    fn without_measurements_it_coasts_and_is_then_lost_once() {
+    fn target_coasts_then_is_lost_once() {
         let mut pursuit = settled();
         let last = Instant::from_micros(960_000);
         let after = |ms: u64| last.plus_micros(ms * 1_000);

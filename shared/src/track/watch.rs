@@ -1,46 +1,46 @@
-//! The cameras as an encoder: does the target move because the stage does?
+//! The cameras as an encoder: detects a stage that does not move as its steps say.
 //!
-//! The cameras ride on the stage, so the error `e = target - stage` is what they see, and with the
-//! stage's position `s` the *apparent target* is `p = s + e`. If the stage really moves by `M s`
-//! and the mount shows `G` of it, the apparent target is
+//! The cameras ride on the stage, so they measure the error `e = target - stage`. With the stage's
+//! position `s` the *apparent target* is `p = s + e`. If the stage really moves by `M s` and the
+//! mount shows `G` of it, the apparent target is
 //!
 //! ```text
 //! p = G target + (1 - G M) s + (what wrong time stamps make of the stage's speed)
 //! ```
 //!
-//! A healthy stage has `G M = 1`: nothing of `s` is in `p`. A motor that stalls makes `M = 0` on
+//! A healthy stage has `G M = 1`: `p` contains nothing of `s`. A motor that stalls makes `M = 0` on
 //! its axis and `p = target + s`: a target that runs away exactly as fast as the stage is sent
-//! after it. A wrong sign makes `p = target + 2 s`; gain, rotation, swapped axes, and stamps in the
-//! same way.
+//! after it. A wrong sign makes `p = target + 2 s`; gain, rotation, swapped axes, and time stamps
+//! act in the same way.
 //!
-//! # Why watching is not enough
-//! A stage that follows well moves as the target does, `s = p` and `e = 0`. In closed loop, the
-//! coupling of `p` to `s` cannot be told from following: both explain the same figures. So there
-//! are two stages:
+//! # Suspicion and trial
+//! A stage that follows well moves as the target does, `s = p` and `e = 0`. In closed loop, a
+//! coupling of `p` to `s` cannot be separated from following, because both explain the same
+//! figures. So there are two stages:
 //!
-//! 1. *Suspicion*, cheap and often wrong: the stage moves towards a target that comes no
-//!    nearer; or the loop shakes, and `p` moves as much as `s`; or frames are refused as
-//!    outliers while the stage moves on.
-//! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves
-//!    by itself goes on; one that the stage moves stops with it. Two trials that agree make the
-//!    fault, or one that leaves no doubt. Then following goes on.
+//! 1. *Suspicion*, cheap and often wrong: the stage moves towards a target that comes no nearer; or
+//!    the loop shakes, and `p` moves as much as `s`; or frames are refused as outliers while the
+//!    stage moves on.
+//! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves by itself
+//!    goes on; one that the stage moves stops with it. Two trials that agree make the fault, or one
+//!    that leaves no doubt. Then following goes on.
 //!
-//! A trial that finds a target that moves by itself is not repeated for half a second, then for 1,
-//! 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error answered the
-//! stage's own acceleration a moment before.
+//! After a trial that finds a target that moves by itself, the next one waits for half a second,
+//! then for 1, 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error
+//! answered the stage's own acceleration a moment before.
 //!
 //! # Figures
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
 //! with a healthy stage at 5 to 1000 frames per second (gaps, occlusions, exponential intervals,
-//! targets out of the stage's reach, lost motion, a mount off by 20 % and 8 degrees): 0 false
-//! alarms in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a
-//! stage once in three lives; at 60 frames per second after a target within reach, hardly ever.
+//! targets out of the stage's reach, backlash, a mount off by 20 % and 8 degrees): 0 false alarms
+//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage once
+//! in three lives; at 60 frames per second after a target within reach, hardly ever.
 //!
-//! A stall after a target at rest or on a figure is a fault, and the stage at rest, within 26 mm of
-//! the stall at 20 frames per second and more (`tests/stalling.rs`), with a bound of 10 mm. With 5
-//! or 10 frames per second and a target that turns within a few frames, no trial is long enough:
-//! such a stall is found late or not at all. Steps of which a tenth and more still arrive bring the
-//! target nearer; they look like a mount of another scale, and are followed.
+//! A stall after a target at rest or on a figure becomes a fault, with the stage at rest, within 26
+//! mm of the stall at 20 frames per second and more (`tests/stalling.rs`), with a bound of 10 mm.
+//! With 5 or 10 frames per second and a target that turns within a few frames, no trial is long
+//! enough: such a stall is found late or not at all. If a tenth or more of the steps still arrive,
+//! they bring the target nearer; they look like a mount of another scale, and the stage follows.
 //!
 //! Wrong signs, swapped axes, rotations from 90 degrees and scales from 2 are named within 2.2 s of
 //! the first motion and 27 mm, rotations of 60 degrees and stamps off by 30 to 70 ms within 4 s,
@@ -63,51 +63,51 @@ use trial::{ENOUGH, Suspicion, Trial, Verdict};
 use unseen::{Unseen, is_near};
 use window::{Spread, Window, milliseconds};
 
-/// Shortest time between two frames that are looked at, µs: within it, noise is all that is new.
+/// Shortest time between two frames that the watch uses, µs. Within it, only the noise changes.
 const LEAST_US: u64 = 12_000;
 
-/// A frame that comes so many times later than usual begins everything anew.
+/// Number of mean periods without a frame after which the watch begins anew.
 const GAP: f32 = 2.5;
 
-/// Shortest window: frames, and time, ms.
+/// Shortest window: frames (`WINDOW_FRAMES`), and time in ms (`WINDOW_MS`).
 const WINDOW_FRAMES: f32 = 7.5;
 const WINDOW_MS: f32 = 145.0;
 
 /// Part of [`Bounds::unseen`] that is a large motion, as a standard deviation.
 const LARGE: f32 = 0.1;
 
-/// Parts of [`Bounds::unseen`] that the stage may go without approach before a trial, and after one
-/// that counts.
+/// Divisors of [`Bounds::unseen`] for the distance that the stage may go without approach: before
+/// the first trial (`FIRST`), and after one that counts (`AGAIN`).
 const FIRST: i64 = 2;
 const AGAIN: i64 = 4;
 
-/// Part of [`Bounds::unseen`] that it may go astray.
+/// Divisor of [`Bounds::unseen`] for the distance that the stage may go astray.
 const ASTRAY: i64 = 4;
 
 /// Longest series of pardons.
 const PARDONS: u8 = 3;
 
-/// How long a trial counts: a time, ms, and a number of frames.
+/// Time for which a trial counts: in ms (`COUNTS_MS`), and in frames (`COUNTS_FRAMES`).
 const COUNTS_MS: f32 = 4_000.0;
 const COUNTS_FRAMES: f32 = 20.0;
 
-/// What is too much. 2⁻³² steps; zero is never.
+/// Bounds of the watch, 2⁻³² steps; zero disables a bound.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bounds {
-    /// Largest way towards the target that the cameras need not see.
+    /// Largest motion towards the target that does not bring it nearer.
     pub unseen: Fine,
-    /// Largest distance of the target ...
+    /// Largest distance of the target.
     pub error: Fine,
-    /// ... for how long, µs.
+    /// Longest time above that distance, µs.
     pub longest_us: u64,
 }
 
-/// What a frame says.
+/// Data of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// When it was captured.
+    /// Capture time.
     pub capture: Instant,
-    /// Where the stage was then, 2⁻³² steps.
+    /// Position of the stage at the capture, 2⁻³² steps.
     pub stage: Fine,
     /// Target minus stage, 2⁻³² steps.
     pub error: Fine,
@@ -115,7 +115,7 @@ pub struct Sample {
     pub variance: [f32; 3],
 }
 
-/// What to do after a frame.
+/// Advice for the machine after a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Advice {
     /// Go on. The stage follows unless [`Watch::holds`].
@@ -130,41 +130,41 @@ pub enum Advice {
 #[derive(Clone, Copy, Debug)]
 struct Case {
     points: u8,
-    /// The last of them.
+    /// Instant of the last of these trials.
     at: Instant,
-    /// Whether it was for a loop that shakes.
+    /// True if that trial was for a loop that shakes.
     shook: bool,
-    /// Whether an axis's steps had no effect.
+    /// True if an axis's steps had no effect.
     lost: bool,
 }
 
-/// What was seen so far.
+/// State of the watch.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
-    /// The last frame that was looked at.
+    /// Last frame that the watch used.
     last: Option<Sample>,
-    /// Mean time between such frames, ms.
+    /// Mean time between used frames, ms.
     period_ms: f32,
     window: Window,
     unseen: [Unseen; 3],
     shaking: Shaking,
-    /// Frames in succession that were refused.
+    /// Number of refused frames in succession.
     refused: u32,
-    /// The way of the stage astray.
+    /// Distance that the stage went astray.
     astray: Fine,
     pardons: u8,
     trial: Option<Trial>,
     case: Option<Case>,
-    /// No trial before this.
+    /// Instant before which no trial begins.
     quiet_until: Instant,
-    /// Trials in succession that found a target that moves by itself.
+    /// Number of trials in succession that found a target that moves by itself.
     free: u32,
-    /// Since when the target is too far away.
+    /// Instant since which the target is too far away.
     far: Option<Instant>,
 }
 
 impl Watch {
-    /// Whether the stage has to stand, because of a trial.
+    /// Returns true if the stage must stand because of a trial.
     pub fn holds(&self) -> bool {
         self.trial.is_some()
     }
@@ -211,7 +211,7 @@ impl Watch {
         }
     }
 
-    /// Forgets what led to a suspicion.
+    /// Clears the state that leads to a suspicion.
     fn begin_anew(&mut self, sample: &Sample) {
         self.window = Window::starting(sample);
         self.unseen = [Unseen::default(); 3];
@@ -253,8 +253,8 @@ impl Watch {
         Advice::Stop
     }
 
-    /// Whether the stage went too far while frames were refused, or with steps that one trial found
-    /// lost, away from the target.
+    /// Returns true if the stage went too far while frames were refused, or went away from the
+    /// target with steps that one trial found lost.
     fn is_astray(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> bool {
         let lost = self.case.is_some_and(|case| case.lost);
         let mut astray = false;
@@ -269,7 +269,7 @@ impl Watch {
         astray
     }
 
-    /// On which axes the target comes no nearer.
+    /// Returns true for each axis on which the target comes no nearer.
     fn unseen(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> [bool; 3] {
         let part = match self.case {
             Some(Case { shook: false, .. }) => AGAIN,
@@ -289,7 +289,8 @@ impl Watch {
         suspicious
     }
 
-    /// Whether all suspicious axes are pardoned: the cameras saw the stage's acceleration there.
+    /// Returns true if all suspicious axes are pardoned, because the cameras saw the stage's
+    /// acceleration there.
     fn pardon(&mut self, suspicious: [bool; 3], spreads: &[Spread; 3]) -> bool {
         let seen = |spread: &Spread| spread.stage > 4.0 && spread.target < 0.1 * spread.stage;
         let before = self.shaking.before.unwrap_or_default();
@@ -306,7 +307,7 @@ impl Watch {
         all
     }
 
-    /// Goes on with a trial.
+    /// Continues a trial.
     fn try_on(&mut self, mut trial: Trial, frames: [&Sample; 2], bounds: &Bounds) -> Advice {
         let (before, large) = (self.shaking.before, large(bounds));
         let verdict = trial.see(frames, &mut self.window, before, large);
@@ -347,7 +348,7 @@ impl Watch {
         Advice::GoOn
     }
 
-    /// Whether the target has been too far away for too long.
+    /// Returns true if the target has been too far away for too long.
     fn is_far(&mut self, sample: &Sample, bounds: &Bounds) -> bool {
         let beyond = |(error, bound): (i64, i64)| bound > 0 && error.saturating_abs() > bound;
         if !sample.error.into_iter().zip(bounds.error).any(beyond) {
@@ -359,7 +360,7 @@ impl Watch {
     }
 }
 
-/// The energy of a large motion, steps².
+/// Returns the energy of a large motion, steps².
 fn large(bounds: &Bounds) -> f32 {
     let bounds = bounds.unseen.into_iter().filter(|bound| *bound > 0);
     let deviation = steps(bounds.min().unwrap_or(0)) * LARGE;

@@ -1,4 +1,4 @@
-//! The Cramér-Rao bound: how small the error of any unbiased estimator can be.
+//! The Cramér-Rao bound: the least variance of any unbiased estimator.
 //!
 //! The cameras see `N` points with unknown positions `P_i` before and `P_i + T` after the move;
 //! every pixel coordinate carries independent noise of standard deviation `s`. Unknown are all
@@ -10,8 +10,8 @@
 //! ```
 //!
 //! the Fisher information of `(P_i, T)` is `1/s²` times `[[A_i + B_i, B_i], [B_i, B_i]]`, because
-//! both `P_i` and `T` act on the pixels after the move in the same way. The points are no concern
-//! of ours; the Schur complement removes each exactly:
+//! both `P_i` and `T` act on the pixels after the move in the same way. The points are nuisance
+//! parameters; the Schur complement removes each exactly:
 //!
 //! ```text
 //! B_i - B_i (A_i + B_i)^-1 B_i = (A_i^-1 + B_i^-1)^-1
@@ -23,9 +23,9 @@
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::{Camera, Rig};
 
-/// The least possible variance of each component of the displacement, mm², for points at
-/// `points_mm` that move by `move_mm`, with noise of `noise_px` in every pixel coordinate. Cameras
-/// without lens distortion. `None` if the points do not determine the displacement.
+/// Returns the least variance of each component of the displacement, mm², for points at `points_mm`
+/// that move by `move_mm`, with noise of `noise_px` in every pixel coordinate. Assumes cameras
+/// without lens distortion. Returns `None` if the points do not determine the displacement.
 pub fn variance_mm2(
     rig: &Rig,
     points_mm: &[[f64; 3]],
@@ -43,7 +43,7 @@ pub fn variance_mm2(
     Some([0, 1, 2].map(|axis| variance[(axis, axis)]))
 }
 
-/// `Σ J'J` over the cameras, px²/mm².
+/// Returns `Σ J'J` over the cameras, px²/mm².
 fn position_information(rig: &Rig, at: [f64; 3]) -> Matrix3<f64> {
     let cameras = rig.cameras.iter();
     cameras.fold(Matrix3::zeros(), |sum, camera| {
@@ -52,7 +52,7 @@ fn position_information(rig: &Rig, at: [f64; 3]) -> Matrix3<f64> {
     })
 }
 
-/// The derivative of a pixel by the point's position, px/mm.
+/// Returns the derivative of a pixel by the point's position, px/mm.
 fn jacobian(camera: &Camera, [x, y, z]: [f64; 3]) -> Matrix2x3<f64> {
     let [fx, fy] = camera.focal_px.map(|focal| focal / z);
     let [cx, cy] = camera.offset_mm;
@@ -64,10 +64,10 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    /// The same by brute force: finite differences of all 36 pixel coordinates by all 12 unknowns,
-    /// and one large inverse.
+    /// Computes the bound by brute force: finite differences of all 36 pixel coordinates by all 12
+    /// unknowns, and one large inverse.
     #[test]
-    fn the_bound_is_the_corner_of_the_full_inverse() {
+    fn bound_matches_full_inverse() {
         let rig = Rig::paper();
         let points = [
             [-40.0, 30.0, 800.0],
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_scales_it_and_no_points_give_none() {
+    fn bound_scales_with_noise() {
         let rig = Rig::paper();
         let points = [[-40.0, 30.0, 800.0], [55.0, -20.0, 900.0]];
         let once = variance_mm2(&rig, &points, [1.0; 3], 0.1).unwrap();

@@ -1,7 +1,8 @@
-//! Moves seen by noisy cameras: the error of each estimator against the [`super::bound`].
+//! Moves seen by noisy cameras: the error of each estimator against the Cramér-Rao
+//! [`super::bound`].
 //!
 //! Every trial draws its own points and its own noise. The ratio is the root of the mean squared
-//! error over the root of the mean bound, per axis: 1 means that nothing better is possible.
+//! error over the root of the mean bound, per axis; 1 is the optimum.
 
 use super::scene::{point, rig, views};
 use super::{bound, estimates, in_parallel};
@@ -11,11 +12,11 @@ use shared::estimate::Refusal;
 use shared::rig::Rig;
 use shared::sums::View;
 
-/// Points in a trial.
+/// Number of points in a trial.
 pub const POINTS: usize = 100;
 /// Standard deviation of the noise in each pixel coordinate of both instants, px.
 pub const NOISE_PX: f64 = 0.1;
-/// The moves that are tried, mm.
+/// Moves of the trials, mm.
 pub const MOVES_MM: [[f64; 3]; 5] = [
     [15.0, 15.0, 0.0],
     [0.0, 0.0, 5.0],
@@ -26,15 +27,16 @@ pub const MOVES_MM: [[f64; 3]; 5] = [
 
 const SEED: u64 = 0x6e6f_6973_655f_6331;
 
-/// The rig of the paper's section 4 with its one mean focal length: 533.32 px, 70 and 68 mm.
+/// Returns the rig of the paper's section 4 with its one mean focal length: 533.32 px, 70 and 68
+/// mm.
 pub fn section_4_rig() -> Rig {
     rig(533.32, 70.0, 68.0)
 }
 
-/// One move.
+/// Errors of one move.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// The move, mm.
+    /// True displacement, mm.
     pub true_mm: [f64; 3],
     /// Root of the mean Cramér-Rao bound, mm.
     pub bound_mm: [f64; 3],
@@ -43,7 +45,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Error over bound of one estimator, per axis.
+    /// Returns the ratio of error to bound of one estimator, per axis.
     pub fn ratio(&self, estimator: usize) -> [f64; 3] {
         let error = self
             .error_mm
@@ -54,12 +56,12 @@ impl Row {
     }
 }
 
-/// All moves.
+/// Errors of all moves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Noise {
-    /// How many trials are behind each row.
+    /// Number of trials of each row.
     pub trials: usize,
-    /// One per move.
+    /// Rows, one per move.
     pub rows: Vec<Row>,
 }
 
@@ -69,10 +71,10 @@ struct Trial {
     squares: [[f64; 3]; 3],
 }
 
-/// Tries every move so many times.
+/// Runs `trials` trials of every move.
 ///
 /// # Errors
-/// A refusal of an estimator, which no trial of this size and noise gives.
+/// If an estimator refuses, which does not happen with trials of this size and noise.
 pub fn run(trials: usize) -> Result<Noise, Refusal> {
     let rig = section_4_rig();
     let rows = MOVES_MM.iter().zip(0_u64..).map(|(move_mm, number)| {
@@ -111,7 +113,7 @@ fn try_once(rig: &Rig, move_mm: [f64; 3], mut random: Random) -> Result<Trial, R
     Ok(Trial { bound, squares })
 }
 
-/// The views with noise in every coordinate.
+/// Returns the views with noise in every coordinate.
 fn blurred(rig: &Rig, mut views: [View; 3], random: &mut Random) -> [View; 3] {
     for (view, camera) in views.iter_mut().zip(&rig.cameras) {
         for at in [&mut view.start, &mut view.end] {
@@ -128,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_midpoint_reaches_the_bound() {
+    fn midpoint_reaches_bound() {
         for row in run(2000).unwrap().rows {
             let ratio = row.ratio(2);
             // Below 1 by more than chance (1.6 % for 2,000 trials) would mean that the bound is
@@ -142,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_estimators_do_not() {
+    fn paper_estimators_miss_bound() {
         let rows = run(300).unwrap().rows;
         for estimator in [0, 1] {
             let ratio: Vec<_> = rows.iter().map(|row| row.ratio(estimator)).collect();

@@ -1,30 +1,30 @@
-//! The validation as tables and figures, the same for the screen and for the page.
+//! The validation as tables and figures for the screen and for the page.
 
 use super::recovery::Printed;
 use super::{ESTIMATORS, Validation, noise, recovery, scene};
 use crate::report::{Cell, Figure, Page, Path3d, Scatter, Style, Table};
 
-/// The bound on the closed form's mean against the paper's printed values, mm.
+/// Bound on the difference between the closed form's mean and the paper's printed values, mm.
 pub const PAPER_BOUND_MM: f64 = 0.01;
-/// The bound on the midpoint's worst error, mm.
+/// Bound on the midpoint's worst error, mm.
 pub const MIDPOINT_BOUND_MM: f64 = 0.001;
-/// The bound on the midpoint's error over the Cramér-Rao bound.
+/// Bound on the ratio of the midpoint's error to the Cramér-Rao bound.
 pub const RATIO_BOUND: f64 = 1.10;
 
 impl Validation {
-    /// All tables, in the order of the paper.
+    /// Returns all tables, in the order of the paper.
     pub fn tables(&self) -> [Table; 3] {
         [self.means(), self.spreads(), self.ratios()]
     }
 
-    /// Fig. 3: the points in space.
+    /// Returns Fig. 3: the points in space.
     pub fn space(&self) -> Path3d {
         let labels = ["X, mm", "Y, mm", "Z (depth), mm"];
         let points = self.sample.points_mm.iter().copied();
         Path3d::new("50 random points in space", labels).series("", Style::Points, points)
     }
 
-    /// Fig. 4: the same points in the left, the middle and the right image.
+    /// Returns Fig. 4: the same points in the left, the middle and the right image.
     pub fn images(&self) -> Vec<Figure> {
         let images = ["left", "middle", "right"]
             .iter()
@@ -41,15 +41,16 @@ impl Validation {
         figures.collect()
     }
 
-    /// The page with all of it.
+    /// Returns `page` with all tables and figures added.
     pub fn add_to(&self, page: Page) -> Page {
         let [means, spreads, ratios] = self.tables();
         let depth = scene::DEPTH_MM;
         page.section(
             "Numerical validation (section 3)",
             format!(
-                "{} random sets of {} points, depth {} to {} mm, f = 530 px, h1 = 90 mm, h2 = 70 mm, without noise. \
-                 Every move is recovered from every set; the paper prints the result of one.",
+                "{} random sets of {} points, depth {} to {} mm, f = 530 px, h1 = 90 mm, h2 = 70 \
+                 mm, without noise. Every move is recovered from every set; the paper prints the \
+                 result of one.",
                 self.recovery.sets,
                 recovery::POINTS,
                 depth[0],
@@ -63,8 +64,9 @@ impl Validation {
         .section(
             "Noise",
             format!(
-                "{} trials of each move, {} points, noise of {} px in every coordinate, f = 533.32 px, gaps of 70 and \
-                 68 mm. The Cramér-Rao bound is the least error that any unbiased estimator can have; 1.00 is perfect.",
+                "{} trials of each move, {} points, noise of {} px in every coordinate, f = \
+                 533.32 px, gaps of 70 and 68 mm. The Cramér-Rao bound is the least error that any \
+                 unbiased estimator can have; 1.00 is perfect.",
                 self.noise.trials,
                 noise::POINTS,
                 noise::NOISE_PX
@@ -183,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_row_is_shown_and_none_is_out_of_its_bound() {
+    fn all_rows_are_within_bounds() {
         let validation = Validation {
             recovery: recovery::run(200).unwrap(),
             noise: noise::run(1000).unwrap(),
@@ -197,7 +199,7 @@ mod tests {
         let html = validation.add_to(Page::new("", "")).to_html().unwrap();
         assert_eq!(html.matches("<svg").count(), 4);
         assert_eq!(html.matches(" bad\"").count(), 0);
-        // One mark a row and column that is judged.
+        // One mark per row and judged column.
         assert_eq!(html.matches(" good\"").count(), 13 + 26 + 5);
     }
 }

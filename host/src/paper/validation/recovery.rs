@@ -1,8 +1,8 @@
 //! The paper's Tables 1 and 2: known moves of random point sets, recovered without noise.
 //!
-//! The paper prints one result a move. Its closed form depends on the points (a finite move in
-//! depth scales the result by about `Z/(Z + Vz)`), so one draw proves little: here every move is
-//! recovered from many sets, and the mean, the spread and the worst case are given.
+//! The paper prints one result per move. Its closed form depends on the points (a finite move in
+//! depth scales the result by about `Z/(Z + Vz)`), so one draw proves little. Here every move is
+//! recovered from many sets, and the result is the mean, the spread and the worst case.
 
 use super::scene::{SEED, point, section_3_rig, views};
 use super::{estimates, in_parallel};
@@ -10,17 +10,17 @@ use crate::random::Random;
 use serde::Serialize;
 use shared::estimate::Refusal;
 
-/// Points in a set, as in the paper.
+/// Number of points in a set, as in the paper.
 pub const POINTS: usize = 50;
 
 /// One row of the paper's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Printed {
-    /// 1 or 2.
+    /// Number of the table, 1 or 2.
     pub table: u8,
-    /// The move, mm.
+    /// True displacement, mm.
     pub true_mm: [f64; 3],
-    /// What the paper's program recovered, mm.
+    /// Displacement printed in the paper, mm.
     pub paper_mm: [f64; 3],
 }
 
@@ -49,18 +49,18 @@ pub const PRINTED: [Printed; 13] = [
     printed(2, [20.0, 20.0, 2.0], [19.9553, 19.9553, 1.9955]),
 ];
 
-/// What one estimator recovered over all sets, per axis.
+/// Displacements of one estimator over all sets, per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Mean, mm.
+    /// Mean displacement, mm.
     pub mean_mm: [f64; 3],
     /// Standard deviation from set to set, mm.
     pub deviation_mm: [f64; 3],
-    /// Smallest, mm.
+    /// Smallest displacement, mm.
     pub least_mm: [f64; 3],
-    /// Largest, mm.
+    /// Largest displacement, mm.
     pub most_mm: [f64; 3],
-    /// Largest distance from the truth, mm.
+    /// Largest error, mm.
     pub worst_error_mm: [f64; 3],
 }
 
@@ -95,29 +95,29 @@ impl Spread {
     }
 }
 
-/// One row: the paper's and ours.
+/// One row: the paper's values and this program's.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// What the paper prints.
+    /// Values printed in the paper.
     #[serde(flatten)]
     pub printed: Printed,
-    /// What [`super::ESTIMATORS`] recovered, in that order.
+    /// Displacements of [`super::ESTIMATORS`], in that order.
     pub recovered: [Spread; 3],
 }
 
 /// Tables 1 and 2.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recovery {
-    /// How many sets of [`POINTS`] points are behind each row.
+    /// Number of sets of [`POINTS`] points of each row.
     pub sets: usize,
-    /// One per printed row, in the paper's order.
+    /// Rows, one per printed row, in the paper's order.
     pub rows: Vec<Row>,
 }
 
-/// Recovers every move of the tables from so many random sets.
+/// Recovers every move of the tables from `sets` random sets.
 ///
 /// # Errors
-/// A refusal of an estimator, which no set of this size gives.
+/// If an estimator refuses, which does not happen with sets of this size.
 pub fn run(sets: usize) -> Result<Recovery, Refusal> {
     let rig = section_3_rig();
     let rows = PRINTED.iter().map(|printed| {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_gives_the_papers_tables() {
+    fn closed_form_matches_tables() {
         let recovery = run(1000).unwrap();
         assert_eq!(recovery.rows.len(), 13);
         for row in &recovery.rows {
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bias_is_the_papers_and_not_the_points() {
+    fn bias_is_of_paper_estimators() {
         // 20 mm away at 890 mm shortens everything by 2.2 %.
         let row = &run(50).unwrap().rows[10];
         let expected = 20.0 * 890.0 / 910.0;

@@ -5,18 +5,18 @@ use serde::Serialize;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
 
-/// The seed of all sets; the set's number is the stream.
+/// Seed of all sets; the number of the set is the stream.
 pub(super) const SEED: u64 = 0x7461_626c_6573_3132;
 
-/// Depth of the points at the reference instant, mm. The paper does not print it: this range gives
-/// its tables.
+/// Smallest and largest depth of the points at the keyframe, mm. The paper does not print it; this
+/// range gives its tables.
 pub const DEPTH_MM: [f64; 2] = [780.0, 1010.0];
 
-/// The image of every camera, px.
+/// Columns and rows of every camera's image, px.
 pub const IMAGE_PX: [u32; 2] = [320, 240];
 
-/// Three equal cameras of `focal_px`, the outer ones `h1_mm` to the left and `h2_mm` to the right
-/// of the middle one, 320 by 240 px.
+/// Returns a rig of three equal cameras with images of 320 by 240 px and focal length `focal_px`,
+/// the outer ones `h1_mm` to the left and `h2_mm` to the right of the middle one.
 pub fn rig(focal_px: f64, h1_mm: f64, h2_mm: f64) -> Rig {
     let centre = IMAGE_PX.map(|side| 0.5 * (f64::from(side) - 1.0));
     let camera = |x| Camera::ideal([focal_px; 2], centre, [x, 0.0]);
@@ -26,13 +26,13 @@ pub fn rig(focal_px: f64, h1_mm: f64, h2_mm: f64) -> Rig {
     }
 }
 
-/// The rig of the paper's section 3: f = 530 px, h1 = 90 mm, h2 = 70 mm.
+/// Returns the rig of the paper's section 3: f = 530 px, h1 = 90 mm, h2 = 70 mm.
 pub fn section_3_rig() -> Rig {
     rig(530.0, 90.0, 70.0)
 }
 
-/// One point, mm: depth evenly spread over [`DEPTH_MM`], X and Y evenly over what every camera sees
-/// at that depth both before and after the move.
+/// Draws one point, mm: depth uniform over [`DEPTH_MM`], X and Y uniform over the view common to
+/// all cameras at that depth both before and after the move.
 pub(super) fn point(rig: &Rig, move_mm: [f64; 3], random: &mut Random) -> [f64; 3] {
     let depth = random.between(DEPTH_MM[0], DEPTH_MM[1]);
     let mut at = [0.0, 0.0, depth];
@@ -54,8 +54,8 @@ pub(super) fn point(rig: &Rig, move_mm: [f64; 3], random: &mut Random) -> [f64; 
     at
 }
 
-/// What the three cameras of `rig` see of a point that moves, without noise. A rig of another
-/// number of cameras leaves views empty.
+/// Returns the three cameras' views of a point that moves, without noise. A rig with fewer cameras
+/// leaves views empty.
 pub(super) fn views(rig: &Rig, at: [f64; 3], move_mm: [f64; 3]) -> [View; 3] {
     let after: [f64; 3] = std::array::from_fn(|axis| at[axis] + move_mm[axis]);
     let mut views = [View::default(); 3];
@@ -76,7 +76,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// 50 points in view of the rig of section 3.
+    /// Draws 50 points in view of the rig of section 3.
     pub fn draw() -> Self {
         let rig = section_3_rig();
         let mut random = Random::new(SEED, 0);
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_camera_sees_every_point_at_both_instants() {
+    fn points_stay_in_every_view() {
         let rig = section_3_rig();
         let mut random = Random::new(3, 0);
         for move_mm in [[20.0, 20.0, 20.0], [-30.0, 15.0, -40.0], [0.0; 3]] {
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sample_is_not_in_one_plane() {
+    fn sample_is_not_planar() {
         let points = Sample::draw().points_mm;
         let depths = || points.iter().map(|point| point[2]);
         assert_eq!(points.len(), 50);

@@ -38,7 +38,7 @@ fn leg(motion: Motion, seconds: f64) -> Leg {
     }
 }
 
-/// A trace of a stage that is where `camera` says.
+/// Returns a trace of a stage at the position `camera` of the time.
 fn trace(scenario: &Scenario, camera: impl Fn(f64) -> [f64; 3]) -> Trace {
     let way = Way::new(&scenario.legs);
     let count = (way.seconds() / SAMPLE_S).round() as u32;
@@ -62,7 +62,7 @@ fn trace(scenario: &Scenario, camera: impl Fn(f64) -> [f64; 3]) -> Trace {
 }
 
 #[test]
-fn a_jump_settles_from_the_arrival_of_the_first_frame_that_shows_it() {
+fn settling_starts_at_first_frame() {
     let by_mm = [4.0, 0.0, 0.0];
     let scenario = scenario(vec![
         leg(Motion::Still, 0.505),
@@ -79,13 +79,13 @@ fn a_jump_settles_from_the_arrival_of_the_first_frame_that_shows_it() {
     let settle_ms = found.settle_ms.expect("it settles");
     assert!((settle_ms - 160.0).abs() < 1e-6, "{settle_ms}");
     assert!((found.overshoot.expect("a jump") - 0.03).abs() < 1e-9);
-    // One that is never there does not settle.
+    // A jump that never arrives does not settle.
     let found = Figures::of(&scenario, &trace(&scenario, |_| [0.0; 3]));
     assert_eq!(found.settle_ms, None);
 }
 
 #[test]
-fn errors_lag_jitter_and_reversals_are_what_they_say() {
+fn error_figures_match_trace() {
     let velocity_mm_s = [30.0, 40.0, 0.0];
     let line = scenario(vec![leg(Motion::Line { velocity_mm_s }, 2.0)]);
     let found = Figures::of(
@@ -97,7 +97,7 @@ fn errors_lag_jitter_and_reversals_are_what_they_say() {
     assert!((found.max_mm[1] - 0.4).abs() < 1e-9);
     assert!((found.speed_mm_s[1] - 40.0).abs() < 1e-6);
     assert!(found.acceleration_mm_s2[1] < 1e-6);
-    // 19 within the two seconds, that of the first sample not counted.
+    // 19 reversals within the two seconds, without that of the first sample.
     assert!((found.reversals_per_s[0] - 9.5).abs() < 0.1);
     let still = scenario(vec![leg(Motion::Still, 2.0)]);
     let wobble = |t: f64| {
@@ -113,11 +113,11 @@ fn errors_lag_jitter_and_reversals_are_what_they_say() {
 }
 
 #[test]
-fn acceleration_is_that_of_the_motion_and_abrupt_stops_are_left_out() {
+fn acceleration_skips_abrupt_stops() {
     let still = scenario(vec![leg(Motion::Still, 1.0)]);
     let camera = |t: f64| [500.0 * t.min(0.5).powi(2), 0.0, 0.0];
     let mut trace = trace(&still, camera);
-    // It stops dead at 0.5 s, from 500 mm/s.
+    // The stage stops abruptly at 0.5 s, from 500 mm/s.
     let found = Figures::of(&still, &trace);
     assert!(found.acceleration_mm_s2[0] > 10_000.0);
     trace.abrupt_s.push(0.5);
@@ -129,7 +129,7 @@ fn acceleration_is_that_of_the_motion_and_abrupt_stops_are_left_out() {
 }
 
 #[test]
-fn percentiles_are_by_nearest_rank() {
+fn percentiles_use_nearest_rank() {
     let latencies: Vec<u32> = (1..=200).rev().map(|n| n * 1_000).collect();
     let found = latency(&latencies);
     assert_eq!((found.p50, found.p99), (Some(100.0), Some(198.0)));
@@ -137,10 +137,10 @@ fn percentiles_are_by_nearest_rank() {
     assert_eq!(latency(&[7_000]).p99, Some(7.0));
 }
 
-/// The bound against a stage that does the worst: full acceleration until the stop, then the
-/// gentlest ramp that the limits ask for.
+/// Compares the bound with the worst stage: full acceleration until the stop, then the gentlest
+/// ramp within the limits.
 #[test]
-fn the_bound_of_a_silence_holds_for_the_worst_stage() {
+fn silence_bound_holds_worst_case() {
     let (a, j, most) = (2_000.0_f64, 50_000.0_f64, 100.0_f64);
     for start in [0.0_f64, 20.0, 50.0, 80.0, 100.0] {
         let (mut v, mut x, mut acceleration) = (start, 0.0f64, a);

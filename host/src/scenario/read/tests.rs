@@ -1,14 +1,16 @@
 use super::*;
 
-const SMALLEST: &str = "title = \"t\"\nseed = 1\n[cameras]\nkind = \"points\"\nframes_per_s = 60\nlatency_ms = 20\ndepth_mm = 850\n\
-                        points = 100\nnoise_px = 0.0\n[[target]]\nmotion = \"still\"\nseconds = 2\n[expect]\n";
+const SMALLEST: &str = "title = \"t\"\nseed = 1\n[cameras]\nkind = \"points\"\n\
+                        frames_per_s = 60\nlatency_ms = 20\ndepth_mm = 850\n\
+                        points = 100\nnoise_px = 0.0\n[[target]]\nmotion = \"still\"\n\
+                        seconds = 2\n[expect]\n";
 
 fn parse(text: &str) -> Result<Scenario, String> {
     Scenario::parse(Path::new("s.toml"), text).map_err(|error| error.to_string())
 }
 
 #[test]
-fn what_is_not_said_has_the_stated_defaults() {
+fn absent_fields_take_defaults() {
     let scenario = parse(SMALLEST).expect("it is whole");
     assert_eq!(scenario.stage, default_stage());
     assert_eq!(scenario.measure.from_s, 0.0);
@@ -20,11 +22,14 @@ fn what_is_not_said_has_the_stated_defaults() {
 #[test]
 fn every_event_and_motion_is_read() {
     let text = format!(
-        "{SMALLEST}faults = [\"limit\"]\nstates = [\"idle\"]\nsteps = [1, -2, 3]\nsteps_within = [0, 0, 4]\n\
+        "{SMALLEST}faults = [\"limit\"]\nstates = [\"idle\"]\nsteps = [1, -2, 3]\n\
+         steps_within = [0, 0, 4]\n\
          [[expect.at]]\ntime_s = 1\nerror_mm = [1, 2, 3]\nstate = \"faulted\"\nstanding = true\n\
          [[target]]\nmotion = \"step\"\nby_mm = [1, 2, 3]\nseconds = 1\n\
-         [[target]]\nmotion = \"line\"\nvelocity_mm_s = [1, 2, 3]\nseconds = 1\nramp_in_s = 0.5\nramp_out_s = 0.25\n\
-         [[target]]\nmotion = \"lissajous\"\namplitude_mm = [1, 0, 0]\nratio = [1, 1, 1]\npeak_mm_s = 5\nseconds = 1\n\
+         [[target]]\nmotion = \"line\"\nvelocity_mm_s = [1, 2, 3]\nseconds = 1\n\
+         ramp_in_s = 0.5\nramp_out_s = 0.25\n\
+         [[target]]\nmotion = \"lissajous\"\namplitude_mm = [1, 0, 0]\nratio = [1, 1, 1]\n\
+         peak_mm_s = 5\nseconds = 1\n\
          [[event]]\nat_s = 0\nwhat = \"late\"\nframes = 3\nby_ms = 7\n\
          [[event]]\nat_s = 0\nwhat = \"limit\"\naxis = \"z\"\nend = \"positive\"\nseconds = 0.5\n\
          [[event]]\nat_s = 5\nwhat = \"zero\"\n"
@@ -53,10 +58,10 @@ fn every_event_and_motion_is_read() {
     assert_eq!(expect.at[0].standing, Some(true));
 }
 
-/// Every line of the file, left out: it was needed, or it has a default; nothing panics, and errors
-/// name file and field.
+/// Leaves out every line of the file in turn: the line was needed or has a default; nothing panics,
+/// and errors name file and field.
 #[test]
-fn a_missing_line_is_named() {
+fn missing_line_is_named() {
     for index in 0..SMALLEST.lines().count() {
         let kept = SMALLEST.lines().enumerate().filter(|(i, _)| *i != index);
         let text: String = kept.map(|(_, line)| format!("{line}\n")).collect();

@@ -1,4 +1,4 @@
-//! Events of the scenario: what begins, what ends, and what lasts at present.
+//! Events of the scenario: their start, their end, and the ones that last at present.
 
 use super::{Asked, RunningScenario};
 use crate::client::stage::HEARTBEAT_MS;
@@ -19,7 +19,7 @@ impl RunningScenario<'_> {
             Happening::Reset => self.send(Asked::Other("reset"), Command::Reset),
             Happening::Zero => self.send(Asked::Zero, Command::Zero),
             Happening::Silence { seconds } => {
-                // A last sign of life at this very moment.
+                // Send the last ping at the instant of the event.
                 self.twin.set_pings(true);
                 self.twin.advance(self.twin.now());
                 self.twin.set_pings(false);
@@ -49,7 +49,7 @@ impl RunningScenario<'_> {
         }
     }
 
-    /// What lasts at present.
+    /// Returns the events that last at present.
     pub(super) fn lasting(&self) -> impl Iterator<Item = Happening> + '_ {
         let events = self.scenario.events.iter().zip(&self.lasts);
         events
@@ -75,7 +75,7 @@ impl RunningScenario<'_> {
         inputs
     }
 
-    /// The events that want this capture, which is one less for them.
+    /// Returns the events that affect this frame set, and decrements their counts of frame sets.
     pub(super) fn take_frame_events(&mut self) -> Vec<Happening> {
         let events = self.scenario.events.iter().zip(&mut self.frames_left);
         events

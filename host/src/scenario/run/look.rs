@@ -1,18 +1,18 @@
-//! Steps and reversals, by looking at the pins often.
+//! Counts steps and reversals by frequent inspection of the pins.
 
-/// What was last seen at the pins.
+/// State of the pins at the last inspection.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Look {
     /// Steps made so far, backward ones subtracted.
     steps: [i64; 3],
-    /// The last direction, 0 before the first step.
+    /// Last direction, 0 before the first step.
     direction: [i64; 3],
-    /// Reversals of direction so far.
+    /// Number of reversals of direction so far.
     pub reversals: [u32; 3],
 }
 
 impl Look {
-    /// The first look.
+    /// Creates the state at the first inspection.
     pub fn at(steps: [i64; 3]) -> Self {
         Self {
             steps,
@@ -20,7 +20,7 @@ impl Look {
         }
     }
 
-    /// Looks again.
+    /// Inspects the pins again.
     pub fn again(&mut self, steps: [i64; 3]) {
         for (axis, now) in steps.into_iter().enumerate() {
             let direction = (now - self.steps[axis]).signum();

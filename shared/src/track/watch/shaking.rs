@@ -1,43 +1,43 @@
 //! A loop that shakes: windows of frames in which the apparent target moves as much as the stage.
 //!
-//! A loop can sustain a motion only if what it does comes back to it in full: if the apparent
-//! target `p` moves, because of the stage, at least about as much as the stage `s`. A mount of gain
-//! `g` makes `p = (1 - g) s`, one that is turned by `a` makes `|p| = 2 sin(a/2) |s|`, stamps that
-//! are off by `d` make `|p| = 2 sin(w d/2) |s|` at the angular frequency `w`. The loop is stable up
-//! to `g` = 1.8 or `a` = 50 degrees, where `|p|` is 0.8 `|s|`.
+//! A loop can sustain a motion only if the effect of the stage returns to it in full: if the
+//! apparent target `p` moves, because of the stage, at least about as much as the stage `s`. A
+//! mount of gain `g` makes `p = (1 - g) s`, one that is turned by `a` makes `|p| = 2 sin(a/2) |s|`,
+//! stamps that are off by `d` make `|p| = 2 sin(w d/2) |s|` at the angular frequency `w`. The loop
+//! is stable up to `g` = 1.8 or `a` = 50 degrees, where `|p|` is 0.8 `|s|`.
 //!
 //! A window *feeds* the loop if `p` has 74 % of the energy of `s`. The prediction overshoots at
 //! some frequencies, so a motion that does not die away is suspicious from 30 % on if it is large.
-//! A target that is followed well moves as much as the stage, too. Then the error is small: what
-//! has less than a quarter of the stage's energy is no shaking.
+//! A target that is followed well moves as much as the stage, too, but then the error is small: an
+//! error with less than a quarter of the stage's energy is not a sign of shaking.
 
 use super::window::{Energy, Spread};
 
-/// The apparent target's share of the stage's energy with which a loop feeds itself.
+/// Share of the stage's energy in the apparent target from which on a loop feeds itself.
 const FEEDS: f32 = 0.74;
 
-/// The share that is enough for a large motion that lasts.
+/// Share of the stage's energy in the apparent target that is enough for a large motion that lasts.
 const LASTS: f32 = 0.3;
 
-/// The error's share of the stage's energy below which the target is followed.
+/// Share of the stage's energy in the error below which the target is followed.
 const FOLLOWED: f32 = 0.25;
 
-/// The stage's energy below which it rests, steps².
+/// Energy of the stage below which it rests, steps².
 const RESTS: f32 = 9.0;
 
-/// A motion has died away when the error's energy is below this share of the largest.
+/// Share of the error's largest energy below which a motion has died away.
 const DIED: f32 = 0.4;
 
-/// What the last windows showed.
+/// State of the detection over the last windows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shaking {
-    /// Windows in succession that shook.
+    /// Number of windows in succession that shook.
     lasts: u32,
-    /// Windows in succession that fed the loop.
+    /// Number of windows in succession that fed the loop.
     feeds: u32,
-    /// The largest energy of the error in them, steps².
+    /// Largest energy of the error in these windows, steps².
     worst: f32,
-    /// The last window's variances.
+    /// Variances of the last window.
     pub before: Option<[Spread; 3]>,
 }
 
@@ -81,7 +81,7 @@ impl Shaking {
         self.lasts >= lasts || self.feeds >= feeding
     }
 
-    /// Whether the last window shook.
+    /// Returns true if the last window shook.
     pub fn is_active(&self) -> bool {
         self.lasts > 0
     }

@@ -20,8 +20,9 @@ fn sample(k: u64, stage: i64, error: i64) -> Sample {
     }
 }
 
-/// A stage that obeys: it goes on at 40 steps a frame and stops within four frames. `seen` is the
-/// error at a frame, for a stage that is at a place. Frames every 20 ms; gives the fault.
+/// Runs a stage that obeys: it goes on at 40 steps a frame and stops within four frames. `seen` is
+/// the error at a frame, for a stage at a position. Frames come every 20 ms. Returns the frame and
+/// the fault.
 fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
     let (mut watch, mut stage, mut speed) = (Watch::default(), 0, 0);
     let unseen_only = Bounds {
@@ -57,12 +58,12 @@ fn wrong_sign_is_unstable_following() {
 
 #[test]
 fn target_that_runs_ahead_is_no_fault() {
-    // It goes on while the stage stands.
+    // The target goes on while the stage stands.
     assert_eq!(obeys(400, |k, stage| 300 + 45 * k - stage), None);
 }
 
 #[test]
-fn distant_target_is_a_following_error() {
+fn distant_target_is_following_error() {
     let far = |frames: u64, error: fn(u64) -> i64| {
         let mut watch = Watch::default();
         (0..frames).find(|k| {
@@ -73,12 +74,12 @@ fn distant_target_is_a_following_error() {
     // At rest: 26 frames are the first beyond half a second.
     assert_eq!(far(100, |_| 1_601), Some(26));
     assert_eq!(far(100, |_| 1_599), None);
-    // One frame within begins anew.
+    // One frame within the bound restarts the time.
     assert_eq!(far(100, |k| if k == 20 { 0 } else { -1_700 }), Some(47));
 }
 
 #[test]
-fn without_bounds_nothing_is_watched() {
+fn zero_bounds_disable_watch() {
     let mut watch = Watch::default();
     for k in 0..1_000 {
         let mut far = sample(k, 0, 0);
@@ -89,7 +90,7 @@ fn without_bounds_nothing_is_watched() {
 }
 
 proptest! {
-    /// Any figures, in any order: nothing panics, and a trial ends when the stage stands.
+    /// Feeds any figures, in any order: nothing panics, and a trial ends when the stage stands.
     #[test]
     fn any_frames_are_survived(
         frames in prop::collection::vec(any::<(u64, Fine, Fine, [f32; 3], bool)>(), 0..60),

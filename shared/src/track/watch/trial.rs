@@ -1,57 +1,60 @@
-//! A trial: the stage is stopped for a moment, to see whether the apparent target stops with it.
+//! A trial: the stage is stopped for a moment, to test whether the apparent target stops with it.
 //!
-//! The stop is the station's own choice, so it has nothing to do with what the target does. That
-//! makes the question decidable which no watching of the running loop decides: a target that the
-//! stage follows moves as the stage does, too. With the apparent target's variance about a parabola
-//! while the stage moves, `m`, and over an equal time while it stands, `r`:
+//! The stop is the station's own choice, so it is independent of the target. That makes the
+//! question decidable, which it is not in the running loop: a target that the stage follows moves
+//! as the stage does, too. The verdict compares the apparent target's variance about a parabola
+//! while the stage moves, `m`, with that over an equal time while it stands, `r`:
 //!
-//! * *Free*: the target moves on, `r > m/25`. Whatever was suspicious, the stage did not cause it.
+//! * *Free*: the target moves on, `r > m/25`. The stage did not cause the suspicious motion.
 //! * *Coupled*: the target rests, `r < m/25`, and while the stage moved it made at least 74 % of
 //!   the stage's energy (see [`shaking`](super::shaking)). The loop feeds itself.
 //! * *Lost*: on an axis the ramp does not show in the error. Its steps do not move the cameras.
 //! * *Calm*: the target rests, and did not move much with the stage either.
 //!
-//! A target may happen to come to rest when the stage does. So a verdict is a matter of points: 6
-//! make the fault, and what a trial is worth depends on how probable the coincidence is.
+//! A target may come to rest with the stage by coincidence. So a verdict is a matter of points: 6
+//! make the fault, and the points of a trial depend on the probability of the coincidence.
 
 use super::super::filter::{believed, within};
 use super::Sample;
 use super::window::{Energy, Spread, Window};
 use crate::time::Instant;
 
-/// Time after the standstill that does not count, µs: late stamps, exposure, a stage that swings.
+/// Time after the standstill that does not count, µs: late stamps, exposure, and a stage that
+/// swings.
 const SETTLE_US: u64 = 70_000;
 
-/// Frames that the stage stands for at least.
+/// Least number of frames for which the stage stands.
 const FRAMES: f32 = 4.5;
 
-/// Time that the stage stands for, ms: as long as it was seen to move, within these.
+/// Time for which the stage stands, ms: the time for which it was seen to move, within these
+/// limits.
 const LEAST_MS: f32 = 90.0;
 const MOST_MS: f32 = 300.0;
 
-/// Times the moving variance below which a target rests.
+/// Share of the moving variance below which a target rests.
 const RESTS: f32 = 1.0 / 25.0;
 
-/// Longest window of which it counts how much the stage's motion explains, ms. In a longer one, of
-/// fewer than some 25 frames per second, a target does too much by itself.
+/// Longest window, ms, in which the share explained by the stage's motion counts. In a longer one,
+/// of fewer than some 25 frames per second, a target moves too much by itself.
 const BRIEF_MS: f32 = 450.0;
 
-/// Points of a fault.
+/// Number of points that make a fault.
 pub(super) const ENOUGH: u8 = 6;
 
-/// Why the stage is stopped.
+/// Reason for stopping the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Suspicion {
     /// The loop shakes.
     Shaking,
-    /// It moves towards the target, which comes no nearer, or moves while frames are refused.
+    /// The stage moves towards the target, which comes no nearer, or moves while frames are
+    /// refused.
     Astray,
 }
 
-/// What a trial showed.
+/// Verdict of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// It is not over yet.
+    /// The trial is not over yet.
     Wait,
     /// The target moves by itself.
     Free,
@@ -59,31 +62,32 @@ pub(super) enum Verdict {
     Calm,
     /// The stage moves the target.
     Coupled {
-        /// What this is worth.
+        /// Points towards a fault.
         points: u8,
         /// The steps of an axis have no effect.
         lost: bool,
     },
 }
 
-/// What was seen while the stage moved.
+/// Observations while the stage moved.
 #[derive(Clone, Copy, Debug)]
 struct Moving {
-    /// The window that was suspicious.
+    /// Variances of the window that was suspicious.
     spreads: [Spread; 3],
-    /// The window with the ramp.
+    /// Variances of the window with the ramp.
     ramp: [Spread; 3],
-    /// The share of the apparent target's motion that the stage's explains, in the latter.
+    /// Share of the apparent target's motion that the stage's explains, in the window with the
+    /// ramp.
     explained: f32,
-    /// How long the stage has to stand, ms.
+    /// Time for which the stage has to stand, ms.
     rest_ms: f32,
 }
 
-/// A stage that is stopped.
+/// State of a trial: a stage that is stopped.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Trial {
     suspicion: Suspicion,
-    /// Since when it stands.
+    /// Instant since which the stage stands.
     stands: Option<Instant>,
     moving: Option<Moving>,
 }
@@ -97,7 +101,7 @@ impl Trial {
         }
     }
 
-    /// Whether the loop was stopped because it shakes.
+    /// Returns true if the loop was stopped because it shakes.
     pub fn is_for_shaking(&self) -> bool {
         self.suspicion == Suspicion::Shaking
     }
@@ -157,7 +161,7 @@ impl Trial {
         large: f32,
     ) -> Verdict {
         let energy = Energy::new(&moving.spreads, variance);
-        // Over the axes on which the apparent target moved.
+        // Sum over the axes on which the apparent target moved.
         let (mut moved, mut rested, mut noise) = (0.0, 0.0, 0.0);
         for ((m, r), variance) in moving.spreads.iter().zip(rest).zip(variance) {
             let variance = believed(variance);
@@ -185,7 +189,7 @@ impl Trial {
                     true => 16.0 * energy.stage > large,
                     false => lost || moving.explained > 0.97,
                 };
-                // Twice as much as the stage, all of it explained, and then nothing.
+                // The target moved twice as much as the stage, as explained by it, and then rested.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
                 let runs = moving.explained > 0.995 && energy.target > 1.8 * energy.stage;
                 let points = match (sure || !shaking && runs && alone, strong) {
@@ -201,12 +205,12 @@ impl Trial {
     }
 }
 
-/// Whether an axis that moved most has no effect on the error, and no other axis is coupled; and if
-/// so, whether one trial is enough.
+/// Returns `None` unless an axis that moved most has no effect on the error and no other axis is
+/// coupled. Otherwise returns true if one trial is enough.
 ///
 /// The share of the stage's motion that the error shows is `-cov(e, s)/var(s)`: 1 for a right
-/// mount, 0 for a stall. Below 0.05, or as near to it as the target's own motion allows, it is
-/// lost. A mount that sees a tenth of the motion is not. No target comes to rest exactly as the
+/// mount, 0 for a stall. Below 0.05, or as near to it as the target's own motion allows, the axis
+/// is lost. A mount that shows a tenth of the motion is not. No target comes to rest exactly as the
 /// stage does, so an error that is steady to a fourteenth of a long ramp is enough.
 fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bool> {
     let [x, y, z] = ramp;

@@ -1,34 +1,35 @@
 //! Motion towards the target that does not bring it nearer, on one axis.
 //!
-//! The way `m` towards the target is counted, together with the largest and the smallest distance
-//! `|e|` since the count began. The count begins anew when `|e|` has become smaller by `m/4`, when
-//! the target is on the other side, or when it is near: within a sixteenth of the bound.
+//! The distance `m` towards the target is counted, together with the largest and the smallest
+//! distance `|e|` since the count began. The count begins anew when `|e|` has become smaller by
+//! `m/4`, when the target is on the other side, or when it is near: within a sixteenth of the
+//! bound.
 //!
 //! A count beyond the limit is suspicious if `|e|` changed by less than `m/10`, as it does before a
 //! stage that stands still, or if `|e|` has grown and is larger than a quarter of the bound.
 
-/// Part of the way by which a target must come nearer to count as approached.
+/// Divisor of the motion for the distance by which a target must come nearer.
 const SHARE: i64 = 4;
 
-/// Part of the bound within which a target is near.
+/// Divisor of the bound for the distance within which a target is near.
 const NEAR: u64 = 16;
 
-/// Part of the way within which a distance is steady.
+/// Divisor of the motion for the range within which a distance is steady.
 const STEADY: i64 = 10;
 
-/// Part of the bound beyond which a distance that grows is large.
+/// Divisor of the bound for the distance above which a growing distance is large.
 const GROWN: i64 = 4;
 
-/// One axis since its count began.
+/// State of one axis since its count began.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Unseen {
-    /// The largest distance, with its sign.
+    /// Largest distance, with its sign.
     farthest: i64,
-    /// The smallest distance.
+    /// Smallest distance.
     nearest: i64,
-    /// The distance when the count began.
+    /// Distance when the count began.
     first: i64,
-    /// The way towards the target.
+    /// Motion towards the target.
     way: i64,
 }
 
@@ -63,7 +64,7 @@ impl Unseen {
     }
 }
 
-/// Whether a target that is `error` away is near.
+/// Returns true if a target that is `error` away is near.
 pub(super) fn is_near(error: i64, bound: i64) -> bool {
     error.unsigned_abs() < bound.unsigned_abs() / NEAR
 }
@@ -74,7 +75,7 @@ mod tests {
 
     const STEP: i64 = 1 << 32;
 
-    /// The first frame that is suspicious at a limit of 400 steps of 800.
+    /// Returns the first frame that is suspicious at a limit of 400 steps of 800.
     fn suspects(frames: i64, seen: impl Fn(i64) -> (i64, i64)) -> Option<i64> {
         let (mut unseen, mut before) = (Unseen::default(), 0);
         (0..frames).find(|k| {
@@ -88,21 +89,21 @@ mod tests {
     fn way_without_approach_is_suspicious() {
         assert_eq!(suspects(100, |k| (40 * k, 300)), Some(11));
         assert_eq!(suspects(100, |k| (-40 * k, -300)), Some(11));
-        // The wrong way round.
+        // The stage goes in the wrong direction.
         assert_eq!(suspects(100, |k| (40 * k, 300 + 40 * k)), Some(11));
-        // While the target itself moves a little.
+        // The target itself moves a little.
         assert_eq!(suspects(100, |k| (40 * k, 300 + 8 * (k % 2))), Some(11));
     }
 
     #[test]
-    fn approach_and_nearness_begin_the_count_anew() {
+    fn approach_restarts_count() {
         let arrives = |k: i64| (40 * k.min(50), 2_000 - 40 * k.min(50));
         assert_eq!(suspects(100, arrives), None);
-        // A matrix that is off by half.
+        // The matrix is off by half.
         assert_eq!(suspects(100, |k| (20 * k, 1_500 - 10 * k)), None);
-        // To and fro, from near by.
+        // The stage moves to and fro near the target.
         assert_eq!(suspects(1_000, |k| (30 * k, 49)), None);
-        // A target that speeds up and slows down takes its distance with it.
+        // The target accelerates and brakes, and the distance with it.
         assert_eq!(suspects(60, |k| (20 * k, 150 + 4 * (k - 30).abs())), None);
     }
 

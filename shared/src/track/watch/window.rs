@@ -1,9 +1,9 @@
-//! How far motion departs from a parabola in time: running sums over a window of frames.
+//! Departure of motion from a parabola in time: running sums over a window of frames.
 //!
-//! A target with a constant speed or acceleration leaves no residual about the parabola. What
-//! remains of the stage `s`, of the error `e` and of the apparent target `p = s + e` is what the
-//! [watch](super) compares. With the polynomials `P₀, P₁, P₂` that are orthogonal on the frames'
-//! times, the covariance of two residuals is
+//! A target with a constant speed or acceleration leaves no residual about the parabola. The
+//! [watch](super) compares the residuals of the stage `s`, of the error `e` and of the apparent
+//! target `p = s + e`. With the polynomials `P₀, P₁, P₂` that are orthogonal on the frames' times,
+//! the covariance of two residuals is
 //!
 //! ```text
 //! cov(a, b) = (Σ a b - Σₖ (Σ a Pₖ) (Σ b Pₖ) / Σ Pₖ²) / (n - 3)
@@ -25,11 +25,11 @@ const MOST: f32 = 1e12;
 /// Running sums of one axis about the window's first frame, steps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    /// The stage's position times 1, t, t².
+    /// Sums of the stage's position times 1, t, t².
     stage: [f32; 3],
-    /// The error times 1, t, t².
+    /// Sums of the error times 1, t, t².
     error: [f32; 3],
-    /// The error's square.
+    /// Sum of the error's square.
     square: f32,
 }
 
@@ -52,22 +52,22 @@ pub(super) struct Window {
 /// Variances of one axis, steps².
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spread {
-    /// Of the stage.
+    /// Variance of the stage.
     pub stage: f32,
-    /// Of the error, target minus stage.
+    /// Variance of the error, target minus stage.
     pub error: f32,
-    /// Of the apparent target, their sum.
+    /// Variance of the apparent target, their sum.
     pub target: f32,
 }
 
 /// Variances summed over the axes, steps².
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Energy {
-    /// Of the stage.
+    /// Energy of the stage.
     pub stage: f32,
-    /// Of the error, without the noise of the measurements.
+    /// Energy of the error, without the noise of the measurements.
     pub error: f32,
-    /// Of the apparent target, likewise.
+    /// Energy of the apparent target, without the noise of the measurements.
     pub target: f32,
 }
 
@@ -86,14 +86,14 @@ impl Energy {
 }
 
 impl Window {
-    /// A window that begins with `sample`.
+    /// Creates a window that begins with `sample`.
     pub fn starting(sample: &Sample) -> Self {
         let mut window = Self::default();
         window.add(sample);
         window
     }
 
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn frames(&self) -> f32 {
         let [n, ..] = self.times;
         n
@@ -136,7 +136,7 @@ impl Window {
         }
     }
 
-    /// The variances of each axis; zero for fewer than four frames.
+    /// Returns the variances of each axis; zero for fewer than four frames.
     pub fn spreads(&self) -> [Spread; 3] {
         let Some(basis) = Basis::new(&self.times) else {
             return [Spread::default(); 3];
@@ -157,8 +157,9 @@ impl Window {
         })
     }
 
-    /// The share of the apparent target's variance that a linear function of the stage's motion
-    /// explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and `bᵢ = cov(s, pᵢ)`.
+    /// Returns the share of the apparent target's variance that a linear function of the stage's
+    /// motion explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and
+    /// `bᵢ = cov(s, pᵢ)`.
     pub fn explained(&self) -> f32 {
         let Some(basis) = Basis::new(&self.times) else {
             return 0.0;
@@ -204,9 +205,9 @@ struct Basis {
     mean: f32,
     tilt: f32,
     square: f32,
-    /// The reciprocals of their sums of squares; 0 for one that is not used.
+    /// Reciprocals of the polynomials' sums of squares; 0 for one that is not used.
     over: [f32; 3],
-    /// The reciprocal of the degrees of freedom.
+    /// Reciprocal of the degrees of freedom.
     share: f32,
 }
 
@@ -237,20 +238,20 @@ impl Basis {
         })
     }
 
-    /// From the sums with 1, t, t² to those with the polynomials.
+    /// Converts the sums with 1, t, t² to those with the polynomials.
     fn project(&self, [x, xt, xt2]: [f32; 3]) -> [f32; 3] {
         let first = xt - x * self.mean;
         [x, first, xt2 - x * self.square - self.tilt * first]
     }
 
-    /// The covariance of two residuals, from the sum of the products and both projections.
+    /// Returns the covariance of two residuals, from the sum of the products and both projections.
     fn covariance(&self, sum: f32, [a, b, c]: [f32; 3], [d, e, f]: [f32; 3]) -> f32 {
         let [over, slope, bend] = self.over;
         (sum - a * d * over - b * e * slope - c * f * bend) * self.share
     }
 }
 
-/// The difference of two positions, steps.
+/// Returns the difference of two positions, steps.
 fn from([x, y, z]: Fine, [a, b, c]: Fine) -> [f32; 3] {
     [
         steps(x.saturating_sub(a)),
@@ -259,7 +260,7 @@ fn from([x, y, z]: Fine, [a, b, c]: Fine) -> [f32; 3] {
     ]
 }
 
-/// A time in ms.
+/// Converts a time from µs to ms.
 pub(super) fn milliseconds(us: u64) -> f32 {
     u32::try_from(us).unwrap_or(u32::MAX) as f32 * 0.001
 }
@@ -268,7 +269,7 @@ pub(super) fn milliseconds(us: u64) -> f32 {
 mod tests {
     use super::*;
 
-    /// Frames every 20 ms.
+    /// Returns a window of frames every 20 ms.
     fn window(frames: u64, seen: impl Fn(f64) -> ([f64; 3], [f64; 3])) -> Window {
         let mut window = Window::default();
         for k in 0..frames {
@@ -298,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn variances_are_those_of_the_residuals() {
+    fn variances_match_residuals() {
         let seen = |t: f64| ([wave(t), 0.0, 900.0 * t], [-0.5 * wave(t), 70.0, wave(t)]);
         let [x, y, z] = window(60, seen).spreads();
         // Some 5000 for a sine of amplitude 100, less what the parabola takes.
@@ -309,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn linear_function_of_the_stage_is_explained() {
+    fn linear_motion_is_explained() {
         // The mount is turned and the target rests: p is a linear function of s.
         let turned = |t: f64| {
             let (x, y) = (wave(t), wave(1.3 * t + 0.4));
