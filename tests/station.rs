@@ -173,7 +173,7 @@ fn impossible_config_is_refused_whole() {
         ),
         (
             with(|c| c.driver = shared::steps::DriverTiming::DRV8825),
-            "the driver cannot take this board's word rate",
+            "the driver does not support this board's word rate",
         ),
         (
             with(|c| c.gate.max_sigma_nm[1] = 0),
