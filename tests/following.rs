@@ -234,3 +234,35 @@ fn uneven_motion_is_followed_without_lag() {
         assert!(each([0.1; 3], run.rms(1.0)), "{:?}", run.rms(1.0));
     }
 }
+
+/// Position on a figure of 25, 12 and 3 mm in mm, with up to 45 mm/s along an axis.
+fn fast_figure(time_s: f64) -> [f64; 3] {
+    let phase = 1.8 * time_s;
+    [
+        25.0 * phase.sin(),
+        12.0 * (2.0 * phase).sin(),
+        3.0 * (3.0 * phase).sin(),
+    ]
+}
+
+/// The time stamps are 5 ms wrong. With the default bound of 10 mm on unseen motion, the station
+/// suspects a stage that chases a target this fast, and pauses for trials. A bound of 20 mm avoids
+/// the pauses.
+#[test]
+fn fast_figure_needs_a_wider_unseen_bound() {
+    let farthest = |unseen_mm: Option<f64>| {
+        let of = SEEDS.map(|seed| {
+            let mut chase = Chase::new(seed);
+            chase.care.largest_unseen_mm = unseen_mm;
+            chase.late_us = 5_000;
+            let run = chase.follow(fast_figure, 10.0);
+            assert_eq!(run.faulted_s, None);
+            run.worst(1.0).into_iter().fold(0.0, f64::max)
+        });
+        of.into_iter().fold(0.0, f64::max)
+    };
+    let [default, wide, none] = [Some(10.0), Some(20.0), None].map(farthest);
+    println!("45 mm/s: {default:.1} mm by default, {wide:.1} with 20 mm, {none:.1} with none");
+    assert!(wide < 5.0 && default > 10.0, "{wide} {default}");
+    assert_eq!(wide.to_bits(), none.to_bits());
+}

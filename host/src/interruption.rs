@@ -15,7 +15,7 @@
 //! | SIGSTOP, SIGTTIN, SIGTTOU | the program stands still, and with it the heartbeat: the same; the run ends with that fault when it is continued |
 //!
 //! Without a station and without a watcher, signals have their default effect, except while files
-//! are written ([`Hold`]).
+//! are written (`Hold`).
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};

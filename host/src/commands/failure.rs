@@ -5,7 +5,7 @@
 //! | 0 | done |
 //! | 1 | the input was bad: the message names file, line and field; or nothing could be measured |
 //! | 2 | the command line was wrong |
-//! | 3 | the station refused, faulted or is in use, or a signal ended the run |
+//! | 3 | the station refused, faulted or is in use, or a signal ended a run that moves a stage |
 
 use std::error::Error;
 use std::fmt;

@@ -21,7 +21,7 @@ Set up:
   convert          Convert calibrations of OpenCV and ROS to a rig file, or a rig file to theirs
   align            Correct a rig's principal points from images of any textured scene
   verify           Predict what a rig can measure, and name what limits it
-  calibrate-stage  Measure how the cameras sit on the stage (hand-eye calibration)
+  calibrate-stage  Measure how the cameras sit on the stage (also: hand-eye)
 
 Station:
   ports            List the serial ports that a station may be on

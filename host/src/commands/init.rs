@@ -33,7 +33,7 @@ pub struct InitOptions {
     #[arg(value_name = "RIG.toml", default_value = "rig.toml")]
     file: PathBuf,
 
-    /// The board that drives the stage
+    /// The board that drives the stage [default: olimex-h405]
     #[arg(long, value_enum)]
     board: Option<Board>,
 
@@ -65,11 +65,11 @@ pub struct InitOptions {
     #[arg(long, value_name = "N[,N,N]")]
     steps_per_mm: Option<PerAxis>,
 
-    /// Greatest speed of X, Y, Z, mm/s [default: 100]
+    /// Greatest speed of X, Y, Z, mm/s [default: 10, slow for the first motion]
     #[arg(long, value_name = "N[,N,N]")]
     speed: Option<PerAxis>,
 
-    /// Greatest acceleration of X, Y, Z, mm/s² [default: 2000]
+    /// Greatest acceleration of X, Y, Z, mm/s² [default: 200]; the jerk is 25 times the number
     #[arg(long, value_name = "N[,N,N]")]
     acceleration: Option<PerAxis>,
 
@@ -77,7 +77,9 @@ pub struct InitOptions {
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true)]
     travel: Option<Travel>,
 
-    /// Step drivers: A4988, DRV8825 or TMC2209 [default: TMC2209]
+    /// Step drivers: A4988 or TMC2209 [default: TMC2209]
+    ///
+    /// A DRV8825 needs longer pulses than the boards make.
     #[arg(long, value_name = "NAME", value_parser = driver)]
     driver: Option<Driver>,
 
@@ -118,7 +120,13 @@ fn driver(text: &str) -> Result<Driver, Expected> {
     let known = Driver::ALL
         .into_iter()
         .find(|driver| driver.name().eq_ignore_ascii_case(text));
-    known.ok_or(Expected("A4988, DRV8825 or TMC2209"))
+    match known {
+        Some(Driver::Drv8825) => Err(Expected(
+            "A4988 or TMC2209: a DRV8825 needs longer pulses than the boards make",
+        )),
+        Some(driver) => Ok(driver),
+        None => Err(Expected("A4988 or TMC2209")),
+    }
 }
 
 /// Parses a board, or none for a rig without a stage.
@@ -215,12 +223,12 @@ fn stage(options: &InitOptions, ask: &mut Questions<'_>) -> Result<Option<StageT
     let steps = "Steps per mm of X, Y, Z, micro steps included";
     let steps = ask.value(options.steps_per_mm, steps, "80", per_axis)?;
     let speed = "Greatest speed of X, Y, Z, mm/s";
-    let speed = ask.value(options.speed, speed, "100", per_axis)?;
+    let speed = ask.value(options.speed, speed, "10", per_axis)?;
     let acceleration = "Greatest acceleration of X, Y, Z, mm/s²";
-    let acceleration = ask.value(options.acceleration, acceleration, "2000", per_axis)?;
+    let acceleration = ask.value(options.acceleration, acceleration, "200", per_axis)?;
     let travel = "Soft limits of every axis from zero, mm";
     let travel = ask.value(options.travel, travel, "-60,60", str::parse::<Travel>)?;
-    let drivers = "Step drivers (A4988, DRV8825, TMC2209)";
+    let drivers = "Step drivers (A4988, TMC2209)";
     let driver = ask.value(options.driver, drivers, "TMC2209", driver)?;
     Ok(Some(StageTemplate {
         board: board.name().into(),

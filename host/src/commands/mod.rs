@@ -84,7 +84,7 @@ Exit codes:
   0  done
   1  the input was bad (the message names file, line and field), or frames were refused
   2  the command line was wrong
-  3  the station refused, faulted or is in use, or a signal ended the run";
+  3  the station refused, faulted or is in use, or a signal ended a run that moves a stage";
 
 #[derive(Debug, Subcommand)]
 enum Command {

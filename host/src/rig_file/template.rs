@@ -129,18 +129,19 @@ const STAGE_TAIL: &str = "\
 # `trinocular calibrate-stage` measures it; a wrong sign makes the stage run away from the target.
 matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
-# Optional, shown with what holds without them:
+# Optional. The values hold without the lines, except where a comment says otherwise.
 # prediction = true                     # follow the predicted target; false: the last measured one
 # coast_ms = 800                        # go on at the last velocity for this time without a frame
 # backlash_mm = [0.0, 0.0, 0.0]         # play of each axis when it reverses
 # home_switch = [\"none\", \"none\", \"none\"] \
 # end with the home switch: negative, positive or none
-# home_position_mm = [0.0, 0.0, 0.0]    # where each home switch trips
+# home_position_mm = [0.0, 0.0, 0.0]    # where each home switch trips: required with home_switch,
+#                                       # and outside travel_mm
 # home_speed_mm_s = [10.0, 1.0]         # towards a home switch: first approach, second approach
 # back_off_mm = 2.0                     # distance between the two approaches, and afterwards
 # slow_speed_mm_s = 5.0                 # greatest speed while the position is unknown
 # unknown_window_mm = 10.0              # greatest travel while the position is unknown
-# largest_error_mm = 20.0               # a following error above this is a fault; no limit without
+# largest_error_mm = 20.0               # a following error above this is a fault; without it: no limit
 # longest_error_s = 1.0                 # after this time
 # largest_unseen_mm = 10.0              # motion that the cameras do not see is a fault; 0: never
 # motors_off_after_s = 0                # switch the motors off after this time at rest; 0: never

@@ -1,7 +1,7 @@
 //! Orders of tests to the station.
 
-use host::rig_file::Driver;
 use host::client::stage::{configuration, default_stage};
+use host::rig_file::Driver;
 use shared::frame::message::{Command, Config, Mounting};
 
 /// Returns the default stage with these drivers, the cameras on it.

@@ -5,8 +5,8 @@ use crate::image::Image;
 use crate::order::config;
 use crate::time::{Beats, MS, US};
 use crate::wiring;
-use host::rig_file::Driver;
 use host::client::conversation::Client;
+use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, Report, Status};
 use shared::frame::receive::Receiver;
 

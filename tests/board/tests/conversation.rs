@@ -1,8 +1,8 @@
 //! The host's link code talks to the flashed image over the UART; replies, and edges at the pins,
 //! equal the twin's.
 
-use host::rig_file::Driver;
 use host::client::stage::timing;
+use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial};
 use shared::safety::State;
 use station_board::board::Make;

@@ -27,7 +27,7 @@ impl<'a> Questions<'a> {
     /// reason, if the answer cannot be read.
     ///
     /// # Errors
-    /// If the answers end or cannot be read; if the default does not parse.
+    /// If the answers end or cannot be read, or the default does not parse.
     pub fn value<T, E: Display>(
         &mut self,
         given: Option<T>,
@@ -45,7 +45,12 @@ impl<'a> Questions<'a> {
             write!(asked, "{question} [{default}]: ")?;
             asked.flush()?;
             let mut line = String::new();
-            if answers.read_line(&mut line)? == 0 {
+            let read = answers.read_line(&mut line).map_err(|cause| {
+                Failure::Usage(format!(
+                    "cannot read the answer: {cause}; nothing was written"
+                ))
+            })?;
+            if read == 0 {
                 let ended = "the answers ended; nothing was written (--defaults asks nothing)";
                 return Err(Failure::Usage(ended.into()));
             }

@@ -32,9 +32,14 @@ impl FromStr for Names {
 
     fn from_str(text: &str) -> Result<Self, Expected> {
         let names: Vec<String> = text.split(',').map(|name| name.trim().to_owned()).collect();
+        let is_folder = |name: &String| {
+            !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\\', '\0'])
+        };
         match names.len() {
-            2..=8 => Ok(Self(names)),
-            _ => Err(Expected("2 to 8 names such as left,middle,right")),
+            2..=8 if names.iter().all(is_folder) => Ok(Self(names)),
+            _ => Err(Expected(
+                "2 to 8 names of folders such as left,middle,right",
+            )),
         }
     }
 }
@@ -43,9 +48,12 @@ impl FromStr for Image {
     type Err = Expected;
 
     fn from_str(text: &str) -> Result<Self, Expected> {
-        let expected = Expected("columns x rows such as 640x480");
+        let expected = Expected("columns x rows such as 640x480, each 8 to 65535");
         let (columns, rows) = text.split_once(['x', 'X', '×']).ok_or(expected)?;
-        let side = |text: &str| text.trim().parse().map_err(|_| expected);
+        let side = |text: &str| match text.trim().parse() {
+            Ok(side @ 8..=65_535) => Ok(side),
+            _ => Err(expected),
+        };
         Ok(Self([side(columns)?, side(rows)?]))
     }
 }
@@ -120,9 +128,19 @@ mod tests {
         for text in ["60,-60", "5,5", "1", "", "1,2,3"] {
             assert!(text.parse::<Travel>().is_err(), "{text}");
         }
-        for text in ["640", "640x", "x480", "-1x480", "1e3x480"] {
+        for text in [
+            "640",
+            "640x",
+            "x480",
+            "-1x480",
+            "1e3x480",
+            "0x0",
+            "99999x480",
+        ] {
             assert!(text.parse::<Image>().is_err(), "{text}");
         }
-        assert!("one".parse::<Names>().is_err());
+        for text in ["one", "a/b,c", "a,", "..,b"] {
+            assert!(text.parse::<Names>().is_err(), "{text}");
+        }
     }
 }
