@@ -1,14 +1,14 @@
 //! Commands that drive a station by hand, as a user meets them: a station on a pseudo-terminal, the
 //! built program, its messages and exit codes.
 
-use host::client::stage::default_stage;
-use host::rig_file::{HomeSwitch, RigFile};
 use serde_json::{Value, json};
 use shared::frame::message::{End, LastRun, ResetCause, Side};
 use shared::safety::{Fault, State};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::rig_file::{HomeSwitch, RigFile};
 use trinocular_tests::binary::{interrupt, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, mute, station, station_after};

@@ -11,10 +11,10 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
-use host::images::{Scene, SceneSettings, Texture};
-use host::rig_file::RigFile;
 use tempfile::TempDir;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, c_library, interrupt, trinocular};
+use trinocular_vision::images::{Scene, SceneSettings, Texture};
 
 const PERIOD_US: u64 = 33_333;
 

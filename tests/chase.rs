@@ -1,9 +1,6 @@
 //! A station and a moving target, joined by simulated measurements of the cameras with delay and
 //! noise.
 
-use host::client::stage::{configuration, default_stage};
-use host::random::Random;
-use host::rig_file::{Care, Stage};
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Denial, Frame, LastRun, Mounting, Outcome, Packet, Report, ResetCause, Status, Sums,
@@ -16,6 +13,9 @@ use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;
 use shared::track::pursuit::Settings;
 use std::collections::VecDeque;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::{Care, Stage};
 
 /// Delay from a segment to its first word on the pins, µs.
 const DELAY_US: u64 = 512;

@@ -32,8 +32,8 @@ mod watch;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use host::rig_file::RigFile;
 use tempfile::TempDir;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, trinocular};
 
 /// Runs the program with `arguments` in `folder`.

@@ -3,8 +3,8 @@
 //! Every command that moves a stage ends alike: before the program ends, the stage is at rest,
 //! stopped by command and without a fault.
 
-use host::client::serial::Serial;
-use host::client::stage::{HEARTBEAT_MS, default_stage};
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::{HEARTBEAT_MS, default_stage};
 #[path = "ending/owner.rs"]
 mod owner;
 #[path = "ending/signals.rs"]
@@ -12,7 +12,6 @@ mod signals;
 #[path = "ending/station.rs"]
 mod station_says;
 
-use host::rig_file::RigFile;
 use shared::frame::message::{Command as StationCommand, Packet, Report};
 use shared::frame::receive::Receiver;
 use shared::safety::State;
@@ -23,6 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
@@ -53,7 +53,7 @@ struct Desk {
 impl Desk {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let write = |name: &str, change: fn(&mut host::rig_file::Stage)| {
+        let write = |name: &str, change: fn(&mut trinocular_rig::rig_file::Stage)| {
             let mut rig = RigFile::paper();
             let mut stage = default_stage();
             change(&mut stage);
@@ -64,7 +64,7 @@ impl Desk {
         write("home.toml", |stage| {
             stage.max_speed_mm_s = [5.0; 3];
             stage.care.home = [None; 3];
-            stage.care.home[0] = Some(host::rig_file::HomeSwitch {
+            stage.care.home[0] = Some(trinocular_rig::rig_file::HomeSwitch {
                 side: shared::frame::message::Side::Negative,
                 position_mm: -61.0,
             });

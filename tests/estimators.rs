@@ -1,11 +1,11 @@
 //! The three estimators: signs, the paper's identities, and fixed point against floating point.
 
-use host::random::Random;
 use proptest::prelude::*;
 use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
 use shared::rig::Rig;
 use shared::sums::centred::FixedCentredSums;
 use shared::sums::pair::FixedPairSums;
+use trinocular_rig::random::Random;
 use trinocular_tests::points::{Cloud, centred, ideal_rig, pairs};
 
 const LINE: [[f64; 2]; 3] = [[-70.0, 0.0], [0.0, 0.0], [68.0, 0.0]];

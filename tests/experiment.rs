@@ -1,9 +1,9 @@
 //! The paper's experiments as a user runs them: Tables 1, 2, 5 and 6 from the program's own output.
 
-use host::client::stage::default_stage;
-use host::rig_file::{RigFile, Stage};
 use serde_json::Value;
 use std::process::Output;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_tests::binary::trinocular;
 
 fn run(arguments: &[&str]) -> Output {

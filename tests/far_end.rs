@@ -4,9 +4,6 @@
 //! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged
 //! in again under the same name.
 
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::{PORT, RING_WORDS};
-use host::plant::Plant;
 use serialport::{SerialPort as _, TTYPort};
 use shared::frame::encode::encode;
 use shared::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};
@@ -23,6 +20,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
+use trinocular_client::plant::Plant;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::{PORT, RING_WORDS};
 
 /// A device at the far end of a line.
 pub struct FarEnd {

@@ -86,7 +86,7 @@ fn schema_numbers_every_variant() {
     }
     for (number, fault) in (0..).zip(Fault::ALL) {
         assert_eq!(fault.number(), number);
-        let name = host::client::diagnosis::fault(fault).name;
+        let name = trinocular_client::diagnosis::fault(fault).name;
         assert!(
             SCHEMA.contains(&format!("{} {name}", fault.number())),
             "schema.txt lacks fault {name}"

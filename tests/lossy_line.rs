@@ -1,9 +1,5 @@
 //! The host on a line that loses chosen packets, and with a station that sends impossible numbers.
 
-use host::client::StationError;
-use host::client::serial::Serial;
-use host::client::stage::default_stage;
-use host::rig_file::Stage;
 use host::servo::station_link::{StationLink, StationPlace};
 use shared::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
 use shared::frame::receive::Receiver;
@@ -13,6 +9,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use trinocular_client::StationError;
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::rig_file::Stage;
 use trinocular_tests::far_end::{FarEnd, station, station_behind};
 
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.

@@ -5,10 +5,10 @@
 mod edges;
 
 use edges::{Bounds, Edges};
-use host::random::Random;
 use shared::motion::{AxisConfig, Limits, Planner};
 use shared::replay::Probe;
 use shared::steps::{AXES, Generator, PortMap, Position, WordRate};
+use trinocular_rig::random::Random;
 
 const MAP: PortMap = PortMap {
     step: [0, 1, 2],

@@ -1,18 +1,18 @@
 //! `calibrate-stage` as a user meets it: with a simulated stage, and with a station on a port and
 //! images that another program puts into a folder.
 
-use host::client::stage::default_stage;
-use host::images::folder::save;
-use host::images::{Scene, SceneSettings, Texture};
-use host::rig_file::{Care, RigFile};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Output, Stdio};
 use tempfile::TempDir;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::rig_file::{Care, RigFile};
 use trinocular_tests::binary::trinocular;
 use trinocular_tests::far_end::station;
+use trinocular_vision::images::folder::save;
+use trinocular_vision::images::{Scene, SceneSettings, Texture};
 
 /// Returns a folder with a rig file that has a wrong matrix and comments.
 fn desk() -> TempDir {

@@ -1,10 +1,10 @@
 //! Random point sets seen by a rig before and after a displacement, with optional pixel noise.
 
-use host::random::Random;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
+use trinocular_rig::random::Random;
 
 /// Returns a rig of ideal cameras with one focal length and the principal point at the origin.
 pub fn ideal_rig(focal_px: f64, offsets_mm: &[[f64; 2]]) -> Rig {

@@ -1,16 +1,16 @@
 //! Frame sets from outside, followed by a station whose stage carries the cameras: `track
 //! --cameras` without cameras. The twin is the station, so the tests wait for no real time.
 
-use host::client::stage::default_stage;
-use host::flow::CameraRefusal;
-use host::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use host::servo::frame_sets::{CaptureClock, FrameSetServo};
 use host::servo::station_link::{StationLink, StationPlace};
 use host::servo::visual_servo::ServoOutcome;
-use host::sums::Estimator;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
 use shared::safety::Trust;
+use trinocular_client::stage::default_stage;
+use trinocular_vision::flow::CameraRefusal;
+use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
+use trinocular_vision::sums::Estimator;
 
 const PERIOD_US: u64 = 33_333;
 

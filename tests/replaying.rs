@@ -2,7 +2,6 @@
 //! twin record by record.
 
 use crate::emulator::Emulator;
-use host::client::twin::{PORT, RING_WORDS, Twin};
 use shared::frame::message::{LastRun, Report, ResetCause};
 use shared::frame::receive::Receiver;
 use shared::machine::Board;
@@ -12,6 +11,7 @@ use shared::time::Instant;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
+use trinocular_client::twin::{PORT, RING_WORDS, Twin};
 
 /// Board of the twin, as in `qemu/src/board.rs`.
 pub const BOARD: Board = Board {

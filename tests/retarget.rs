@@ -1,12 +1,12 @@
 //! Delay from a new setpoint to the first port word that it changes, in the step generator's own
 //! time.
 
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::Twin;
-use host::random::Random;
 use shared::frame::message::{Command, Mounting};
 use shared::replay::Record;
 use shared::time::Instant;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::Twin;
+use trinocular_rig::random::Random;
 
 /// Largest delay, µs, that users of a stage may rely on.
 const MOST_US: u64 = 2_000;

@@ -1,11 +1,11 @@
 //! Loss of the host: stopping distance at the pins, from any instant of any motion.
 
-use host::client::stage::{HEARTBEAT_MS, default_stage};
-use host::client::twin::Twin;
-use host::random::Random;
-use host::rig_file::Stage;
 use shared::frame::message::{Command, Mounting};
 use shared::safety::{Fault, State, Trust};
+use trinocular_client::stage::{HEARTBEAT_MS, default_stage};
+use trinocular_client::twin::Twin;
+use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::Stage;
 
 /// Longest time from the last ping to the stop, s: the heartbeat timeout, the tick that notices,
 /// the tick already planned, and the one in which the ping came.

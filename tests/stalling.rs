@@ -1,9 +1,9 @@
 //! Stalled motors, and targets that only look like them: the station's handling of commanded motion
 //! that the cameras do not see.
 
-use host::rig_file::Care;
 use shared::frame::message::Denial;
 use shared::safety::{Fault, State, Trust};
+use trinocular_rig::rig_file::Care;
 use trinocular_tests::chase::{Chase, Run, Target, lissajous, smooth};
 
 /// Limit of commanded motion that the cameras do not see, mm.

@@ -12,10 +12,6 @@ mod moves;
 #[path = "station/stops.rs"]
 mod stops;
 
-use host::client::StationError;
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::Twin;
-use host::rig_file::{Driver, Stage};
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Config, ConfigField, Denial, Frame, Mounting, Packet, Status, Sums,
@@ -23,6 +19,10 @@ use shared::frame::message::{
 use shared::safety::{Fault, Inputs, State, Trust};
 use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;
+use trinocular_client::StationError;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::Twin;
+use trinocular_rig::rig_file::{Driver, Stage};
 
 fn twin() -> Twin {
     Twin::start(&default_stage(), "twin", Mounting::OnStage).unwrap()

@@ -1,12 +1,12 @@
 //! Predictions of `verify` against images that are rendered, tracked and estimated like any others.
 
 use host::budget::sigma::{MARGIN_PX, Predictor};
-use host::field_of_view::FieldOfView;
-use host::flow::{Flow, FlowSettings};
-use host::images::{Scene, SceneSettings, Texture};
-use host::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
+use trinocular_vision::field_of_view::FieldOfView;
+use trinocular_vision::flow::{Flow, FlowSettings};
+use trinocular_vision::images::{Scene, SceneSettings, Texture};
+use trinocular_vision::sums::Sums;
 
 /// Compares the sigma that a measurement states, which `tests/pipeline/sigma.rs` checks against
 /// true errors, with the prediction for the same number of points and the noise of the

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use commands::failure::Failure;
-use host::notice;
+use trinocular_rig::notice;
 
 mod commands;
 

@@ -1,10 +1,6 @@
 //! An eventful life of a station: a few thousand flow frames with every kind of fault and
 //! disturbance.
 
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::Twin;
-use host::random::Random;
-use host::rig_file::HomeSwitch;
 use shared::frame::message::{Command, Frame, Mounting, Side, Sums};
 use shared::rig::Rig;
 use shared::safety::{Inputs, State};
@@ -12,6 +8,10 @@ use shared::sums::View;
 use shared::sums::centred::CentredSums;
 use shared::sums::pair::PairSums;
 use shared::time::Instant;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::Twin;
+use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::HomeSwitch;
 
 /// Number of frames between two events.
 const FRAMES: usize = 60;

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use host::images::{Image, folder};
-use host::random::Random;
 use shared::rig::{Camera, Rig, Rotation};
+use trinocular_rig::random::Random;
+use trinocular_vision::images::{Image, folder};
 
 /// Side of a square of the board, mm.
 pub const SQUARE_MM: f64 = 18.0;

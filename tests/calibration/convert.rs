@@ -2,9 +2,9 @@
 
 use std::fs;
 
-use host::rig_file::RigFile;
 use shared::rig::Rotation;
 use tempfile::TempDir;
+use trinocular_rig::rig_file::RigFile;
 
 use super::run;
 

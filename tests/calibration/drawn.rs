@@ -2,13 +2,13 @@
 
 use std::fs;
 
-use host::calibration::board::Board;
-use host::calibration::find::{NotFound, find};
-use host::images::folder::{save, write};
-use host::images::{Scene, SceneSettings, Texture};
-use host::rig_file::{RigFile, TRINOCULAR};
 use serde_json::Value;
 use shared::rig::Rig;
+use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
+use trinocular_vision::calibration::board::Board;
+use trinocular_vision::calibration::find::{NotFound, find};
+use trinocular_vision::images::folder::{save, write};
+use trinocular_vision::images::{Scene, SceneSettings, Texture};
 
 use super::boards::{CORNERS, Eye, Pose, SQUARE_MM, crooked_rig, photograph};
 use super::{numbers, run};
@@ -80,7 +80,7 @@ fn partial_board_is_not_found() {
         square_mm: SQUARE_MM,
     };
     assert_eq!(find(&whole, &larger, None), Err(NotFound::Other([9, 6])));
-    let tiny = host::images::Image {
+    let tiny = trinocular_vision::images::Image {
         width: 9,
         height: 9,
         grey: vec![0; 81],
@@ -139,7 +139,7 @@ fn crooked_rig_is_calibrated() {
     let rig = crooked_rig();
     photograph(&desk.path().join("boards"), &rig, &TRINOCULAR, 14);
     // Add one image of a blank wall and one file that is no image.
-    let wall = host::images::Image {
+    let wall = trinocular_vision::images::Image {
         width: 480,
         height: 360,
         grey: vec![120; 480 * 360],

@@ -1,10 +1,10 @@
 //! A rig whose cameras are rotated by a degree or two measures like a parallel one if its file
 //! states the rotations.
 
-use host::flow::{Correspondence, Flow, FlowSettings};
-use host::images::{Scene, SceneSettings, Texture};
-use host::sums::Sums;
 use shared::rig::{Rig, Rotation};
+use trinocular_vision::flow::{Correspondence, Flow, FlowSettings};
+use trinocular_vision::images::{Scene, SceneSettings, Texture};
+use trinocular_vision::sums::Sums;
 
 const TURNED_DEG: [[f64; 3]; 3] = [[1.0, -2.0, 1.5], [-0.5, 0.7, -1.0], [0.4, 1.8, 2.0]];
 const MOVES_MM: [[f64; 3]; 4] = [

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use host::images::folder;
-use host::images::{FrameSet, Image, Scene, SceneSettings, Texture};
-use host::rig_file::RigFile;
 use serde_json::Value;
 use shared::rig::Rig;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::folder;
+use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 
 use super::{Desk, Outcome, run};
 

@@ -224,7 +224,7 @@ fn missing_files() {
 
 /// A rig whose offsets are multiplied by `by`.
 fn scaled_rig(folder: &std::path::Path, by: f64) {
-    let mut file = host::rig_file::RigFile::paper();
+    let mut file = trinocular_rig::rig_file::RigFile::paper();
     for camera in &mut file.rig.cameras {
         camera.offset_mm = camera.offset_mm.map(|mm| mm * by);
     }

@@ -4,9 +4,9 @@
 use std::fs;
 use std::path::Path;
 
-use host::random::Random;
 use serde_json::Value;
 use shared::rig::{Camera, Rig};
+use trinocular_rig::random::Random;
 
 use super::{Desk, Outcome, run};
 

@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use host::rig_file::RigFile;
 use serde_json::{Value, json};
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::points::ideal_rig;
 
 use super::{Desk, run};

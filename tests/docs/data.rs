@@ -4,11 +4,11 @@
 //! `RENEW=1 cargo test -p trinocular-tests --test docs example_data`.
 
 use super::page::root;
-use host::images::{Scene, SceneSettings, Texture, folder};
-use host::random::Random;
-use host::rig_file::RigFile;
 use std::fs;
 use std::path::{Path, PathBuf};
+use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::{Scene, SceneSettings, Texture, folder};
 
 /// Target positions of the frame sets, mm.
 const CAPTURES_MM: [[f64; 3]; 4] = [

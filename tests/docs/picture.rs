@@ -6,9 +6,9 @@
 use super::data::renew;
 use super::page::root;
 use super::table::numbers;
-use host::random::Random;
 use std::fmt::Write as _;
 use std::fs;
+use trinocular_rig::random::Random;
 use trinocular_tests::binary::{Outcome, trinocular};
 
 const FILE: &str = "docs/following.svg";

@@ -72,6 +72,7 @@ fn sources(path: &Path) -> Vec<PathBuf> {
 fn test_exists(file: &str, name: &str) -> bool {
     let path = match file {
         "host" | "shared" => root().join(file).join("src"),
+        "vision" => root().join("host/vision/src"),
         "board" => root().join("tests/board/tests"),
         file => root().join("tests").join(file),
     };

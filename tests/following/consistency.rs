@@ -1,11 +1,11 @@
 //! The filter itself: against a textbook's in `f64`, against its own stated covariance, and bit for
 //! bit.
 
-use host::random::Random;
 use nalgebra::{Matrix2, RowVector2, Vector2};
 use shared::time::Instant;
 use shared::track::filter::{Filter, Reach};
 use shared::track::pursuit::{Measurement, Pursuit, Settings};
+use trinocular_rig::random::Random;
 
 /// Limits of the stage of the experiments, steps and ms: 100 mm/s, 2,000 mm/s² at 80 steps/mm.
 const REACH: Reach = Reach {

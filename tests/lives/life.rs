@@ -1,7 +1,7 @@
 //! One random life: a target, images of it, and a stage that makes every commanded step.
 
-use host::random::Random;
 use shared::safety::Fault;
+use trinocular_rig::random::Random;
 use trinocular_tests::chase::{Chase, RIGHT, Shot};
 
 /// Duration beyond the end for which the target's position is known, ms.

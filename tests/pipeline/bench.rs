@@ -1,10 +1,10 @@
 //! A poster in front of a rig, rendered and measured as `estimate` measures it.
 
-use host::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
-use host::images::{FrameSet, Scene, SceneSettings, Texture};
 use host::paper::moves;
-use host::sums::Sums;
 use shared::rig::Rig;
+use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
+use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
+use trinocular_vision::sums::Sums;
 
 /// Largest error of an estimate at the paper's distance, mm: the project's bound for the paper's
 /// Table 5.

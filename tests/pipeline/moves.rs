@@ -1,6 +1,6 @@
 //! Posters with rich texture in front of the paper's rig.
 
-use host::images::{FrameSet, SceneSettings, Texture, TextureKind};
+use trinocular_vision::images::{FrameSet, SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, TOLERANCE_MM, Watch, table_5_mm};
 

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::images::{FrameSet, SceneSettings, Texture};
-use host::rig_file::RigFile;
 use serde_json::Value;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
+use trinocular_vision::images::{FrameSet, SceneSettings, Texture};
 
 use super::bench::{Bench, TOLERANCE_MM, Watch};
 

@@ -1,8 +1,8 @@
 //! Misleading posters: exact repetition in several forms, faint texture, and few marks that
 //! distinguish places.
 
-use host::images::Texture;
-use host::random::Random;
+use trinocular_rig::random::Random;
+use trinocular_vision::images::Texture;
 
 /// Size of a texel, mm; a pixel of the paper's rig at 850 mm is four texels.
 const MM_PER_TEXEL: f64 = 0.4;

@@ -1,9 +1,9 @@
 //! Posters on which every place looks like others: the answer is right, or refused with a reason,
 //! but never wrong with a small sigma.
 
-use host::flow::FlowRefusal;
-use host::images::{SceneSettings, Texture, TextureKind};
-use host::random::Random;
+use trinocular_rig::random::Random;
+use trinocular_vision::flow::FlowRefusal;
+use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, Got};
 use super::poster::{Motif, fainter, repeating, with_marks};

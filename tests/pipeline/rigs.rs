@@ -1,7 +1,7 @@
 //! Rigs other than the paper's: the midpoint takes any cameras in a plane.
 
-use host::images::{SceneSettings, Texture};
 use shared::rig::{Camera, Rig};
+use trinocular_vision::images::{SceneSettings, Texture};
 
 use super::bench::{Bench, TOLERANCE_MM};
 

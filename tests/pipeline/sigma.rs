@@ -1,8 +1,8 @@
 //! The stated sigma against true errors: errors of many frame sets, each divided by its own sigma.
 
-use host::images::{SceneSettings, Texture, TextureKind};
-use host::random::Random;
 use shared::rig::Rig;
+use trinocular_rig::random::Random;
+use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, Watch};
 
@@ -70,9 +70,9 @@ fn sigma_is_true_for_interpolation() {
 /// computes.
 #[test]
 fn station_gets_same_sigma() {
-    use host::flow::{Flow, FlowSettings};
-    use host::sums::Sums;
     use shared::estimate::midpoint;
+    use trinocular_vision::flow::{Flow, FlowSettings};
+    use trinocular_vision::sums::Sums;
 
     let rig = Rig::paper();
     let bench = Bench::new(&Texture::blobs(40), SceneSettings::default());

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use host::images::{SceneSettings, Texture, TextureKind};
+use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
 
 use super::bench::{Bench, Got, table_5_mm};
 

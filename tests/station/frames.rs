@@ -1,12 +1,12 @@
 //! The station's handling of a frame: its capture time, the gate, and the direction of the motors.
 
 use super::{denial, frame, status, twin, wait};
-use host::client::stage::default_stage;
-use host::client::twin::Twin;
-use host::rig_file::Stage;
 use shared::frame::message::{Command, Denial, Mounting, Sums};
 use shared::sums::centred::FixedCentredSums;
 use shared::time::Instant;
+use trinocular_client::stage::default_stage;
+use trinocular_client::twin::Twin;
+use trinocular_rig::rig_file::Stage;
 
 /// Returns true if the positions agree within a step, mm.
 fn close(got: [f64; 3], want: [f64; 3]) -> bool {

@@ -1,11 +1,11 @@
 //! Motors are switched on and off by command, and never while the stage moves.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use host::client::stage::default_stage;
-use host::client::twin::Twin;
 use shared::frame::message::{Command, Denial, Mounting};
 use shared::safety::{Inputs, State, Trust};
 use shared::time::Instant;
+use trinocular_client::stage::default_stage;
+use trinocular_client::twin::Twin;
 
 const OFF: Command = Command::Motors { on: false };
 const ON: Command = Command::Motors { on: true };
@@ -15,7 +15,7 @@ fn motors_turn_on_with_first_config() {
     let mut twin = Twin::power_on(&default_stage(), "twin").unwrap();
     assert!(!status(&mut twin).motors);
     assert_eq!(denial(twin.command("motors", ON)), Denial::Unconfigured);
-    let config = host::client::stage::configuration(&default_stage(), Mounting::OnStage);
+    let config = trinocular_client::stage::configuration(&default_stage(), Mounting::OnStage);
     let config = Command::Config(config.unwrap());
     twin.command("config", config).unwrap();
     assert!(status(&mut twin).motors);

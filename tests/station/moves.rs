@@ -1,12 +1,12 @@
 //! Only the commanded axes move, in the commanded direction, within the window and the travel.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::Twin;
-use host::rig_file::{HomeSwitch, Stage};
 use shared::frame::message::{Command, Denial, Mounting, Side};
 use shared::safety::{Inputs, State, Trust};
 use shared::time::Instant;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::Twin;
+use trinocular_rig::rig_file::{HomeSwitch, Stage};
 
 fn jog(mm: [f64; 3]) -> Command {
     Command::Jog {

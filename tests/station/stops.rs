@@ -1,8 +1,6 @@
 //! A stop cancels everything before it, and every command is answered.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use host::client::stage::{configuration, default_stage};
-use host::client::twin::Twin;
 use shared::frame::encode::encode;
 use shared::frame::message::{
     Command, Denial, LastRun, Mounting, Outcome, Packet, Report, ResetCause,
@@ -12,6 +10,8 @@ use shared::machine::{Board, Machine, Output};
 use shared::safety::State;
 use shared::steps::WordRate;
 use shared::time::Instant;
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::Twin;
 
 fn jog(mm: i32) -> Command {
     Command::Jog {

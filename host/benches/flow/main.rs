@@ -15,12 +15,12 @@ use std::time::Instant;
 
 use accuracy::Quality;
 use bound::Bound;
-use host::flow::{FilteredFrameSet, Flow, FlowSettings, PipelineStage};
-use host::images::FrameSet;
-use host::stage_timings::{FreshKeyframe, with_fresh_keyframe, with_kept_keyframe};
 use opencv::OpenCv;
 use peers::OpticalFlowLk;
 use scene::Scene;
+use trinocular_vision::flow::{FilteredFrameSet, Flow, FlowSettings, PipelineStage};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::stage_timings::{FreshKeyframe, with_fresh_keyframe, with_kept_keyframe};
 
 const CORNERS: usize = 200;
 /// Largest root mean square error that this project promises on these scenes, px.

@@ -3,8 +3,8 @@
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-use host::images::{FrameSet, folder};
 use serde_json::Value;
+use trinocular_vision::images::{FrameSet, folder};
 
 use crate::accuracy::Quality;
 use crate::scene::Scene;

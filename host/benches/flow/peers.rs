@@ -1,9 +1,9 @@
 //! Frame sets tracked by other crates.
 
-use host::images::{FrameSet, Image};
-use host::matching::pyramid::Pyramid;
 use image::GrayImage;
 use optical_flow_lk::{DetectorContext, TrackParams, TrackStatus, TrackerContext};
+use trinocular_vision::images::{FrameSet, Image};
+use trinocular_vision::matching::pyramid::Pyramid;
 
 use crate::accuracy::Quality;
 use crate::scene::{Scene, WINDOW_PX};

@@ -3,11 +3,11 @@
 
 use std::f64::consts::{PI, TAU};
 
-use host::images::{FrameSet, Image};
-use host::random::Random;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use shared::rig::{Camera, Rig};
+use trinocular_rig::random::Random;
+use trinocular_vision::images::{FrameSet, Image};
 
 /// Pattern in front of the cameras, with its motion.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! Conditions of the accuracy study as data: scene, disturbance, and required result.
 
-use crate::images::TextureKind;
 use shared::rig::Rig;
+use trinocular_vision::images::TextureKind;
 
 /// Disturbance between the keyframe and the measured frame set, or during either.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,7 +68,7 @@ pub enum Failure {
 pub struct Expected {
     /// Least and greatest share of trials that give a measurement.
     pub measured: [f64; 2],
-    /// Names of the refusals that may occur ([`crate::flow::FlowRefusal::name`]).
+    /// Names of the refusals that may occur ([`trinocular_vision::flow::FlowRefusal::name`]).
     pub refusals: &'static [&'static str],
 }
 

@@ -7,12 +7,12 @@
 //! with hardly any noise.
 
 use super::trial::Posters;
-use crate::flow::{Flow, FlowSettings};
-use crate::images::{Exposure, Pose, Scene, SceneError, SceneSettings, TextureKind};
-use crate::random::Random;
-use crate::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
+use trinocular_rig::random::Random;
+use trinocular_vision::flow::{Flow, FlowSettings};
+use trinocular_vision::images::{Exposure, Pose, Scene, SceneError, SceneSettings, TextureKind};
+use trinocular_vision::sums::Sums;
 
 /// Number of phases tried.
 pub const PHASES: usize = 10;

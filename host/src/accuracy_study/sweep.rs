@@ -3,9 +3,9 @@
 use super::condition::Condition;
 use super::tally::Tally;
 use super::trial::{Bench, Outcome, Posters};
-use crate::images::SceneError;
-use crate::thread_pool::ThreadPool;
 use std::sync::atomic::{AtomicU64, Ordering};
+use trinocular_vision::images::SceneError;
+use trinocular_vision::thread_pool::ThreadPool;
 
 /// Result of one condition.
 #[derive(Clone, Debug)]

@@ -1,15 +1,15 @@
 //! One trial: a keyframe, a motion, and a measurement.
 
 use super::condition::{Change, Condition, Failure};
-use crate::flow::CameraRefusal;
-use crate::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
-use crate::images::{
-    Exposure, FrameSet, Image, Pose, Scene, SceneError, SceneSettings, Texture, TextureKind,
-};
-use crate::random::Random;
-use crate::sums::Sums;
 use shared::estimate::midpoint;
 use shared::rig::Rig;
+use trinocular_rig::random::Random;
+use trinocular_vision::flow::CameraRefusal;
+use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
+use trinocular_vision::images::{
+    Exposure, FrameSet, Image, Pose, Scene, SceneError, SceneSettings, Texture, TextureKind,
+};
+use trinocular_vision::sums::Sums;
 
 /// Number of motions tried with every poster and noise level.
 pub const MOVES: usize = 4;

@@ -19,9 +19,9 @@ use shared::machine::{check, limit_field};
 use shared::motion::{AxisConfig, AxisLimits, ConfigFault, Limits};
 use shared::steps::{DriverTiming, WordRate};
 
-use crate::client::bound::{Refused, refused};
-use crate::client::stage::{HEARTBEAT_MS, configuration, timing};
-use crate::rig_file::Stage;
+use trinocular_client::bound::{Refused, refused};
+use trinocular_client::stage::{HEARTBEAT_MS, configuration, timing};
+use trinocular_rig::rig_file::Stage;
 
 /// Word rate of the firmware and the twin.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;
@@ -214,12 +214,12 @@ fn highest_word_rate(driver: &DriverTiming) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::client::stage::default_stage;
-    use crate::client::twin::Twin;
-    use crate::rig_file::Driver;
     use shared::frame::message::Command;
     use shared::motion::Planner;
     use shared::steps::Position;
+    use trinocular_client::stage::default_stage;
+    use trinocular_client::twin::Twin;
+    use trinocular_rig::rig_file::Driver;
 
     fn stages() -> [Stage; 3] {
         let quick = Stage {

@@ -17,8 +17,8 @@ use shared::sums::View as PointView;
 use shared::sums::centred::{CentredSums, FixedCentredSums};
 use shared::sums::pair::{FixedPairSums, PairSums};
 
-use crate::field_of_view::FieldOfView;
-use crate::rig_file::Stage;
+use trinocular_rig::rig_file::Stage;
+use trinocular_vision::field_of_view::FieldOfView;
 
 /// Rated displacement of the station along each axis, mm.
 pub const RATED_MOVE_MM: f64 = 100.0;
@@ -338,8 +338,8 @@ fn farthest(works: impl Fn(f64) -> bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
     use shared::rig::Camera;
+    use trinocular_rig::random::Random;
 
     const RANGE_MM: [f64; 2] = [300.0, 2000.0];
 
@@ -438,9 +438,9 @@ mod tests {
     /// distance.
     #[test]
     fn distance_limits_match_station() {
-        use crate::client::stage::{configuration, default_stage};
-        use crate::rig_file::HomeSwitch;
         use shared::frame::message::{Mounting, Side};
+        use trinocular_client::stage::{configuration, default_stage};
+        use trinocular_rig::rig_file::HomeSwitch;
         let base = || {
             let mut stage = default_stage();
             stage.steps_per_mm = [50_000.0; 3];

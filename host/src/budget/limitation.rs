@@ -8,10 +8,10 @@ use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;
 use super::sigma::WINDOW_PX;
 use super::{AtDepth, Verification};
-use crate::field_of_view::FieldOfView;
-use crate::matching::geometry::RigGeometry;
-use crate::matching::stereo::matched_depths_mm;
-use crate::rig_file::{RigFile, Stage};
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::field_of_view::FieldOfView;
+use trinocular_vision::matching::geometry::RigGeometry;
+use trinocular_vision::matching::stereo::matched_depths_mm;
 
 /// Severity of a limit, worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -1,6 +1,6 @@
 //! Error budget: predicts accuracy and limits of a rig from its description alone.
 //!
-//! - [`field_of_view`](crate::field_of_view): common view of all cameras and of two;
+//! - [`field_of_view`](trinocular_vision::field_of_view): common view of all cameras and of two;
 //! - [`sigma`]: standard deviation of a displacement per axis, over depth and number of points;
 //! - [`drive`]: step rates and stopping distances of the stage;
 //! - [`headroom`]: distance of all numbers from the limits of their fixed-point formats;
@@ -17,14 +17,14 @@ pub mod sigma;
 
 use serde::Serialize;
 
-use crate::field_of_view::FieldOfView;
-use crate::matching::geometry::RigGeometry;
-use crate::matching::stereo::matched_depths_mm;
-use crate::rig_file::RigFile;
 use drive::Drive;
 use headroom::Headroom;
 use limitation::Limitation;
 use sigma::{MARGIN_PX, Predictor};
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::field_of_view::FieldOfView;
+use trinocular_vision::matching::geometry::RigGeometry;
+use trinocular_vision::matching::stereo::matched_depths_mm;
 
 /// Conditions of the prediction.
 #[derive(Clone, Debug, PartialEq, Serialize)]

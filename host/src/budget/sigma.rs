@@ -15,22 +15,22 @@
 //! its four Gauss points.
 //!
 //! `w` is the variance inflation factor for correlated errors: overlapping windows share noise, and
-//! sub-pixel tracking errs alike for all points ([`crate::sums`]). Beyond some number of points,
+//! sub-pixel tracking errs alike for all points ([`trinocular_vision::sums`]). Beyond some number of points,
 //! more points therefore do not help. The prediction takes all noise to be the sensor's. Windows do
 //! not share the part of it that is interpolation's own error, so with sharp texture and little
-//! noise a measurement states a smaller factor ([`crate::flow::variance_inflation`]).
+//! noise a measurement states a smaller factor ([`trinocular_vision::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
 
-use crate::field_of_view::{FieldOfView, Rectangle};
-use crate::flow::variance_inflation::with_common_error;
-use crate::matching::lucas_kanade::FineTemplate;
+use trinocular_vision::field_of_view::{FieldOfView, Rectangle};
+use trinocular_vision::flow::variance_inflation::with_common_error;
+use trinocular_vision::matching::lucas_kanade::FineTemplate;
 
 /// Side of the window in which the flow of a point is measured, px.
 pub const WINDOW_PX: f64 = 21.0;
 
-/// Least distance between two points, px ([`crate::flow::FlowSettings::min_spacing_px`]).
+/// Least distance between two points, px ([`trinocular_vision::flow::FlowSettings::min_spacing_px`]).
 const APART_PX: f64 = 8.0;
 
 /// Margin that a window needs from the image's border, px.
@@ -166,10 +166,10 @@ fn covered(length_px: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::paper::validation::bound;
-    use crate::random::Random;
     use shared::estimate::midpoint;
     use shared::sums::View as PointView;
     use shared::sums::centred::CentredSums;
+    use trinocular_rig::random::Random;
 
     fn predictor(rig: &Rig, depth_mm: f64, noise_px: f64) -> (Predictor, Rectangle) {
         let view = FieldOfView::new(rig, MARGIN_PX);
@@ -297,7 +297,7 @@ mod tests {
     #[test]
     fn spacing_matches_flow_settings() {
         assert_eq!(
-            crate::flow::FlowSettings::default().min_spacing_px,
+            trinocular_vision::flow::FlowSettings::default().min_spacing_px,
             APART_PX
         );
     }

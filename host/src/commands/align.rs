@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::alignment::{Alignment, AlignmentSettings, present, rewrite};
-use host::error::InputError;
-use host::images::FrameSet;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::output::{Output, Replace};
-use host::printable::printable;
 use host::report::{Cell, Table};
-use host::rig_file::RigFile;
 use serde_json::json;
+use trinocular_rig::error::InputError;
+use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::alignment::{Alignment, AlignmentSettings, present, rewrite};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
 /// Correct a rig's principal points (its datum offsets) from pictures of any textured scene
 ///

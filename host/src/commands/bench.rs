@@ -6,15 +6,15 @@ use std::time::Duration;
 
 use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
-use host::error::InputError;
-use host::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
-use host::images::FrameSet;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::rig_file::RigFile;
-use host::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use shared::rig::Rig;
+use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
+use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 
 /// Time the image processing of this program
 #[derive(Debug, Args)]

@@ -3,14 +3,6 @@
 
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::client::allowance::Allowance;
-use host::client::diagnosis::{self, remedy};
-use host::client::serial::Serial;
-use host::client::stage::{HEARTBEAT_MS, configuration};
-use host::client::{StationError, ports};
-use host::error::InputError;
-use host::interruption;
-use host::rig_file::{RigFile, Stage};
 use serde_json::{Value, json};
 use shared::frame::message::{Command, Denial, Mounting, Status};
 use shared::safety::{Fault, State};
@@ -18,6 +10,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
+use trinocular_client::allowance::Allowance;
+use trinocular_client::diagnosis::{self, remedy};
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::{HEARTBEAT_MS, configuration};
+use trinocular_client::{StationError, ports};
+use trinocular_rig::error::InputError;
+use trinocular_rig::interruption;
+use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);

@@ -5,17 +5,19 @@ use std::path::PathBuf;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::calibration::board::{Board, Pattern};
-use host::calibration::folder::{Calibration, CalibrationSettings, CameraResult, calibrate};
-use host::calibration::intrinsics::Verdict;
-use host::calibration::photographs::list;
-use host::calibration::rejection::InstantRejection;
-use host::calibration::rig::RigSolution;
-use host::error::InputError;
-use host::notice;
-use host::printable::printable;
-use host::rig_file::RigFile;
 use serde_json::{Value, json};
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::calibration::board::{Board, Pattern};
+use trinocular_vision::calibration::folder::{
+    Calibration, CalibrationSettings, CameraResult, calibrate,
+};
+use trinocular_vision::calibration::intrinsics::Verdict;
+use trinocular_vision::calibration::photographs::list;
+use trinocular_vision::calibration::rejection::InstantRejection;
+use trinocular_vision::calibration::rig::RigSolution;
 
 use super::destination::Destination;
 use super::progress::Progress;

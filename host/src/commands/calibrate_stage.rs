@@ -11,17 +11,17 @@ use super::by_hand::{Axis, StageArgument};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::hand_eye::delay::{Delay, Passing, Path, delay};
-use host::hand_eye::fit::{Fit, Sample, fit};
-use host::hand_eye::plan::{FARTHEST, Stop, stops};
-use host::hand_eye::rewrite::with_matrix;
-use host::hand_eye::watch::Watch;
-use host::images::FrameSet;
-use host::notice;
-use host::output::{Output, Replace};
 use host::report::{Cell, Table};
-use host::rig_file::{RigFile, Stage};
 use serde_json::json;
+use trinocular_rig::notice;
+use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::hand_eye::delay::{Delay, Passing, Path, delay};
+use trinocular_vision::hand_eye::fit::{Fit, Sample, fit};
+use trinocular_vision::hand_eye::plan::{FARTHEST, Stop, stops};
+use trinocular_vision::hand_eye::rewrite::with_matrix;
+use trinocular_vision::hand_eye::watch::Watch;
+use trinocular_vision::images::FrameSet;
 
 /// Measure how the cameras sit on the stage: the matrix of the rig file, from images of a target
 /// at rest

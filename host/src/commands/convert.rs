@@ -6,11 +6,11 @@ use std::str::FromStr;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::calibration::exchange::{self, Assembled, CameraFile, Member};
-use host::notice;
-use host::printable::printable;
-use host::rig_file::RigFile;
 use shared::rig::MAX_CAMERAS;
+use trinocular_rig::notice;
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member};
 
 use super::destination::Destination;
 

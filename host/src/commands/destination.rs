@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::calibration::exchange;
-use host::error::InputError;
-use host::output::{NewFolders, Output, Replace, write_all};
-use host::rig_file::{RigFile, Stage};
+use trinocular_rig::error::InputError;
+use trinocular_rig::output::{NewFolders, Output, Replace, write_all};
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::calibration::exchange;
 
 /// Files to write.
 #[derive(Debug, Args)]

@@ -6,7 +6,7 @@ use super::by_hand::{Hand, PortArgument};
 use super::status;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::diagnosis;
+use trinocular_client::diagnosis;
 
 /// Explain the station's states and numbered faults; with --port also find the problem of a
 /// station

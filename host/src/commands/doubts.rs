@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use host::notice;
-use host::rig_file::RigFile;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::RigFile;
 
 /// Warns of wrong units and exchanged names, on standard error.
 pub fn warn(path: &Path, rig: &RigFile) {

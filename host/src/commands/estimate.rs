@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::error::InputError;
-use host::flow::{Flow, FlowSettings};
-use host::images::FrameSet;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::notice;
-use host::points;
-use host::rig_file::RigFile;
-use host::sums::Sums;
 use serde::Serialize;
 use shared::estimate::Refusal;
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::{Flow, FlowSettings};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
+use trinocular_vision::points;
+use trinocular_vision::sums::Sums;
 
 /// Estimate the target's displacement from matched points or from images
 ///

@@ -5,14 +5,14 @@ use super::progress::Progress;
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::stage::default_stage;
-use host::error::InputError;
-use host::output::{Output, Replace, marked};
 use host::paper::{present, tracking};
-use host::printable::printable;
-use host::rig_file::{RigFile, Stage};
 use std::io::Write;
 use std::path::PathBuf;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::error::InputError;
+use trinocular_rig::output::{Output, Replace, marked};
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Options of the experiment without a command.
 #[derive(Debug, Args)]

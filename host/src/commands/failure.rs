@@ -12,10 +12,10 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use host::client::StationError;
-use host::error::InputError;
-use host::printable::{printable, printable_up_to};
 use host::servo::ServoError;
+use trinocular_client::StationError;
+use trinocular_rig::error::InputError;
+use trinocular_rig::printable::{printable, printable_up_to};
 
 /// Characters of a message that are printed.
 const LONGEST_MESSAGE: usize = 4_000;

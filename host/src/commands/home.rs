@@ -8,13 +8,13 @@ use super::by_hand::{
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::allowance::Allowance;
-use host::client::diagnosis;
-use host::notice;
-use host::rig_file::Stage;
 use serde_json::json;
 use shared::frame::message::{Command, Status};
 use shared::safety::{State, Trust};
+use trinocular_client::allowance::Allowance;
+use trinocular_client::diagnosis;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::Stage;
 
 /// Find the home switches, and with them the position
 ///

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::notice;
-use host::output::{Output, Replace};
-use host::rig_file::template::{self, StageTemplate, Template};
-use host::rig_file::{Driver, RigFile};
 use questions::Questions;
+use trinocular_rig::notice;
+use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::rig_file::template::{self, StageTemplate, Template};
+use trinocular_rig::rig_file::{Driver, RigFile};
 use values::{Expected, Image, Names, Number, PerAxis, Travel};
 
 mod questions;

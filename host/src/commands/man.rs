@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::commands::failure::Failure;
 use clap::{Args, CommandFactory as _};
 use clap_mangen::Man;
-use host::output::{NewFolders, Output, Replace, write_all};
+use trinocular_rig::output::{NewFolders, Output, Replace, write_all};
 
 use super::Arguments;
 

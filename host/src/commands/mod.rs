@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::{Parser, Subcommand};
 use failure::Failure;
-use host::client::serial::{self, Ending};
+use trinocular_client::serial::{self, Ending};
 
 mod align;
 mod bench;

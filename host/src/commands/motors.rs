@@ -5,8 +5,8 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::client::diagnosis;
 use shared::frame::message::Command;
+use trinocular_client::diagnosis;
 
 /// Switch the motors of the stage on or off
 ///

@@ -2,9 +2,9 @@
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::ports;
-use host::client::stage::HEARTBEAT_MS;
 use host::servo::station_link::StationPlace;
+use trinocular_client::ports;
+use trinocular_client::stage::HEARTBEAT_MS;
 
 /// Port of the station.
 #[derive(Clone, Debug, Args)]

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::ports::{Candidate, candidates};
+use trinocular_client::ports::{Candidate, candidates};
 
 /// List the serial ports that a station may be on
 ///

@@ -1,8 +1,8 @@
 //! Progress of a long command, on standard error.
 
-use host::notice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal as _;
+use trinocular_rig::notice;
 
 /// Progress as a bar on a terminal; elsewhere as a line at every tenth.
 pub struct Progress {

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::InputError;
-use host::output::{Output, Replace};
 use host::report::Page;
+use trinocular_rig::error::InputError;
+use trinocular_rig::output::{Output, Replace};
 
 /// Destination of the page.
 #[derive(Debug, Args)]

@@ -5,8 +5,8 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument};
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::diagnosis::{self, next_step};
 use shared::frame::message::Command;
+use trinocular_client::diagnosis::{self, next_step};
 
 /// Clear a stop, or a fault whose cause is gone
 ///

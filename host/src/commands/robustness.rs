@@ -6,9 +6,9 @@ use clap::Args;
 use host::accuracy_study::condition::{self, Condition};
 use host::accuracy_study::tally::{Tally, failures_of_all};
 use host::accuracy_study::{phase, present, sweep};
-use host::images::SceneError;
 use std::io::Write;
 use std::sync::Mutex;
+use trinocular_vision::images::SceneError;
 
 /// Measure rendered posters under bad conditions, and compare errors with the stated sigma
 ///

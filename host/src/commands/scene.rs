@@ -1,7 +1,7 @@
 //! Options of the rendered scene, shared by the commands that use the simulator.
 
 use clap::Args;
-use host::images::{SceneError, SceneSettings, TextureKind};
+use trinocular_vision::images::{SceneError, SceneSettings, TextureKind};
 
 /// Options of the poster and of its rendered images.
 #[derive(Clone, Debug, Args)]

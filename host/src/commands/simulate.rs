@@ -4,8 +4,6 @@ use super::progress::Progress;
 use super::report::ReportOption;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::error::InputError;
-use host::printable::printable;
 use host::scenario::figures::Figures;
 use host::scenario::file::{Scenario, Sight};
 use host::scenario::present::{self, Outcome};
@@ -14,6 +12,8 @@ use host::scenario::trace::Trace;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use trinocular_rig::error::InputError;
+use trinocular_rig::printable::printable;
 
 /// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
 ///

@@ -5,11 +5,11 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument, condition};
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::diagnosis::{self, next_step};
-use host::client::{StationError, reset_cause};
 use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
 use shared::track::pursuit::Sight;
+use trinocular_client::diagnosis::{self, next_step};
+use trinocular_client::{StationError, reset_cause};
 
 /// Show the station's state, fault and position
 ///

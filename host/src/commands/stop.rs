@@ -5,9 +5,9 @@ use std::io::Write;
 use super::by_hand::{Hand, PortArgument, position};
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::client::serial::{Holder, OtherHost, end_other_host};
-use host::client::{diagnosis, ports};
-use host::notice;
+use trinocular_client::serial::{Holder, OtherHost, end_other_host};
+use trinocular_client::{diagnosis, ports};
+use trinocular_rig::notice;
 
 /// Stop the stage on a ramp; it stays stopped until `reset`
 ///

@@ -7,9 +7,9 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use host::budget::limitation::Severity;
 use host::budget::{Settings, Verification, present};
-use host::error::InputError;
-use host::rig_file::RigFile;
 use serde_json::json;
+use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::RigFile;
 
 use super::report::ReportOption;
 

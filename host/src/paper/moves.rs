@@ -1,12 +1,12 @@
 //! The paper's section 4.2: single moves seen by resting cameras, through the whole vision path
 //! (its Table 5).
 
-use crate::flow::{Flow, FlowRefusal, FlowSettings};
-use crate::images::{Scene, SceneSettings, Texture, TextureKind};
 use crate::servo::ServoError;
-use crate::sums::Sums;
 use serde::Serialize;
 use shared::rig::Rig;
+use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings};
+use trinocular_vision::images::{Scene, SceneSettings, Texture, TextureKind};
+use trinocular_vision::sums::Sums;
 
 /// A move and the paper's estimate, mm.
 pub const PRINTED: [([f64; 3], [f64; 3]); 8] = [
@@ -103,7 +103,7 @@ pub fn run(
 fn estimates(
     rig: &Rig,
     flow: &mut Flow,
-    picture: &crate::images::FrameSet,
+    picture: &trinocular_vision::images::FrameSet,
 ) -> Result<(Sums, usize), FlowRefusal> {
     let measured = flow.measure(picture)?;
     let sums = Sums::of(rig, &measured).map_err(|_| FlowRefusal::WrongRig)?;

@@ -4,14 +4,14 @@ use super::tracking::{self, Run, Stop};
 use super::validation::Validation;
 use super::validation::recovery;
 use super::{moves, present};
-use crate::client::stage::default_stage;
-use crate::images::{SceneSettings, TextureKind};
 use crate::report::{Page, Table};
 use crate::servo::ServoError;
 use crate::servo::station_link::StationPlace;
-use crate::sums::Estimator;
 use serde_json::{Value, json};
 use shared::estimate::Refusal;
+use trinocular_client::stage::default_stage;
+use trinocular_vision::images::{SceneSettings, TextureKind};
+use trinocular_vision::sums::Estimator;
 
 /// Reason for tables that cannot be computed.
 #[derive(Debug, thiserror::Error)]

@@ -1,19 +1,19 @@
 //! The paper's section 4.3 in closed loop: A moves five times by (4, 4, 1) mm, and B follows by its
 //! cameras.
 
-use crate::client::serial::Serial;
-use crate::client::stage::setpoint;
-use crate::images::{SceneSettings, Texture, TextureKind};
-use crate::rig_file::Stage;
 use crate::servo::ServoError;
 use crate::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use crate::servo::station_link::StationPlace;
 use crate::servo::world::SimulatedWorld;
-use crate::sums::Estimator;
 use serde::Serialize;
 use shared::frame::message::{Command, Status};
 use shared::rig::Rig;
 use shared::safety::Fault;
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::setpoint;
+use trinocular_rig::rig_file::Stage;
+use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
+use trinocular_vision::sums::Estimator;
 
 /// One move of station A, mm.
 pub const MOVE_MM: [f64; 3] = [4.0, 4.0, 1.0];

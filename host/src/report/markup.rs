@@ -26,7 +26,7 @@ fn printable(c: char) -> char {
     match c {
         '\t' | '\n' | '\r' => c,
         '\u{fffe}' | '\u{ffff}' => '\u{fffd}',
-        c if !crate::printable::is_printable(c) => '\u{fffd}',
+        c if !trinocular_rig::printable::is_printable(c) => '\u{fffd}',
         c => c,
     }
 }

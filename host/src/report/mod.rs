@@ -44,7 +44,7 @@ pub use scatter::{Circle, Scatter};
 pub use stroke::Style;
 pub use table::{Cell, Emphasis, Table};
 
-use crate::error::InputError;
+use trinocular_rig::error::InputError;
 
 /// Reason for a report that could not be made.
 #[derive(Debug, thiserror::Error)]

@@ -2,8 +2,8 @@
 
 use super::markup::escape;
 use super::{Error, Figure, Table};
-use crate::output::Output;
 use std::fmt::Write as _;
+use trinocular_rig::output::Output;
 
 /// A report under construction. Parts appear in the order in which they are added.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,15 +1,15 @@
 //! The cameras on the stage: converts the position of the target to the flow sums of a frame.
 
 use super::file::{Cameras, Sight};
-use crate::flow::Correspondence;
-use crate::images::{FrameSet, Image, Scene, SceneSettings, Texture};
-use crate::measure::MeasureRefusal;
-use crate::random::Random;
 use crate::servo::ServoError;
 use crate::servo::visual_servo::VisualServo;
-use crate::sums::Estimator;
 use shared::frame::message::Sums as FrameSums;
 use shared::rig::Rig;
+use trinocular_rig::random::Random;
+use trinocular_vision::flow::Correspondence;
+use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
+use trinocular_vision::measure::MeasureRefusal;
+use trinocular_vision::sums::Estimator;
 
 /// Half the width, height and depth of the cloud of points, mm.
 const CLOUD_MM: [f64; 3] = [140.0, 120.0, 110.0];
@@ -180,8 +180,8 @@ fn capture_seed(seed: u64, number: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::images::TextureKind;
     use shared::estimate::midpoint;
+    use trinocular_vision::images::TextureKind;
 
     fn cameras(sight: Sight) -> Cameras {
         Cameras {

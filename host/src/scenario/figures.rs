@@ -9,10 +9,10 @@
 use super::file::{Measure, Scenario};
 use super::motion::Way;
 use super::trace::{Frames, SAMPLE_S, Sample, Trace};
-use crate::client::diagnosis;
-use crate::client::stage::HEARTBEAT_MS;
-use crate::rig_file::Stage;
 use serde::Serialize;
+use trinocular_client::diagnosis;
+use trinocular_client::stage::HEARTBEAT_MS;
+use trinocular_rig::rig_file::Stage;
 
 /// Window of the means of speed and acceleration, s.
 const WINDOW_S: f64 = 0.020;

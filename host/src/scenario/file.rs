@@ -42,8 +42,8 @@
 
 use super::expect::Expect;
 use super::motion::Leg;
-use crate::images::TextureKind;
-use crate::rig_file::Stage;
+use trinocular_rig::rig_file::Stage;
+use trinocular_vision::images::TextureKind;
 
 /// Content of a scenario file.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,16 +3,16 @@
 use super::expect::{Checkpoint, Expect};
 use super::file::{self, Cameras, Event, Happening, Measure, Scenario};
 use super::motion::{Leg, Motion};
-use crate::client::diagnosis;
-use crate::client::stage::default_stage;
-use crate::error::InputError;
-use crate::input::{self, Limit};
-use crate::rig_file::Stage;
-use crate::rig_file::field::{Field, Source};
 use shared::safety::{Fault, State};
 use shared::track::pursuit::Sight;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
+use trinocular_client::diagnosis;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::error::InputError;
+use trinocular_rig::input::{self, Limit};
+use trinocular_rig::rig_file::Stage;
+use trinocular_rig::rig_file::field::{Field, Source};
 
 /// Size limit of a scenario file.
 const LIMIT: Limit = Limit {
@@ -92,11 +92,11 @@ fn cameras(section: &Field<'_>) -> Result<Cameras, InputError> {
             file::Sight::Rendered {
                 texture: match section.optional("texture")? {
                     Some(field) => field.text()?.parse().map_err(
-                        |unknown: crate::images::texture::UnknownTexture| {
+                        |unknown: trinocular_vision::images::texture::UnknownTexture| {
                             field.fault(unknown.to_string())
                         },
                     )?,
-                    None => crate::images::TextureKind::Natural,
+                    None => trinocular_vision::images::TextureKind::Natural,
                 },
                 noise_grey: between(&section.required("noise_grey")?, 0.0, 128.0)?,
             }

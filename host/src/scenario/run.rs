@@ -11,15 +11,15 @@ use super::cameras::Eyes;
 use super::file::{Happening, Scenario};
 use super::motion::Way;
 use super::trace::{Sample, Trace};
-use crate::client::StationError;
-use crate::client::stage::configuration;
-use crate::client::twin::Twin;
 use crate::servo::ServoError;
 use look::Look;
 use shared::frame::message::{Command, Frame, Mounting, Status};
 use shared::safety::{Fault, State};
 use shared::time::Instant;
 use std::collections::BTreeMap;
+use trinocular_client::StationError;
+use trinocular_client::stage::configuration;
+use trinocular_client::twin::Twin;
 
 /// Time between two samples, µs.
 const SAMPLE_US: u64 = 1_000;
@@ -38,7 +38,7 @@ pub struct Options {
     pub prediction: bool,
     /// Name that the station gives in its hello, at most 16 bytes.
     pub board: &'static str,
-    /// True if the twin keeps a [`Tape`](crate::client::tape::Tape).
+    /// True if the twin keeps a [`Tape`](trinocular_client::tape::Tape).
     pub record: bool,
 }
 

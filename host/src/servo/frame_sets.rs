@@ -3,12 +3,12 @@
 use super::ServoError;
 use super::station_link::StationLink;
 use super::visual_servo::{ServoStep, VisualServo};
-use crate::client::StationError;
-use crate::images::FrameSet;
-use crate::sums::Estimator;
 use shared::frame::message::Command;
 use shared::rig::Rig;
 use shared::time::Instant;
+use trinocular_client::StationError;
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::sums::Estimator;
 
 /// Time after which any ramp and the last frame's motion have ended, µs.
 const REST_US: u64 = 2_000_000;

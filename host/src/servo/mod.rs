@@ -21,9 +21,9 @@ pub mod station_link;
 pub mod visual_servo;
 pub mod world;
 
-use crate::client::StationError;
-use crate::flow::FlowRefusal;
-use crate::images::SceneError;
+use trinocular_client::StationError;
+use trinocular_vision::flow::FlowRefusal;
+use trinocular_vision::images::SceneError;
 
 /// A reason why a loop could not be run.
 #[derive(Debug, thiserror::Error)]

@@ -4,9 +4,9 @@
 use super::ServoError;
 use super::visual_servo::{ServoOutcome, ServoStep, VisualServo};
 use super::world::{Exposure, SimulatedWorld};
-use crate::sums::Estimator;
 use shared::rig::Rig;
 use shared::time::Instant;
+use trinocular_vision::sums::Estimator;
 
 /// Rate and latency of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,15 +6,15 @@
 //! report names a position, and the images are taken at the instant, in the station's own time, at
 //! which the pins stand there. Positions are neither interpolated nor guessed.
 
-use crate::client::serial::Serial;
-use crate::client::stage::configuration;
-use crate::client::twin::Twin;
-use crate::client::{StationError, plausible};
-use crate::rig_file::Stage;
 use shared::frame::message::{Command, Config, Denial, EstimateReport, Frame, Mounting, Status};
 use shared::time::Instant;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::configuration;
+use trinocular_client::twin::Twin;
+use trinocular_client::{StationError, plausible};
+use trinocular_rig::rig_file::Stage;
 
 /// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent
 /// line earlier.

@@ -2,16 +2,16 @@
 //! station's answer.
 
 use super::station_link::{FrameRefusal, StationLink};
-use crate::client::StationError;
-use crate::flow::CameraRefusal;
-use crate::flow::{self, Correspondence, Flow, FlowSettings};
-use crate::images::FrameSet;
-use crate::measure::{MeasureRefusal, measure};
-use crate::sums::{Estimator, Sums};
 use shared::frame::message::{EstimateReport, Frame, Sums as FrameSums};
 use shared::rig::Rig;
 use shared::safety::Trust;
 use shared::time::Instant;
+use trinocular_client::StationError;
+use trinocular_vision::flow::CameraRefusal;
+use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::measure::{MeasureRefusal, measure};
+use trinocular_vision::sums::{Estimator, Sums};
 
 /// Result of one turn of the loop.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,13 +2,13 @@
 
 use super::ServoError;
 use super::station_link::{Moment, StationLink, StationPlace};
-use crate::client::stage::default_stage;
-use crate::client::twin::Twin;
-use crate::images::{FrameSet, Scene, SceneSettings, Texture};
-use crate::rig_file::Stage;
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
 use shared::time::Instant;
+use trinocular_client::stage::default_stage;
+use trinocular_client::twin::Twin;
+use trinocular_rig::rig_file::Stage;
+use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
 
 /// Simulated world of both stations, the poster and the cameras.
 ///

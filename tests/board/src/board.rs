@@ -6,7 +6,6 @@ use crate::chip::flash::Accelerator;
 use crate::chip::{Chip, Lines, Surroundings, rcc};
 use crate::image::{FLASH_BASE, Image};
 use crate::time::Beats;
-use host::random::Random;
 use rsemu::core::error::BusError;
 use rsemu::core::space::{
     AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore,
@@ -17,6 +16,7 @@ use rsemu::cpu::arm::v7m::{ArmV7m, Config, Regs, xpsr};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
+use trinocular_rig::random::Random;
 
 /// Address of core-coupled memory, which DMA cannot reach.
 const CCM_BASE: u32 = 0x1000_0000;

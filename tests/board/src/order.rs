@@ -1,8 +1,8 @@
 //! Orders of tests to the station.
 
-use host::client::stage::{configuration, default_stage};
-use host::rig_file::Driver;
 use shared::frame::message::{Command, Config, Mounting};
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_rig::rig_file::Driver;
 
 /// Returns the default stage with these drivers, the cameras on it.
 pub fn config(driver: Driver) -> Config {

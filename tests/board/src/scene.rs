@@ -4,12 +4,12 @@
 use crate::station::Station;
 use crate::time::MS;
 use crate::wiring::steps;
-use host::flow::Correspondence;
-use host::random::Random;
-use host::sums::{Estimator, Sums};
 use shared::frame::message::{Command, Frame};
 use shared::rig::Rig;
 use shared::time::Instant;
+use trinocular_rig::random::Random;
+use trinocular_vision::flow::Correspondence;
+use trinocular_vision::sums::{Estimator, Sums};
 
 /// Steps per mm of the default stage.
 const STEPS_PER_MM: f64 = 80.0;

@@ -5,10 +5,10 @@ use crate::image::Image;
 use crate::order::config;
 use crate::time::{Beats, MS, US};
 use crate::wiring;
-use host::client::conversation::Client;
-use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, Report, Status};
 use shared::frame::receive::Receiver;
+use trinocular_client::conversation::Client;
+use trinocular_rig::rig_file::Driver;
 
 /// Period of the host's heartbeat.
 const PING: Beats = 20 * MS;

@@ -7,9 +7,9 @@ use crate::order::{config, jog};
 use crate::station::Station;
 use crate::time::{Beats, MS, US};
 use crate::wiring::{self, B, C, Pin};
-use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, LastRun, ResetCause, Status};
 use shared::safety::{Fault, State, Trust};
+use trinocular_rig::rig_file::Driver;
 
 /// Length of the ring of words, µs: nothing older can be played.
 pub const RING_US: u64 = 1_250;

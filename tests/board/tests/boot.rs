@@ -2,7 +2,6 @@
 //!
 //! The required register values are derived here from RM0090, not from the firmware's source.
 
-use host::rig_file::Driver;
 use shared::frame::message::{End, ResetCause};
 use station_board::board::{Board, Make};
 use station_board::chip::rcc::Clocks;
@@ -10,6 +9,7 @@ use station_board::image::Image;
 use station_board::station::Station;
 use station_board::time::MS;
 use station_board::wiring::{self, A, B, C};
+use trinocular_rig::rig_file::Driver;
 
 /// Accesses of the HAL that the manual does not list. Each is harmless; remove the line here
 /// together with the access.

@@ -1,8 +1,6 @@
 //! The host's link code talks to the flashed image over the UART; replies, and edges at the pins,
 //! equal the twin's.
 
-use host::client::stage::timing;
-use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial};
 use shared::safety::State;
 use station_board::board::Make;
@@ -13,6 +11,8 @@ use station_board::scene;
 use station_board::station::Station;
 use station_board::time::{Beats, MS, US};
 use station_board::wiring::{STEPPERS, steps};
+use trinocular_client::stage::timing;
+use trinocular_rig::rig_file::Driver;
 
 fn greeted(make: Make) -> Station {
     let mut station = Station::power_on(&Image::firmware(), make);

@@ -4,7 +4,6 @@
 //! Each test ends with a look-up of its line in FAULTS.md, so that the table holds observations. A
 //! missing line is printed.
 
-use host::rig_file::Driver;
 use shared::frame::message::{Command, Denial, End, ResetCause};
 use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
@@ -18,6 +17,7 @@ use station_board::trial::{
     restarted, rises_after, switch,
 };
 use station_board::wiring::{self, C};
+use trinocular_rig::rig_file::Driver;
 
 #[test]
 fn refill_starved() {

@@ -3,8 +3,6 @@
 //! Noise is bytes that are no packet: single bytes as from a floating receiver, bursts, zeros,
 //! halves of packets, and packets with a wrong checksum.
 
-use host::random::Random;
-use host::rig_file::Driver;
 use shared::frame::message::Command;
 use shared::safety::State;
 use station_board::board::Make;
@@ -14,6 +12,8 @@ use station_board::reference::agreement;
 use station_board::station::{Link, Station};
 use station_board::time::{Beats, MS};
 use station_board::wiring::steps;
+use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::Driver;
 
 /// Returns a station whose host uses this link. USB is plugged in in either case.
 fn station(link: Link) -> Station {
@@ -54,7 +54,7 @@ fn noise(kind: usize, random: &mut Random, whole: &[u8]) -> Vec<u8> {
 /// Lets time pass with noise of all kinds on a link.
 fn run_with_noise(station: &mut Station, link: Link, every: Beats, times: usize) {
     let mut random = Random::seeded(times as u64);
-    let mut client = host::client::conversation::Client::default();
+    let mut client = trinocular_client::conversation::Client::default();
     let (_, whole) = client.packet(Command::Ping { host_us: 1 });
     for kind in (0..6).cycle().take(times) {
         let bytes = noise(kind, &mut random, &whole);

@@ -4,7 +4,6 @@
 //! REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load
 //! ```
 
-use host::rig_file::Driver;
 use shared::frame::message::Command;
 use station_board::board::Make;
 use station_board::image::Image;
@@ -15,6 +14,7 @@ use station_board::station::Station;
 use station_board::time::{MS, US};
 use std::fmt::Write as _;
 use std::path::Path;
+use trinocular_rig::rig_file::Driver;
 
 /// Largest share of time that the processor may be busy while following 200 frames per second with
 /// the flash's waits.

@@ -1,6 +1,5 @@
 //! Motors off and on, and the status LED.
 
-use host::rig_file::Driver;
 use shared::frame::message::{Command, StageConfig};
 use shared::safety::{State, Trust};
 use station_board::board::Make;
@@ -11,6 +10,7 @@ use station_board::station::Station;
 use station_board::time::{Beats, MS};
 use station_board::trial::{drivers_are_on, switch};
 use station_board::wiring::{self, C};
+use trinocular_rig::rig_file::Driver;
 
 fn configured(motors_off_after_s: u16) -> Station {
     let mut station = Station::power_on(&Image::firmware(), Make::default());

@@ -1,6 +1,5 @@
 //! USB: the flashed image as a CDC-ACM device, from the plug to the last step.
 
-use host::rig_file::Driver;
 use shared::frame::message::Command;
 use shared::safety::{Fault, State, Trust};
 use station_board::board::Make;
@@ -12,6 +11,7 @@ use station_board::scene;
 use station_board::station::{Link, Station};
 use station_board::time::MS;
 use station_board::wiring::steps;
+use trinocular_rig::rig_file::Driver;
 
 fn plugged() -> Station {
     let mut station = Station::power_on(&Image::firmware(), Make::default());

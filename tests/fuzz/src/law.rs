@@ -1,7 +1,7 @@
 //! Laws of every reader's errors.
 
-use host::error::InputError;
 use std::path::Path;
+use trinocular_rig::error::InputError;
 
 /// Checks that the error names one of `files`, in one printable line of bounded length.
 ///

@@ -89,8 +89,8 @@ const CHUNKS: [&[u8; 4]; 16] = [
 ];
 
 const JPEGS: [&[u8]; 3] = [
-    include_bytes!("../../../host/src/images/decode/tests/progressive.jpg"),
-    include_bytes!("../../../host/src/images/decode/tests/thumbnail.jpg"),
+    include_bytes!("../../../host/vision/src/images/decode/tests/progressive.jpg"),
+    include_bytes!("../../../host/vision/src/images/decode/tests/thumbnail.jpg"),
     include_bytes!("../../images/chessboard/left/01.jpg"),
 ];
 

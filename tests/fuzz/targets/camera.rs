@@ -4,12 +4,12 @@
 //! the same lens when it is read.
 #![no_main]
 
-use host::calibration::exchange::{CameraFile, Member, assemble, opencv, ros};
 use libfuzzer_sys::fuzz_target;
 use shared::rig::Rig;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;
 use std::path::{Path, PathBuf};
+use trinocular_vision::calibration::exchange::{CameraFile, Member, assemble, opencv, ros};
 
 fuzz_target!(|input: (bool, Vec<Edit>, Vec<Edit>, Option<[f64; 2]>)| {
     let (is_ros, left, right, offset_mm) = input;

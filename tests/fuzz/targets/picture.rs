@@ -5,10 +5,10 @@
 //! printable.
 #![no_main]
 
-use host::images::decode::{MOST_PIXELS, decode};
 use libfuzzer_sys::fuzz_target;
 use station_fuzz::law::check_message;
 use station_fuzz::picture::File;
+use trinocular_vision::images::decode::{MOST_PIXELS, decode};
 
 fuzz_target!(|file: File| {
     let bytes = file.bytes();
@@ -19,6 +19,6 @@ fuzz_target!(|file: File| {
             let size_px = [image.width, image.height].map(|side| side as u32);
             assert_eq!(decode(&bytes, Some(size_px)), Ok(image));
         }
-        Err(refusal) => check_message(&host::printable::printable(refusal)),
+        Err(refusal) => check_message(&trinocular_rig::printable::printable(refusal)),
     }
 });

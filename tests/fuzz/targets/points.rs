@@ -3,13 +3,13 @@
 //! Laws: no panic; an error names the file; the points read are finite, and have sums or a refusal.
 #![no_main]
 
-use host::points;
-use host::rig_file::RigFile;
-use host::sums::Sums;
 use libfuzzer_sys::fuzz_target;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;
 use std::path::Path;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::points;
+use trinocular_vision::sums::Sums;
 
 const GOOD: &str = "id,camera,x0,y0,x1,y1\n\
     a,left,193,101,197,105\n\

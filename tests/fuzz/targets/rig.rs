@@ -3,11 +3,11 @@
 //! Laws: no panic; an error names the file; a rig that is written is read again, bit for bit.
 #![no_main]
 
-use host::rig_file::RigFile;
 use libfuzzer_sys::fuzz_target;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;
 use std::path::Path;
+use trinocular_rig::rig_file::RigFile;
 
 const GOOD: &str = r#"image_size_px = [320, 240]
 [[camera]]

@@ -3,16 +3,16 @@
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
 use super::{Bench, Options};
 use crate::commands::failure::Failure;
-use host::client::allowance::Allowance;
-use host::client::stage::setpoint;
-use host::error::InputError;
-use host::images::FrameSet;
-use host::images::folder::{DEFAULT_PERIOD_US, Folder};
-use host::notice;
-use host::rig_file::{RigFile, Stage};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+use trinocular_client::allowance::Allowance;
+use trinocular_client::stage::setpoint;
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
 /// Polling period of the folder.
 const LOOK: Duration = Duration::from_millis(100);

@@ -2,13 +2,13 @@
 
 use super::{Bench, Options, Pass};
 use crate::commands::failure::Failure;
-use host::client::stage::setpoint;
-use host::client::twin::Twin;
-use host::images::{FrameSet, Scene, Texture};
-use host::rig_file::{RigFile, Stage};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use shared::frame::message::Mounting;
 use shared::safety::State;
+use trinocular_client::stage::setpoint;
+use trinocular_client::twin::Twin;
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::images::{FrameSet, Scene, Texture};
 
 /// Longest duration of a pass, ms.
 const PASS_MS: u64 = 400;

@@ -1,10 +1,10 @@
 //! Notes and warnings about cameras that did not take part.
 
-use host::flow::{CameraRefusal, remarks};
-use host::notice;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::mem::{Discriminant, discriminant};
+use trinocular_rig::notice;
+use trinocular_vision::flow::{CameraRefusal, remarks};
 
 /// Names of the cameras, and the warnings printed so far.
 pub struct Absences {

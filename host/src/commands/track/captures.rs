@@ -4,13 +4,6 @@ use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::progress::Count;
-use host::client::{StationError, diagnosis};
-use host::error::InputError;
-use host::flow::FlowRefusal;
-use host::images::FrameSet;
-use host::images::cameras::stamp::quickest;
-use host::notice;
-use host::rig_file::{RigFile, Stage};
 use host::servo::ServoError;
 use host::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
 use host::servo::station_link::StationLink;
@@ -19,6 +12,13 @@ use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::Path;
+use trinocular_client::{StationError, diagnosis};
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::flow::FlowRefusal;
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::cameras::stamp::quickest;
 
 /// Longest time of live cameras without a usable keyframe, µs: their automatic exposure settles
 /// within a second or two after they are opened.
@@ -230,8 +230,8 @@ fn print(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host::images::cameras::stamp::READINGS;
     use std::cell::Cell;
+    use trinocular_vision::images::cameras::stamp::READINGS;
 
     /// The clock is five seconds ahead. Each reading takes a microsecond, but in most pairs the
     /// processor is away for 20 ms, before or after.

@@ -2,12 +2,12 @@
 
 use super::Options;
 use crate::commands::failure::Failure;
-use host::client::stage::default_stage;
-use host::error::InputError;
-use host::rig_file::{RigFile, Stage};
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use trinocular_client::stage::default_stage;
+use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
@@ -77,12 +77,12 @@ fn follow(
 ) -> Result<(), Failure> {
     use super::captures::Captures;
     use crate::commands::by_hand::on_interrupt;
-    use host::images::FrameSet;
-    use host::images::cameras::device::V4l2;
-    use host::images::cameras::live::LiveCameras;
-    use host::images::cameras::stamp::Source;
-    use host::notice;
     use std::time::Duration;
+    use trinocular_rig::notice;
+    use trinocular_vision::images::FrameSet;
+    use trinocular_vision::images::cameras::device::V4l2;
+    use trinocular_vision::images::cameras::live::LiveCameras;
+    use trinocular_vision::images::cameras::stamp::Source;
 
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.

@@ -4,18 +4,18 @@ use super::Options;
 use super::captures::{Captures, Summary};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
-use host::client::stage::default_stage;
-use host::error::InputError;
-use host::images::FrameSet;
-use host::images::folder::Folder;
-use host::images::folder::watch::{Settings, Watch};
-use host::notice;
-use host::rig_file::RigFile;
 use shared::frame::message::Mounting;
 use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::folder::Folder;
+use trinocular_vision::images::folder::watch::{Settings, Watch};
 
 /// Feeds every frame set to the twin at its capture time; prints the path of the stage.
 pub fn run(

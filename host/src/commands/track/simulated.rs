@@ -4,18 +4,18 @@ use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
-use host::client::diagnosis;
-use host::client::serial::Serial;
-use host::client::stage::{default_stage, setpoint};
-use host::images::Texture;
-use host::notice;
-use host::rig_file::RigFile;
 use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
 use serde_json::json;
 use shared::frame::message::Command;
 use std::io::Write;
+use trinocular_client::diagnosis;
+use trinocular_client::serial::Serial;
+use trinocular_client::stage::{default_stage, setpoint};
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::Texture;
 
 /// Default duration of the run, s.
 const DEFAULT_SECONDS: f64 = 8.0;

@@ -6,11 +6,11 @@
 
 use super::scene::{point, rig, views};
 use super::{bound, estimates, in_parallel};
-use crate::random::Random;
 use serde::Serialize;
 use shared::estimate::Refusal;
 use shared::rig::Rig;
 use shared::sums::View;
+use trinocular_rig::random::Random;
 
 /// Number of points in a trial.
 pub const POINTS: usize = 100;

@@ -6,9 +6,9 @@
 
 use super::scene::{SEED, point, section_3_rig, views};
 use super::{estimates, in_parallel};
-use crate::random::Random;
 use serde::Serialize;
 use shared::estimate::Refusal;
+use trinocular_rig::random::Random;
 
 /// Number of points in a set, as in the paper.
 pub const POINTS: usize = 50;

@@ -1,9 +1,9 @@
 //! Random points that all three cameras see, before and after a move.
 
-use crate::random::Random;
 use serde::Serialize;
 use shared::rig::{Camera, Rig};
 use shared::sums::View;
+use trinocular_rig::random::Random;
 
 /// Seed of all sets; the number of the set is the stream.
 pub(super) const SEED: u64 = 0x7461_626c_6573_3132;

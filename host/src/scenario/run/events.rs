@@ -1,10 +1,10 @@
 //! Events of the scenario: their start, their end, and the ones that last at present.
 
 use super::{Asked, RunningScenario};
-use crate::client::stage::HEARTBEAT_MS;
 use crate::scenario::file::{Event, Happening};
 use shared::frame::message::Command;
 use shared::safety::Inputs;
+use trinocular_client::stage::HEARTBEAT_MS;
 
 impl RunningScenario<'_> {
     pub(super) fn begin(&mut self, at_us: u64, index: usize) {

@@ -2,7 +2,7 @@
 //! from a seed.
 
 use crate::time::{Beats, period};
-use host::random::Random;
+use trinocular_rig::random::Random;
 
 const RNGEN: u32 = 1 << 2;
 const IE: u32 = 1 << 3;

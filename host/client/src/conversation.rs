@@ -1,0 +1,265 @@
+//! The host's half of the protocol: numbers packets, decodes reports, keeps the latest status.
+//! Does no input or output.
+
+use super::clock::Clock;
+use super::motion::Motion;
+use super::plausible::{self, Implausible, Known};
+use shared::frame::encode::{Bytes, encode};
+use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
+use shared::frame::receive::{Receiver, Rejects};
+use std::collections::VecDeque;
+use trinocular_rig::printable::is_printable;
+
+/// Number of answers kept until the caller takes them.
+const ANSWERS: usize = 64;
+
+/// Replacement for an unprintable character in a board's name. Not longer than any character.
+const UNPRINTABLE: char = '?';
+
+/// Sequence numbers of the packets to a station.
+#[derive(Debug, Default)]
+pub struct Numbering(u16);
+
+impl Numbering {
+    /// Returns the next packet and its sequence number.
+    pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
+        self.0 = self.0.wrapping_add(1);
+        let packet = Packet {
+            sequence: self.0,
+            command,
+        };
+        let bytes = encode(&packet)
+            .expect("every command fits a packet (tests/link.rs: every_message_fits)");
+        (self.0, bytes)
+    }
+}
+
+/// A conversation with one station.
+#[derive(Debug, Default)]
+pub struct Client {
+    numbering: Numbering,
+    receiver: Receiver<Report>,
+    hello: Option<Hello>,
+    last_run: Option<LastRun>,
+    status: Option<Status>,
+    /// True if `status` came after the last hello.
+    status_is_fresh: bool,
+    answers: VecDeque<(u16, Result<(), Denial>)>,
+    answered_tick: Option<u32>,
+    clock: Clock,
+    rejects: Rejects,
+    motion: Motion,
+    implausible: Option<Implausible>,
+}
+
+impl Client {
+    /// Returns the next packet and its sequence number.
+    pub fn packet(&mut self, command: Command) -> (u16, Bytes) {
+        self.numbering.packet(command)
+    }
+
+    /// Takes bytes from the station, in any chunking. `host_us` is the host's clock.
+    pub fn feed(&mut self, host_us: u64, mut bytes: &[u8]) {
+        while let Some(outcome) = self.receiver.next(&mut bytes) {
+            match outcome {
+                Ok(report) => self.judge(host_us, report),
+                Err(reject) => self.rejects.count(reject),
+            }
+        }
+    }
+
+    /// Takes a report whose numbers are plausible, and keeps the first that are not.
+    fn judge(&mut self, host_us: u64, report: Report) {
+        if self.hello.is_none() && matches!(report, Report::Pong { .. }) {
+            // The line may still hold a reply to the ping of an earlier host.
+            return;
+        }
+        let known = Known {
+            host_us,
+            station_us: self.clock.station_us(host_us),
+            tick: self.status_since_hello().map(|status| status.tick),
+        };
+        match plausible::check(&report, known) {
+            Ok(()) => self.take(host_us, report),
+            Err(implausible) => {
+                self.implausible.get_or_insert(implausible);
+            }
+        }
+    }
+
+    fn take(&mut self, now_us: u64, report: Report) {
+        match report {
+            Report::Hello(mut hello) => {
+                // It goes to terminals and logs.
+                let name = hello.board.clone();
+                hello.board.clear();
+                for letter in name.chars() {
+                    let shown = match is_printable(letter) {
+                        true => letter,
+                        false => UNPRINTABLE,
+                    };
+                    let _ = hello.board.push(shown);
+                }
+                self.hello = Some(hello);
+                // The line may still hold reports to an earlier host: only those after this
+                // hello count.
+                self.status_is_fresh = false;
+                self.answers.clear();
+                self.answered_tick = None;
+            }
+            Report::LastRun(last_run) => self.last_run = Some(last_run),
+            Report::Status(status) => {
+                self.motion.told(&status);
+                self.status = Some(status);
+                self.status_is_fresh = true;
+            }
+            Report::Pong {
+                host_us,
+                received,
+                sent,
+            } => {
+                self.clock
+                    .pong(host_us, received.micros(), sent.micros(), now_us);
+            }
+            Report::Answer {
+                sequence,
+                tick,
+                outcome,
+            } => {
+                // An old answer that comes late makes no older status a fresh one.
+                let is_later = |before: u32| tick.wrapping_sub(before) <= u32::MAX / 2;
+                if self.answered_tick.is_none_or(is_later) {
+                    self.answered_tick = Some(tick);
+                }
+                let is_denied = matches!(outcome, Outcome::Denied(_));
+                self.motion.answered(sequence, tick, is_denied);
+                if self.answers.len() == ANSWERS {
+                    self.answers.pop_front();
+                }
+                let outcome = match outcome {
+                    Outcome::Accepted => Ok(()),
+                    Outcome::Denied(denial) => Err(denial),
+                };
+                self.answers.push_back((sequence, outcome));
+            }
+        }
+    }
+
+    /// Starts over on a line that was lost: forgets all reports of the station, except its clock.
+    pub fn begin_again(&mut self) {
+        self.receiver = Receiver::default();
+        self.hello = None;
+        self.last_run = None;
+        self.status = None;
+        self.answers.clear();
+        self.answered_tick = None;
+        self.implausible = None;
+    }
+
+    /// Records a command that was sent with this sequence number by other means than
+    /// [`Client::packet`].
+    pub(super) fn sent(&mut self, sequence: u16, command: &Command) {
+        self.motion.sent(sequence, command);
+    }
+
+    /// Returns the motion that the commands of this conversation have started.
+    pub(super) fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Returns the motion of [`Client::motion`] for changes.
+    pub(super) fn motion_mut(&mut self) -> &mut Motion {
+        &mut self.motion
+    }
+
+    /// Returns the first implausible number of the station; its report was not taken.
+    pub fn implausible(&self) -> Option<Implausible> {
+        self.implausible
+    }
+
+    /// Forgets the station's clock, for another station or the same after a restart.
+    pub fn forget_clock(&mut self) {
+        self.clock.clear();
+    }
+
+    /// Returns the station's hello.
+    pub fn hello(&self) -> Option<&Hello> {
+        self.hello.as_ref()
+    }
+
+    /// Returns the station's report of its previous run, which comes after its hello.
+    pub fn last_run(&self) -> Option<&LastRun> {
+        self.last_run.as_ref()
+    }
+
+    /// Returns the latest status.
+    pub fn status(&self) -> Option<&Status> {
+        self.status.as_ref()
+    }
+
+    /// Takes the answer to the packet with this sequence number.
+    pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
+        let at = self
+            .answers
+            .iter()
+            .position(|(number, _)| *number == sequence)?;
+        self.answers.remove(at).map(|(_, outcome)| outcome)
+    }
+
+    /// Returns the latest status, if it came after the station's hello.
+    pub fn status_since_hello(&self) -> Option<&Status> {
+        self.status.as_ref().filter(|_| self.status_is_fresh)
+    }
+
+    /// Returns the latest status if it is from the control tick of the latest answer or later, so
+    /// that it shows the effect of that command.
+    pub fn status_since_answer(&self) -> Option<&Status> {
+        let status = self.status_since_hello()?;
+        let since = status.tick.wrapping_sub(self.answered_tick?);
+        (since <= u32::MAX / 2).then_some(status)
+    }
+
+    /// Returns the host's model of the station's clock.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// Returns the counts of rejected packets.
+    pub fn rejects(&self) -> Rejects {
+        self.rejects
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stage::default_stage;
+    use crate::twin::Twin;
+    use shared::frame::message::Mounting;
+
+    fn feed(client: &mut Client, report: Report) {
+        client.feed(0, &encode(&report).expect("it fits"));
+    }
+
+    fn answer(sequence: u16, tick: u32) -> Report {
+        Report::Answer {
+            sequence,
+            tick,
+            outcome: Outcome::Accepted,
+        }
+    }
+
+    #[test]
+    fn late_answer_freshens_no_status() {
+        let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
+        let known = *twin.status().expect("it tells");
+        let status = |tick| Report::Status(Status { tick, ..known });
+        let mut client = Client::default();
+        feed(&mut client, status(50));
+        feed(&mut client, answer(2, 100));
+        feed(&mut client, answer(1, 40));
+        assert_eq!(client.status_since_answer(), None);
+        feed(&mut client, status(100));
+        assert!(client.status_since_answer().is_some());
+    }
+}

@@ -1,0 +1,235 @@
+//! The station from the host's side: commands out, reports in, over any byte link.
+//!
+//! [`conversation`] speaks the protocol and does no input or output. [`twin`] is a station without
+//! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
+//! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
+//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what
+//! its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the
+//! rig file's stage into a configuration.
+
+pub mod allowance;
+pub mod bound;
+pub mod clock;
+pub mod conversation;
+pub mod diagnosis;
+mod motion;
+pub mod plant;
+pub mod plausible;
+pub mod ports;
+pub mod serial;
+pub mod stage;
+pub mod tape;
+pub mod twin;
+
+use shared::frame::message::{Denial, Mismatch, ResetCause};
+use shared::frame::receive::Rejects;
+use shared::safety::Fault;
+
+/// Errors between host and station.
+#[derive(Debug, thiserror::Error)]
+pub enum StationError {
+    /// The station did not answer in time.
+    #[error("the station did not answer {command} within {waited_ms} ms")]
+    Silent {
+        /// Command that was sent.
+        command: &'static str,
+        /// Time waited, ms.
+        waited_ms: u64,
+    },
+    /// The station did not answer a command, but reported its status.
+    #[error("the station did not answer {command} within {waited_ms} ms; {known}")]
+    Unanswered {
+        /// Command that was sent.
+        command: &'static str,
+        /// Time waited, ms.
+        waited_ms: u64,
+        /// Conclusion from the status about the command, in words.
+        known: String,
+    },
+    /// The station answered none of the stops.
+    #[error(
+        "the station answered none of {sent} stops; the heartbeat has been ended, so it stops by \
+         itself if it still hears this computer: see that the stage stands"
+    )]
+    Unstopped {
+        /// Number of stops sent.
+        sent: u32,
+    },
+    /// The station answered a stop, but still reports that the stage moves.
+    #[error(
+        "the station answered the stop, but after {waited_s} s it still says that the stage moves: \
+         see that the stage stands"
+    )]
+    Restless {
+        /// Time waited, s.
+        waited_s: u64,
+    },
+    /// A motion took longer than its profile can take; the stage was stopped.
+    #[error(
+        "after {waited_s} s the station still said that the stage moves, which is longer than this \
+         motion takes; the stage was stopped and stands"
+    )]
+    Overdue {
+        /// Time waited, s.
+        waited_s: u64,
+    },
+    /// The station answered a stop, but its hello has an implausible number.
+    #[error("the station answered the stop, but see that the stage stands: {0}")]
+    StoppedDoubtful(plausible::Implausible),
+    /// A signal asked the program to end.
+    #[error("interrupted")]
+    Cancelled,
+    /// The station sent an implausible number.
+    #[error(transparent)]
+    Implausible(#[from] plausible::Implausible),
+    /// The station speaks another protocol.
+    #[error("the station's firmware does not fit this program: {}", mismatches(.0))]
+    Mismatch(Vec<Mismatch>),
+    /// The station denied a command.
+    #[error("the station refused {command}: {}", bound::denial(*.denial))]
+    Denied {
+        /// Command that was sent.
+        command: &'static str,
+        /// Reason of the denial.
+        denial: Denial,
+    },
+    /// The station latched a fault.
+    #[error("the station stopped with fault {}: {}", .0.number(), diagnosis::explain(*.0))]
+    Faulted(Fault),
+    /// The bytes on the line are not reports of a station.
+    #[error(
+        "what comes from the line is no station's or is garbled: {}; see that it is the right \
+         port, and the cable",
+        rejects(.0)
+    )]
+    Garbled(Rejects),
+    /// The serial port cannot be used.
+    #[error("{path}: {reason}")]
+    Port {
+        /// Path of the port.
+        path: String,
+        /// Cause, in words.
+        reason: String,
+    },
+    /// Another program has the serial port.
+    #[error("{path}: cannot open: {}", in_use(.holder.as_ref()))]
+    Busy {
+        /// Path of the port.
+        path: String,
+        /// Program that has the port, if the system reports it.
+        holder: Option<serial::Holder>,
+    },
+    /// The line broke, and no station has answered on it since.
+    #[error(
+        "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
+    )]
+    Lost {
+        /// Path of the port.
+        path: String,
+        /// Cause, in words.
+        reason: String,
+    },
+    /// The line broke and is back; the station kept its position.
+    #[error(
+        "{path}: the line was lost for {away_ms} ms ({reason}); the station kept its position; \
+         nothing moves until the next command to move"
+    )]
+    Interrupted {
+        /// Path of the port.
+        path: String,
+        /// Cause, in words.
+        reason: String,
+        /// Duration of the interruption, ms.
+        away_ms: u64,
+    },
+    /// The station restarted.
+    #[error(
+        "{path}: the station restarted ({cause}): its position is unknown and its configuration \
+         gone; see that the stage stands right, then start again (`trinocular hello` shows what it \
+         remembers)"
+    )]
+    Restarted {
+        /// Path of the port.
+        path: String,
+        /// Cause of the restart, as the station reports it.
+        cause: &'static str,
+    },
+    /// The stage of the rig file cannot be put into a configuration.
+    #[error("{field} of the stage is out of the station's range")]
+    Stage {
+        /// Field of the rig file.
+        field: String,
+    },
+}
+
+impl StationError {
+    /// Returns the serial port that the message names, if it names one.
+    pub fn port(&self) -> Option<&str> {
+        match self {
+            Self::Port { path, .. }
+            | Self::Busy { path, .. }
+            | Self::Lost { path, .. }
+            | Self::Interrupted { path, .. }
+            | Self::Restarted { path, .. } => Some(path),
+            Self::Silent { .. }
+            | Self::Unanswered { .. }
+            | Self::Unstopped { .. }
+            | Self::Restless { .. }
+            | Self::Overdue { .. }
+            | Self::StoppedDoubtful(_)
+            | Self::Cancelled
+            | Self::Implausible(_)
+            | Self::Mismatch(_)
+            | Self::Denied { .. }
+            | Self::Faulted(_)
+            | Self::Garbled(_)
+            | Self::Stage { .. } => None,
+        }
+    }
+}
+
+fn mismatches(list: &[Mismatch]) -> String {
+    let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
+    list.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn in_use(holder: Option<&serial::Holder>) -> String {
+    match holder {
+        Some(serial::Holder { pid, command }) => {
+            format!(
+                "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run \
+                 `trinocular stop`, which does the same to a run of this program"
+            )
+        }
+        None => "in use by another program; end that program first".to_owned(),
+    }
+}
+
+/// Returns the counts of rejected packets in words.
+pub fn rejects(rejects: &Rejects) -> String {
+    let kinds = [
+        (rejects.framing, "broken"),
+        (rejects.checksum, "with a wrong checksum"),
+        (rejects.malformed, "of no known kind"),
+        (rejects.too_long, "too long"),
+    ];
+    let seen = kinds.iter().filter(|(count, _)| *count > 0);
+    let seen: Vec<String> = seen
+        .map(|(count, kind)| format!("{count} {kind}"))
+        .collect();
+    match seen.is_empty() {
+        true => "no packet at all".to_owned(),
+        false => format!("packets that are {}", seen.join(", ")),
+    }
+}
+
+/// Returns the name of a reset cause.
+pub const fn reset_cause(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power on",
+        ResetCause::BrownOut => "brown out",
+        ResetCause::Pin => "pin",
+        ResetCause::Software => "software",
+        ResetCause::Watchdog => "watchdog",
+    }
+}

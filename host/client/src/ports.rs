@@ -1,0 +1,138 @@
+//! The serial ports of this computer, and the one that a station is on. Opens no port, hence
+//! writes to none.
+
+use super::StationError;
+use serialport::SerialPortType;
+use trinocular_rig::printable::printable;
+
+/// USB vendor and product of Trinocular's boards.
+const USB_IDS: (u16, u16) = (0x1209, 0x0001);
+
+/// Value in place of a path: the only port with the USB vendor and product of Trinocular's boards.
+pub const AUTO: &str = "auto";
+
+/// A serial port of this computer.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Candidate {
+    /// Path of the port, as `--port` takes it.
+    pub path: String,
+    /// USB vendor and product, if it is a USB port.
+    pub usb: Option<(u16, u16)>,
+    /// Product name that the device reports, fit for printing.
+    pub product: Option<String>,
+    /// Serial number of the device, fit for printing.
+    pub serial_number: Option<String>,
+    /// True if vendor and product are those of Trinocular's boards.
+    pub is_station: bool,
+}
+
+/// Lists the serial ports of this computer, stations first. Pseudo-terminals are not listed.
+///
+/// # Errors
+/// [`StationError::Port`] if the system cannot list them.
+pub fn candidates() -> Result<Vec<Candidate>, StationError> {
+    let ports = serialport::available_ports().map_err(|cause| StationError::Port {
+        path: "serial ports".to_owned(),
+        reason: format!("cannot list: {cause}"),
+    })?;
+    let candidate = |port: serialport::SerialPortInfo| {
+        let usb = match port.port_type {
+            SerialPortType::UsbPort(usb) => Some(usb),
+            _ => None,
+        };
+        let ids = usb.as_ref().map(|usb| (usb.vid, usb.pid));
+        Candidate {
+            path: port.port_name,
+            usb: ids,
+            is_station: ids == Some(USB_IDS),
+            product: (usb.as_ref()).and_then(|usb| usb.product.as_ref().map(printable)),
+            serial_number: usb.and_then(|usb| usb.serial_number).map(printable),
+        }
+    };
+    let mut list: Vec<Candidate> = ports.into_iter().map(candidate).collect();
+    list.sort_by(|a, b| (!a.is_station, &a.path).cmp(&(!b.is_station, &b.path)));
+    Ok(list)
+}
+
+/// Returns the path that `port` means: itself, or for [`AUTO`] the only station among the ports of
+/// this computer.
+///
+/// # Errors
+/// [`StationError::Port`] with the ports that were found, if none or several are a station.
+pub fn resolve(port: &str) -> Result<String, StationError> {
+    match port {
+        AUTO => only_station(&candidates()?),
+        path => Ok(path.to_owned()),
+    }
+}
+
+fn only_station(list: &[Candidate]) -> Result<String, StationError> {
+    let stations: Vec<&Candidate> = list.iter().filter(|port| port.is_station).collect();
+    let reason = match stations[..] {
+        [station] => return Ok(station.path.clone()),
+        [] => format!(
+            "no USB port of a station (1209:0001); seen: {}",
+            named(list.iter())
+        ),
+        _ => format!(
+            "{} stations: name one of {}",
+            stations.len(),
+            named(stations.into_iter())
+        ),
+    };
+    Err(StationError::Port {
+        path: AUTO.to_owned(),
+        reason,
+    })
+}
+
+fn named<'a>(ports: impl Iterator<Item = &'a Candidate>) -> String {
+    let one = |port: &Candidate| match (port.usb, &port.serial_number) {
+        (Some((vendor, product)), Some(number)) => {
+            format!("{} ({vendor:04x}:{product:04x}, {number})", port.path)
+        }
+        (Some((vendor, product)), None) => format!("{} ({vendor:04x}:{product:04x})", port.path),
+        (None, _) => port.path.clone(),
+    };
+    let names: Vec<String> = ports.map(one).collect();
+    match names.is_empty() {
+        true => "no serial port at all".to_owned(),
+        false => names.join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn port(path: &str, usb: Option<(u16, u16)>) -> Candidate {
+        Candidate {
+            path: path.to_owned(),
+            usb,
+            product: None,
+            serial_number: None,
+            is_station: usb == Some(USB_IDS),
+        }
+    }
+
+    #[test]
+    fn only_one_station_is_taken() {
+        let modem = port("/dev/ttyACM0", Some((0x0483, 0x5740)));
+        let plain = port("/dev/ttyS0", None);
+        let ours = |path| port(path, Some(USB_IDS));
+        let list = [plain.clone(), modem.clone(), ours("/dev/ttyACM1")];
+        assert_eq!(only_station(&list).unwrap(), "/dev/ttyACM1");
+        let text = |list: &[Candidate]| only_station(list).unwrap_err().to_string();
+        let none = text(&[plain, modem]);
+        assert!(
+            none.contains("/dev/ttyS0") && none.contains("/dev/ttyACM0 (0483:5740)"),
+            "{none}"
+        );
+        let two = text(&[ours("/dev/ttyACM1"), ours("/dev/ttyACM2")]);
+        assert!(
+            two.contains("2 stations") && two.contains("/dev/ttyACM2"),
+            "{two}"
+        );
+        assert!(text(&[]).contains("no serial port at all"));
+    }
+}

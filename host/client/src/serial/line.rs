@@ -1,0 +1,376 @@
+//! One serial line and the conversation on it: heartbeat, loss, and reconnection.
+//!
+//! A line is up, down or given up. It goes down when the port fails or the station answers no ping
+//! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
+//! until a station answers or the patience ends. A line that came back stays interrupted, without
+//! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back.
+//!
+//! This module also repeats a stop, once begun, until it is answered or given up (`stop`).
+
+use super::super::StationError;
+use super::super::conversation::Client;
+use super::super::motion::moves;
+use super::busy;
+use super::sender::Sender;
+use super::stop::{STOP_PATIENCE, Stop};
+use serialport::SerialPort;
+use shared::frame::message::{Command, Hello, Mismatch};
+use shared::safety::State;
+use std::io::{self, Read as _};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use trinocular_rig::interruption;
+
+/// Speed of the line, baud. USB ignores it; a UART link must use it.
+const BAUD: u32 = 921_600;
+
+/// Timeout for a write.
+const WRITE_PATIENCE: Duration = Duration::from_millis(100);
+
+/// Silence after which a pinged station counts as lost.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// Period at which a lost port is opened again and hello repeated.
+const RETRY: Duration = Duration::from_millis(250);
+
+/// Default time for reconnecting a lost line.
+pub(super) const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Time between two stops, until one is answered. An answer comes within a few ms.
+const STOP_PERIOD: Duration = Duration::from_millis(30);
+
+/// Condition of the line.
+enum Link {
+    Up,
+    /// Being reconnected: start of the loss, its reason, and the next attempt.
+    Down {
+        since: Instant,
+        reason: String,
+        next_try: Instant,
+    },
+    /// Given up for this reason.
+    Over(String),
+}
+
+/// Interruption of a line that is up again.
+#[derive(Clone, Debug)]
+enum Interruption {
+    /// Same station with all its state.
+    Away { reason: String, away: Duration },
+    /// Station without configuration and position, or another station.
+    Restarted { cause: &'static str },
+    /// Station with other firmware.
+    Mismatch(Vec<Mismatch>),
+}
+
+/// One serial line.
+pub(super) struct Line {
+    /// Reading half; `None` while the line is down.
+    port: Option<Box<dyn SerialPort>>,
+    /// Writing half, with the heartbeat.
+    sender: Arc<Sender>,
+    pub path: String,
+    pub client: Client,
+    pings: bool,
+    pub stop: Stop,
+    /// Instant of the last bytes from the station.
+    heard: Instant,
+    link: Link,
+    interruption: Option<Interruption>,
+    /// Session that commands belong to; `None` before the first hello.
+    session: Option<u32>,
+    /// True if the station was configured in this session.
+    pub configured: bool,
+    /// Time for reconnecting a lost line.
+    pub patience: Duration,
+    /// True once the owner is gone.
+    pub closed: bool,
+}
+
+impl Line {
+    pub fn open(path: &str, sender: Arc<Sender>) -> Result<Self, StationError> {
+        let (reader, writer) = open(path).map_err(|cause| busy::explain(path, &cause))?;
+        sender.set_port(Some(writer));
+        Ok(Self {
+            port: Some(reader),
+            sender,
+            path: path.to_owned(),
+            client: Client::default(),
+            pings: false,
+            stop: Stop::default(),
+            heard: Instant::now(),
+            link: Link::Up,
+            interruption: None,
+            session: None,
+            configured: false,
+            patience: RECONNECT_PATIENCE,
+            closed: false,
+        })
+    }
+
+    pub fn set_pings(&mut self, on: bool) {
+        self.pings = on;
+        self.heard = Instant::now();
+        let is_usable = matches!(self.link, Link::Up) && self.interruption.is_none();
+        self.sender.set_pings(on && is_usable);
+    }
+
+    /// Returns true if the line is closed or given up.
+    pub fn is_over(&self) -> bool {
+        self.closed || matches!(self.link, Link::Over(_))
+    }
+
+    /// Runs all due work: reads, repeats a stop, or reconnects.
+    pub fn attend(&mut self) {
+        match self.link {
+            Link::Up => {
+                self.take_in();
+                self.listen();
+                if interruption::is_requested() && self.client.motion().may_go_on() {
+                    self.begin_stop();
+                }
+                self.repeat_stop();
+            }
+            Link::Down { .. } => self.look_for(),
+            Link::Over(_) => {}
+        }
+    }
+
+    /// Numbers and writes a command. Writes nothing if the line is interrupted or the program is
+    /// about to end; the number is then never answered.
+    pub fn send(&mut self, command: Command) -> u16 {
+        let is_ending = interruption::is_requested() && may_undo_a_stop(&command);
+        if self.check().is_err() || is_ending {
+            return self.sender.skip();
+        }
+        if may_undo_a_stop(&command) {
+            self.stop = Stop::None;
+        }
+        let sequence = self.sender.send(command);
+        self.client.sent(sequence, &command);
+        sequence
+    }
+
+    /// Sends hello.
+    pub fn greet(&mut self) {
+        self.sender.greet();
+    }
+
+    /// Begins to stop the stage, unless a stop is under way or done. Sends on an interrupted line,
+    /// too.
+    pub fn begin_stop(&mut self) {
+        if matches!(self.stop, Stop::None) {
+            self.client.motion_mut().forget_stops();
+            self.stop = Stop::Asked {
+                since: Instant::now(),
+                next: Instant::now(),
+                sent: 0,
+            };
+        }
+    }
+
+    /// Sends the stop that is due. Each is a new packet, because the station drops a packet whose
+    /// number it has seen.
+    fn repeat_stop(&mut self) {
+        let Stop::Asked { since, next, sent } = &mut self.stop else {
+            return;
+        };
+        let now = Instant::now();
+        if self.client.motion().stopped_tick().is_some() {
+            self.stop = Stop::Answered;
+        } else if now.duration_since(*since) > STOP_PATIENCE {
+            // Without a heartbeat the station stops by itself.
+            self.stop = Stop::Unanswered { sent: *sent };
+            self.set_pings(false);
+        } else if now >= *next {
+            *next = now + STOP_PERIOD;
+            *sent += 1;
+            let sequence = self.sender.send(Command::Stop);
+            self.client.sent(sequence, &Command::Stop);
+        }
+    }
+
+    /// Records the session that commands belong to.
+    pub fn begin_session(&mut self) {
+        self.session = self.client.hello().map(|hello| hello.session);
+    }
+
+    /// Reads all bytes that have arrived, without waiting.
+    pub fn take_in(&mut self) {
+        let mut buffer = [0; 1024];
+        while let Some(port) = &mut self.port {
+            let waiting = match port.bytes_to_read() {
+                Ok(0) => return,
+                Ok(waiting) => (waiting as usize).min(buffer.len()),
+                Err(cause) => return self.lose(format!("cannot read: {cause}")),
+            };
+            match port.read(&mut buffer[..waiting]) {
+                Ok(count) => {
+                    self.heard = Instant::now();
+                    let now_us = self.sender.now_us();
+                    self.client.feed(now_us, &buffer[..count]);
+                }
+                Err(cause) if is_pause(&cause) => return,
+                Err(cause) => return self.lose(format!("cannot read: {cause}")),
+            }
+        }
+    }
+
+    /// Detects a failed or silent line.
+    fn listen(&mut self) {
+        if let Some(reason) = self.sender.broken() {
+            return self.lose(reason);
+        }
+        let is_pinged = self.pings && self.interruption.is_none();
+        if is_pinged && self.heard.elapsed() > SILENCE {
+            self.lose(format!("no answer for {} s", SILENCE.as_secs()));
+        }
+    }
+
+    fn lose(&mut self, reason: String) {
+        self.set_port(None);
+        if matches!(self.link, Link::Up) {
+            self.sender.set_pings(false);
+            let since = Instant::now();
+            self.client.begin_again();
+            self.link = Link::Down {
+                since,
+                reason,
+                next_try: since,
+            };
+        }
+    }
+
+    fn set_port(&mut self, halves: Option<Halves>) {
+        let (reader, writer) = halves.unzip();
+        self.port = reader;
+        self.sender.set_port(writer);
+    }
+
+    /// Opens and greets; judges what answers.
+    fn look_for(&mut self) {
+        let Link::Down {
+            since,
+            reason,
+            next_try,
+        } = &mut self.link
+        else {
+            return;
+        };
+        let now = Instant::now();
+        let (since, cause) = (*since, reason.clone());
+        let due = now >= *next_try;
+        if due {
+            *next_try = now + RETRY;
+        }
+        self.take_in();
+        if let Some(interruption) = self.judge(since, &cause) {
+            self.interruption = Some(interruption);
+            self.link = Link::Up;
+        } else if now.duration_since(since) > self.patience || self.session.is_none() {
+            self.set_port(None);
+            self.link = Link::Over(cause);
+        } else if due {
+            if self.port.is_none() || self.sender.broken().is_some() {
+                let halves = open(&self.path).ok();
+                self.set_port(halves);
+            }
+            self.greet();
+        }
+    }
+
+    /// Returns the kind of interruption, once a station has answered on a line that was lost. The
+    /// station's state is in its first status, which comes within a tenth of a second.
+    fn judge(&mut self, since: Instant, reason: &str) -> Option<Interruption> {
+        let hello: &Hello = self.client.hello()?;
+        let mismatches = hello.mismatches();
+        if !mismatches.is_empty() {
+            return Some(Interruption::Mismatch(mismatches.to_vec()));
+        }
+        let state = self.client.status()?.state;
+        let forgot = self.configured && state == State::Unconfigured;
+        if self.session != Some(hello.session) || forgot {
+            let cause = super::super::reset_cause(hello.reset_cause);
+            self.client.forget_clock();
+            return Some(Interruption::Restarted { cause });
+        }
+        Some(Interruption::Away {
+            reason: reason.to_owned(),
+            away: since.elapsed(),
+        })
+    }
+
+    /// Returns true while a lost line is being reconnected.
+    pub fn is_down(&self) -> bool {
+        matches!(self.link, Link::Down { .. })
+    }
+
+    /// Returns true if a stop reaches the station, in whatever condition it is.
+    pub fn is_up(&self) -> bool {
+        matches!(self.link, Link::Up)
+    }
+
+    /// Checks that commands reach the station and its numbers are plausible.
+    pub fn check(&self) -> Result<(), StationError> {
+        if let Some(implausible) = self.client.implausible() {
+            return Err(implausible.into());
+        }
+        let path = || self.path.clone();
+        match (&self.link, &self.interruption) {
+            (Link::Up, None) => Ok(()),
+            (Link::Down { reason, .. } | Link::Over(reason), _) => Err(StationError::Lost {
+                path: path(),
+                reason: reason.clone(),
+            }),
+            (Link::Up, Some(Interruption::Away { reason, away })) => {
+                Err(StationError::Interrupted {
+                    path: path(),
+                    reason: reason.clone(),
+                    away_ms: away.as_millis() as u64,
+                })
+            }
+            (Link::Up, Some(Interruption::Restarted { cause })) => Err(StationError::Restarted {
+                path: path(),
+                cause,
+            }),
+            (Link::Up, Some(Interruption::Mismatch(fields))) => {
+                Err(StationError::Mismatch(fields.clone()))
+            }
+        }
+    }
+
+    /// Resumes after an interruption, if the station lost no state and has no fault.
+    pub fn resume(&mut self) -> Result<(), StationError> {
+        if let (Link::Up, Some(Interruption::Away { .. })) = (&self.link, &self.interruption) {
+            if let Some(fault) = self.client.status().and_then(|status| status.fault) {
+                return Err(StationError::Faulted(fault));
+            }
+            self.interruption = None;
+            self.set_pings(self.pings);
+        }
+        self.check()
+    }
+}
+
+/// Reading and writing handle of one port.
+type Halves = (Box<dyn SerialPort>, Box<dyn SerialPort>);
+
+fn open(path: &str) -> serialport::Result<Halves> {
+    let mut port = serialport::new(path, BAUD).timeout(WRITE_PATIENCE).open()?;
+    // Signals a USB board that a host listens. A pseudo-terminal has no such line and reports that.
+    let _ = port.write_data_terminal_ready(true);
+    let writer = port.try_clone()?;
+    Ok((port, writer))
+}
+
+/// Returns true if a stopped stage might move because of this command, at once or later.
+fn may_undo_a_stop(command: &Command) -> bool {
+    moves(command) || matches!(command, Command::Reset)
+}
+
+fn is_pause(cause: &io::Error) -> bool {
+    matches!(
+        cause.kind(),
+        io::ErrorKind::TimedOut | io::ErrorKind::Interrupted | io::ErrorKind::WouldBlock
+    )
+}

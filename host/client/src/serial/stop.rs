@@ -1,0 +1,183 @@
+//! A stop that is repeated until it is answered, and the end of every motion by one.
+//!
+//! A stop may be lost on the line, and the heartbeat would keep the motion alive meanwhile. So the
+//! [`Line`](super::line::Line) sends stop after stop until one is answered. If none is, it ends the
+//! heartbeat, and the station ramps down by itself.
+//!
+//! Whatever ends a run, the stage must not go on: an error, a panic, a closed pipe. So a
+//! [`Serial`] that is dropped while its commands may still move the stage stops it first. Ctrl-C
+//! and the other signals do so at once, whatever the caller is busy with.
+
+use super::super::StationError;
+use super::super::allowance::Allowance;
+use super::Serial;
+use shared::safety::State;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use trinocular_rig::notice;
+
+/// Time for which a stop is repeated.
+pub(super) const STOP_PATIENCE: Duration = Duration::from_secs(2);
+
+/// True once a stage was stopped because a run ended in motion.
+static HAS_STOPPED: AtomicBool = AtomicBool::new(false);
+/// True once a run ended without knowing that the stage stands.
+static IS_UNKNOWN: AtomicBool = AtomicBool::new(false);
+
+/// Condition in which the runs of this program have left the stages of their stations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// At rest, by themselves or by a stop of the command.
+    Quiet,
+    /// At rest, because a [`Serial`] was dropped in motion and stopped the stage.
+    Stopped,
+    /// Perhaps in motion.
+    Unknown,
+}
+
+/// Returns the worst ending of all runs so far.
+pub fn ending() -> Ending {
+    if IS_UNKNOWN.load(Ordering::Relaxed) {
+        Ending::Unknown
+    } else if HAS_STOPPED.load(Ordering::Relaxed) {
+        Ending::Stopped
+    } else {
+        Ending::Quiet
+    }
+}
+
+/// Progress of a stop.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) enum Stop {
+    /// Not wanted, or followed by a command that may move the stage.
+    #[default]
+    None,
+    /// Being repeated: start, next packet, and number of stops sent.
+    Asked {
+        since: Instant,
+        next: Instant,
+        sent: u32,
+    },
+    /// Answered by the station.
+    Answered,
+    /// Given up after `sent` stops, and the heartbeat with it.
+    Unanswered { sent: u32 },
+}
+
+impl Serial {
+    /// Stops the stage: sends stop every 30 ms until one is answered. From then on the calls that
+    /// wait report no signals.
+    ///
+    /// # Errors
+    /// [`StationError::Unstopped`] if none is answered within 2 s: then the heartbeat is ended, so
+    /// that the station stops by itself. [`StationError::Lost`] if the line is down; then no
+    /// heartbeat gets through either.
+    pub fn stop(&mut self) -> Result<(), StationError> {
+        self.stops = true;
+        self.shared.line().begin_stop();
+        self.until_stopped()
+    }
+
+    pub(super) fn until_stopped(&self) -> Result<(), StationError> {
+        loop {
+            {
+                let mut line = self.shared.line();
+                line.attend();
+                match line.stop {
+                    // The answer had come before this call, and a command has followed it.
+                    Stop::None | Stop::Answered => return Ok(()),
+                    Stop::Unanswered { sent } => return Err(StationError::Unstopped { sent }),
+                    Stop::Asked { .. } if !line.is_up() => return line.check(),
+                    Stop::Asked { .. } => {}
+                }
+            }
+            std::thread::sleep(super::LOOK);
+        }
+    }
+
+    /// Waits until the station says that the stage stands after a stop that it has answered,
+    /// whatever signals come and however the line was before.
+    ///
+    /// # Errors
+    /// [`StationError::Restless`] if the station does not say so; [`StationError::Lost`] if the
+    /// line is down.
+    pub fn until_rest(&mut self) -> Result<State, StationError> {
+        let mut allowance = Allowance::RAMP.start(Instant::now());
+        loop {
+            {
+                let mut line = self.shared.line();
+                line.attend();
+                if !line.is_up() {
+                    return Err(line
+                        .check()
+                        .err()
+                        .unwrap_or(StationError::Restless { waited_s: 0 }));
+                }
+                let client = &mut line.client;
+                let status = client.status().copied();
+                let motion = client.motion();
+                let is_open = motion.may_go_on() || motion.is_on_its_ramp();
+                if let Some(status) = &status
+                    && !is_open
+                    && !status.state.is_moving()
+                {
+                    let is_later = |tick| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+                    if motion.stopped_tick().is_none_or(is_later) {
+                        return Ok(status.state);
+                    }
+                }
+                if let Some(waited) = allowance.spent(Instant::now(), status.as_ref()) {
+                    // The caller hears of it, so that it need not be tried again.
+                    client.motion_mut().ended();
+                    return Err(self.unknown_rest(waited));
+                }
+            }
+            std::thread::sleep(super::LOOK);
+        }
+    }
+
+    fn unknown_rest(&self, waited: Duration) -> StationError {
+        let waited_s = waited.as_secs();
+        IS_UNKNOWN.store(true, Ordering::Relaxed);
+        StationError::Restless { waited_s }
+    }
+
+    /// Stops a stage that may still move because of this conversation, and reports it. Waits until
+    /// a stage that was stopped stands.
+    pub(super) fn end_motion(&mut self) {
+        let may_go_on = {
+            let line = self.shared.line();
+            let motion = line.client.motion();
+            let may_go_on = motion.may_go_on();
+            if matches!(line.stop, Stop::Unanswered { .. }) {
+                // The error of that stop has said so.
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
+                return;
+            }
+            if !(may_go_on || motion.is_on_its_ramp()) {
+                return;
+            }
+            if !line.is_up() {
+                // The run ended for that very reason, and its error says what the station does.
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
+                return;
+            }
+            may_go_on
+        };
+        let path = self.path();
+        match self.stop().and_then(|()| self.until_rest()) {
+            // A stop of the command's own, or of a signal: its ramp has ended.
+            Ok(_) if !may_go_on => return,
+            Ok(State::Stopped) => notice!(
+                "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; \
+                 `trinocular reset` lets it move again"
+            ),
+            Ok(_) => notice!("{path}: the run ended in motion; the stage stands"),
+            Err(error) => {
+                IS_UNKNOWN.store(true, Ordering::Relaxed);
+                notice!("{path}: the run ended in motion: {error}");
+            }
+        }
+        HAS_STOPPED.store(true, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,416 @@
+//! The rig file: cameras and stage as TOML, read strictly.
+//!
+//! ```toml
+//! image_size_px = [320, 240]            # every camera's image: columns, rows
+//!
+//! [[camera]]                            # 2 to 8 of them
+//! name = "left"                         # also the name of its folder of images
+//! focal_px = [533.16, 529.12]           # along x, along y
+//! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
+//! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
+//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, default 0
+//! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
+//!
+//! [stage]                               # optional; see `Stage`
+//! ```
+//!
+//! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
+//! rig's axes to directions along the camera's. Every pixel is rectified by it on input, so cameras
+//! need not be exactly parallel.
+//!
+//! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
+//! distortion, rotation and the fields of [`Care`] have defaults, because a stage with a guessed
+//! rig may run away.
+//!
+//! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
+//! its fields, and cameras named left, middle and right stand in this order.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use shared::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotation};
+use toml::de::{DeTable, DeValue};
+
+use crate::error::InputError;
+use crate::input::{self, Limit};
+use crate::output::{Output, Replace};
+use field::{Field, Source};
+
+mod care;
+mod doubt;
+pub mod edit;
+pub mod field;
+mod stage;
+pub mod template;
+
+pub use care::{Care, HomeSwitch};
+pub use stage::{Driver, Stage};
+
+/// Names of the paper's three cameras, in the order its estimators need.
+pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
+
+/// Size limit of a rig file. A rig file has a few hundred lines; its numbers are read in linear
+/// time up to this limit.
+pub const LIMIT: Limit = Limit {
+    what: "a rig file",
+    bytes: 1 << 20,
+};
+/// Valid sides of an image, px.
+const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
+/// Largest focal length, px. Longer ones belong to telescopes.
+const LIMIT_FOCAL_PX: f64 = 1e6;
+/// Least focal length over the image's side. A shorter one would see more than 168 degrees, which
+/// no lens that keeps straight lines straight does.
+const LEAST_FOCAL_SHARE: f64 = 0.05;
+/// Largest ratio of the two focal lengths, because pixels are nearly square.
+const LARGEST_ASPECT: f64 = 10.0;
+/// Largest offset of a camera, mm. A rig wider than 100 m is a mistake of the unit.
+const LIMIT_OFFSET_MM: f64 = 1e5;
+/// Reason that the refusals by [`can_undistort`] state.
+pub const NOT_A_LENS: &str =
+    "this lens model cannot be inverted everywhere in the image, so it is not the lens's";
+/// Largest coefficient of a lens model; larger ones fold the image over.
+const LIMIT_DISTORTION: f64 = 1e3;
+/// Largest rotation of a camera, degrees. Cameras turned farther were not meant to be parallel and
+/// have too small a common view.
+pub const LIMIT_ROTATION_DEG: f64 = 20.0;
+/// Least distance between two cameras, mm. Closer ones are the same camera twice.
+const LEAST_BASELINE_MM: f64 = 0.1;
+
+/// Fields that every camera has, each with an example.
+const CAMERA_FIELDS: [(&str, &str); 4] = [
+    ("name", "name = \"left\""),
+    ("focal_px", "focal_px = [800.0, 800.0]"),
+    ("principal_px", "principal_px = [319.5, 239.5]"),
+    ("offset_mm", "offset_mm = [-30.0, 0.0]"),
+];
+
+/// Required arrangement of the cameras.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shape {
+    /// Any arrangement of 2 to 8 cameras in a plane, for the midpoint.
+    Plane,
+    /// Left, middle, right, nearly in line, for the paper's estimators.
+    Line,
+}
+
+const PAPERS_ESTIMATORS: &str = "the estimators closed-form and least-squares";
+
+/// A rig with the names of its cameras, as a rig file holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RigFile {
+    /// Names of the cameras in the rig's order: distinct, and usable as names of folders.
+    pub names: Vec<String>,
+    /// The cameras, in the file's order; left, middle, right if they have these names.
+    pub rig: Rig,
+    /// The stage, if the file describes one.
+    pub stage: Option<Stage>,
+}
+
+impl RigFile {
+    /// Returns the paper's rig (its Table 3 and section 4): left, middle, right; no stage.
+    pub fn paper() -> Self {
+        Self {
+            names: TRINOCULAR.map(String::from).to_vec(),
+            rig: Rig::paper(),
+            stage: None,
+        }
+    }
+
+    /// Returns true if the cameras are exactly left, middle and right.
+    pub fn is_trinocular(&self) -> bool {
+        self.names == TRINOCULAR
+    }
+
+    /// Reads and checks the rig file at `path`.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::read_as(path, Shape::Plane)
+    }
+
+    /// Reads the rig file like [`RigFile::read`] and returns its text as well, which holds the
+    /// user's comments.
+    pub fn read_with_text(path: &Path) -> Result<(Self, String), InputError> {
+        let text = input::text(path, LIMIT)?;
+        Ok((Self::parse(path, &text)?, text))
+    }
+
+    /// Reads the rig file like [`RigFile::read`] and refuses every rig that the paper's two
+    /// estimators do not support: they need exactly the cameras left, middle and right, at heights
+    /// as equal as [`Rig::is_in_line`] requires.
+    pub fn read_in_line(path: &Path) -> Result<Self, InputError> {
+        Self::read_as(path, Shape::Line)
+    }
+
+    fn read_as(path: &Path, shape: Shape) -> Result<Self, InputError> {
+        Self::parse_as(path, &input::text(path, LIMIT)?, shape)
+    }
+
+    /// Checks the text of a rig file; errors name `file`.
+    pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
+        Self::parse_as(file, text, Shape::Plane)
+    }
+
+    fn parse_as(file: &Path, text: &str, shape: Shape) -> Result<Self, InputError> {
+        let source = Source { file, text };
+        let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
+        let value = DeValue::Table(table.into_inner());
+        let root = Field::root(source, &value);
+        root.only(&["image_size_px", "camera", "stage"])?;
+        root.require(&[
+            ("image_size_px", "image_size_px = [640, 480]"),
+            ("camera", "[[camera]]"),
+        ])?;
+        let image_size_px = root
+            .required("image_size_px")?
+            .each(|side| side.whole(IMAGE_SIDE_PX))?;
+        let (names, cameras) = cameras(&root.required("camera")?, image_size_px, shape)?;
+        let stage = match root.optional("stage")? {
+            Some(section) => Some(Stage::read(&section)?),
+            None => None,
+        };
+        Ok(Self {
+            names,
+            rig: Rig {
+                image_size_px,
+                // `cameras` has checked the number of cameras.
+                cameras: cameras.into_iter().collect(),
+            },
+            stage,
+        })
+    }
+
+    /// Returns the file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
+    pub fn to_toml(&self) -> String {
+        let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
+        for (name, camera) in self.names.iter().zip(&self.rig.cameras) {
+            let name = toml::Value::from(name.as_str());
+            let _ = write!(text, "\n[[camera]]\nname = {name}\n");
+            let _ = writeln!(text, "focal_px = {:?}", camera.focal_px);
+            let _ = writeln!(text, "principal_px = {:?}", camera.principal_px);
+            let _ = writeln!(text, "offset_mm = {:?}", camera.offset_mm);
+            if camera.distortion != [0.0; 5] {
+                let _ = writeln!(text, "distortion = {:?}", camera.distortion);
+            }
+            if camera.rotation != Rotation::NONE {
+                let _ = writeln!(text, "rotation_deg = {:?}", camera.rotation.degrees());
+            }
+        }
+        if let Some(stage) = &self.stage {
+            stage.write_toml(&mut text);
+        }
+        text
+    }
+
+    /// Writes the file whole or not at all: the old file at `path` stays until the new one is
+    /// complete.
+    pub fn write(&self, path: &Path) -> Result<(), InputError> {
+        Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
+    }
+}
+
+/// Reads the `[[camera]]` tables: checks each of them, then the rules between them, then sorts
+/// them.
+fn cameras(
+    list: &Field<'_>,
+    image_size_px: [u32; 2],
+    shape: Shape,
+) -> Result<(Vec<String>, Vec<Camera>), InputError> {
+    let tables = list.elements()?;
+    if !(2..=MAX_CAMERAS).contains(&tables.len()) {
+        let count = tables.len();
+        return Err(list.fault(format!(
+            "{count} given, but a rig has 2 to {MAX_CAMERAS} cameras"
+        )));
+    }
+    let mut read: Vec<(String, Camera)> = Vec::with_capacity(tables.len());
+    for table in &tables {
+        table.only(&[
+            "name",
+            "focal_px",
+            "principal_px",
+            "offset_mm",
+            "distortion",
+            "rotation_deg",
+        ])?;
+        table.require(&CAMERA_FIELDS)?;
+        let name = table.required("name")?;
+        let given = folder_name(&name)?;
+        let camera = camera(table, image_size_px)?;
+        for (other, placed) in &read {
+            // Some file systems do not distinguish the case of folder names.
+            if other.eq_ignore_ascii_case(given) {
+                return Err(name.fault(format!("another camera is named `{other}` already")));
+            }
+            let [dx, dy] = [0, 1].map(|i| camera.offset_mm[i] - placed.offset_mm[i]);
+            if dx.hypot(dy) < LEAST_BASELINE_MM {
+                return Err(table.required("offset_mm")?.fault(format!(
+                    "`{given}` is at the same place as camera `{other}`: cameras are at least \
+                     {LEAST_BASELINE_MM} mm apart, and offset_mm is in mm; is it in metres?"
+                )));
+            }
+        }
+        read.push((given.to_owned(), camera));
+    }
+    let places = TRINOCULAR.map(|wanted| read.iter().position(|(name, _)| name == wanted));
+    if let [Some(left), Some(middle), Some(right)] = places {
+        for (low, high) in [(left, middle), (middle, right)] {
+            let [a, b] = [&read[low], &read[high]];
+            if a.1.offset_mm[0] >= b.1.offset_mm[0] {
+                return Err(tables[high].required("offset_mm")?.fault(format!(
+                    "x offsets must have left < middle < right, but `{}` is at {} and `{}` at {}",
+                    a.0, a.1.offset_mm[0], b.0, b.1.offset_mm[0]
+                )));
+            }
+        }
+        if read.len() == TRINOCULAR.len() {
+            let ordered = [left, middle, right].map(|k| read[k].1);
+            let rig = Rig {
+                image_size_px,
+                cameras: ordered.into_iter().collect(),
+            };
+            if shape == Shape::Line {
+                in_line([&tables[left], &tables[right]], &rig)?;
+            }
+            return Ok((TRINOCULAR.map(String::from).to_vec(), ordered.to_vec()));
+        }
+    }
+    if shape == Shape::Line {
+        let found: Vec<&str> = read.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(list.fault(format!(
+            "{PAPERS_ESTIMATORS} need exactly the cameras left, middle, right, but these are {}",
+            found.join(", ")
+        )));
+    }
+    Ok(read.into_iter().unzip())
+}
+
+/// Refuses cameras at different heights, because the paper's pairs share their image rows. `rig`
+/// has left, middle, right in this order; `outer` are the tables of the first and the last.
+fn in_line(outer: [&Field<'_>; 2], rig: &Rig) -> Result<(), InputError> {
+    let error = rig.height_error().unwrap_or(f64::INFINITY);
+    if error <= HEIGHT_ERROR_LIMIT {
+        return Ok(());
+    }
+    let [left, middle, right] = [0, 1, 2].map(|k| rig.cameras[k].offset_mm);
+    let slope = |outer: [f64; 2]| ((outer[1] - middle[1]) / (outer[0] - middle[0])).abs();
+    let (name, table, at) = match slope(left) > slope(right) {
+        true => ("left", outer[0], left),
+        false => ("right", outer[1], right),
+    };
+    let [_, y] = table.required("offset_mm")?.fields()?;
+    let [error, limit] = [error, HEIGHT_ERROR_LIMIT].map(|share| 100.0 * share);
+    Err(y.fault(format!(
+        "{PAPERS_ESTIMATORS} need the cameras in line, but `{name}` is at {} and `middle` at {}, \
+         which costs Y up to {error:.2} % of a displacement along Z; {limit} % at most are let \
+         pass (the estimator midpoint takes any heights)",
+        at[1], middle[1]
+    )))
+}
+
+fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputError> {
+    let principal = table.required("principal_px")?;
+    let principal_px: [f64; 2] = principal.each(|axis| axis.number(f64::MAX))?;
+    let axes: [Field<'_>; 2] = principal.fields()?;
+    for ((axis, at), size) in axes.iter().zip(principal_px).zip(image_size_px) {
+        if !(0.0..f64::from(size)).contains(&at) {
+            return Err(axis.fault(format!("{at} is outside the image (0 to {size} px)")));
+        }
+    }
+    let distortion = table.optional("distortion")?;
+    let focal = table.required("focal_px")?;
+    let focal_px = focal.each(|axis| axis.number(f64::MAX))?;
+    if let Some((index, reason)) = focal_fault(focal_px, image_size_px) {
+        let axes: [Field<'_>; 2] = focal.fields()?;
+        return Err(axes[index].fault(reason));
+    }
+    let camera = Camera {
+        focal_px,
+        principal_px,
+        offset_mm: table
+            .required("offset_mm")?
+            .each(|axis| axis.number(LIMIT_OFFSET_MM))?,
+        distortion: match &distortion {
+            Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
+            None => [0.0; 5],
+        },
+        rotation: match table.optional("rotation_deg")? {
+            Some(field) => rotation(&field)?,
+            None => Rotation::NONE,
+        },
+    };
+    match distortion {
+        Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(NOT_A_LENS)),
+        _ => Ok(camera),
+    }
+}
+
+/// Returns the index of an impossible focal length, along x or y, and the reason.
+pub fn focal_fault(focal_px: [f64; 2], image_size_px: [u32; 2]) -> Option<(usize, String)> {
+    for (index, (focal, side)) in focal_px.into_iter().zip(image_size_px).enumerate() {
+        let least = (LEAST_FOCAL_SHARE * f64::from(side)).max(1.0);
+        if !(focal > 0.0) {
+            return Some((index, format!("{focal} must be greater than 0")));
+        }
+        if !(least..=LIMIT_FOCAL_PX).contains(&focal) {
+            let reason = format!(
+                "{focal} is out of range ({least} to {LIMIT_FOCAL_PX} px for an image of {side} px)"
+            );
+            return Some((index, reason));
+        }
+    }
+    let [fx, fy] = focal_px;
+    if fx.max(fy) > LARGEST_ASPECT * fx.min(fy) {
+        let reason = format!(
+            "{fx} and {fy} px differ by more than a factor of {LARGEST_ASPECT}: no pixel is so long"
+        );
+        return Some((1, reason));
+    }
+    None
+}
+
+fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
+    let degrees: [f64; 3] = field.each(|angle| angle.number(LIMIT_ROTATION_DEG))?;
+    let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
+    if angle > LIMIT_ROTATION_DEG {
+        return Err(field.fault(format!(
+            "turned by {angle:.1} degrees, but cameras that see the same may be turned by \
+             {LIMIT_ROTATION_DEG} at most"
+        )));
+    }
+    Ok(Rotation::from_degrees(degrees))
+}
+
+/// Returns true if removing and applying the distortion leads back to the same pixel, all around
+/// the image's border.
+pub fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
+    const STEPS: u32 = 16;
+    /// Tolerance of the round trip: far below the resolution of any tracker, far above rounding.
+    const TOLERANCE_PX: f64 = 1e-3;
+    let [width, height] = image_size_px.map(|size| f64::from(size) - 1.0);
+    (0..=STEPS)
+        .map(|step| f64::from(step) / f64::from(STEPS))
+        .flat_map(|share| {
+            let (x, y) = (share * width, share * height);
+            [[x, 0.0], [x, height], [0.0, y], [width, y]]
+        })
+        .all(|pixel| {
+            let back = camera.denormalise(camera.normalise(pixel));
+            (back[0] - pixel[0]).hypot(back[1] - pixel[1]) < TOLERANCE_PX
+        })
+}
+
+/// Reads a camera's name, which is also the name of its folder of images and stands in CSV files.
+fn folder_name<'a>(field: &Field<'a>) -> Result<&'a str, InputError> {
+    let name = field.text()?;
+    if name.trim().is_empty() {
+        return Err(field.fault("must not be empty"));
+    }
+    let unfit = |c: char| c.is_control() || r#"/\:*?"<>|"#.contains(c);
+    if name.trim() != name || name == "." || name == ".." || name.contains(unfit) {
+        return Err(field.fault(format!("`{}` cannot name a folder", name.escape_debug())));
+    }
+    Ok(name)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,326 @@
+//! Camera files of other programs: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file
+//! per camera.
+//!
+//! | | OpenCV | ROS |
+//! |---|---|---|
+//! | lens | `camera_matrix`, `distortion_coefficients` | the same, `distortion_model` `plumb_bob` |
+//! | turned | `R`, from the rig's axes to the camera's | `rectification_matrix`, from the camera's axes to the rig's |
+//! | place | `T = -R c`, mm | `projection_matrix`, last column `-f c`, m |
+//!
+//! Rotation and position are optional in OpenCV's files. Only the keys that the other programs
+//! write are read, all others are ignored; a missing or impossible value is refused with file, line
+//! and name. Both kinds are read by the same code, according to their content.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use shared::rig::{Camera, Rig};
+
+use super::lens::Lens;
+use trinocular_rig::error::InputError;
+use trinocular_rig::input::{self, Limit, not_utf8};
+use trinocular_rig::rig_file::{NOT_A_LENS, can_undistort, focal_fault};
+use yaml::{Document, Node, quoted};
+
+mod assemble;
+mod yaml;
+
+pub use assemble::{Assembled, Member, assemble};
+pub use yaml::Place;
+
+#[cfg(test)]
+mod tests;
+
+/// Number of OpenCV's distortion coefficients that the rig file supports: k1 k2 p1 p2 k3.
+const KNOWN: usize = 5;
+/// Largest deviation of a matrix from a rotation, for files with four digits.
+const NOT_A_ROTATION: f64 = 1e-3;
+const MM_PER_M: f64 = 1e3;
+/// Largest distance of a camera from its origin, mm. A distance beyond 1 km is a mistake in the
+/// unit.
+const LIMIT_SHIFT_MM: f64 = 1e6;
+/// Largest size of a file, which may hold the corners of all images too.
+const LIMIT: Limit = Limit {
+    what: "a camera's YAML file",
+    bytes: 4 << 20,
+};
+/// Names of the values that are read.
+const KEYS: [&str; 11] = [
+    "image_width",
+    "image_height",
+    "camera_name",
+    "camera_matrix",
+    "distortion_coefficients",
+    "distortion_model",
+    "fisheye_model",
+    "R",
+    "T",
+    "rectification_matrix",
+    "projection_matrix",
+];
+
+/// Content of one camera's file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFile {
+    /// Width and height of its images, px.
+    pub image_size_px: [u32; 2],
+    /// Lens: focal lengths, principal point, distortion.
+    pub lens: Lens,
+    /// Motion from the rig's axes to the camera's, mm, if the file has one.
+    pub motion: Option<Isometry3<f64>>,
+    /// Places of the values in the file.
+    pub places: Places,
+}
+
+/// Places of the values in a camera's file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Places {
+    /// Place of focal lengths and principal point.
+    pub matrix: Place,
+    /// Place of the lens distortion.
+    pub distortion: Place,
+    /// Place of the rotation.
+    pub turn: Option<Place>,
+    /// Place of the position.
+    pub shift: Option<Place>,
+}
+
+impl CameraFile {
+    /// Reads an OpenCV or ROS file.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::parse(path, &input::bytes(path, LIMIT)?)
+    }
+
+    /// Reads the content of an OpenCV or ROS file; errors name `file`.
+    pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
+        })?;
+        let document = Document::parse(file, text, &KEYS)?;
+        let root = document.root();
+        let side = |key: &str| root.required(key)?.whole(8..=65_535);
+        let image_size_px = [side("image_width")?, side("image_height")?];
+        if let Some(model) = root.optional("distortion_model")?
+            && model.text()? != "plumb_bob"
+        {
+            let reason = format!(
+                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read",
+                quoted(model.text()?)
+            );
+            return Err(model.fault(reason));
+        }
+        // OpenCV's own calibration program marks fisheyes; the four coefficients alone look like k1
+        // k2 p1 p2.
+        if let Some(flag) = root.optional("fisheye_model")?
+            && flag.number()? != 0.0
+        {
+            let reason = "a fisheye's coefficients mean something else: calibrate with the model \
+                          k1 k2 p1 p2 k3";
+            return Err(flag.fault(reason));
+        }
+        let matrix = root.required("camera_matrix")?;
+        let [fx, fy, cx, cy] = camera_matrix(&matrix, image_size_px)?;
+        let coefficients = root.required("distortion_coefficients")?;
+        let [k1, k2, p1, p2, k3] = distortion(&coefficients)?;
+        let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
+        if !can_undistort(&lens.camera(), image_size_px) {
+            return Err(coefficients.fault(NOT_A_LENS));
+        }
+        let (turn, shift, motion);
+        match (root.optional("projection_matrix")?, root.optional("R")?) {
+            (Some(projection), _) => {
+                let rectification = root.required("rectification_matrix")?;
+                motion = Some(ros_motion(&rectification, &projection)?);
+                (turn, shift) = (Some(rectification), Some(projection));
+            }
+            (None, Some(matrix)) => {
+                let place = root.required("T")?;
+                motion = Some(opencv_motion(&matrix, &place)?);
+                (turn, shift) = (Some(matrix), Some(place));
+            }
+            (None, None) => (turn, shift, motion) = (None, None, None),
+        }
+        let places = Places {
+            matrix: matrix.place(),
+            distortion: coefficients.place(),
+            turn: turn.map(|turn| turn.place()),
+            shift: shift.map(|shift| shift.place()),
+        };
+        Ok(Self {
+            image_size_px,
+            lens,
+            motion,
+            places,
+        })
+    }
+}
+
+/// Returns the elements of a matrix in either spelling: `rows`, `cols` and `data`, which must
+/// agree.
+fn elements(field: &Node<'_>) -> Result<Vec<f64>, InputError> {
+    let size = |key: &str| field.required(key)?.whole(1..=1000);
+    let expected = size("rows")? as usize * size("cols")? as usize;
+    let data = field.required("data")?;
+    let elements = data
+        .elements()?
+        .iter()
+        .map(Node::number)
+        .collect::<Result<Vec<_>, _>>()?;
+    match elements.len() {
+        found if found == expected => Ok(elements),
+        found => Err(data.fault(format!("{found} numbers, but rows and cols say {expected}"))),
+    }
+}
+
+fn numbers<const N: usize>(field: &Node<'_>) -> Result<[f64; N], InputError> {
+    let elements = elements(field)?;
+    let found = elements.len();
+    elements
+        .try_into()
+        .map_err(|_| field.fault(format!("expected {N} numbers, found {found}")))
+}
+
+/// Returns focal lengths and principal point, checked by the rules of a rig file.
+fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], InputError> {
+    let [fx, skew, cx, zero, fy, cy, a, b, one] = numbers(field)?;
+    if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
+        return Err(field.fault("must be [fx 0 cx; 0 fy cy; 0 0 1]"));
+    }
+    if let Some((_, reason)) = focal_fault([fx, fy], image_size_px) {
+        return Err(field.fault(format!("focal lengths: {reason}")));
+    }
+    let [width, height] = image_size_px;
+    let is_inside = |at: f64, side: u32| (0.0..f64::from(side)).contains(&at);
+    if !(is_inside(cx, width) && is_inside(cy, height)) {
+        return Err(field.fault(format!(
+            "the principal point {cx}, {cy} is outside the image of {width} x {height} px"
+        )));
+    }
+    Ok([fx, fy, cx, cy])
+}
+
+fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
+    let elements = elements(field)?;
+    if elements.iter().skip(KNOWN).any(|k| *k != 0.0) {
+        let reason =
+            "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism models";
+        return Err(field.fault(reason));
+    }
+    Ok(std::array::from_fn(|i| {
+        elements.get(i).copied().unwrap_or(0.0)
+    }))
+}
+
+fn rotation(field: &Node<'_>) -> Result<UnitQuaternion<f64>, InputError> {
+    let matrix = Matrix3::from_row_slice(&numbers::<9>(field)?);
+    let off = (matrix * matrix.transpose() - Matrix3::identity())
+        .abs()
+        .max();
+    if !(off < NOT_A_ROTATION && matrix.determinant() > 0.0) {
+        return Err(field.fault("not a rotation"));
+    }
+    Ok(UnitQuaternion::from_rotation_matrix(
+        &Rotation3::from_matrix_unchecked(matrix),
+    ))
+}
+
+fn opencv_motion(turn: &Node<'_>, shift: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
+    let place_mm = Vector3::from(numbers::<3>(shift)?);
+    check_distance(shift, &place_mm)?;
+    Ok(Isometry3::from_parts(place_mm.into(), rotation(turn)?))
+}
+
+fn check_distance(field: &Node<'_>, place_mm: &Vector3<f64>) -> Result<(), InputError> {
+    if place_mm.iter().all(|mm| mm.abs() <= LIMIT_SHIFT_MM) {
+        return Ok(());
+    }
+    Err(field.fault("puts the camera more than 1 km away"))
+}
+
+fn ros_motion(turn: &Node<'_>, projection: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
+    // From the camera's axes to the rig's: the inverse of this program's rotation.
+    let turn = rotation(turn)?.inverse();
+    let [fx, _, _, x, _, fy, _, y, _, _, _, z] = numbers(projection)?;
+    if !(fx > 0.0 && fy > 0.0) {
+        return Err(projection.fault("focal lengths must be greater than 0"));
+    }
+    if z != 0.0 {
+        return Err(projection.fault("the last number must be 0: rectified cameras share a plane"));
+    }
+    let place_mm = Vector3::new(-x / fx, -y / fy, 0.0) * MM_PER_M;
+    check_distance(projection, &place_mm)?;
+    Ok(Isometry3::from_parts((turn * -place_mm).into(), turn))
+}
+
+/// Formats a camera of the rig as OpenCV's FileStorage YAML, which `cv2.FileStorage` reads.
+pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
+    let [width, height] = image_size_px;
+    let turn = camera.rotation.rows();
+    let [x, y] = camera.offset_mm;
+    let shift = turn.map(|row| -(row[0] * x + row[1] * y));
+    let mut text = format!("%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\n");
+    let mut matrix = |name: &str, rows: usize, data: &[f64]| {
+        let (cols, data) = (data.len() / rows, list(data));
+        let _ = writeln!(
+            text,
+            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ \
+             {data} ]"
+        );
+    };
+    matrix("camera_matrix", 3, &matrix_of(camera));
+    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("R", 3, turn.as_flattened());
+    matrix("T", 3, &shift);
+    text
+}
+
+/// Formats a camera of the rig as ROS's `camera_info`, which `camera_info_manager` and `image_proc`
+/// read. The rectified cameras of one rig share their focal length, the mean of all, and their
+/// principal point, the middle of the image.
+pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
+    let [width, height] = rig.image_size_px;
+    let focal = rig.mean_focal_px();
+    let [cx, cy] = rig.image_size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
+    // Adding zero turns -0 into 0.
+    let [tx, ty] = camera
+        .offset_mm
+        .map(|offset| -focal * offset / MM_PER_M + 0.0);
+    let turn = camera.rotation.rows();
+    let back: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| turn[j][i]));
+    let projection = [focal, 0.0, cx, tx, 0.0, focal, cy, ty, 0.0, 0.0, 1.0, 0.0];
+    // A name in JSON's quotes, which YAML reads: otherwise `007` is a number, `a #b` has a comment.
+    let name = serde_json::Value::from(name);
+    let mut text = format!("image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n");
+    let mut matrix = |name: &str, rows: usize, data: &[f64]| {
+        let (cols, data) = (data.len() / rows, list(data));
+        let _ = writeln!(
+            text,
+            "{name}:\n  rows: {rows}\n  cols: {cols}\n  data: [{data}]"
+        );
+    };
+    matrix("camera_matrix", 3, &matrix_of(camera));
+    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("rectification_matrix", 3, back.as_flattened());
+    matrix("projection_matrix", 3, &projection);
+    text.push_str("distortion_model: plumb_bob\n");
+    text
+}
+
+fn matrix_of(camera: &Camera) -> [f64; 9] {
+    let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_px);
+    [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+}
+
+/// Formats numbers with all digits and a decimal point. Without the point some readers take `5` for
+/// an integer and `1e-5` for a text.
+fn list(numbers: &[f64]) -> String {
+    let text = |number: &f64| {
+        let text = format!("{number:?}");
+        match text.split_once('e') {
+            Some((digits, power)) if !digits.contains('.') => format!("{digits}.0e{power}"),
+            _ => text,
+        }
+    };
+    numbers.iter().map(text).collect::<Vec<_>>().join(", ")
+}

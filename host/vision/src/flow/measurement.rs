@@ -1,0 +1,70 @@
+//! Results of the flow: correspondences, their displacement, and the cameras that took part.
+
+use super::active_cameras;
+use super::camera_refusal::{self, CameraRefusal};
+use super::variance_inflation::VarianceInflation;
+use crate::matching::RejectCounts;
+use shared::rig::Rig;
+use shared::sums::View;
+
+/// One scene point, matched in all active cameras at the keyframe and now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Correspondence {
+    /// Pixel at the keyframe and pixel now, per active camera in the rig's order. Pixels are as
+    /// seen: principal point and distortion are not removed.
+    pub pixels: Vec<[[f64; 2]; 2]>,
+    /// Normalised coordinates of the same pixels, per active camera.
+    pub views: Vec<View>,
+}
+
+impl Correspondence {
+    /// Normalises the pixels of one point, given per camera of `rig`: at the keyframe and now.
+    ///
+    /// ```
+    /// use trinocular_vision::flow::Correspondence;
+    /// use shared::rig::Rig;
+    ///
+    /// let rig = Rig::paper();
+    /// let (before, now) = ([10.0, 5.0, 850.0], [14.0, 5.0, 850.0]);
+    /// let pixels = rig.cameras.iter().map(|c| [c.project(before), c.project(now)]);
+    /// let point = Correspondence::from_pixels(&rig, pixels.collect());
+    /// assert!((point.views[0].flow()[0] - 4.0 / 850.0).abs() < 1e-12);
+    /// ```
+    pub fn from_pixels(rig: &Rig, pixels: Vec<[[f64; 2]; 2]>) -> Self {
+        let cameras = rig.cameras.iter().zip(&pixels);
+        let views = cameras.map(|(camera, [start, end])| View::from_pixels(camera, *start, *end));
+        Self {
+            views: views.collect(),
+            pixels,
+        }
+    }
+}
+
+/// Displacement of the target since the keyframe, and its points.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// Inliers: points that passed every test and move as one.
+    pub correspondences: Vec<Correspondence>,
+    /// Active cameras, as indices into the rig's cameras.
+    pub cameras: Vec<usize>,
+    /// Refused cameras, as indices into the rig's cameras, with the reasons.
+    pub refused_cameras: Vec<(usize, CameraRefusal)>,
+    /// Number of points left out, by reason; those of the keyframe included.
+    pub rejected: RejectCounts,
+    /// Displacement of the inliers by the midpoint model, mm.
+    pub displacement_mm: [f64; 3],
+    /// Inflation of the displacement's variance by correlated errors.
+    pub variance_inflation: VarianceInflation,
+}
+
+impl Measurement {
+    /// Returns the rig of the active cameras, given the whole rig.
+    pub fn rig(&self, whole: &Rig) -> Rig {
+        active_cameras::subset(whole, &self.cameras)
+    }
+
+    /// Describes each refused camera in a sentence, given the names of all cameras.
+    pub fn remarks(&self, names: &[String]) -> Vec<String> {
+        camera_refusal::remarks(&self.refused_cameras, names)
+    }
+}

@@ -1,0 +1,190 @@
+//! Displacement of a target from the images of a multi-camera rig.
+//!
+//! ```text
+//! frame set -> pyramids -> corners -> stereo matching ----------------.    once per keyframe
+//! frame set -> pyramids -> displacement search -> tracking -> consensus -> Measurement
+//! ```
+//!
+//! [`Flow`] does all steps. [`Flow::set_keyframe`] chooses Shi-Tomasi corners in the reference
+//! camera and matches them in the other cameras; [`Flow::measure`] tracks them into a later
+//! [`FrameSet`] with the inverse compositional Lucas-Kanade method and keeps those that move as
+//! one. The result is a [`Measurement`]: correspondences, their common displacement in mm, and its
+//! variance inflation factor.
+//!
+//! A monocular tracker (OpenCV's `calcOpticalFlowPyrLK`) needs a good start for every point. Here
+//! the depth of every point is known from the stereo match, so one displacement with three
+//! components predicts the motion of all points in all cameras, and that displacement is searched
+//! first.
+//!
+//! | step | module |
+//! |---|---|
+//! | smooth and halve the images | [`filter`], [`pyramid`](crate::matching::pyramid) |
+//! | choose and match points at the keyframe | `keyframe`, [`stereo`](crate::matching::stereo) |
+//! | search the displacement without a prior | [`displacement_search`] |
+//! | refine it, then track every point in every camera | [`temporal`] |
+//! | keep the inliers | [`consensus`], `accept` |
+//! | inflate the variance for correlated errors | [`variance_inflation`] |
+//! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
+//! | refuse inliers that are not most of the image | `coverage` |
+//! | leave out missing, blank and frozen cameras | [`active_cameras`], [`frozen`] |
+//!
+//! *Invariant:* a measurement is never based on a choice between explanations that fit alike; such
+//! frame sets are refused ([`FlowRefusal`]).
+//!
+//! # Example
+//!
+//! A rendered poster moves by 4 mm to the right of the paper's three cameras:
+//!
+//! ```
+//! use trinocular_vision::flow::{Flow, FlowSettings};
+//! use trinocular_vision::images::{Scene, SceneSettings, Texture};
+//! use shared::rig::Rig;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let rig = Rig::paper();
+//! let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+//! let mut flow = Flow::new(&rig, FlowSettings::default())?;
+//! flow.set_keyframe(&scene.render([0.0, 0.0, 0.0], 0, 1))?;
+//! let measurement = flow.measure(&scene.render([4.0, 0.0, 0.0], 33_333, 2))?;
+//! assert!((measurement.displacement_mm[0] - 4.0).abs() < 0.05);
+//! # Ok(())
+//! # }
+//! ```
+
+use crate::images::FrameSet;
+use crate::matching::geometry::RigGeometry;
+use crate::thread_pool::ThreadPool;
+use shared::rig::Rig;
+
+mod accept;
+pub mod active_cameras;
+mod camera_refusal;
+#[cfg(test)]
+mod cloud;
+pub mod consensus;
+mod coverage;
+pub mod displacement_search;
+pub mod filter;
+pub mod frozen;
+mod keyframe;
+mod measure;
+mod measurement;
+mod pyramid_pool;
+mod refusal;
+pub mod rotation;
+mod settings;
+mod stage;
+pub mod sync;
+pub mod temporal;
+pub mod variance_inflation;
+
+pub use camera_refusal::{CameraRefusal, remarks};
+pub use filter::FilteredFrameSet;
+use frozen::FrozenCameras;
+use keyframe::Keyframe;
+pub use measurement::{Correspondence, Measurement};
+use pyramid_pool::PyramidPool;
+pub use refusal::FlowRefusal;
+pub use settings::FlowSettings;
+pub use stage::{PipelineStage, StageObserver};
+
+/// Tracker of one target: a keyframe, and the measurements against it.
+///
+/// All state is in these fields: the keyframe, the last images (a camera that repeats one is
+/// frozen), buffers for reuse and the threads that share the work. A clone has its own state and
+/// shares the threads.
+#[derive(Clone, Debug)]
+pub struct Flow {
+    geometry: RigGeometry,
+    settings: FlowSettings,
+    keyframe: Option<Keyframe>,
+    frozen_cameras: FrozenCameras,
+    pyramid_pool: PyramidPool,
+    thread_pool: ThreadPool,
+}
+
+impl Flow {
+    /// Creates a tracker without a keyframe.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::WrongRig`] unless two cameras of `rig` are in different places.
+    pub fn new(rig: &Rig, settings: FlowSettings) -> Result<Self, FlowRefusal> {
+        Ok(Self {
+            geometry: RigGeometry::new(rig).ok_or(FlowRefusal::WrongRig)?,
+            thread_pool: ThreadPool::new(settings.threads),
+            settings,
+            keyframe: None,
+            frozen_cameras: FrozenCameras::default(),
+            pyramid_pool: PyramidPool::default(),
+        })
+    }
+
+    /// Returns the threads that share the work of this tracker.
+    pub fn thread_pool(&self) -> &ThreadPool {
+        &self.thread_pool
+    }
+
+    /// Makes `frame_set` the keyframe of all later measurements.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the points of the frame set cannot be matched; there is no keyframe then.
+    pub fn set_keyframe(&mut self, frame_set: &FrameSet) -> Result<(), FlowRefusal> {
+        match self.filter(frame_set) {
+            Ok(filtered) => self.set_filtered_keyframe(filtered, &mut ()),
+            Err(refusal) => {
+                self.keyframe = None;
+                Err(refusal)
+            }
+        }
+    }
+
+    /// Measures the displacement of the target from the keyframe to `frame_set`.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure(&mut self, frame_set: &FrameSet) -> Result<Measurement, FlowRefusal> {
+        self.measure_observed(frame_set, &mut ())
+    }
+
+    /// Does the same as [`Flow::measure`], with an observer of the pipeline's stages.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure_observed(
+        &mut self,
+        frame_set: &FrameSet,
+        observer: &mut dyn StageObserver,
+    ) -> Result<Measurement, FlowRefusal> {
+        // Without a keyframe, filtering would be wasted.
+        self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        let thread_pool = self.thread_pool.clone();
+        // Inside the pool, no stage has to wake its threads again.
+        let (measurement, filtered) = thread_pool.run(|| {
+            let filtered = self.filter_observed(frame_set, observer)?;
+            let measurement = self.measure_filtered(&filtered, observer);
+            Ok((measurement, filtered))
+        })?;
+        self.pyramid_pool.put(filtered);
+        measurement
+    }
+
+    /// Returns the pyramid level of the stereo search: the first at most 240 px wide.
+    fn spatial_level(&self) -> usize {
+        level_at_most(self.geometry.rig.image_size_px[0] as usize, 240).max(1)
+    }
+
+    /// Returns the pyramid level of the displacement search: the first at most 120 px wide.
+    fn temporal_level(&self) -> usize {
+        level_at_most(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
+    }
+}
+
+/// Returns the first level on which an image `width_px` wide is at most `most_px` wide.
+fn level_at_most(width_px: usize, most_px: usize) -> usize {
+    (0..)
+        .find(|level| width_px >> level <= most_px)
+        .unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,308 @@
+//! Frame sets of free-running cameras, one thread per camera.
+//!
+//! A camera thread waits for its camera, converts the image to grey and hands it to the
+//! [matching](super::matching). A call for the next frame set returns the newest; older ones that
+//! no call has taken are dropped and counted.
+//!
+//! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
+//! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
+//! used.
+//!
+//! A camera that is lost or silent is left out as long as two others run: its images are
+//! [`Image::missing`].
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::matching::{Counts, Matching, Set};
+use crate::images::{FrameSet, Image};
+use trinocular_rig::error::InputError;
+
+/// Longest wait for a frame set.
+pub const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Interval at which a waiting thread checks for the end.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Result of one wait for an image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CameraEvent {
+    /// Image with its time stamp.
+    Image(Instant, Image),
+    /// Image of unknown time.
+    Stale,
+    /// Image that the camera or its line has damaged.
+    Damaged,
+    /// No image yet.
+    Nothing,
+}
+
+/// Camera that delivers images one by one.
+pub trait Camera: Send + 'static {
+    /// Returns the path of the device, for messages.
+    fn path(&self) -> PathBuf;
+
+    /// Waits for the next image, for a fraction of a second at most, so that the thread can end.
+    ///
+    /// # Errors
+    /// [`InputError`] if the camera will deliver no more images.
+    fn next_image(&mut self) -> Result<CameraEvent, InputError>;
+
+    /// Returns the number of images that the driver has lost so far, as far as it is known.
+    fn lost(&self) -> u64 {
+        0
+    }
+}
+
+/// Number of one camera's images, by their fate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Images handed to the matching.
+    pub matching: Counts,
+    /// Images of unknown time.
+    pub stale: u64,
+    /// Damaged images.
+    pub damaged: u64,
+    /// Images that the camera's driver lost.
+    pub lost: u64,
+}
+
+/// State that the threads share.
+struct State {
+    matching: Matching<Image>,
+    /// Counts per camera, without those of the matching.
+    tallies: Vec<Tally>,
+    failed: Option<InputError>,
+    /// Reasons why cameras are left out, not yet reported.
+    losses: Vec<InputError>,
+}
+
+struct Shared {
+    state: Mutex<State>,
+    arrived: Condvar,
+    ended: AtomicBool,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Running cameras: an iterator of frame sets that ends on the stop flag or after an error.
+/// Dropping it ends the threads, each after its present [wait](Camera::next_image).
+pub struct LiveCameras {
+    shared: Arc<Shared>,
+    paths: Vec<PathBuf>,
+    started: Instant,
+    stop: Arc<AtomicBool>,
+    patience: Duration,
+    failed: bool,
+    tell: Box<dyn FnMut(&InputError)>,
+}
+
+impl LiveCameras {
+    /// Starts the cameras, which are in the rig's order. Images within `window` of each other
+    /// belong to one instant; each was taken `delay_us` before its time stamp, or after it if that
+    /// is negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
+    /// camera is lost while others carry on.
+    ///
+    /// # Errors
+    /// [`InputError`] if a thread cannot be started.
+    pub fn start<C: Camera>(
+        cameras: Vec<C>,
+        window: Duration,
+        delay_us: i64,
+        stop: Arc<AtomicBool>,
+        tell: impl FnMut(&InputError) + 'static,
+    ) -> Result<Self, InputError> {
+        let count = cameras.len();
+        let started = Instant::now();
+        let delay = Duration::from_micros(delay_us.unsigned_abs());
+        let zero = match delay_us < 0 {
+            true => started.checked_sub(delay),
+            false => started.checked_add(delay),
+        };
+        let zero = zero.unwrap_or(started);
+        let shared = Arc::new(Shared {
+            state: Mutex::new(State {
+                matching: Matching::new(count, micros(window)),
+                tallies: vec![Tally::default(); count],
+                failed: None,
+                losses: Vec::new(),
+            }),
+            arrived: Condvar::new(),
+            ended: AtomicBool::new(false),
+        });
+        let live = Self {
+            shared: Arc::clone(&shared),
+            paths: cameras.iter().map(Camera::path).collect(),
+            started,
+            stop,
+            patience: PATIENCE,
+            failed: false,
+            tell: Box::new(tell),
+        };
+        for (index, camera) in cameras.into_iter().enumerate() {
+            let shared = Arc::clone(&shared);
+            let path = camera.path();
+            let run = move || attend(camera, index, zero, &shared);
+            std::thread::Builder::new()
+                .name(format!("camera {index}"))
+                .spawn(run)
+                .map_err(|cause| InputError::io(&path, "start its thread", &cause))?;
+        }
+        Ok(live)
+    }
+
+    /// Returns the time since the cameras were started, µs: the clock of the capture times.
+    pub fn now_us(&self) -> u64 {
+        micros(self.started.elapsed())
+    }
+
+    /// Returns the fate of the images, camera by camera.
+    pub fn tallies(&self) -> Vec<Tally> {
+        let state = self.shared.state();
+        let counts = state.matching.counts().iter();
+        counts
+            .zip(&state.tallies)
+            .map(|(matching, tally)| Tally {
+                matching: *matching,
+                ..*tally
+            })
+            .collect()
+    }
+
+    /// Returns the reason why no frame set came within [`PATIENCE`].
+    fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
+        let waited = self.patience.as_secs();
+        let silent = (state.matching.counts().iter())
+            .zip(arrived_before)
+            .enumerate()
+            .filter(|(camera, (counts, before))| {
+                counts.arrived == **before && state.matching.needs(*camera)
+            })
+            .min_by_key(|(_, (counts, _))| counts.arrived);
+        let (path, reason) = match (silent, self.paths.first()) {
+            (Some((camera, _)), _) => {
+                let Tally { stale, damaged, .. } = state.tallies[camera];
+                let reason = match stale + damaged {
+                    0 => format!("no picture for {waited} s: is the camera still there?"),
+                    _ => format!(
+                        "no picture that can be used for {waited} s; so far {damaged} were \
+                         damaged, and {stale} came faster than they were fetched \
+                         (lower --fps, or do less on this computer)"
+                    ),
+                };
+                (self.paths[camera].clone(), reason)
+            }
+            (None, first) => {
+                let apart_ms = state.matching.apart_us().unwrap_or(0) as f64 * 1e-3;
+                (
+                    first.cloned().unwrap_or_default(),
+                    format!(
+                        "no picture within the window of the other cameras' for {waited} s, the \
+                         latest are {apart_ms:.1} ms apart: trigger the cameras together, \
+                         or raise --window"
+                    ),
+                )
+            }
+        };
+        InputError::file(&path, reason)
+    }
+
+    fn wait(&self) -> Option<Result<Set<Image>, InputError>> {
+        let mut state = self.shared.state();
+        let arrived = |state: &State| -> Vec<u64> {
+            let counts = state.matching.counts().iter();
+            counts.map(|counts| counts.arrived).collect()
+        };
+        let before = arrived(&state);
+        let end = Instant::now() + self.patience;
+        loop {
+            if self.stop.load(Relaxed) {
+                return None;
+            }
+            if let Some(set) = state.matching.take_newest() {
+                return Some(Ok(set));
+            }
+            if let Some(error) = state.failed.take() {
+                return Some(Err(error));
+            }
+            if Instant::now() >= end {
+                return Some(Err(self.silence(&state, &before)));
+            }
+            let waited = self.shared.arrived.wait_timeout(state, LOOK);
+            (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Runs one camera's thread. The times of its images count from `zero`.
+fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
+    let mut is_lost = false;
+    while !is_lost && !shared.ended.load(Relaxed) {
+        let shot = camera.next_image();
+        let mut state = shared.state();
+        state.tallies[index].lost = camera.lost();
+        match shot {
+            // An image that was taken before the start has no time, and is stale.
+            Ok(CameraEvent::Image(at, image)) => match at.checked_duration_since(zero) {
+                Some(since) => state.matching.push(index, micros(since), image),
+                None => state.tallies[index].stale += 1,
+            },
+            Ok(CameraEvent::Stale) => state.tallies[index].stale += 1,
+            Ok(CameraEvent::Damaged) => state.tallies[index].damaged += 1,
+            Ok(CameraEvent::Nothing) => (),
+            Err(error) => {
+                if state.matching.leave_out(index) {
+                    state.losses.push(error);
+                } else {
+                    state.failed.get_or_insert(error);
+                }
+                is_lost = true;
+            }
+        }
+        drop(state);
+        shared.arrived.notify_all();
+    }
+}
+
+fn views(set: Set<Image>) -> Vec<Image> {
+    let pictures = set.pictures.into_iter();
+    let views = pictures.map(|picture| picture.map(|(_, image)| image));
+    views.map(|view| view.unwrap_or(Image::missing())).collect()
+}
+
+fn micros(duration: Duration) -> u64 {
+    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
+}
+
+impl Iterator for LiveCameras {
+    type Item = Result<FrameSet, InputError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let set = self.wait()?;
+        let losses = std::mem::take(&mut self.shared.state().losses);
+        losses.iter().for_each(&mut self.tell);
+        self.failed = set.is_err();
+        Some(set.map(|set| FrameSet {
+            time_us: set.time_us(),
+            images: views(set),
+        }))
+    }
+}
+
+impl Drop for LiveCameras {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests;
