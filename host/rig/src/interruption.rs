@@ -2,9 +2,9 @@
 //! be caught.
 //!
 //! The first signal sets one flag for the whole program. Code that moves a stage sees the flag and
-//! stops the stage: every connection (`trinocular_client::serial::Serial`) watches for signals from its
-//! connection on, so that no command can forget to. A second signal ends the program at once, with
-//! exit code 3; the station then stops by itself because it hears no heartbeat.
+//! stops the stage: every connection (`trinocular_client::serial::Serial`) watches for signals from
+//! its connection on, so that no command can forget to. A second signal ends the program at once,
+//! with exit code 3; the station then stops by itself because it hears no heartbeat.
 //!
 //! | Signal (Unix) | While a station is connected |
 //! |---|---|

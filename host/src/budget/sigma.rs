@@ -15,10 +15,11 @@
 //! its four Gauss points.
 //!
 //! `w` is the variance inflation factor for correlated errors: overlapping windows share noise, and
-//! sub-pixel tracking errs alike for all points ([`trinocular_vision::sums`]). Beyond some number of points,
-//! more points therefore do not help. The prediction takes all noise to be the sensor's. Windows do
-//! not share the part of it that is interpolation's own error, so with sharp texture and little
-//! noise a measurement states a smaller factor ([`trinocular_vision::flow::variance_inflation`]).
+//! sub-pixel tracking errs alike for all points ([`trinocular_vision::sums`]). Beyond some number
+//! of points, more points therefore do not help. The prediction takes all noise to be the sensor's.
+//! Windows do not share the part of it that is interpolation's own error, so with sharp texture and
+//! little noise a measurement states a smaller factor
+//! ([`trinocular_vision::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
 use shared::rig::Rig;
@@ -30,7 +31,8 @@ use trinocular_vision::matching::lucas_kanade::FineTemplate;
 /// Side of the window in which the flow of a point is measured, px.
 pub const WINDOW_PX: f64 = 21.0;
 
-/// Least distance between two points, px ([`trinocular_vision::flow::FlowSettings::min_spacing_px`]).
+/// Least distance between two points, px
+/// ([`trinocular_vision::flow::FlowSettings::min_spacing_px`]).
 const APART_PX: f64 = 8.0;
 
 /// Margin that a window needs from the image's border, px.
