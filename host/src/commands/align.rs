@@ -15,7 +15,7 @@ use trinocular_vision::alignment::{Alignment, AlignmentSettings, present, rewrit
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
-/// Correct a rig's principal points (its datum offsets) from pictures of any textured scene
+/// Correct a rig's principal points from images of any textured scene
 ///
 /// The paper's section 4.1: principal points from a calibration are off by a pixel or more, which
 /// costs the closed form most of its Z. In parallel cameras every point of a scene must have equal

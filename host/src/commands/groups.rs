@@ -1,6 +1,12 @@
-//! The list of commands in the help, by purpose.
+//! The list of commands in the help, grouped by purpose.
 
-/// Help template: clap's own, with [`COMMANDS`] in place of the list.
+use std::fmt::Write as _;
+
+use clap::Subcommand as _;
+
+use super::Command;
+
+/// Layout of the help: clap's own, with [`commands`] in place of its list.
 pub const TEMPLATE: &str = "\
 {about-with-newline}
 {usage-heading} {usage}
@@ -9,62 +15,96 @@ pub const TEMPLATE: &str = "\
 {options}{after-help}
 ";
 
-/// List of all commands, by purpose.
-pub const COMMANDS: &str = "\
-Measure:
-  estimate         Estimate the target's displacement from matched points or from images
-  track            Follow a target: simulated, recorded, a folder that grows, or live cameras
+/// Names of the commands by purpose.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("Measure", &["estimate", "track"]),
+    (
+        "Set up",
+        &[
+            "init",
+            "calibrate",
+            "convert",
+            "align",
+            "verify",
+            "calibrate-stage",
+        ],
+    ),
+    (
+        "Station",
+        &[
+            "ports", "hello", "status", "jog", "home", "zero", "stop", "reset", "motors",
+            "diagnose",
+        ],
+    ),
+    ("Simulate", &["simulate", "tables"]),
+    ("For developers", &["bench", "completions", "man"]),
+];
 
-Set up:
-  init             Write a commented rig file to begin with: cameras, board and stage
-  calibrate        Calibrate cameras and rig from photographs of a chessboard
-  convert          Convert calibrations of OpenCV and ROS to a rig file, or a rig file to theirs
-  align            Correct a rig's principal points from images of any textured scene
-  verify           Predict what a rig can measure, and name what limits it
-  calibrate-stage  Measure how the cameras sit on the stage (also: hand-eye)
+/// Columns of the first line's indent and of the names.
+const NAMES: usize = 19;
+/// Columns of a line.
+const LINE: usize = 100;
 
-Station:
-  ports            List the serial ports that a station may be on
-  hello            Ask the station on a serial port for its board, firmware and last run
-  status           Show the station's state, fault and position
-  jog              Move the stage by a distance along its axes, in mm
-  home             Find the home switches, and with them the position
-  zero             Make the present position zero on all axes
-  stop             Stop the stage on a ramp; it stays stopped until `reset`
-  reset            Clear a stop, or a fault whose cause is gone
-  motors           Switch the motors of the stage on or off
-  diagnose         Explain states and faults, or find the problem of a station
-
-Simulate:
-  simulate         Run scenarios on the built-in twin: target motion, occlusions, faults
-  tables           Print the paper's Tables 1, 2, 5 and 6, ours beside the printed values
-
-For developers:
-  bench            Measure the speed and accuracy of this program's image processing
-  completions      Print completions for a shell
-  man              Write the manual pages into a folder
-
-`trinocular help COMMAND` explains a command.
-";
+/// Formats the groups, each command with the first line of its help.
+pub fn commands() -> String {
+    let program = Command::augment_subcommands(clap::Command::new("trinocular"));
+    let mut text = String::new();
+    for (heading, names) in GROUPS {
+        let _ = writeln!(text, "{heading}:");
+        for name in names {
+            let command = program.find_subcommand(name);
+            let about = command.and_then(clap::Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let mut line = format!("  {name:<width$}", width = NAMES - 3);
+            for word in about.split_whitespace() {
+                if line.chars().count() + 1 + word.chars().count() > LINE {
+                    let _ = writeln!(text, "{line}");
+                    line = " ".repeat(NAMES - 1);
+                }
+                line.push(' ');
+                line.push_str(word);
+            }
+            let _ = writeln!(text, "{line}");
+        }
+        text.push('\n');
+    }
+    text.push_str("`trinocular help COMMAND` explains a command.\n");
+    text
+}
 
 #[cfg(test)]
 mod tests {
-    use super::super::Arguments;
-    use super::COMMANDS;
-    use clap::CommandFactory as _;
+    use super::*;
 
     #[test]
     fn every_command_is_listed_once() {
-        let mut listed: Vec<&str> = COMMANDS
-            .lines()
-            .filter_map(|line| line.strip_prefix("  "))
-            .filter_map(|line| line.split_whitespace().next())
+        let mut listed: Vec<&str> = GROUPS
+            .iter()
+            .flat_map(|(_, names)| *names)
+            .copied()
             .collect();
         listed.sort_unstable();
-        let arguments = Arguments::command();
-        let mut known: Vec<&str> = arguments.get_subcommands().map(|c| c.get_name()).collect();
+        let program = Command::augment_subcommands(clap::Command::new("trinocular"));
+        let mut known: Vec<&str> = program.get_subcommands().map(|c| c.get_name()).collect();
         known.sort_unstable();
         assert_eq!(listed, known);
-        assert!(COMMANDS.lines().all(|line| line.len() <= 100));
+    }
+
+    #[test]
+    fn list_explains_each_command_within_its_columns() {
+        let text = commands();
+        for (_, names) in GROUPS {
+            for name in names {
+                let lines = text
+                    .lines()
+                    .filter(|line| line.starts_with(&format!("  {name} ")));
+                let about = lines.map(|line| line[NAMES..].len()).sum::<usize>();
+                assert!(about > 10, "{name}: {text}");
+            }
+        }
+        assert!(
+            text.lines().all(|line| line.chars().count() <= LINE),
+            "{text}"
+        );
     }
 }

@@ -59,7 +59,7 @@ mod zero;
     version,
     long_version = version::long(),
     help_template = groups::TEMPLATE,
-    before_help = groups::COMMANDS,
+    before_help = groups::commands(),
     max_term_width = 100,
     args_conflicts_with_subcommands = true,
     after_help = EXIT_CODES
