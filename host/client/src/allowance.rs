@@ -63,14 +63,14 @@ impl Allowance {
         let axes = (0..3).filter(|axis| axes[*axis]);
         let time_s = axes.map(|axis| {
             let [least, greatest] = stage.travel_mm[axis];
-            // The way is five quarters of the travel.
+            // The search covers five quarters of the travel.
             [
                 (1.25 * (greatest - least), fast),
                 (back_off_mm, slow),
                 (back_off_mm, slow),
                 (back_off_mm, slow),
             ]
-            .map(|(way_mm, speed)| duration_s(stage, axis, way_mm, speed))
+            .map(|(distance_mm, speed)| duration_s(stage, axis, distance_mm, speed))
             .iter()
             .sum::<f64>()
         });
@@ -98,11 +98,11 @@ impl Allowance {
 }
 
 /// Computes the time of one axis at no more than `speed_mm_s`, s: cruise and two full ramps.
-fn duration_s(stage: &Stage, axis: usize, way_mm: f64, speed_mm_s: f64) -> f64 {
+fn duration_s(stage: &Stage, axis: usize, distance_mm: f64, speed_mm_s: f64) -> f64 {
     let speed = speed_mm_s.min(stage.max_speed_mm_s[axis]);
     let acceleration = stage.max_acceleration_mm_s2[axis];
     let ramp_s = speed / acceleration + acceleration / stage.max_jerk_mm_s3[axis];
-    way_mm.abs() / speed + 2.0 * ramp_s
+    distance_mm.abs() / speed + 2.0 * ramp_s
 }
 
 /// Clock of one motion against its [`Allowance`].

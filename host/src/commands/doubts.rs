@@ -1,4 +1,4 @@
-//! Warnings of probable mistakes in a rig, by every command that measures with one.
+//! Warnings of probable mistakes in a rig, for all commands that measure with a rig.
 
 use std::path::Path;
 

@@ -127,7 +127,7 @@ impl Serial {
                     }
                 }
                 if let Some(waited) = allowance.spent(Instant::now(), status.as_ref()) {
-                    // The caller hears of it, so that it need not be tried again.
+                    // The caller gets the error. A second wait at the end of the run would add nothing.
                     client.motion_mut().ended();
                     return Err(self.unknown_rest(waited));
                 }
