@@ -4,8 +4,8 @@
 //! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
 //! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
 //! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what
-//! its states and faults mean. [`tape`] records a twin's life for comparison. [`stage`] turns the
-//! rig file's stage into a configuration.
+//! its states and faults mean. [`observer`] sees every byte on the line; [`tape`] records a twin's
+//! life for comparison. [`stage`] turns the rig file's stage into a configuration.
 
 pub mod allowance;
 pub mod bound;
@@ -13,6 +13,7 @@ pub mod clock;
 pub mod conversation;
 pub mod diagnosis;
 mod motion;
+pub mod observer;
 pub mod plant;
 pub mod plausible;
 pub mod ports;
@@ -76,6 +77,12 @@ pub enum StationError {
     /// The station answered a stop, but its hello has an implausible number.
     #[error("the station answered the stop, but see that the stage stands: {0}")]
     StoppedDoubtful(plausible::Implausible),
+    /// Another program stopped the stage through this one.
+    #[error("the stage was stopped by {by}")]
+    StoppedByOther {
+        /// Program that asked for the stop, with its process number.
+        by: String,
+    },
     /// A signal asked the program to end.
     #[error("interrupted")]
     Cancelled,
@@ -177,6 +184,7 @@ impl StationError {
             | Self::Restless { .. }
             | Self::Overdue { .. }
             | Self::StoppedDoubtful(_)
+            | Self::StoppedByOther { .. }
             | Self::Cancelled
             | Self::Implausible(_)
             | Self::Mismatch(_)

@@ -21,6 +21,7 @@ pub use stop::{Ending, ending};
 
 use super::StationError;
 use super::conversation::Client;
+use super::observer::StationObserver;
 use super::stage::configuration;
 use line::Line;
 use sender::Sender;
@@ -100,6 +101,32 @@ pub struct Serial {
     stops: bool,
 }
 
+/// Handle that stops the stage of a [`Serial`] from any thread.
+#[derive(Clone)]
+pub struct Stopper {
+    shared: Arc<Shared>,
+}
+
+impl std::fmt::Debug for Stopper {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stopper").finish_non_exhaustive()
+    }
+}
+
+impl Stopper {
+    /// Stops the stage at once, in the name of `by`. The stop is repeated until it is answered, and
+    /// from now on every call of the [`Serial`] that waits or moves fails with
+    /// [`StationError::StoppedByOther`].
+    pub fn stop(&self, by: &str) {
+        self.shared.line().stop_for(by.to_owned());
+    }
+
+    /// Returns true once the station has answered the stop.
+    pub fn is_answered(&self) -> bool {
+        matches!(self.shared.line().stop, stop::Stop::Answered)
+    }
+}
+
 impl std::fmt::Debug for Serial {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Serial")
@@ -124,7 +151,19 @@ impl Serial {
     /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
     /// station with other firmware is no error here: see [`Hello::mismatches`].
     pub fn connect(path: &str) -> Result<Self, StationError> {
+        Self::connect_observed(path, None)
+    }
+
+    /// Connects as [`Serial::connect`] does; `observer` sees every byte on the line.
+    ///
+    /// # Errors
+    /// As [`Serial::connect`].
+    pub fn connect_observed(
+        path: &str,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
         let serial = Self::open(path)?;
+        serial.shared.line().set_observer(observer);
         serial.hello()?;
         serial.shared.line().begin_session();
         Ok(serial)
@@ -222,7 +261,19 @@ impl Serial {
     /// # Errors
     /// As [`Serial::start`].
     pub fn start_as(path: &str, configuration: Config) -> Result<Self, StationError> {
-        let mut serial = Self::connect(path)?;
+        Self::start_observed(path, configuration, None)
+    }
+
+    /// Starts the station as [`Serial::start_as`] does; `observer` sees every byte on the line.
+    ///
+    /// # Errors
+    /// As [`Serial::start`].
+    pub fn start_observed(
+        path: &str,
+        configuration: Config,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
+        let mut serial = Self::connect_observed(path, observer)?;
         let mismatches = serial.who().map(|hello| hello.mismatches());
         let mismatches = mismatches.unwrap_or_default();
         if !mismatches.is_empty() {
@@ -347,6 +398,19 @@ impl Serial {
             false => client.status_since_hello().copied(),
         })?;
         status.ok_or_else(|| self.silence("status", PATIENCE))
+    }
+
+    /// Returns a handle that stops the stage from any thread.
+    pub fn stopper(&self) -> Stopper {
+        Stopper {
+            shared: Arc::clone(&self.shared),
+        }
+    }
+
+    /// Lets commands move the stage again after a [`Stopper`] has stopped it. The station itself
+    /// stays stopped until a reset.
+    pub fn forgive_stop(&mut self) {
+        self.shared.line().stopped_by = None;
     }
 
     /// Returns the path of the port.

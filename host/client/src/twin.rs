@@ -7,6 +7,7 @@
 
 use super::StationError;
 use super::conversation::Client;
+use super::observer::StationObserver;
 use super::stage::configuration;
 use super::tape::Tape;
 use crate::plant::Plant;
@@ -18,6 +19,7 @@ use shared::safety::Inputs;
 use shared::steps::{PortMap, WordRate};
 use shared::time::Instant;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use trinocular_rig::rig_file::Stage;
 
 /// STEP and DIR pins of the twin's port.
@@ -38,7 +40,6 @@ const PING_US: u64 = 20_000;
 const PATIENCE_US: u64 = 100_000;
 
 /// The emulated board and the stage at its pins.
-#[derive(Debug)]
 struct Hardware {
     station: EmulatedStation,
     plant: Plant,
@@ -50,6 +51,16 @@ struct Hardware {
     /// Packets to the host, each with its instant of sending.
     to_host: Vec<(Instant, Bytes)>,
     tape: Option<Tape>,
+    observer: Option<Arc<dyn StationObserver>>,
+}
+
+impl std::fmt::Debug for Hardware {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Hardware")
+            .field("now", &self.station.now())
+            .field("steps", &self.plant.steps())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Hardware {
@@ -77,10 +88,14 @@ impl Hardware {
             words: vec![0; RING_WORDS].into(),
             to_host: Vec::new(),
             tape: None,
+            observer: None,
         }
     }
 
     fn receive(&mut self, bytes: &[u8]) {
+        if let Some(observer) = &self.observer {
+            observer.to_station(self.station.now().micros(), bytes);
+        }
         if let Some(tape) = &mut self.tape {
             tape.received(self.station.now(), bytes);
         }
@@ -96,6 +111,9 @@ impl Hardware {
             match event {
                 Event::Idle(_) => return,
                 Event::Sent(bytes) => {
+                    if let Some(observer) = &self.observer {
+                        observer.from_station(now.micros(), &bytes);
+                    }
                     if let Some(tape) = &mut self.tape {
                         tape.sent(now, &bytes);
                     }
@@ -103,6 +121,9 @@ impl Hardware {
                 }
                 Event::Segment(segment, filled) => {
                     let words = &self.words[..filled];
+                    if let Some(observer) = &self.observer {
+                        observer.segment(now, &segment, words);
+                    }
                     if let Some(tape) = &mut self.tape {
                         tape.segment(now, &segment, words);
                     }
@@ -131,6 +152,9 @@ impl Hardware {
 
     fn set_switches(&mut self, switches: Inputs) {
         self.station.set_switches(switches);
+        if let Some(observer) = &self.observer {
+            observer.switches(self.station.now(), &switches);
+        }
         if let Some(tape) = &mut self.tape {
             let words_emitted = self.plant.words().saturating_sub(RING_WORDS as u64);
             let inputs = Inputs {
@@ -163,7 +187,22 @@ impl Twin {
         name: &'static str,
         mounting: Mounting,
     ) -> Result<Self, StationError> {
-        let mut twin = Self::power_on(stage, name)?;
+        Self::start_observed(stage, name, mounting, None)
+    }
+
+    /// Starts a station as [`Twin::start`] does; `observer` sees it from its first byte on.
+    ///
+    /// # Errors
+    /// As [`Twin::start`].
+    pub fn start_observed(
+        stage: &Stage,
+        name: &'static str,
+        mounting: Mounting,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
+        let mut hardware = Hardware::new(stage, name, 1);
+        hardware.observer = observer;
+        let mut twin = Self::switch_on(hardware)?;
         twin.command("config", Command::Config(configuration(stage, mounting)?))?;
         twin.zero()?;
         Ok(twin)

@@ -1,6 +1,7 @@
 //! The loop with frame sets from outside: live cameras, recorded images, a folder that grows.
 
 use super::ServoError;
+use super::observer::ServoObserver;
 use super::station_link::StationLink;
 use super::visual_servo::{ServoStep, VisualServo};
 use shared::frame::message::Command;
@@ -70,6 +71,11 @@ impl FrameSetServo {
             station,
             first_us: None,
         })
+    }
+
+    /// Adds an observer, which sees the keyframe and every turn from now on.
+    pub fn add_observer(&mut self, observer: Box<dyn ServoObserver>) {
+        self.servo.add_observer(observer);
     }
 
     /// Returns the station.

@@ -9,12 +9,14 @@
 //! * [`visual_servo`]: the loop itself, the same for all sources of images;
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
-//! * [`station_link`]: the station, in this process or on a serial line.
+//! * [`station_link`]: the station, in this process or on a serial line;
+//! * [`observer`]: what sees every turn of the loop and has no part in it.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
 
 pub mod frame_sets;
+pub mod observer;
 pub mod path;
 pub mod simulated;
 pub mod station_link;

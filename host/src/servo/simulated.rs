@@ -2,6 +2,7 @@
 //! rate, and time passes as it would.
 
 use super::ServoError;
+use super::observer::ServoObserver;
 use super::visual_servo::{ServoOutcome, ServoStep, VisualServo};
 use super::world::{Exposure, SimulatedWorld};
 use shared::rig::Rig;
@@ -66,7 +67,24 @@ impl SimulatedServo {
         timing: ServoTiming,
         estimator: Estimator,
     ) -> Result<Self, ServoError> {
+        Self::start_observed(world, rig, timing, estimator, Vec::new())
+    }
+
+    /// Takes the keyframe as [`SimulatedServo::start`] does; `observers` see it and every turn.
+    ///
+    /// # Errors
+    /// As [`SimulatedServo::start`].
+    pub fn start_observed(
+        world: &mut SimulatedWorld,
+        rig: &Rig,
+        timing: ServoTiming,
+        estimator: Estimator,
+        observers: Vec<Box<dyn ServoObserver>>,
+    ) -> Result<Self, ServoError> {
         let mut servo = VisualServo::new(rig, estimator).map_err(ServoError::Reference)?;
+        for observer in observers {
+            servo.add_observer(observer);
+        }
         let Exposure {
             moment,
             target_mm,

@@ -8,8 +8,10 @@
 
 use shared::frame::message::{Command, Config, Denial, EstimateReport, Frame, Mounting, Status};
 use shared::time::Instant;
+use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
+use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::configuration;
 use trinocular_client::twin::Twin;
@@ -104,9 +106,23 @@ impl StationLink {
         stage: &Stage,
         mounting: Mounting,
     ) -> Result<Self, StationError> {
+        Self::start_observed(place, stage, mounting, None)
+    }
+
+    /// Starts the station as [`StationLink::start_as`] does; `observer` sees every byte between
+    /// host and station.
+    ///
+    /// # Errors
+    /// As [`StationLink::start`].
+    pub fn start_observed(
+        place: StationPlace<'_>,
+        stage: &Stage,
+        mounting: Mounting,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
         match place {
             StationPlace::Twin => {
-                let twin = Twin::start(stage, "twin B", mounting)?;
+                let twin = Twin::start_observed(stage, "twin B", mounting, observer)?;
                 Ok(Self::Twin(Box::new(twin)))
             }
             StationPlace::Port { path, heartbeat_ms } => {
@@ -114,7 +130,7 @@ impl StationLink {
                     heartbeat_ms,
                     ..configuration(stage, mounting)?
                 };
-                let serial = Serial::start_as(path, configuration)?;
+                let serial = Serial::start_observed(path, configuration, observer)?;
                 let delay_us = serial.who().map_or(0, |hello| u64::from(hello.delay_us));
                 Ok(Self::Live(Live {
                     serial,

@@ -1,6 +1,7 @@
 //! The closed loop itself: images of one instant to flow sums, flow sums to the station, and the
 //! station's answer.
 
+use super::observer::{ServoEvent, ServoObserver};
 use super::station_link::{FrameRefusal, StationLink};
 use shared::frame::message::{EstimateReport, Frame, Sums as FrameSums};
 use shared::rig::Rig;
@@ -8,7 +9,7 @@ use shared::safety::Trust;
 use shared::time::Instant;
 use trinocular_client::StationError;
 use trinocular_vision::flow::CameraRefusal;
-use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings};
+use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::measure::{MeasureRefusal, measure};
 use trinocular_vision::sums::{Estimator, Sums};
@@ -87,7 +88,7 @@ pub struct ServoStep {
 }
 
 /// Flow sums of one instant.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Measured {
     /// Sums for the station's estimator.
     pub sums: FrameSums,
@@ -95,6 +96,8 @@ pub struct Measured {
     pub points: usize,
     /// Cameras that took no part, from 0, each with its reason.
     pub absent: Vec<(usize, CameraRefusal)>,
+    /// The measurement in the images; `None` for ideal correspondences.
+    pub measurement: Option<Measurement>,
 }
 
 /// The closed loop of images, flow, station and stage.
@@ -109,6 +112,7 @@ pub struct VisualServo {
     /// Instant of the keyframe on the station's clock. Kept, because the station identifies a
     /// keyframe by its exact instant, and the estimate of the station's clock drifts.
     keyframe: Instant,
+    observers: Vec<Box<dyn ServoObserver>>,
 }
 
 impl VisualServo {
@@ -122,7 +126,13 @@ impl VisualServo {
             flow: Flow::new(rig, FlowSettings::default())?,
             estimator,
             keyframe: Instant::default(),
+            observers: Vec::new(),
         })
+    }
+
+    /// Adds an observer, which sees the keyframe and every [`VisualServo::step`] from now on.
+    pub fn add_observer(&mut self, observer: Box<dyn ServoObserver>) {
+        self.observers.push(observer);
     }
 
     /// Takes the keyframe: the view to be kept.
@@ -130,7 +140,11 @@ impl VisualServo {
     /// # Errors
     /// If the images cannot be a keyframe, with the reason.
     pub fn set_keyframe(&mut self, images: &FrameSet) -> Result<(), flow::FlowRefusal> {
-        self.flow.set_keyframe(images)
+        self.flow.set_keyframe(images)?;
+        for observer in &mut self.observers {
+            observer.observe(&ServoEvent::Keyframe { images });
+        }
+        Ok(())
     }
 
     /// Sets the instant of the keyframe on the station's clock.
@@ -152,7 +166,8 @@ impl VisualServo {
         Ok(Measured {
             sums: sums.frame(self.estimator)?,
             points: measured.correspondences.len(),
-            absent: measured.refused_cameras,
+            absent: measured.refused_cameras.clone(),
+            measurement: Some(measured),
         })
     }
 
@@ -165,6 +180,7 @@ impl VisualServo {
             sums: Sums::new(&self.rig, points)?.frame(self.estimator)?,
             points: points.len(),
             absent: Vec::new(),
+            measurement: None,
         })
     }
 
@@ -189,27 +205,41 @@ impl VisualServo {
         taken: Instant,
         arrival: Option<Instant>,
     ) -> Result<ServoStep, StationError> {
-        let (outcome, absent) = match self.measure(images) {
-            Err(refusal) => (ServoOutcome::Refused(refusal), Vec::new()),
+        let measured = self.measure(images);
+        let outcome = match &measured {
+            Err(refusal) => ServoOutcome::Refused(refusal.clone()),
             Ok(measured) => {
                 if let Some(arrival) = arrival {
                     station.advance(arrival);
                 }
-                let outcome = match station.offer(self.frame(taken, measured.sums))? {
+                match station.offer(self.frame(taken, measured.sums))? {
                     Ok(report) => ServoOutcome::Used(ServoEstimate::new(&report, measured.points)),
                     Err(refusal) => ServoOutcome::Unused(refusal),
-                };
-                (outcome, measured.absent)
+                }
             }
         };
+        let measured = measured.ok();
         let status = station.status();
+        let step = ServoStep {
+            outcome,
+            absent: (measured.as_ref()).map_or(Vec::new(), |measured| measured.absent.clone()),
+            trust: status.map_or(Trust::Unknown, |status| status.trust),
+        };
+        let event = ServoEvent::Step {
+            images,
+            taken,
+            reference: self.keyframe,
+            measured: measured.as_ref(),
+            step: &step,
+            stage_mm: station.position_mm(),
+            status: status.as_ref(),
+        };
+        for observer in &mut self.observers {
+            observer.observe(&event);
+        }
         match status.and_then(|status| status.fault) {
             Some(fault) => Err(StationError::Faulted(fault)),
-            None => Ok(ServoStep {
-                outcome,
-                absent,
-                trust: status.map_or(Trust::Unknown, |status| status.trust),
-            }),
+            None => Ok(step),
         }
     }
 }

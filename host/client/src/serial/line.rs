@@ -10,6 +10,7 @@
 use super::super::StationError;
 use super::super::conversation::Client;
 use super::super::motion::moves;
+use super::super::observer::StationObserver;
 use super::busy;
 use super::sender::Sender;
 use super::stop::{STOP_PATIENCE, Stop};
@@ -85,6 +86,10 @@ pub(super) struct Line {
     pub patience: Duration,
     /// True once the owner is gone.
     pub closed: bool,
+    /// Program that stopped the stage through this one. Until it is cleared, nothing that may move
+    /// the stage is sent.
+    pub stopped_by: Option<String>,
+    observer: Option<Arc<dyn StationObserver>>,
 }
 
 impl Line {
@@ -105,7 +110,22 @@ impl Line {
             configured: false,
             patience: RECONNECT_PATIENCE,
             closed: false,
+            stopped_by: None,
+            observer: None,
         })
+    }
+
+    /// Sets the observer of everything on the line from now on.
+    pub fn set_observer(&mut self, observer: Option<Arc<dyn StationObserver>>) {
+        self.sender.set_observer(observer.clone());
+        self.observer = observer;
+    }
+
+    /// Begins to stop the stage for another program.
+    pub fn stop_for(&mut self, by: String) {
+        self.begin_stop();
+        self.stopped_by = Some(by);
+        self.repeat_stop();
     }
 
     pub fn set_pings(&mut self, on: bool) {
@@ -208,6 +228,9 @@ impl Line {
                 Ok(count) => {
                     self.heard = Instant::now();
                     let now_us = self.sender.now_us();
+                    if let Some(observer) = &self.observer {
+                        observer.from_station(now_us, &buffer[..count]);
+                    }
                     self.client.feed(now_us, &buffer[..count]);
                 }
                 Err(cause) if is_pause(&cause) => return,
@@ -314,6 +337,9 @@ impl Line {
     pub fn check(&self) -> Result<(), StationError> {
         if let Some(implausible) = self.client.implausible() {
             return Err(implausible.into());
+        }
+        if let Some(by) = &self.stopped_by {
+            return Err(StationError::StoppedByOther { by: by.clone() });
         }
         let path = || self.path.clone();
         match (&self.link, &self.interruption) {

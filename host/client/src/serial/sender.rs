@@ -6,6 +6,7 @@
 //! thread asks the system for a high priority, so that pings go out in time on a busy computer.
 
 use super::super::conversation::Numbering;
+use super::super::observer::StationObserver;
 use serialport::SerialPort;
 use shared::frame::message::Command;
 use std::io::Write as _;
@@ -29,6 +30,9 @@ struct Writer {
     pings: bool,
     next_ping: Instant,
     over: bool,
+    observer: Option<Arc<dyn StationObserver>>,
+    /// Zero of the host's clock.
+    epoch: Instant,
 }
 
 impl Writer {
@@ -40,6 +44,9 @@ impl Writer {
 
     fn write(&mut self, bytes: &[u8]) {
         let Some(port) = &mut self.port else { return };
+        if let Some(observer) = &self.observer {
+            observer.to_station(micros_since(self.epoch), bytes);
+        }
         if let Err(cause) = port.write_all(bytes) {
             self.port = None;
             self.broken = Some(format!("cannot write: {cause}"));
@@ -67,6 +74,8 @@ impl Sender {
                 pings: false,
                 next_ping: epoch,
                 over: false,
+                observer: None,
+                epoch,
             }),
             changed: Condvar::new(),
             epoch,
@@ -80,7 +89,12 @@ impl Sender {
 
     /// Returns the host's clock, µs.
     pub fn now_us(&self) -> u64 {
-        u64::try_from(self.epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
+        micros_since(self.epoch)
+    }
+
+    /// Sets the observer of everything that is written from now on.
+    pub fn set_observer(&self, observer: Option<Arc<dyn StationObserver>>) {
+        self.writer().observer = observer;
     }
 
     /// Sets the port to write to; with `None`, packets are dropped.
@@ -159,6 +173,10 @@ impl Sender {
             writer = guard;
         }
     }
+}
+
+fn micros_since(epoch: Instant) -> u64 {
+    u64::try_from(epoch.elapsed().as_micros()).unwrap_or(u64::MAX)
 }
 
 /// Raises the priority of the calling thread above all ordinary ones. Without the right to do so
