@@ -219,6 +219,11 @@ impl Client {
         (since <= u32::MAX / 2).then_some(status)
     }
 
+    /// Returns the control tick of the latest answer.
+    pub(super) fn answered_tick(&self) -> Option<u32> {
+        self.answered_tick
+    }
+
     /// Returns the host's model of the station's clock.
     pub fn clock(&self) -> &Clock {
         &self.clock

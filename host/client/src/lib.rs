@@ -2,7 +2,8 @@
 //!
 //! [`conversation`] speaks the protocol and does no input or output. [`twin`] is a station without
 //! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
-//! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`clock`] keeps
+//! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`owner`] lets
+//! several programs reach one station, [`clock`] keeps
 //! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what
 //! its states and faults mean. [`observer`] sees every byte on the line; [`tape`] records a twin's
 //! life for comparison. [`stage`] turns the rig file's stage into a configuration.
@@ -14,6 +15,7 @@ pub mod conversation;
 pub mod diagnosis;
 mod motion;
 pub mod observer;
+pub mod owner;
 pub mod plant;
 pub mod plausible;
 pub mod ports;

@@ -89,6 +89,13 @@ impl Plant {
         }
     }
 
+    /// Declares the present steps of each axis, for a stage that is there already.
+    pub fn put(&mut self, steps: [i64; AXES]) {
+        for (driver, steps) in self.drivers.iter_mut().zip(steps) {
+            driver.steps = steps;
+        }
+    }
+
     /// Lets the port write `words`, one per word period.
     pub fn feed(&mut self, words: &[u32]) {
         for &word in words {

@@ -1,8 +1,9 @@
 //! The serial ports of this computer, and the one that a station is on. Opens no port, hence
 //! writes to none.
 
-use super::StationError;
+use super::{StationError, owner};
 use serialport::SerialPortType;
+use std::path::{Path, PathBuf};
 use trinocular_rig::printable::printable;
 
 /// USB vendor and product of Trinocular's boards.
@@ -10,6 +11,9 @@ const USB_IDS: (u16, u16) = (0x1209, 0x0001);
 
 /// Value in place of a path: the only port with the USB vendor and product of Trinocular's boards.
 pub const AUTO: &str = "auto";
+
+/// Value in place of a path: the station that `trinocular twin` simulates on this computer.
+pub const TWIN: &str = "twin";
 
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -54,16 +58,50 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
     Ok(list)
 }
 
-/// Returns the path that `port` means: itself, or for [`AUTO`] the only station among the ports of
-/// this computer.
+/// Returns the path that `port` means: itself, for [`AUTO`] the only station among the ports of
+/// this computer, for [`TWIN`] the simulated station.
 ///
 /// # Errors
-/// [`StationError::Port`] with the ports that were found, if none or several are a station.
+/// [`StationError::Port`] with the ports that were found, if none or several are a station, or if
+/// no station is simulated.
 pub fn resolve(port: &str) -> Result<String, StationError> {
     match port {
         AUTO => only_station(&candidates()?),
+        TWIN => twin(),
         path => Ok(path.to_owned()),
     }
+}
+
+/// Returns the place of the simulated station's link.
+///
+/// # Errors
+/// If this user has no folder of its own for it.
+pub fn twin_link() -> std::io::Result<PathBuf> {
+    Ok(owner::folder()?.join(TWIN))
+}
+
+fn twin() -> Result<String, StationError> {
+    let failed = |reason: String| StationError::Port {
+        path: TWIN.to_owned(),
+        reason,
+    };
+    let link = twin_link().map_err(|cause| failed(cause.to_string()))?;
+    match is_simulated(&link) {
+        true => Ok(link.to_string_lossy().into_owned()),
+        false => Err(failed(
+            "no station is simulated now: run `trinocular twin` in another terminal first".into(),
+        )),
+    }
+}
+
+#[cfg(unix)]
+fn is_simulated(link: &Path) -> bool {
+    crate::twin::far_end::PseudoTerminal::is_in_use(link)
+}
+
+#[cfg(not(unix))]
+fn is_simulated(_: &Path) -> bool {
+    false
 }
 
 fn only_station(list: &[Candidate]) -> Result<String, StationError> {

@@ -12,9 +12,13 @@
 
 mod busy;
 mod line;
+mod port;
 mod repetition;
 mod sender;
+mod sharing;
 mod stop;
+
+pub use sharing::Access;
 
 pub use busy::{Holder, OtherHost, end_other_host};
 pub use stop::{Ending, ending};
@@ -22,6 +26,7 @@ pub use stop::{Ending, ending};
 use super::StationError;
 use super::conversation::Client;
 use super::observer::StationObserver;
+use super::owner::Purpose;
 use super::stage::configuration;
 use line::Line;
 use sender::Sender;
@@ -162,7 +167,24 @@ impl Serial {
         path: &str,
         observer: Option<Arc<dyn StationObserver>>,
     ) -> Result<Self, StationError> {
-        let serial = Self::open(path)?;
+        Self::connect_as(path, Purpose::Drive, observer)
+    }
+
+    /// Connects as [`Serial::connect`] does, only to read the station's reports: also while another
+    /// program has the port.
+    ///
+    /// # Errors
+    /// As [`Serial::connect`].
+    pub fn connect_to_watch(path: &str) -> Result<Self, StationError> {
+        Self::connect_as(path, Purpose::Watch, None)
+    }
+
+    fn connect_as(
+        path: &str,
+        purpose: Purpose,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
+        let serial = Self::open(path, purpose)?;
         serial.shared.line().set_observer(observer);
         serial.hello()?;
         serial.shared.line().begin_session();
@@ -177,7 +199,7 @@ impl Serial {
     /// As [`Serial::connect`]; [`StationError::StoppedDoubtful`] if the stop was answered, but the
     /// hello is implausible.
     pub fn connect_and_stop(path: &str) -> Result<Self, StationError> {
-        let mut serial = Self::open(path)?;
+        let mut serial = Self::open(path, Purpose::Stop)?;
         serial.stops = true;
         {
             let mut line = serial.shared.line();
@@ -198,14 +220,14 @@ impl Serial {
     }
 
     /// Opens the line and starts its threads; sends nothing.
-    fn open(path: &str) -> Result<Self, StationError> {
+    fn open(path: &str, purpose: Purpose) -> Result<Self, StationError> {
         let failed = |what: &str, cause: std::io::Error| StationError::Port {
             path: path.to_owned(),
             reason: format!("{what}: {cause}"),
         };
         interruption::watch().map_err(|cause| failed("signals", cause))?;
         let sender = Arc::new(Sender::new(Instant::now()));
-        let line = Line::open(path, Arc::clone(&sender))?;
+        let line = Line::open(path, purpose, Arc::clone(&sender))?;
         let shared = Arc::new(Shared {
             line: Mutex::new(line),
             ending: Condvar::new(),
@@ -225,6 +247,12 @@ impl Serial {
         for thread in [attendant, serial.sender.start_heartbeat()] {
             let thread = thread.map_err(|cause| failed("cannot start its threads", cause))?;
             serial.threads.push(thread);
+        }
+        if serial.owner().is_none() {
+            // Without a place for the socket, other programs cannot reach the station while this
+            // one has the port.
+            let guests = sharing::open_door(path, Arc::clone(&serial.shared));
+            serial.threads.extend(guests);
         }
         Ok(serial)
     }
@@ -405,6 +433,16 @@ impl Serial {
         Stopper {
             shared: Arc::clone(&self.shared),
         }
+    }
+
+    /// Returns the program through which the station is reached, if another one has the port.
+    pub fn owner(&self) -> Option<Holder> {
+        self.shared.line().owner.clone()
+    }
+
+    /// Sets the access of guests that want to drive.
+    pub fn set_access(&mut self, access: Access) {
+        self.shared.line().guests.access = access;
     }
 
     /// Lets commands move the stage again after a [`Stopper`] has stopped it. The station itself

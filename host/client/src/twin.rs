@@ -4,6 +4,12 @@
 //! [`Client`] at the other end. Commands and reports travel as the bytes that a serial port would
 //! carry; segments become port words, and the plant counts the edges that these make. Nothing here
 //! looks past the bytes and the pins, except for tests and reports.
+//!
+//! [`real_time`] is the same station on this computer's clock, for other programs to connect to, and
+//! [`far_end`] the line that they use.
+
+pub mod far_end;
+pub mod real_time;
 
 use super::StationError;
 use super::conversation::Client;

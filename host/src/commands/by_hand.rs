@@ -31,8 +31,8 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Port of the station.
 #[derive(Debug, Args)]
 pub struct PortArgument {
-    /// Serial port of the station, such as /dev/ttyACM0; `auto` is the only station on USB,
-    /// `trinocular ports` lists all
+    /// Port of the station, such as /dev/ttyACM0 or tcp://HOST:PORT; `auto` is the only station on
+    /// USB, `twin` the one that `trinocular twin` simulates, `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
     pub port: String,
 }
@@ -98,12 +98,21 @@ pub struct Hand {
 impl Hand {
     /// Connects to the station; refuses one with other firmware.
     pub fn connect(argument: &PortArgument) -> Result<Self, Failure> {
-        let hand = Self::connect_to_any(argument)?;
-        let mismatches = hand.serial.who().map(|hello| hello.mismatches());
+        Self::connect_to_any(argument)?.checked()
+    }
+
+    fn checked(self) -> Result<Self, Failure> {
+        let mismatches = self.serial.who().map(|hello| hello.mismatches());
         match mismatches.unwrap_or_default() {
-            list if list.is_empty() => Ok(hand),
-            list => Err(hand.failed(StationError::Mismatch(list.to_vec()))),
+            list if list.is_empty() => Ok(self),
+            list => Err(self.failed(StationError::Mismatch(list.to_vec()))),
         }
+    }
+
+    /// Connects as [`Hand::connect`] does, only to read the station's reports: also while another
+    /// run of this program has the port.
+    pub fn connect_to_watch(argument: &PortArgument) -> Result<Self, Failure> {
+        Self::connect_by(argument, Serial::connect_to_watch)?.checked()
     }
 
     /// Connects as [`Hand::connect`] does, for a command that every firmware understands.

@@ -36,7 +36,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
             "diagnose",
         ],
     ),
-    ("Simulate", &["simulate", "tables"]),
+    ("Simulate", &["twin", "simulate", "tables"]),
     ("For developers", &["bench", "completions", "man"]),
 ];
 

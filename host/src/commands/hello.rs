@@ -39,7 +39,7 @@ pub struct Options {
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let port = ports::resolve(&options.port).map_err(|error| Failure::of_station(None, error))?;
     let failed = |error: StationError| Failure::of_station(Some(&port), error);
-    let serial = Serial::connect(&port).map_err(failed)?;
+    let serial = Serial::connect_to_watch(&port).map_err(failed)?;
     let Some(hello) = serial.who() else {
         return Err(Failure::Station(format!("{port}: no hello").into()));
     };

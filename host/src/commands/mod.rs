@@ -38,6 +38,7 @@ mod status;
 mod stop;
 mod tables;
 mod track;
+mod twin;
 mod verify;
 mod version;
 mod zero;
@@ -109,6 +110,7 @@ enum Command {
     Stop(stop::Options),
     Tables(tables::Options),
     Track(track::Options),
+    Twin(twin::TwinOptions),
     Verify(verify::Options),
     Zero(zero::Options),
 }
@@ -157,6 +159,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Stop(options)) => stop::run(&options, out),
         Some(Command::Tables(options)) => tables::run(&options, out),
         Some(Command::Track(options)) => track::run(&options, out),
+        Some(Command::Twin(options)) => twin::run(&options, out),
         Some(Command::Verify(options)) => verify::run(&options, out),
         Some(Command::Zero(options)) => zero::run(&options, out),
     }

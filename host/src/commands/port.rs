@@ -9,8 +9,9 @@ use trinocular_client::stage::HEARTBEAT_MS;
 /// Port of the station.
 #[derive(Clone, Debug, Args)]
 pub struct PortOption {
-    /// Use the station on this serial port instead of the built-in twin, in real time; `auto` is
-    /// the only one on USB. Its present position becomes zero, and it moves at once
+    /// Use the station on this port instead of the built-in twin, in real time; `auto` is the only
+    /// one on USB, `twin` the one that `trinocular twin` simulates. Its present position becomes
+    /// zero, and it moves at once
     #[arg(long, value_name = "PATH")]
     port: Option<String>,
 

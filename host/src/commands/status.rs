@@ -27,7 +27,7 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let hand = Hand::connect(&options.port)?;
+    let hand = Hand::connect_to_watch(&options.port)?;
     let (hello, last) = who(&hand)?;
     let status = hand.status()?;
     if options.json {

@@ -12,8 +12,8 @@ use trinocular_rig::notice;
 /// Stop the stage on a ramp; it stays stopped until `reset`
 ///
 /// The station obeys it before everything else, whatever its firmware, and keeps the position. It
-/// is no emergency stop: that is a button. If another run of this program has the port, it is
-/// interrupted as by Ctrl-C, and stops its stage.
+/// is no emergency stop: that is a button. If another run of this program has the port, the stop goes
+/// through that run, which ends by it; one that does not react is interrupted as by Ctrl-C.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
@@ -24,11 +24,21 @@ pub struct Options {
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let path =
         ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
-    if let Some(other) = end_other_host(&path) {
-        told(&path, other)?;
-    }
-    let mut hand = Hand::connect_and_stop(&options.port)?;
+    let mut hand = match Hand::connect_and_stop(&options.port) {
+        Ok(hand) => hand,
+        Err(failure) => {
+            // Another program may have the port without letting others in.
+            let Some(other) = end_other_host(&path) else {
+                return Err(failure);
+            };
+            told(&path, other)?;
+            Hand::connect_and_stop(&options.port)?
+        }
+    };
     hand.stop()?;
+    if let Some(Holder { pid, command }) = hand.serial().owner() {
+        notice!("the stop went through `{command}` (process {pid}), which has the port");
+    }
     let status = hand.status()?;
     writeln!(
         out,

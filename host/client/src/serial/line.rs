@@ -11,22 +11,18 @@ use super::super::StationError;
 use super::super::conversation::Client;
 use super::super::motion::moves;
 use super::super::observer::StationObserver;
-use super::busy;
+use super::super::owner::{self, Purpose, Reception};
+use super::busy::{self, Holder};
+use super::port::{self, Half, Halves};
 use super::sender::Sender;
+use super::sharing::Guests;
 use super::stop::{STOP_PATIENCE, Stop};
-use serialport::SerialPort;
 use shared::frame::message::{Command, Hello, Mismatch};
 use shared::safety::State;
-use std::io::{self, Read as _};
+use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trinocular_rig::interruption;
-
-/// Speed of the line, baud. USB ignores it; a UART link must use it.
-const BAUD: u32 = 921_600;
-
-/// Timeout for a write.
-const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
 /// Silence after which a pinged station counts as lost.
 const SILENCE: Duration = Duration::from_secs(2);
@@ -67,7 +63,7 @@ enum Interruption {
 /// One serial line.
 pub(super) struct Line {
     /// Reading half; `None` while the line is down.
-    port: Option<Box<dyn SerialPort>>,
+    port: Option<Half>,
     /// Writing half, with the heartbeat.
     sender: Arc<Sender>,
     pub path: String,
@@ -90,11 +86,28 @@ pub(super) struct Line {
     /// the stage is sent.
     pub stopped_by: Option<String>,
     observer: Option<Arc<dyn StationObserver>>,
+    /// Program through which the line leads, because it has the port.
+    pub owner: Option<Holder>,
+    pub guests: Guests,
 }
 
 impl Line {
-    pub fn open(path: &str, sender: Arc<Sender>) -> Result<Self, StationError> {
-        let (reader, writer) = open(path).map_err(|cause| busy::explain(path, &cause))?;
+    /// Opens the port; if another program has it and lets others in, connects to that program.
+    pub fn open(path: &str, purpose: Purpose, sender: Arc<Sender>) -> Result<Self, StationError> {
+        let (halves, owner) = match owner::knock(path, purpose) {
+            Some(Reception::Welcome(stream, owner)) => {
+                let halves = port::through(stream).map_err(serialport::Error::from);
+                (halves, Some(owner))
+            }
+            Some(Reception::Refused(holder)) => {
+                return Err(StationError::Busy {
+                    path: path.to_owned(),
+                    holder: Some(holder),
+                });
+            }
+            None => (port::open(path), None),
+        };
+        let (reader, writer) = halves.map_err(|cause| busy::explain(path, &cause))?;
         sender.set_port(Some(writer));
         Ok(Self {
             port: Some(reader),
@@ -108,10 +121,16 @@ impl Line {
             interruption: None,
             session: None,
             configured: false,
-            patience: RECONNECT_PATIENCE,
+            patience: match owner {
+                // When the owner is gone, so is the knowledge of what it did.
+                Some(_) => Duration::ZERO,
+                None => RECONNECT_PATIENCE,
+            },
             closed: false,
             stopped_by: None,
             observer: None,
+            owner,
+            guests: Guests::default(),
         })
     }
 
@@ -133,6 +152,18 @@ impl Line {
         self.heard = Instant::now();
         let is_usable = matches!(self.link, Link::Up) && self.interruption.is_none();
         self.sender.set_pings(on && is_usable);
+    }
+
+    /// Starts the heartbeat unless it is on.
+    pub fn keep_pinging(&mut self) {
+        if !self.pings {
+            self.set_pings(true);
+        }
+    }
+
+    /// Returns the host's clock, µs since the line was opened.
+    pub fn now_us(&self) -> u64 {
+        self.sender.now_us()
     }
 
     /// Returns true if the line is closed or given up.
@@ -219,12 +250,8 @@ impl Line {
     pub fn take_in(&mut self) {
         let mut buffer = [0; 1024];
         while let Some(port) = &mut self.port {
-            let waiting = match port.bytes_to_read() {
+            match port.read_arrived(&mut buffer) {
                 Ok(0) => return,
-                Ok(waiting) => (waiting as usize).min(buffer.len()),
-                Err(cause) => return self.lose(format!("cannot read: {cause}")),
-            };
-            match port.read(&mut buffer[..waiting]) {
                 Ok(count) => {
                     self.heard = Instant::now();
                     let now_us = self.sender.now_us();
@@ -295,7 +322,7 @@ impl Line {
             self.link = Link::Over(cause);
         } else if due {
             if self.port.is_none() || self.sender.broken().is_some() {
-                let halves = open(&self.path).ok();
+                let halves = port::open(&self.path).ok();
                 self.set_port(halves);
             }
             self.greet();
@@ -376,17 +403,6 @@ impl Line {
         }
         self.check()
     }
-}
-
-/// Reading and writing handle of one port.
-type Halves = (Box<dyn SerialPort>, Box<dyn SerialPort>);
-
-fn open(path: &str) -> serialport::Result<Halves> {
-    let mut port = serialport::new(path, BAUD).timeout(WRITE_PATIENCE).open()?;
-    // Signals a USB board that a host listens. A pseudo-terminal has no such line and reports that.
-    let _ = port.write_data_terminal_ready(true);
-    let writer = port.try_clone()?;
-    Ok((port, writer))
 }
 
 /// Returns true if a stopped stage might move because of this command, at once or later.

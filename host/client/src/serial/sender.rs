@@ -7,9 +7,8 @@
 
 use super::super::conversation::Numbering;
 use super::super::observer::StationObserver;
-use serialport::SerialPort;
+use super::port::Half;
 use shared::frame::message::Command;
-use std::io::Write as _;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -23,7 +22,7 @@ const IDLE: Duration = Duration::from_secs(60);
 /// Port, numbering and schedule of the heartbeat.
 struct Writer {
     /// `None` while the line is down.
-    port: Option<Box<dyn SerialPort>>,
+    port: Option<Half>,
     numbering: Numbering,
     /// Reason for the last failed write.
     broken: Option<String>,
@@ -98,7 +97,7 @@ impl Sender {
     }
 
     /// Sets the port to write to; with `None`, packets are dropped.
-    pub fn set_port(&self, port: Option<Box<dyn SerialPort>>) {
+    pub fn set_port(&self, port: Option<Half>) {
         let mut writer = self.writer();
         writer.port = port;
         writer.broken = None;

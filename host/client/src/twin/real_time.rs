@@ -1,0 +1,116 @@
+//! A simulated station in real time: the board's own code on this computer's clock, with a
+//! simulated stage on rails at its pins, switches at the rails' ends, and a button.
+
+use super::Hardware;
+use shared::frame::message::Side;
+use shared::safety::Inputs;
+use shared::time::Instant as StationInstant;
+use std::time::{Duration, Instant};
+use trinocular_rig::rig_file::Stage;
+
+/// Name that the simulated board reports.
+const NAME: &str = "twin";
+
+/// Longest time that passes at once. When this computer is busy for longer, the simulated station's
+/// time stands still with it, because no real board would miss a heartbeat then.
+const LONGEST_TURN: Duration = Duration::from_millis(20);
+
+/// Distance from the end of the travel to the rail's limit switch, mm.
+const BEYOND_TRAVEL_MM: f64 = 5.0;
+
+/// Switches and lines that a person at the bench can change.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bench {
+    /// True while the emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// True while a motor driver reports a fault.
+    pub driver_fault: bool,
+}
+
+/// A simulated station in real time.
+#[derive(Debug)]
+pub struct RealTimeTwin {
+    hardware: Hardware,
+    stage: Stage,
+    /// Steps at which the limit switches of each axis trip, negative end first.
+    ends_steps: [[i64; 2]; 3],
+    bench: Bench,
+    session: u32,
+    last: Instant,
+}
+
+impl RealTimeTwin {
+    /// Switches a station on, with its stage at zero. The limit switches stand 5 mm beyond the
+    /// stage's travel; one that is a home switch stands where the rig file says.
+    pub fn power_on(stage: &Stage) -> Self {
+        let end_steps = |axis: usize, end: usize| {
+            let side = [Side::Negative, Side::Positive][end];
+            let home = stage.care.home[axis].filter(|home| home.side == side);
+            let limit_mm = stage.travel_mm[axis][end] + [-1.0, 1.0][end] * BEYOND_TRAVEL_MM;
+            let mm = home.map_or(limit_mm, |home| home.position_mm);
+            (mm * stage.steps_per_mm[axis]).round() as i64
+        };
+        Self {
+            hardware: Hardware::new(stage, NAME, 1),
+            stage: stage.clone(),
+            ends_steps: std::array::from_fn(|axis| [end_steps(axis, 0), end_steps(axis, 1)]),
+            bench: Bench::default(),
+            session: 1,
+            last: Instant::now(),
+        }
+    }
+
+    /// Takes the bytes that have arrived, lets the time since the last call pass, and returns the
+    /// bytes for the host. Call it every millisecond or two.
+    pub fn turn(&mut self, received: &[u8]) -> Vec<u8> {
+        let hardware = &mut self.hardware;
+        if !received.is_empty() {
+            hardware.receive(received);
+        }
+        let steps = hardware.plant.steps();
+        hardware.set_switches(Inputs {
+            limits: std::array::from_fn(|axis| {
+                let [low, high] = self.ends_steps[axis];
+                [steps[axis] <= low, steps[axis] >= high]
+            }),
+            emergency_stop: self.bench.emergency_stop,
+            driver_fault: self.bench.driver_fault,
+            words_emitted: 0,
+        });
+        let passed = self.last.elapsed().min(LONGEST_TURN);
+        self.last = Instant::now();
+        let end_us = hardware.station.now().micros() + passed.as_micros() as u64;
+        hardware.run_until(StationInstant::from_micros(end_us));
+        let packets = hardware.to_host.drain(..);
+        packets.flat_map(|(_, bytes)| bytes).collect()
+    }
+
+    /// Returns the switches of the bench.
+    pub fn bench(&self) -> Bench {
+        self.bench
+    }
+
+    /// Sets the switches of the bench.
+    pub fn set_bench(&mut self, bench: Bench) {
+        self.bench = bench;
+    }
+
+    /// Cuts the power and switches it on again. The stage stays where it is, and the switches as
+    /// they are.
+    pub fn power_cycle(&mut self) {
+        self.session += 1;
+        let mut hardware = Hardware::new(&self.stage, NAME, self.session);
+        hardware.plant.put(self.hardware.plant.steps());
+        self.hardware = hardware;
+    }
+
+    /// Returns the position of the stage, mm from where it stood first, by the edges at the pins.
+    pub fn position_mm(&self) -> [f64; 3] {
+        self.hardware.plant.position_mm()
+    }
+
+    /// Returns the steps that the pins made, backward ones subtracted.
+    pub fn steps(&self) -> [i64; 3] {
+        self.hardware.plant.steps()
+    }
+}

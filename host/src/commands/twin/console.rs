@@ -1,0 +1,90 @@
+//! Orders to a simulated station, one per line of standard input.
+
+use std::io::{BufRead as _, Read as _};
+use std::sync::mpsc::{Receiver, channel};
+use trinocular_client::twin::real_time::Bench;
+use trinocular_rig::printable::printable;
+
+/// Orders, for messages.
+pub const ORDERS: &str = "type press, release, fault, clear, unplug, plug, restart, where or quit";
+
+/// Longest line, bytes.
+const LONGEST: u64 = 200;
+
+/// One order.
+pub enum Order {
+    /// Change what the station senses.
+    Bench(fn(Bench) -> Bench),
+    /// Cut the line.
+    Unplug,
+    /// Connect the line again.
+    Plug,
+    /// Power-cycle the board.
+    Restart,
+    /// Print the position of the stage.
+    Where,
+    /// End.
+    Quit,
+    /// Anything else.
+    Unknown(String),
+}
+
+impl Order {
+    fn read(line: &str) -> Self {
+        match line {
+            "press" => Self::Bench(|bench| Bench {
+                emergency_stop: true,
+                ..bench
+            }),
+            "release" => Self::Bench(|bench| Bench {
+                emergency_stop: false,
+                ..bench
+            }),
+            "fault" => Self::Bench(|bench| Bench {
+                driver_fault: true,
+                ..bench
+            }),
+            "clear" => Self::Bench(|bench| Bench {
+                driver_fault: false,
+                ..bench
+            }),
+            "unplug" => Self::Unplug,
+            "plug" => Self::Plug,
+            "restart" => Self::Restart,
+            "where" => Self::Where,
+            "quit" => Self::Quit,
+            other => Self::Unknown(printable(other)),
+        }
+    }
+}
+
+/// Thread that reads the orders. It ends with standard input or with the program.
+pub struct Console(Receiver<Order>);
+
+impl Console {
+    /// Starts to read. At the end of standard input the station goes on without orders.
+    pub fn start() -> Self {
+        let (sender, orders) = channel();
+        std::thread::spawn(move || {
+            let mut input = std::io::stdin().lock();
+            loop {
+                let mut line = Vec::new();
+                match input.by_ref().take(LONGEST).read_until(b'\n', &mut line) {
+                    Ok(0) | Err(_) => return,
+                    Ok(_) => {}
+                }
+                let line = String::from_utf8_lossy(&line);
+                let word = line.trim();
+                if !word.is_empty() && sender.send(Order::read(word)).is_err() {
+                    return;
+                }
+            }
+        });
+        Self(orders)
+    }
+
+    /// Returns the next order, if there is one.
+    pub fn order(&self) -> Option<Order> {
+        self.0.try_recv().ok()
+    }
+}

@@ -1,0 +1,231 @@
+//! One owner, many hands: other programs reach a station through the one that has its port.
+
+use shared::frame::message::{Command, Denial, Mounting};
+use shared::safety::State;
+use std::io::Write as _;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use trinocular_client::StationError;
+use trinocular_client::owner;
+use trinocular_client::serial::{Access, Serial};
+use trinocular_client::stage::{configuration, default_stage};
+use trinocular_tests::far_end::{FarEnd, station};
+
+/// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Heartbeat timeout that a busy test machine does not exceed, ms.
+const HEARTBEAT_MS: u16 = 5_000;
+
+fn start(end: &FarEnd) -> Serial {
+    let mut config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
+    config.heartbeat_ms = HEARTBEAT_MS;
+    Serial::start_as(&end.path, config).expect("the station starts")
+}
+
+/// A jog along X that takes a second or more.
+const FAR: Command = Command::Jog {
+    distance_um: [50_000, 0, 0],
+};
+
+fn wait(what: &str, mut is_so: impl FnMut() -> bool) {
+    let end = Instant::now() + PATIENCE;
+    while !is_so() {
+        assert!(Instant::now() < end, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn moving(end: &FarEnd) {
+    wait("the stage moves", || end.steps()[0] > 40);
+}
+
+fn is_busy(outcome: Result<Serial, StationError>) -> bool {
+    match outcome {
+        Err(StationError::Busy { holder, .. }) => {
+            holder.expect("it introduces itself").pid == std::process::id()
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Returns the folder's sockets for a port of this test.
+fn sockets(end: &FarEnd) -> Vec<PathBuf> {
+    let real = std::fs::canonicalize(&end.path).expect("it leads to a pseudo-terminal");
+    let number = real
+        .file_name()
+        .expect("a name")
+        .to_string_lossy()
+        .into_owned();
+    let entries = std::fs::read_dir(owner::folder().expect("a folder")).expect("it is ours");
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    let begins = |path: &PathBuf| {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        name.starts_with(&format!("{number}-"))
+    };
+    paths.filter(begins).collect()
+}
+
+#[test]
+fn stop_through_owner_ends_its_motion() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.command("jog", FAR).expect("it is allowed");
+    moving(&end);
+    let mut guest = Serial::connect_and_stop(&end.path).expect("the owner lets it in");
+    assert_eq!(
+        guest.owner().map(|holder| holder.pid),
+        Some(std::process::id())
+    );
+    guest.stop().expect("it is answered");
+    assert_eq!(guest.until_rest().expect("it rests"), State::Stopped);
+    let stood = end.standing();
+    assert!(stood[0] < 4_000, "{stood:?}");
+    let by = match owner.check() {
+        Err(StationError::StoppedByOther { by }) => by,
+        other => panic!("{other:?}"),
+    };
+    assert!(by.contains(&std::process::id().to_string()), "{by}");
+    // Whatever the owner sends now does not reach the station.
+    owner.send(Command::Reset);
+    owner.send(FAR);
+    assert_eq!(end.standing(), stood);
+    // Until the owner decides to go on.
+    owner.forgive_stop();
+    owner
+        .command("reset", Command::Reset)
+        .expect("it is allowed");
+    owner.command("jog", FAR).expect("it is allowed");
+    wait("the stage moves again", || end.steps()[0] > stood[0] + 40);
+}
+
+#[test]
+fn watcher_sees_reports_and_moves_nothing() {
+    let end = station();
+    let mut owner = start(&end);
+    let mut guest = Serial::connect_to_watch(&end.path).expect("the owner lets it in");
+    assert_eq!(guest.who(), owner.who());
+    guest.send(FAR);
+    guest.send(Command::Stop);
+    owner.command("jog", FAR).expect("it is allowed");
+    moving(&end);
+    wait("the guest sees the motion", || {
+        let status = guest.fresh_status(false).expect("it is told");
+        status.state == State::Moving && status.position_steps[0] > 0
+    });
+    assert!(owner.check().is_ok());
+    wait("it arrives", || end.steps() == [4_000, 0, 0]);
+}
+
+#[test]
+fn second_program_cannot_drive() {
+    let end = station();
+    let owner = start(&end);
+    assert!(is_busy(Serial::connect(&end.path)));
+    drop(owner);
+    assert!(
+        Serial::connect(&end.path)
+            .expect("the port is free")
+            .owner()
+            .is_none()
+    );
+}
+
+#[test]
+fn idle_owner_lets_one_guest_drive() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open);
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    assert!(guest.owner().is_some());
+    assert!(is_busy(Serial::connect(&end.path)));
+    guest.start_heartbeat().expect("it is answered");
+    let short = Command::Jog {
+        distance_um: [1_000, 0, 0],
+    };
+    guest.command("jog", short).expect("it is passed on");
+    wait("it arrives", || end.steps() == [80, 0, 0]);
+    // Denials are passed on, too.
+    guest.command("jog", FAR).expect("it is passed on");
+    moving(&end);
+    match guest.command("zero", Command::Zero) {
+        Err(StationError::Denied { denial, .. }) => assert_eq!(denial, Denial::Moving),
+        other => panic!("{other:?}"),
+    }
+    guest.stop().expect("it is answered");
+    assert!(
+        owner.check().is_ok(),
+        "a driver's own stop is no stop of the owner"
+    );
+    drop(guest);
+    wait("the next guest drives", || {
+        Serial::connect(&end.path).is_ok()
+    });
+}
+
+#[test]
+fn guest_that_vanishes_stops_its_motion() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open);
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest.start_heartbeat().expect("it is answered");
+    guest.command("jog", FAR).expect("it is passed on");
+    moving(&end);
+    guest.abandon();
+    let stood = end.standing();
+    assert!(stood[0] < 4_000, "{stood:?}");
+    let status = owner.status().expect("it tells");
+    assert_eq!((status.state, status.fault), (State::Stopped, None));
+}
+
+#[test]
+fn crashed_owner_leaves_no_lock() {
+    let end = station();
+    let owner = start(&end);
+    let [socket] = &sockets(&end)[..] else {
+        panic!("one socket")
+    };
+    drop(owner);
+    assert!(sockets(&end).is_empty());
+    // A crash leaves a socket that refuses connections.
+    drop(UnixListener::bind(socket).expect("a socket"));
+    let mut next = start(&end);
+    assert!(next.owner().is_none());
+    next.command("jog", FAR).expect("it is allowed");
+    moving(&end);
+    let mut guest = Serial::connect_and_stop(&end.path).expect("the new owner lets it in");
+    guest.stop().expect("it is answered");
+}
+
+#[test]
+fn strangers_at_the_socket_do_no_harm() {
+    let end = station();
+    let mut owner = start(&end);
+    let socket = sockets(&end).pop().expect("a socket");
+    let silent: Vec<_> = (0..40)
+        .filter_map(|_| UnixStream::connect(&socket).ok())
+        .collect();
+    for garbage in [
+        &b"\0\0\0\0"[..],
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"trinocular 9 stop 1 x\n",
+        b"trinocular 1 drive nobody\n",
+        &[b'x'; 100_000],
+    ] {
+        let mut stranger = UnixStream::connect(&socket).expect("it is there");
+        // The owner may have closed it.
+        let _ = stranger.write_all(garbage);
+    }
+    owner.command("jog", FAR).expect("it is allowed");
+    moving(&end);
+    let mut guest = Serial::connect_and_stop(&end.path).expect("the owner lets it in");
+    guest.stop().expect("it is answered");
+    assert!(end.standing()[0] < 4_000);
+    drop(silent);
+}

@@ -1,0 +1,220 @@
+//! `trinocular twin`: a simulated station that other commands connect to.
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+use tempfile::TempDir;
+use trinocular_tests::binary::{Outcome, interrupt, trinocular};
+
+/// A heartbeat timeout that a busy test machine does not exceed.
+const HEARTBEAT: [&str; 2] = ["--heartbeat", "5000"];
+
+/// A running `trinocular twin`.
+struct Twin {
+    program: Child,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+    /// Value of --port.
+    port: String,
+    folder: TempDir,
+}
+
+impl Drop for Twin {
+    fn drop(&mut self) {
+        // It has ended already, if the test did that.
+        let _ = self.program.kill();
+        let _ = self.program.wait();
+    }
+}
+
+impl Twin {
+    fn start(options: impl FnOnce(&TempDir) -> Vec<String>) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let rig = trinocular()
+            .args(["init", "rig.toml"])
+            .stdin(Stdio::null())
+            .current_dir(folder.path())
+            .output()
+            .expect("trinocular runs");
+        assert!(rig.status.success(), "{rig:?}");
+        let mut program = trinocular();
+        program
+            .arg("twin")
+            .args(options(&folder))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped());
+        let mut program = program.spawn().expect("trinocular runs");
+        let mut output = BufReader::new(program.stdout.take().expect("it is piped"));
+        let mut line = String::new();
+        output.read_line(&mut line).expect("it says where it is");
+        let port = line.strip_prefix("station simulated on ");
+        let port = port
+            .and_then(|rest| rest.split(';').next())
+            .expect("a port");
+        Self {
+            input: program.stdin.take(),
+            output,
+            port: port.to_owned(),
+            program,
+            folder,
+        }
+    }
+
+    fn on_link() -> Self {
+        Self::start(|folder| {
+            let link = folder.path().join("station");
+            vec!["--link".to_owned(), link.display().to_string()]
+        })
+    }
+
+    fn run(&self, words: &str) -> Outcome {
+        let mut command = trinocular();
+        command
+            .args(words.split_whitespace())
+            .args(["--port", &self.port])
+            .current_dir(self.folder.path());
+        Outcome::of(&mut command)
+    }
+
+    fn good(&self, words: &str) -> String {
+        let done = self.run(words);
+        assert_eq!(done.code, Some(0), "{words}: {}", done.stderr);
+        done.stdout
+    }
+
+    fn order(&mut self, order: &str) {
+        let input = self.input.as_mut().expect("it is open");
+        writeln!(input, "{order}").expect("it reads");
+    }
+
+    /// Returns the line that the twin prints next.
+    fn says(&mut self) -> String {
+        let mut line = String::new();
+        self.output.read_line(&mut line).expect("it speaks UTF-8");
+        line
+    }
+}
+
+#[test]
+fn every_command_by_hand_works() {
+    let mut twin = Twin::on_link();
+    assert!(twin.good("hello").contains("twin"));
+    let jog = format!("jog x=5 y=-2 --rig rig.toml {}", HEARTBEAT.join(" "));
+    twin.good(&jog);
+    twin.order("where");
+    assert!(twin.says().starts_with("stage at 5.0000 -2.0000 0.0000 mm"));
+    twin.good("zero");
+    twin.good("motors off");
+    twin.good("motors on");
+    twin.good("stop");
+    assert!(twin.good("status").contains("stopped"));
+    twin.good("reset");
+}
+
+#[test]
+fn pressed_button_is_a_fault() {
+    let mut twin = Twin::on_link();
+    twin.order("press");
+    twin.order("where");
+    twin.says();
+    // The station senses the button within a control tick of the order.
+    let status = twin.run("status");
+    assert_eq!(status.code, Some(3), "{}", status.stdout);
+    assert!(
+        status.stdout.contains("emergency stop"),
+        "{}",
+        status.stdout
+    );
+    twin.order("release");
+    twin.order("where");
+    twin.says();
+    twin.good("reset");
+    twin.good("status");
+}
+
+#[test]
+fn restart_is_noticed() {
+    let mut twin = Twin::on_link();
+    let jog = format!("jog x=1 --rig rig.toml {}", HEARTBEAT.join(" "));
+    twin.good(&jog);
+    twin.order("restart");
+    twin.order("where");
+    // The stage stays where it is.
+    assert!(twin.says().starts_with("stage at 1.0000 0.0000 0.0000 mm"));
+    let refused = twin.run("jog x=1");
+    assert_eq!(refused.code, Some(3), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("no configuration"),
+        "{}",
+        refused.stderr
+    );
+}
+
+#[test]
+fn tcp_serves_one_program_after_another() {
+    let twin = Twin::start(|_| vec!["--tcp".to_owned(), "127.0.0.1:0".to_owned()]);
+    assert!(twin.port.starts_with("tcp://127.0.0.1:"), "{}", twin.port);
+    let jog = format!("jog x=1 --rig rig.toml {}", HEARTBEAT.join(" "));
+    twin.good(&jog);
+    assert!(twin.good("status").contains("80 0 0 steps"));
+}
+
+#[test]
+fn second_twin_on_a_link_is_refused() {
+    let mut twin = Twin::on_link();
+    let second = trinocular()
+        .args(["twin", "--link", &twin.port])
+        .stdin(Stdio::null())
+        .output()
+        .expect("trinocular runs");
+    let text = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert_eq!(second.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("--link") && text.contains(&twin.port),
+        "{text}"
+    );
+    // A crash leaves the link, which the next twin replaces.
+    twin.program.kill().expect("it runs");
+    twin.program.wait().expect("it ended");
+    assert!(std::fs::symlink_metadata(&twin.port).is_ok());
+    let mut next = trinocular();
+    next.args(["twin", "--link", &twin.port]);
+    let mut next = next
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let mut line = String::new();
+    let mut output = BufReader::new(next.stdout.take().expect("it is piped"));
+    output.read_line(&mut line).expect("it says where it is");
+    assert!(twin.good("hello").contains("twin"));
+    interrupt(&next);
+    assert_eq!(next.wait().expect("it ends").code(), Some(0));
+    assert!(
+        std::fs::symlink_metadata(&twin.port).is_err(),
+        "the link is removed"
+    );
+}
+
+#[test]
+fn link_in_the_way_is_kept() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("notes.txt");
+    std::fs::write(&file, "mine").expect("it is ours");
+    let mut twin = trinocular();
+    twin.arg("twin")
+        .arg("--link")
+        .arg(&file)
+        .stdin(Stdio::null());
+    Outcome::of(&mut twin).failed(1, &["notes.txt", "--link"]);
+    assert_eq!(std::fs::read_to_string(&file).expect("it is there"), "mine");
+}
+
+#[test]
+fn station_goes_on_without_orders() {
+    let mut twin = Twin::on_link();
+    twin.order("dance");
+    drop(twin.input.take());
+    twin.good("hello");
+    interrupt(&twin.program);
+    assert_eq!(twin.program.wait().expect("it ends").code(), Some(0));
+}
