@@ -23,7 +23,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_tests::binary::{signal, trinocular};
+use trinocular_tests::binary::{Outcome, signal, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{FarEnd, bridge, station, station_behind};
 
@@ -344,11 +344,17 @@ fn second_host_learns_port_owner() {
     let end = station();
     let first = desk.start(&end, RUNS[0]);
     moving(&end);
-    let (code, err) = ended(desk.start(&end, "status"));
+    let status = Outcome::of(&mut desk.command(&end, "status").stdout(Stdio::piped()));
+    assert_eq!(status.code, Some(0), "{}", status.stderr);
+    let (code, err) = ended(desk.start(&end, "zero"));
     assert_eq!(code, Some(3), "{err}");
     let pid = format!("process {}", first.id());
     for part in [&end.path, &pid, "jog x=50", "Ctrl-C"] {
         assert!(err.contains(part), "`{part}` is not in: {err}");
+    }
+    for part in ["moving", &pid, "jog x=50"] {
+        let text = &status.stdout;
+        assert!(text.contains(part), "`{part}` is not in: {text}");
     }
     signal(&first, "INT");
     assert_eq!(ended(first).0, Some(3));

@@ -3,6 +3,8 @@
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 use tempfile::TempDir;
+use trinocular_client::stage::default_stage;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, interrupt, trinocular};
 
 /// A heartbeat timeout that a busy test machine does not exceed.
@@ -156,6 +158,68 @@ fn tcp_serves_one_program_after_another() {
     let jog = format!("jog x=1 --rig rig.toml {}", HEARTBEAT.join(" "));
     twin.good(&jog);
     assert!(twin.good("status").contains("80 0 0 steps"));
+}
+
+/// The whole bench: cameras, target and station are simulated in one program, and followed by
+/// another.
+#[test]
+fn simulated_cameras_follow_target() {
+    let mut twin = Twin::start(|folder| {
+        let mut rig = RigFile::paper();
+        rig.stage = Some(default_stage());
+        std::fs::write(folder.path().join("bench.toml"), rig.to_toml()).expect("it is ours");
+        let place = |name: &str| folder.path().join(name).display().to_string();
+        let (link, rig) = (place("station"), place("bench.toml"));
+        let options = [
+            "--link",
+            &link,
+            "--with-target",
+            "--path",
+            "line",
+            "--rig",
+            &rig,
+        ];
+        options.map(str::to_owned).to_vec()
+    });
+    let cameras = format!("twin:{}", twin.port);
+    let words = format!(
+        "track --cameras {cameras} --rig bench.toml --json --seconds 6 {}",
+        HEARTBEAT.join(" ")
+    );
+    let done = twin.run(&words);
+    let rows = done.good_json();
+    let stage_mm = |row: &serde_json::Value| row["stage_mm"][0].as_f64();
+    let moved_mm = rows.last().and_then(stage_mm).expect("a row");
+    // At (4, 4, 1) / sqrt(33) times 5 mm/s from some moment on; the busiest computer sees a second.
+    assert!(
+        (1.0..40.0).contains(&moved_mm),
+        "{moved_mm}: {}",
+        done.stderr
+    );
+    assert!(
+        rows.iter().any(|row| row["displacement_mm"].is_array()),
+        "{}",
+        done.stderr
+    );
+    twin.order("where");
+    let says = twin.says();
+    let pins_mm = says
+        .strip_prefix("stage at ")
+        .and_then(|rest| rest.split(' ').next());
+    let pins_mm: f64 = pins_mm.and_then(|x| x.parse().ok()).expect("a position");
+    assert!((pins_mm - moved_mm).abs() < 10.0, "{pins_mm}");
+}
+
+#[test]
+fn absent_twin_is_named() {
+    let mut track = trinocular();
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = folder.path().join("rig.toml");
+    std::fs::write(&rig, RigFile::paper().to_toml()).expect("it is ours");
+    track
+        .args(["track", "--cameras", "twin:/no/twin", "--rig"])
+        .arg(&rig);
+    Outcome::of(&mut track).failed(1, &["twin:/no/twin", "trinocular twin --with-target"]);
 }
 
 #[test]

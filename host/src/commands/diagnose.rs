@@ -30,7 +30,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         out.write_all(diagnosis::table().as_bytes())?;
         return Ok(());
     };
-    let hand = Hand::connect(&PortArgument { port: port.clone() })?;
+    let hand = Hand::connect_to_watch(&PortArgument { port: port.clone() })?;
     let (hello, last) = status::who(&hand)?;
     let now = hand.status()?;
     out.write_all(diagnosis::table().as_bytes())?;

@@ -9,6 +9,7 @@ use serde_json::json;
 use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
 use shared::track::pursuit::Sight;
 use trinocular_client::diagnosis::{self, next_step};
+use trinocular_client::serial::Holder;
 use trinocular_client::{StationError, reset_cause};
 
 /// Show the station's state, fault and position
@@ -35,6 +36,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     } else {
         writeln!(out, "{} on {}", hello.board, hand.port())?;
         let clock = hand.serial().offset_us().map(|(_, bound_us)| bound_us);
+        if let Some(Holder { pid, command }) = hand.serial().owner() {
+            writeln!(out, "{:<12}  by `{command}` (process {pid})", "in use")?;
+        }
         for (name, value) in lines(&hello, last.as_ref(), &status, clock) {
             writeln!(out, "{name:<12}  {value}")?;
         }
@@ -158,6 +162,7 @@ fn to_json(
         })
     });
     object["port"] = json!(hand.port());
+    object["owner_pid"] = json!(hand.serial().owner().map(|owner| owner.pid));
     object["board"] = json!(hello.board.as_str());
     object["time_us"] = json!(status.time.micros());
     object["tick"] = json!(status.tick);

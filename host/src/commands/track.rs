@@ -52,10 +52,11 @@ pub struct Source {
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
-    /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4
+    /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4; or
+    /// `twin`, those of `trinocular twin --with-target`
     ///
-    /// Until Ctrl-C, or for --seconds. Needs Linux and a program that was built with
-    /// `--features host/camera`. At the end a line per camera counts its images: used, overtaken,
+    /// Until Ctrl-C, or for --seconds. Cameras other than `twin` need Linux and a program that was
+    /// built with `--features host/camera`; `twin:LINK` names the link of a twin that has its own. At the end a line per camera counts its images: used, overtaken,
     /// damaged, lost by its driver. If a camera is unplugged or falls silent, the others carry on,
     /// as long as two are left.
     #[arg(

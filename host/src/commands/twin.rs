@@ -1,10 +1,14 @@
 //! `trinocular twin`: a simulated station that other programs connect to.
 
 mod console;
+#[cfg(unix)]
+pub mod lab;
 
 use crate::commands::failure::Failure;
+use crate::commands::scene::SceneOptions;
 use clap::Args;
 use console::{Console, Order};
+use host::servo::path::TargetPath;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -15,7 +19,8 @@ use trinocular_client::twin::far_end::{FarEnd, TcpPort};
 use trinocular_client::twin::real_time::RealTimeTwin;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::Texture;
 
 /// Simulate a station in real time, for other commands to connect to with `--port twin`
 ///
@@ -45,20 +50,54 @@ pub struct TwinOptions {
     /// There is no password: an address other than 127.0.0.1 lets the whole network in.
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
+
+    /// Simulate the rest of the bench, too: station A, which moves a poster along --path, and the
+    /// rig file's cameras on the stage, for other programs to read with `--cameras twin`
+    #[arg(long, conflicts_with = "tcp")]
+    with_target: bool,
+
+    /// Motion of the poster: steps, line, circle, lissajous or still (see `track`)
+    #[arg(long, default_value_t = TargetPath::Circle, requires = "with_target", help_heading = LAB)]
+    path: TargetPath,
+
+    /// Frame sets per second
+    #[arg(
+        long,
+        value_name = "HZ",
+        default_value_t = 30.0,
+        requires = "with_target",
+        help_heading = LAB
+    )]
+    fps: f64,
+
+    #[command(flatten, next_help_heading = LAB)]
+    scene: SceneOptions,
 }
+
+const LAB: &str = "With --with-target";
 
 const EXAMPLES: &str = "\
 Examples, the first in one terminal and the others in another:
-  trinocular twin
+  trinocular twin --with-target
   trinocular status --port twin
+  trinocular track --cameras twin --rig rig.toml --port twin
   trinocular track --sim --path line --port twin
   trinocular stop --port twin";
 
 /// Runs until a signal or `quit`.
 pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let stage = stage(options.rig.as_deref())?;
+    if !(1.0..=200.0).contains(&options.fps) {
+        let reason = format!("--fps is {}, must be 1 to 200", options.fps);
+        return Err(Failure::Usage(reason));
+    }
+    let rig = rig(options.rig.as_deref())?;
+    let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let stop = super::by_hand::on_interrupt()?;
     let mut line = Line::open(options)?;
+    let mut lab = match options.with_target {
+        true => Some(lab(options, &rig, &line)?),
+        false => None,
+    };
     writeln!(out, "station simulated on {}; Ctrl-C ends it", line.port)?;
     out.flush()?;
     let mut twin = RealTimeTwin::power_on(&stage);
@@ -68,6 +107,9 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
         let count = line.read(&mut buffer)?;
         let bytes = twin.turn(&buffer[..count]);
         line.write(&bytes);
+        if let Some(lab) = &mut lab {
+            lab.at(twin.now(), twin.position_mm());
+        }
         match console.order() {
             None => {}
             Some(Order::Quit) => break,
@@ -87,13 +129,44 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn stage(rig: Option<&Path>) -> Result<Stage, Failure> {
-    let Some(path) = rig else {
-        return Ok(default_stage());
+fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
+    let Some(path) = path else {
+        return Ok(RigFile::paper());
     };
     let rig = RigFile::read(path)?;
-    let none = "has no [stage] section, which says what the station moves";
-    Ok(rig.stage.ok_or_else(|| InputError::file(path, none))?)
+    if rig.stage.is_none() {
+        let none = "has no [stage] section, which says what the station moves";
+        return Err(InputError::file(path, none).into());
+    }
+    Ok(rig)
+}
+
+#[cfg(unix)]
+fn lab(options: &TwinOptions, rig: &RigFile, line: &Line<'_>) -> Result<lab::Lab, Failure> {
+    let setup = lab::LabSetup {
+        rig: &rig.rig,
+        texture: Texture::of_kind(options.scene.texture, options.scene.seed),
+        scene: options.scene.settings(),
+        seed: options.scene.seed,
+        path: options.path,
+        fps: options.fps,
+    };
+    lab::Lab::start(setup, &line.link)
+}
+
+#[cfg(not(unix))]
+fn lab(_: &TwinOptions, _: &RigFile, _: &Line<'_>) -> Result<NoLab, Failure> {
+    let reason = "--with-target needs local sockets, which this system does not have";
+    Err(Failure::Usage(reason.to_owned()))
+}
+
+/// The bench of a system on which it cannot be simulated.
+#[cfg(not(unix))]
+struct NoLab;
+
+#[cfg(not(unix))]
+impl NoLab {
+    fn at(&mut self, _: std::time::Instant, _: [f64; 3]) {}
 }
 
 /// The far end of the line, and the way to open it again.
@@ -102,22 +175,26 @@ struct Line<'a> {
     end: Option<Box<dyn FarEnd>>,
     /// Value of --port for the other programs.
     port: String,
+    /// Link to the pseudo-terminal; empty with TCP.
+    link: PathBuf,
 }
 
 impl<'a> Line<'a> {
     fn open(options: &'a TwinOptions) -> Result<Self, Failure> {
-        let (end, port) = far_end(options, options.tcp.as_deref())?;
+        let link = link(options)?;
+        let (end, port) = far_end(options, &link, options.tcp.as_deref())?;
         Ok(Self {
             options,
             end: Some(end),
             port,
+            link,
         })
     }
 
     fn plug(&mut self) -> Result<(), Failure> {
         if self.end.is_none() {
             // The same address again, if the system chose it before.
-            let (end, _) = far_end(self.options, self.port.strip_prefix("tcp://"))?;
+            let (end, _) = far_end(self.options, &self.link, self.port.strip_prefix("tcp://"))?;
             self.end = Some(end);
         }
         Ok(())
@@ -143,7 +220,11 @@ impl<'a> Line<'a> {
 }
 
 /// Opens the far end; returns it with the value of --port for the other programs.
-fn far_end(options: &TwinOptions, tcp: Option<&str>) -> Result<(Box<dyn FarEnd>, String), Failure> {
+fn far_end(
+    options: &TwinOptions,
+    link: &Path,
+    tcp: Option<&str>,
+) -> Result<(Box<dyn FarEnd>, String), Failure> {
     if let Some(address) = tcp {
         let failed = |cause: io::Error| {
             let reason = format!("cannot be listened on: {cause}");
@@ -153,18 +234,28 @@ fn far_end(options: &TwinOptions, tcp: Option<&str>) -> Result<(Box<dyn FarEnd>,
         let address = port.address().map_err(failed)?;
         return Ok((Box::new(port), format!("tcp://{address}")));
     }
-    pseudo_terminal(options.link.as_deref())
+    let end = pseudo_terminal(link)?;
+    let port = match options.link {
+        Some(_) => link.display().to_string(),
+        None => ports::TWIN.to_owned(),
+    };
+    Ok((end, port))
+}
+
+/// Returns the link to the pseudo-terminal, the user's or the default one.
+fn link(options: &TwinOptions) -> Result<PathBuf, Failure> {
+    match (&options.link, &options.tcp) {
+        (Some(link), _) => Ok(link.clone()),
+        (None, Some(_)) => Ok(PathBuf::new()),
+        (None, None) => Ok(ports::twin_link()
+            .map_err(|cause| InputError::file(Path::new(ports::TWIN), cause.to_string()))?),
+    }
 }
 
 #[cfg(unix)]
-fn pseudo_terminal(link: Option<&Path>) -> Result<(Box<dyn FarEnd>, String), Failure> {
+fn pseudo_terminal(link: &Path) -> Result<Box<dyn FarEnd>, Failure> {
     use trinocular_client::twin::far_end::PseudoTerminal;
-    let default = ports::twin_link();
-    let path = match link {
-        Some(link) => link.to_owned(),
-        None => default.map_err(|cause| InputError::file(Path::new("twin"), cause.to_string()))?,
-    };
-    let end = PseudoTerminal::open(&path).map_err(|cause| {
+    let end = PseudoTerminal::open(link).map_err(|cause| {
         let reason = match cause.kind() {
             io::ErrorKind::ResourceBusy => {
                 "another `trinocular twin` uses this link; end that one, or name another --link"
@@ -175,17 +266,13 @@ fn pseudo_terminal(link: Option<&Path>) -> Result<(Box<dyn FarEnd>, String), Fai
             }
             _ => format!("cannot be made a link to a pseudo-terminal: {cause}"),
         };
-        InputError::file(&path, reason)
+        InputError::file(link, reason)
     })?;
-    let port = match link {
-        Some(link) => link.display().to_string(),
-        None => ports::TWIN.to_owned(),
-    };
-    Ok((Box::new(end), port))
+    Ok(Box::new(end))
 }
 
 #[cfg(not(unix))]
-fn pseudo_terminal(_: Option<&Path>) -> Result<(Box<dyn FarEnd>, String), Failure> {
+fn pseudo_terminal(_: &Path) -> Result<Box<dyn FarEnd>, Failure> {
     let reason = "this system has no pseudo-terminals; use --tcp 127.0.0.1:5333";
     Err(Failure::Usage(reason.to_owned()))
 }

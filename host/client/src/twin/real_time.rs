@@ -85,6 +85,11 @@ impl RealTimeTwin {
         packets.flat_map(|(_, bytes)| bytes).collect()
     }
 
+    /// Returns the instant up to which time has passed for the station.
+    pub fn now(&self) -> Instant {
+        self.last
+    }
+
     /// Returns the switches of the bench.
     pub fn bench(&self) -> Bench {
         self.bench

@@ -185,6 +185,11 @@ impl Scene {
         })
     }
 
+    /// Returns the number of cameras.
+    pub fn cameras(&self) -> usize {
+        self.cameras.len()
+    }
+
     /// Returns the settings of the scene.
     pub fn settings(&self) -> &SceneSettings {
         &self.settings

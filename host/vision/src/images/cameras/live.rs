@@ -56,6 +56,20 @@ pub trait Camera: Send + 'static {
     }
 }
 
+impl Camera for Box<dyn Camera> {
+    fn path(&self) -> PathBuf {
+        self.as_ref().path()
+    }
+
+    fn next_image(&mut self) -> Result<CameraEvent, InputError> {
+        self.as_mut().next_image()
+    }
+
+    fn lost(&self) -> u64 {
+        self.as_ref().lost()
+    }
+}
+
 /// Number of one camera's images, by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {

@@ -9,7 +9,8 @@
 //!
 //! [`grey`] turns a camera's bytes into an image, [`stamp`] converts its time stamp, [`numbers`]
 //! counts the images that the driver lost, [`matching`] finds images of the same instant, [`live`]
-//! runs a thread per camera. Only `device` depends on V4L2, and only it needs the feature `camera`.
+//! runs a thread per camera. [`stream`] is a camera of another program. Only `device` depends on
+//! V4L2, and only it needs the feature `camera`.
 //!
 //! *Time* is the host's monotonic clock, in µs since the cameras were started.
 
@@ -20,3 +21,4 @@ pub mod live;
 pub mod matching;
 pub mod numbers;
 pub mod stamp;
+pub mod stream;

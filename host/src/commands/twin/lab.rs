@@ -1,0 +1,216 @@
+//! The rest of the simulated bench: station A, which moves a poster, and rendered cameras on the
+//! simulated stage, which other programs read as `--cameras twin`.
+
+use crate::commands::failure::Failure;
+use host::servo::path::TargetPath;
+use rustix::time::{ClockId, clock_gettime};
+use shared::frame::message::Mounting;
+use shared::rig::Rig;
+use shared::time::Instant as StationInstant;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
+use trinocular_client::stage::{default_stage, setpoint};
+use trinocular_client::twin::Twin;
+use trinocular_rig::error::InputError;
+use trinocular_vision::images::cameras::stream::StreamHeader;
+use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
+
+/// Longest time for which one reader may hold up the images of the others.
+const WRITE_PATIENCE: Duration = Duration::from_millis(50);
+
+/// Longest line with which a reader names its camera, bytes.
+const LONGEST_NAME: u64 = 64;
+
+/// Setup of the simulated bench.
+#[derive(Debug)]
+pub struct LabSetup<'a> {
+    /// Cameras on the stage.
+    pub rig: &'a Rig,
+    /// Poster that they see.
+    pub texture: Texture,
+    /// Its place, and the cameras' blur and noise.
+    pub scene: SceneSettings,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Motion of the poster.
+    pub path: TargetPath,
+    /// Frame sets per second.
+    pub fps: f64,
+}
+
+/// One exposure of all cameras.
+struct Exposure {
+    number: u32,
+    /// Time since the start.
+    since: Duration,
+    /// Capture time on the monotonic clock.
+    captured: Duration,
+    cameras_mm: [f64; 3],
+}
+
+/// The simulated bench: renders in a thread of its own, so that the station keeps its time.
+pub struct Lab {
+    exposures: SyncSender<Exposure>,
+    started: Instant,
+    period: Duration,
+    taken: u32,
+    /// Socket of the cameras, removed at the end.
+    path: PathBuf,
+}
+
+impl Lab {
+    /// Starts the cameras, with their socket beside the station's `link`.
+    pub fn start(setup: LabSetup<'_>, link: &Path) -> Result<Self, Failure> {
+        let refused = |error| Failure::Usage(crate::commands::scene::reason(&error));
+        let scene = Scene::new(setup.rig, &setup.texture, setup.scene).map_err(refused)?;
+        let target = Twin::start(&default_stage(), "twin A", Mounting::OnStage)
+            .map_err(|error| Failure::of_station(None, error))?;
+        let path = cameras_of(link);
+        let failed = |cause| InputError::io(&path, "listen there", &cause);
+        // Whoever has the link has the cameras, so a socket that lies there is left over.
+        let _ = std::fs::remove_file(&path);
+        let listener = UnixListener::bind(&path).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        // One that is being rendered and one that waits: a slow computer skips exposures.
+        let (exposures, orders) = sync_channel(1);
+        let renderer = Renderer {
+            scene,
+            seed: setup.seed,
+            path: setup.path,
+            period_s: 1.0 / setup.fps,
+            target,
+            listener,
+            readers: Vec::new(),
+        };
+        std::thread::Builder::new()
+            .name("cameras".to_owned())
+            .spawn(move || renderer.run(&orders))
+            .map_err(failed)?;
+        Ok(Self {
+            exposures,
+            started: Instant::now(),
+            period: Duration::from_secs_f64(1.0 / setup.fps),
+            taken: 0,
+            path,
+        })
+    }
+
+    /// Takes images if they are due. `at` is the instant at which the stage stood at `stage_mm`.
+    pub fn at(&mut self, at: Instant, stage_mm: [f64; 3]) {
+        let since = at.saturating_duration_since(self.started);
+        if since < self.period * self.taken {
+            return;
+        }
+        self.taken += 1;
+        let exposure = Exposure {
+            number: self.taken,
+            since,
+            captured: monotonic().saturating_sub(at.elapsed()),
+            cameras_mm: stage_mm,
+        };
+        // A full queue is a lost image, which the readers see by its number.
+        if let Err(TrySendError::Disconnected(_)) = self.exposures.try_send(exposure) {
+            self.taken = u32::MAX;
+        }
+    }
+}
+
+impl Drop for Lab {
+    fn drop(&mut self) {
+        // What stays behind is replaced by the next twin.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+/// Returns the socket of the cameras of the simulated station on `link`.
+pub fn cameras_of(link: &Path) -> PathBuf {
+    let mut path = link.as_os_str().to_owned();
+    path.push(".cameras");
+    path.into()
+}
+
+/// Reads the monotonic clock, on which the images' capture times are.
+pub fn monotonic() -> Duration {
+    let now = clock_gettime(ClockId::Monotonic);
+    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec as u32)
+}
+
+/// A program that reads one camera.
+struct Reader {
+    stream: UnixStream,
+    camera: usize,
+}
+
+struct Renderer {
+    scene: Scene,
+    seed: u64,
+    path: TargetPath,
+    period_s: f64,
+    target: Twin,
+    listener: UnixListener,
+    readers: Vec<Reader>,
+}
+
+impl Renderer {
+    fn run(mut self, exposures: &Receiver<Exposure>) {
+        while let Ok(exposure) = exposures.recv() {
+            self.receive_readers();
+            // The setpoint comes one image ahead, as in `track --sim`.
+            let since_s = exposure.since.as_secs_f64();
+            let next_mm = self.path.at(since_s + self.period_s);
+            let since_us = exposure.since.as_micros() as u64;
+            self.target.advance(StationInstant::from_micros(since_us));
+            self.target.send(setpoint(next_mm));
+            if self.readers.is_empty() {
+                continue;
+            }
+            let target_mm = self.target.position_mm();
+            let relative_mm = std::array::from_fn(|i| target_mm[i] - exposure.cameras_mm[i]);
+            let seed = self.seed.wrapping_mul(1_000_003);
+            let seed = seed.wrapping_add(u64::from(exposure.number));
+            let images = self.scene.render(relative_mm, since_us, seed);
+            let sent = |reader: &mut Reader| send(reader, &exposure, &images);
+            self.readers.retain_mut(sent);
+        }
+    }
+
+    fn receive_readers(&mut self) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            let named = camera(&stream).filter(|camera| *camera < self.scene.cameras());
+            if let Some(camera) = named {
+                self.readers.push(Reader { stream, camera });
+            }
+        }
+    }
+}
+
+/// Reads the line with which a reader names its camera, counted from 0.
+fn camera(stream: &UnixStream) -> Option<usize> {
+    use std::io::Read as _;
+    stream.set_nonblocking(false).ok()?;
+    stream.set_read_timeout(Some(WRITE_PATIENCE)).ok()?;
+    stream.set_write_timeout(Some(WRITE_PATIENCE)).ok()?;
+    let mut line = String::new();
+    BufReader::new(stream.take(LONGEST_NAME))
+        .read_line(&mut line)
+        .ok()?;
+    line.strip_prefix("camera ")?.trim().parse().ok()
+}
+
+/// Sends an image to a reader; returns false if the reader has gone or does not keep up.
+fn send(reader: &mut Reader, exposure: &Exposure, images: &FrameSet) -> bool {
+    let Some(image) = images.images.get(reader.camera) else {
+        return false;
+    };
+    let header = StreamHeader {
+        number: exposure.number,
+        captured: exposure.captured,
+        size_px: [image.width, image.height].map(|side| side as u16),
+    };
+    let mut bytes = header.bytes().to_vec();
+    bytes.extend_from_slice(&image.grey);
+    reader.stream.write_all(&bytes).is_ok()
+}
