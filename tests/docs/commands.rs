@@ -7,13 +7,16 @@
 //!
 //! Commands run in a folder that has the repository's `examples`, `tests` and `docs`, with the
 //! built program in the path. `/dev/ttyACM0` is the station of `far_end` on a pseudo-terminal; its
-//! heartbeat timeout is raised because a test must not fail on a busy computer. `sh` blocks are not
-//! run; `trinocular` must accept the options in them.
+//! heartbeat timeout is raised because a test must not fail on a busy computer. A command that ends
+//! with ` &` runs until the end of the page; the page shows its first line. `trinocular twin &` gets
+//! a link of its own, so that several tests can run at once. `sh` blocks are not run; `trinocular`
+//! must accept the options in them.
 
 use super::page::{Block, Page, root};
 use std::fmt::Write as _;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 use trinocular_tests::binary::trinocular;
 use trinocular_tests::far_end::{FarEnd, station};
@@ -76,10 +79,22 @@ fn is_progress(line: &str) -> bool {
     })
 }
 
-/// A folder like the repository, and a station once a command asks for one.
+/// A folder like the repository, a station once a command asks for one, and what runs in the
+/// background.
 struct Desk {
     folder: TempDir,
     station: Option<FarEnd>,
+    background: Vec<Child>,
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        for program in &mut self.background {
+            // It may have ended by itself.
+            let _ = program.kill();
+            let _ = program.wait();
+        }
+    }
 }
 
 impl Desk {
@@ -92,12 +107,48 @@ impl Desk {
         Self {
             folder,
             station: None,
+            background: Vec::new(),
         }
+    }
+
+    /// Returns the link of the page's simulated station.
+    fn link(&self) -> String {
+        self.folder.path().join("twin").display().to_string()
+    }
+
+    /// Starts a command in the background; returns its first line.
+    fn start(&mut self, command: &str) -> String {
+        let mut words = command.split_whitespace();
+        assert_eq!(words.next(), Some("trinocular"), "{command}");
+        let mut program = trinocular();
+        program.args(words).current_dir(self.folder.path());
+        if command.starts_with("trinocular twin") {
+            program.args(["--link", &self.link()]);
+        }
+        program.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut program = program.spawn().expect("trinocular runs");
+        let mut line = String::new();
+        let output = program.stdout.as_mut().expect("it is piped");
+        BufReader::new(output).read_line(&mut line).expect("UTF-8");
+        self.background.push(program);
+        line.replace(&self.link(), "twin")
     }
 
     /// Runs a command line; returns its output and exit code.
     fn run(&mut self, command: &str) -> (String, i32) {
+        if let Some(command) = command.strip_suffix(" &") {
+            return (self.start(command), 0);
+        }
         let mut command = command.to_owned();
+        let link = self.link();
+        if command.contains("--port twin") {
+            let verb = command.split_whitespace().nth(1).unwrap_or_default();
+            if WITH_HEARTBEAT.contains(&verb) && command.contains("--rig") {
+                command += " --heartbeat 5000";
+            }
+            command = command.replace("--port twin", &format!("--port {link}"));
+            command = command.replace("--cameras twin", &format!("--cameras twin:{link}"));
+        }
         let mut port = None;
         if command.contains(PORT) {
             let path = self.station.get_or_insert_with(station).path.clone();
@@ -118,6 +169,9 @@ impl Desk {
             .output()
             .expect("a shell runs");
         let mut text = String::from_utf8(output.stdout).expect("UTF-8");
+        text = text
+            .replace(&format!("twin:{link}"), "twin")
+            .replace(&link, "twin");
         if let Some(port) = port {
             text = text.replace(&port, PORT);
         }
