@@ -160,11 +160,10 @@ fn tcp_serves_one_program_after_another() {
     assert!(twin.good("status").contains("80 0 0 steps"));
 }
 
-/// The whole bench: cameras, target and station are simulated in one program, and followed by
-/// another.
-#[test]
-fn simulated_cameras_follow_target() {
-    let mut twin = Twin::start(|folder| {
+/// Starts a twin with the paper's cameras and a target on this path; returns it with the value of
+/// --cameras.
+fn bench(path: &str) -> (Twin, String) {
+    let twin = Twin::start(|folder| {
         let mut rig = RigFile::paper();
         rig.stage = Some(default_stage());
         std::fs::write(folder.path().join("bench.toml"), rig.to_toml()).expect("it is ours");
@@ -175,13 +174,47 @@ fn simulated_cameras_follow_target() {
             &link,
             "--with-target",
             "--path",
-            "line",
+            path,
             "--rig",
             &rig,
         ];
         options.map(str::to_owned).to_vec()
     });
     let cameras = format!("twin:{}", twin.port);
+    (twin, cameras)
+}
+
+#[test]
+fn live_cameras_calibrate_stage() {
+    let (twin, cameras) = bench("still");
+    let heartbeat = HEARTBEAT.join(" ");
+    twin.good(&format!("zero --rig bench.toml {heartbeat}"));
+    let words = format!("calibrate-stage --cameras {cameras} --rig bench.toml --json {heartbeat}");
+    let found = &twin.run(&words).good_json()[0];
+    for axis in 0..3 {
+        for column in 0..3 {
+            let is = found["fit"]["matrix"][axis][column]
+                .as_f64()
+                .expect("a number");
+            let sigma = found["fit"]["sigma"][axis][column]
+                .as_f64()
+                .expect("a number");
+            let wanted = f64::from(u8::from(axis == column));
+            assert!(
+                (is - wanted).abs() < 5.0 * sigma,
+                "{axis} {column}: {is} +- {sigma}"
+            );
+        }
+    }
+    // A busy computer holds up the simulated station, so that the delay is of that computer.
+    assert!(found["delay"]["delay_ms"].is_number(), "{found}");
+}
+
+/// The whole bench: cameras, target and station are simulated in one program, and followed by
+/// another.
+#[test]
+fn simulated_cameras_follow_target() {
+    let (mut twin, cameras) = bench("line");
     let words = format!(
         "track --cameras {cameras} --rig bench.toml --json --seconds 6 {}",
         HEARTBEAT.join(" ")

@@ -219,8 +219,9 @@ impl Client {
         (since <= u32::MAX / 2).then_some(status)
     }
 
-    /// Returns the control tick of the latest answer.
-    pub(super) fn answered_tick(&self) -> Option<u32> {
+    /// Returns the control tick at which the command of the latest answer took effect. Tick `k` is at
+    /// `k` ms of the station's clock, modulo 2³².
+    pub fn answered_tick(&self) -> Option<u32> {
         self.answered_tick
     }
 

@@ -1,6 +1,8 @@
 //! `trinocular calibrate-stage`: measures the hand-eye matrix from images taken along the stage's
 //! axes.
 
+mod driven;
+mod live;
 mod real;
 mod simulated;
 
@@ -31,11 +33,12 @@ use trinocular_vision::images::FrameSet;
 /// deviation; it refuses a fit whose residuals are larger than noise. The matrix covers the
 /// cameras' rotation, a reversed axis, and an error of steps_per_mm.
 ///
-/// A simulated stage then passes the target, and the command measures the delay of the cameras'
-/// time stamps, for `track --delay`.
+/// The stage then passes the target, and the command measures the delay of the cameras' time
+/// stamps, for `track --delay`; not with --images, which have none.
 ///
-/// With --port the station must know its position (`home` or `zero`), and the operator puts a
-/// capture into --images at every stop, when the program asks for it.
+/// With --port the station must know its position (`home` or `zero`). The images come from live
+/// --cameras, or the operator puts a frame set into --images at every stop, when the program asks
+/// for it.
 #[derive(Debug, Args)]
 #[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
 pub struct Options {
@@ -48,13 +51,25 @@ pub struct Options {
     #[arg(long, required_unless_present = "port")]
     sim: bool,
 
-    /// Use the station on this serial port; `auto` is the only one on USB
-    #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "images")]
+    /// Use the station on this port; `auto` is the only one on USB, `twin` the one that
+    /// `trinocular twin` simulates
+    #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "eyes")]
     port: Option<String>,
+
+    /// Live cameras, in the order of the rig file's, as for `track`; `twin` stands for those of
+    /// `trinocular twin --with-target --path still`
+    #[arg(
+        long,
+        value_name = "DEVICE,...",
+        requires = "port",
+        value_delimiter = ',',
+        group = "eyes"
+    )]
+    cameras: Option<Vec<PathBuf>>,
 
     /// Folder of the captures: one subfolder per camera, equal file names for one instant.
     /// Captures that already exist are not used
-    #[arg(long, value_name = "DIR", requires = "port")]
+    #[arg(long, value_name = "DIR", requires = "port", group = "eyes")]
     images: Option<PathBuf>,
 
     /// Timeout for a capture, s
@@ -123,6 +138,7 @@ pub struct Options {
 const EXAMPLES: &str = "\
 Examples:
   trinocular calibrate-stage --sim --rig rig.toml
+  trinocular calibrate-stage --port auto --rig rig.toml --cameras /dev/video0,/dev/video2
   trinocular calibrate-stage --port auto --rig rig.toml --images captures/ --out rig.toml --force";
 
 /// Ends of the stage's passes while images are taken, as shares of the reach.
@@ -178,7 +194,19 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let mut bench: Box<dyn Bench> = match &options.port {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
-        Some(port) => Box::new(real::bench(options, port, &rig, &stage)?),
+        Some(port) => {
+            let driven = || driven::Driven::connect(options, port, &stage);
+            match (&options.cameras, &options.images) {
+                (Some(devices), _) => {
+                    Box::new(live::bench(options, devices, &rig, &stage, driven)?)
+                }
+                (None, Some(folder)) => Box::new(real::bench(options, folder, &rig, driven)?),
+                (None, None) => {
+                    let needs = "--port needs --cameras or --images";
+                    return Err(Failure::Usage(needs.to_owned()));
+                }
+            }
+        }
     };
     let (samples, fit, delay) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {

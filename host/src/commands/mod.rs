@@ -11,6 +11,7 @@ mod bench;
 mod by_hand;
 mod calibrate;
 mod calibrate_stage;
+mod cameras;
 mod completions;
 mod convert;
 mod destination;

@@ -1,16 +1,14 @@
-//! A station on a serial port, and a folder in which captures appear.
+//! A station on a port, and a folder in which frame sets appear.
 
-use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
+use super::driven::Driven;
 use super::{Bench, Options};
 use crate::commands::failure::Failure;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use trinocular_client::allowance::Allowance;
-use trinocular_client::stage::setpoint;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
@@ -19,33 +17,26 @@ const LOOK: Duration = Duration::from_millis(100);
 
 /// Station on a serial port, and the folder of its captures.
 pub struct Real {
-    hand: Hand,
-    stage: Stage,
+    driven: Driven,
     folder: PathBuf,
     names: Vec<String>,
     size_px: [u32; 2],
     patience: Duration,
 }
 
-/// Connects, configures the station and starts the heartbeat.
-pub fn bench(options: &Options, port: &str, rig: &RigFile, stage: &Stage) -> Result<Real, Failure> {
-    let Some(folder) = &options.images else {
-        return Err(Failure::Usage("--port needs --images".to_owned()));
-    };
+/// Checks the folder. The station is connected by `driven`.
+pub fn bench(
+    options: &Options,
+    folder: &Path,
+    rig: &RigFile,
+    driven: impl FnOnce() -> Result<Driven, Failure>,
+) -> Result<Real, Failure> {
     if !folder.is_dir() {
         return Err(InputError::file(folder, "no such folder").into());
     }
-    let port = PortArgument {
-        port: port.to_owned(),
-    };
-    let mut hand = Hand::connect(&port)?;
-    hand.ready_to_move("setpoint", true)?;
-    hand.configure(Some(stage), &options.stage)?;
-    hand.start_heartbeat()?;
     Ok(Real {
-        hand,
-        stage: stage.clone(),
-        folder: folder.clone(),
+        driven: driven()?,
+        folder: folder.to_owned(),
         names: rig.names.clone(),
         size_px: rig.rig.image_size_px,
         patience: Duration::from_secs(options.patience.into()),
@@ -68,19 +59,12 @@ impl Real {
 
 impl Bench for Real {
     fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
-        Ok(in_mm(self.hand.status()?.position_steps, &self.stage))
+        self.driven.position_mm()
     }
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
-        self.hand.command("setpoint", setpoint(position_mm))?;
-        let travel_mm = self
-            .stage
-            .travel_mm
-            .map(|[least, greatest]| greatest - least);
-        let allowance = Allowance::of_distance(&self.stage, travel_mm);
-        let (end, interrupted) = self.hand.wait_for_rest(allowance, |_| {})?;
-        why_it_stands(&self.hand, &end, interrupted)?;
-        Ok(in_mm(end.position_steps, &self.stage))
+        self.driven.send(position_mm)?;
+        self.driven.arrive()
     }
 
     /// Waits for a capture that was not there when the stage came to rest.
@@ -90,8 +74,8 @@ impl Bench for Real {
         notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
         let end = Instant::now() + self.patience;
         loop {
-            let line = self.hand.serial().check();
-            line.map_err(|error| self.hand.failed(error))?;
+            let line = self.driven.hand.serial().check();
+            line.map_err(|error| self.driven.hand.failed(error))?;
             let folder = self.listed();
             let newest = folder.as_ref().and_then(|folder| {
                 let names = folder.names().iter().enumerate();

@@ -3,18 +3,18 @@
 use super::Options;
 use super::captures::Captures;
 use crate::commands::by_hand::on_interrupt;
+use crate::commands::cameras;
 use crate::commands::failure::Failure;
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use trinocular_client::ports;
 use trinocular_client::stage::default_stage;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::cameras::live::{Camera, LiveCameras};
+use trinocular_vision::images::cameras::live::LiveCameras;
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
@@ -34,24 +34,6 @@ fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mo
     }
 }
 
-/// Refuses one device for two cameras, even if different names or links lead to it.
-fn refuse_twins(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> {
-    let real = |device: &PathBuf| device.canonicalize().unwrap_or_else(|_| device.clone());
-    let real: Vec<PathBuf> = devices.iter().map(real).collect();
-    for (later, device) in real.iter().enumerate() {
-        if let Some(first) = real[..later].iter().position(|before| before == device) {
-            return Err(Failure::Usage(format!(
-                "--cameras names one device twice: {} for {} and {} for {}",
-                devices[first].display(),
-                names[first],
-                devices[later].display(),
-                names[later]
-            )));
-        }
-    }
-    Ok(())
-}
-
 /// Follows the target until Ctrl-C, or for --seconds.
 pub fn run(
     options: &Options,
@@ -60,29 +42,9 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.method.read_rig(rig_path)?;
-    // One name for all cameras of a simulated station.
-    let all: Vec<PathBuf> = match devices {
-        [one] if simulated_station(one).is_some() => vec![one.clone(); rig.names.len()],
-        _ => devices.to_vec(),
-    };
-    let devices = &all;
-    if devices.len() != rig.names.len() {
-        return Err(Failure::Usage(format!(
-            "--cameras names {} devices, but {} has {} cameras: {}, in this order",
-            devices.len(),
-            rig_path.display(),
-            rig.names.len(),
-            rig.names.join(", ")
-        )));
-    }
-    if devices
-        .iter()
-        .all(|device| simulated_station(device).is_none())
-    {
-        refuse_twins(devices, &rig.names)?;
-    }
+    let devices = cameras::per_camera(devices, &rig, rig_path)?;
     let stage = stage(options, &rig, rig_path)?;
-    follow(options, devices, &rig, stage, out)
+    follow(options, &devices, &rig, stage, out)
 }
 
 fn follow(
@@ -94,7 +56,7 @@ fn follow(
 ) -> Result<(), Failure> {
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = open(options, devices, rig)?;
+    let cameras = cameras::open(devices, rig, options.fps)?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
@@ -143,88 +105,4 @@ fn follow(
         summary.frames
     );
     Ok(())
-}
-
-/// Opens the cameras, in the rig's order.
-fn open(
-    options: &Options,
-    devices: &[PathBuf],
-    rig: &RigFile,
-) -> Result<Vec<Box<dyn Camera>>, Failure> {
-    let cameras = devices.iter().zip(&rig.names).enumerate();
-    cameras
-        .map(|(index, (device, name))| match simulated_station(device) {
-            Some(link) => simulated(&link, device, index, rig.rig.image_size_px),
-            None => real(options, device, name, rig.rig.image_size_px),
-        })
-        .collect()
-}
-
-/// Returns the link of the simulated station whose cameras `device` stands for.
-fn simulated_station(device: &Path) -> Option<PathBuf> {
-    match device.to_str()? {
-        ports::TWIN => ports::twin_link().ok(),
-        other => other.strip_prefix("twin:").map(PathBuf::from),
-    }
-}
-
-#[cfg(unix)]
-fn simulated(
-    link: &Path,
-    device: &Path,
-    index: usize,
-    size_px: [u32; 2],
-) -> Result<Box<dyn Camera>, Failure> {
-    use crate::commands::twin::lab::{cameras_of, monotonic};
-    use std::os::unix::net::UnixStream;
-    use trinocular_vision::images::cameras::stream::StreamCamera;
-
-    let connect = || {
-        let mut stream = UnixStream::connect(cameras_of(link))?;
-        stream.set_read_timeout(Some(Duration::from_millis(100)))?;
-        writeln!(stream, "camera {index}")?;
-        Ok::<_, std::io::Error>(stream)
-    };
-    let stream = connect().map_err(|_| {
-        let reason = "no cameras are simulated there now: run `trinocular twin --with-target` in \
-                      another terminal first";
-        InputError::file(device, reason)
-    })?;
-    let path = PathBuf::from(format!("{} camera {index}", device.display()));
-    Ok(Box::new(StreamCamera::new(
-        path, stream, size_px, monotonic,
-    )))
-}
-
-#[cfg(not(unix))]
-fn simulated(_: &Path, device: &Path, _: usize, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
-    let reason = "this system has no local sockets, which simulated cameras need";
-    Err(InputError::file(device, reason).into())
-}
-
-#[cfg(all(feature = "camera", target_os = "linux"))]
-fn real(
-    options: &Options,
-    device: &Path,
-    name: &str,
-    size_px: [u32; 2],
-) -> Result<Box<dyn Camera>, Failure> {
-    use trinocular_vision::images::cameras::device::V4l2;
-    use trinocular_vision::images::cameras::stamp::Source;
-
-    let who = format!("{name} ({})", device.display());
-    let notice = Box::new(move |source: Source| match source {
-        Source::Driver(_) => notice!("{who}: {source}"),
-        Source::Arrival(_) => notice!("warning: {who}: {source}"),
-    });
-    let camera = V4l2::open(device, size_px, options.fps, notice)?;
-    notice!("{name} is {}, {:?}", device.display(), camera.format());
-    Ok(Box::new(camera))
-}
-
-#[cfg(not(all(feature = "camera", target_os = "linux")))]
-fn real(_: &Options, device: &Path, _: &str, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
-    let reason = "this program was built without live cameras: build it on Linux with \
-                  `cargo build --release --features host/camera`";
-    Err(InputError::file(device, reason).into())
 }

@@ -1,0 +1,140 @@
+//! Live cameras by their names on the command line: V4L2 devices, or those that `trinocular twin`
+//! simulates.
+
+use crate::commands::failure::Failure;
+use std::path::{Path, PathBuf};
+use trinocular_client::ports;
+use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::cameras::live::Camera;
+
+/// Returns one device for each camera of the rig file, in its order. `twin` stands for all cameras
+/// of a simulated station.
+pub fn per_camera(
+    devices: &[PathBuf],
+    rig: &RigFile,
+    rig_path: &Path,
+) -> Result<Vec<PathBuf>, Failure> {
+    let names = &rig.names;
+    let is_simulated = |device: &PathBuf| simulated_station(device).is_some();
+    let devices = match devices {
+        [one] if is_simulated(one) => vec![one.clone(); names.len()],
+        _ => devices.to_vec(),
+    };
+    if devices.len() != names.len() {
+        return Err(Failure::Usage(format!(
+            "--cameras names {} devices, but {} has {} cameras: {}, in this order",
+            devices.len(),
+            rig_path.display(),
+            names.len(),
+            names.join(", ")
+        )));
+    }
+    if !devices.iter().all(is_simulated) {
+        refuse_doubles(&devices, names)?;
+    }
+    Ok(devices)
+}
+
+/// Refuses one device for two cameras, even if different names or links lead to it.
+fn refuse_doubles(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> {
+    let real = |device: &PathBuf| device.canonicalize().unwrap_or_else(|_| device.clone());
+    let real: Vec<PathBuf> = devices.iter().map(real).collect();
+    for (later, device) in real.iter().enumerate() {
+        if let Some(first) = real[..later].iter().position(|before| before == device) {
+            return Err(Failure::Usage(format!(
+                "--cameras names one device twice: {} for {} and {} for {}",
+                devices[first].display(),
+                names[first],
+                devices[later].display(),
+                names[later]
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Opens the cameras, in the rig's order.
+///
+/// `fps` is the rate that V4L2 cameras are set to.
+pub fn open(devices: &[PathBuf], rig: &RigFile, fps: f64) -> Result<Vec<Box<dyn Camera>>, Failure> {
+    let cameras = devices.iter().zip(&rig.names).enumerate();
+    cameras
+        .map(|(index, (device, name))| match simulated_station(device) {
+            Some(link) => simulated(&link, device, index, rig.rig.image_size_px),
+            None => real(fps, device, name, rig.rig.image_size_px),
+        })
+        .collect()
+}
+
+/// Returns the link of the simulated station whose cameras `device` stands for.
+fn simulated_station(device: &Path) -> Option<PathBuf> {
+    match device.to_str()? {
+        ports::TWIN => ports::twin_link().ok(),
+        other => other.strip_prefix("twin:").map(PathBuf::from),
+    }
+}
+
+#[cfg(unix)]
+fn simulated(
+    link: &Path,
+    device: &Path,
+    index: usize,
+    size_px: [u32; 2],
+) -> Result<Box<dyn Camera>, Failure> {
+    use crate::commands::twin::lab::{cameras_of, monotonic};
+    use std::io::Write as _;
+    use std::os::unix::net::UnixStream;
+    use std::time::Duration;
+    use trinocular_vision::images::cameras::stream::StreamCamera;
+
+    let connect = || {
+        let mut stream = UnixStream::connect(cameras_of(link))?;
+        stream.set_read_timeout(Some(Duration::from_millis(100)))?;
+        writeln!(stream, "camera {index}")?;
+        Ok::<_, std::io::Error>(stream)
+    };
+    let stream = connect().map_err(|_| {
+        let reason = "no cameras are simulated there now: run `trinocular twin --with-target` in \
+                      another terminal first";
+        InputError::file(device, reason)
+    })?;
+    let path = PathBuf::from(format!("{} camera {index}", device.display()));
+    Ok(Box::new(StreamCamera::new(
+        path, stream, size_px, monotonic,
+    )))
+}
+
+#[cfg(not(unix))]
+fn simulated(_: &Path, device: &Path, _: usize, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
+    let reason = "this system has no local sockets, which simulated cameras need";
+    Err(InputError::file(device, reason).into())
+}
+
+#[cfg(all(feature = "camera", target_os = "linux"))]
+fn real(
+    fps: f64,
+    device: &Path,
+    name: &str,
+    size_px: [u32; 2],
+) -> Result<Box<dyn Camera>, Failure> {
+    use trinocular_rig::notice;
+    use trinocular_vision::images::cameras::device::V4l2;
+    use trinocular_vision::images::cameras::stamp::Source;
+
+    let who = format!("{name} ({})", device.display());
+    let notice = Box::new(move |source: Source| match source {
+        Source::Driver(_) => notice!("{who}: {source}"),
+        Source::Arrival(_) => notice!("warning: {who}: {source}"),
+    });
+    let camera = V4l2::open(device, size_px, fps, notice)?;
+    notice!("{name} is {}, {:?}", device.display(), camera.format());
+    Ok(Box::new(camera))
+}
+
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
+    let reason = "this program was built without live cameras: build it on Linux with \
+                  `cargo build --release --features host/camera`";
+    Err(InputError::file(device, reason).into())
+}
