@@ -115,7 +115,7 @@ fn watcher_sees_reports_and_moves_nothing() {
     owner.command("jog", FAR).expect("it is allowed");
     moving(&end);
     wait("the guest sees the motion", || {
-        let status = guest.fresh_status(false).expect("it is told");
+        let status = guest.fresh_status(false).expect("a status comes");
         status.state == State::Moving && status.position_steps[0] > 0
     });
     assert!(owner.check().is_ok());
@@ -215,7 +215,7 @@ fn strangers_at_the_socket_do_no_harm() {
         &b"\0\0\0\0"[..],
         b"GET / HTTP/1.1\r\n\r\n",
         b"trinocular 9 stop 1 x\n",
-        b"trinocular 1 drive nobody\n",
+        b"trinocular 1 drive x\n",
         &[b'x'; 100_000],
     ] {
         let mut stranger = UnixStream::connect(&socket).expect("it is there");
