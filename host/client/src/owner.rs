@@ -170,7 +170,7 @@ pub(crate) fn socket(port: &str) -> io::Result<PathBuf> {
     Ok(folder()?.join(format!("{last}-{:016x}", fnv(real.as_bytes()))))
 }
 
-/// Returns the user's own folder for sockets and links, which nobody else can enter.
+/// Returns the user's own folder for sockets and links, which only the user can enter.
 ///
 /// # Errors
 /// If it cannot be made, or another user has made it.
