@@ -163,6 +163,23 @@ impl Calibration {
 ///
 /// # Errors
 /// [`InputError`] if a camera or the rig cannot be calibrated; single bad images are rejected.
+///
+/// # Example
+/// ```no_run
+/// use std::path::Path;
+/// use trinocular_vision::calibration::board::Board;
+/// use trinocular_vision::calibration::folder::{CalibrationSettings, calibrate};
+///
+/// let settings = CalibrationSettings::new(Board { corners: [9, 6], square_mm: 25.0 });
+/// let calibration = calibrate(Path::new("boards"), &settings, &mut |_share| ())?;
+/// for camera in &calibration.cameras {
+///     println!("{}: {:.3} px", camera.name, camera.intrinsics.rms_px);
+/// }
+/// if let Some(rig) = calibration.rig_file() {
+///     rig.write(Path::new("rig.toml"))?;
+/// }
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub fn calibrate(
     dir: &Path,
     settings: &CalibrationSettings,

@@ -105,6 +105,29 @@ impl Folder {
     /// # Errors
     /// [`InputError`] if a camera has no folder, or no frame set has a file of every camera: then
     /// the names are wrong rather than files lost.
+    ///
+    /// # Example
+    /// ```
+    /// use shared::rig::Rig;
+    /// use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder, save};
+    /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let folder = tempfile::tempdir()?;
+    /// # let dir = folder.path();
+    /// let rig = Rig::paper();
+    /// let names = ["left", "middle", "right"].map(String::from);
+    /// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+    /// save(dir, &names, 0, &scene.render([0.0; 3], 0, 1))?;
+    /// save(dir, &names, 1, &scene.render([1.0, 0.0, 0.0], 0, 2))?;
+    ///
+    /// let folder = Folder::open(dir, &names, rig.image_size_px, DEFAULT_PERIOD_US)?;
+    /// assert_eq!(folder.names(), ["000000.png", "000001.png"]);
+    /// let second = folder.frame_sets().nth(1).expect("two frame sets")?;
+    /// assert_eq!((second.time_us, second.images.len()), (DEFAULT_PERIOD_US, 3));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn open(
         dir: &Path,
         names: &[String],
