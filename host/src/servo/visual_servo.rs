@@ -39,12 +39,9 @@ pub struct ServoEstimate {
 
 impl ServoEstimate {
     fn new(report: &EstimateReport, points: usize) -> Self {
-        let mm = |nm: f64| nm * 1e-6;
         Self {
-            displacement_mm: report.displacement_nm.map(|nm| mm(f64::from(nm))),
-            sigma_mm: report
-                .sigma_nm
-                .map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            displacement_mm: report.displacement_mm(),
+            sigma_mm: report.sigma_mm(),
             points,
             latency_us: report.latency_us,
         }

@@ -300,6 +300,21 @@ pub struct EstimateReport {
     pub latency_us: u32,
 }
 
+impl EstimateReport {
+    /// Returns the displacement, mm.
+    pub fn displacement_mm(&self) -> [f64; 3] {
+        self.displacement_nm.map(|nm| f64::from(nm) * MM_PER_NM)
+    }
+
+    /// Returns the standard deviation of the displacement, mm.
+    pub fn sigma_mm(&self) -> Option<[f64; 3]> {
+        let sigma = self.sigma_nm?;
+        Some(sigma.map(|nm| f64::from(nm) * MM_PER_NM))
+    }
+}
+
+const MM_PER_NM: f64 = 1e-6;
+
 /// Outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outcome {

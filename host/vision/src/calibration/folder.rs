@@ -7,7 +7,7 @@ use std::path::Path;
 use super::board::Board;
 use super::find::{FoundBoard, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
-use super::photographs::{self, Series};
+use super::photographs::{self, Photographs, Series};
 use super::rejection::ImageRejection;
 use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
@@ -185,7 +185,7 @@ pub fn calibrate(
     settings: &CalibrationSettings,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Calibration, InputError> {
-    let series = photographs::list(dir)?;
+    let Photographs { series, .. } = photographs::list(dir)?;
     let total: usize = series.iter().map(|s| s.files.len()).sum();
     let mut done = 0;
     let mut cameras = Vec::with_capacity(series.len());
