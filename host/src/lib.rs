@@ -1,9 +1,10 @@
 //! The program Trinocular as a library: the closed loop of cameras and stage, simulated runs,
 //! predictions and reports.
 //!
-//! Images and calibration are in [`trinocular_vision`], the client of the station and the twin in
-//! [`trinocular_client`], rig files in [`trinocular_rig`], and the station's logic in [`shared`].
-//! The command line is the program alone, not a part of this library.
+//! Images and calibration are in [`trinocular_vision`], the client of the station and the
+//! twin in [`trinocular_client`], rig files in [`trinocular_rig`], and the station's
+//! logic in [`shared`]. The command line is the program alone, not a part of this
+//! library.
 //!
 //! ```
 //! use host::servo::simulated::{ServoTiming, SimulatedServo};

@@ -145,7 +145,8 @@ impl Serial {
     /// use trinocular_client::serial::Serial;
     ///
     /// let error = Serial::connect("/no/such/port").unwrap_err();
-    /// assert!(matches!(&error, StationError::Port { .. }) && error.port() == Some("/no/such/port"));
+    /// assert!(matches!(&error, StationError::Port { .. }));
+    /// assert_eq!(error.port(), Some("/no/such/port"));
     /// ```
     pub fn connect(path: &str) -> Result<Self, StationError> {
         let serial = Self::open(path)?;

@@ -1,6 +1,6 @@
 //! Calibration of cameras and rig from photographs of a chessboard.
 //!
-//! Without an argument the photographs are those of `tests/images/chessboard`, of a board with 9 x 6
+//! Without an argument the photographs are those of `tests/images/chessboard`: a board with 9 x 6
 //! inner corners and squares of 25 mm. The rig is printed as a rig file.
 //!
 //! ```sh

@@ -31,7 +31,8 @@ use serde::{Deserialize, Serialize};
 /// // A point on the axis at 850 mm that moves by 5 mm along x.
 /// let view = |k: usize| {
 ///     let camera = &rig.cameras[k];
-///     View::from_pixels(camera, camera.project([0.0, 0.0, 850.0]), camera.project([5.0, 0.0, 850.0]))
+///     let [start, end] = [[0.0, 0.0, 850.0], [5.0, 0.0, 850.0]].map(|mm| camera.project(mm));
+///     View::from_pixels(camera, start, end)
 /// };
 /// sums.add([view(0), view(1), view(2)]);
 /// assert_eq!((sums.points, sums.baselines_mm), (1, [70.0, 68.0]));
