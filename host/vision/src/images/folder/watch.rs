@@ -82,6 +82,22 @@ impl Seen {
 type Key = (String, String);
 
 /// Watched folder: an iterator of frame sets, which waits for the next one.
+///
+/// ```no_run
+/// use std::path::Path;
+/// use std::sync::Arc;
+/// use std::sync::atomic::AtomicBool;
+/// use trinocular_vision::images::folder::watch::{Settings, Watch};
+///
+/// let stop = Arc::new(AtomicBool::new(false));
+/// let settings = Settings { period_us: 33_333, idle: None, stop };
+/// let names = ["left", "right"].map(String::from);
+/// let skipped = |skipped: &trinocular_rig::error::InputError| eprintln!("{skipped}");
+/// for frame_set in Watch::open(Path::new("captures"), &names, [640, 480], settings, skipped)? {
+///     println!("{} us", frame_set?.time_us);
+/// }
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub struct Watch<T> {
     /// Folder of each camera, in the rig's order.
     cameras: Vec<PathBuf>,
