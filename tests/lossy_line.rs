@@ -179,15 +179,20 @@ fn heartbeat_runs_while_caller_reads() {
     drop(client);
 }
 
+/// Checks that the station stopped by command, without a fault.
+fn assert_stopped(end: &FarEnd) {
+    let serial = Serial::connect(&end.path).expect("it answers");
+    let status = serial.fresh_status(false).expect("it tells");
+    assert_eq!((status.state, status.fault), (State::Stopped, None));
+}
+
 #[test]
 fn dropped_connection_stops_stage() {
     let end = station_behind(first(0, is_stop), Some);
     drop(moving(&end));
     let stood = end.standing();
     assert!(stood[0] < 4_000, "{stood:?}");
-    let serial = Serial::connect(&end.path).expect("it answers");
-    let status = serial.fresh_status(false).expect("it tells");
-    assert_eq!((status.state, status.fault), (State::Stopped, None));
+    assert_stopped(&end);
 }
 
 #[test]
@@ -199,9 +204,7 @@ fn panic_stops_stage() {
     }));
     assert!(panicked.is_err());
     assert!(end.steps()[0] < 4_000, "{:?}", end.steps());
-    let serial = Serial::connect(&end.path).expect("it answers");
-    let status = serial.fresh_status(false).expect("it tells");
-    assert_eq!((status.state, status.fault), (State::Stopped, None));
+    assert_stopped(&end);
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! The station's logic: everything between the serial port and the step pins.
+#![doc = include_str!("../README.md")]
+//! # Data flow
 //!
 //! ```text
 //! bytes -> frame -> estimate -> track -> motion -> steps -> port words

@@ -3,6 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 /// Activity of the station.
+///
+/// ```
+/// use shared::safety::State;
+///
+/// assert!(State::Stopping.is_moving() && !State::Stopping.is_commanded());
+/// assert_eq!(State::ALL[State::Homing.number() as usize], State::Homing);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum State {
     /// The station has no configuration: nothing moves.

@@ -7,6 +7,14 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 ///
 /// On the wire an instant takes 48 bits, little-endian, which is enough for 8.9 years of uptime.
 /// Later instants saturate there.
+///
+/// ```
+/// use shared::time::Instant;
+///
+/// let start = Instant::from_micros(1_000);
+/// let later = start.plus_micros(250);
+/// assert_eq!((later.since(start), start.since(later)), (250, 0));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instant(u64);
 

@@ -35,6 +35,22 @@ impl Numbering {
 }
 
 /// A conversation with one station.
+///
+/// ```
+/// use shared::frame::encode::encode;
+/// use shared::frame::message::{Command, Denial, Outcome, Report};
+/// use trinocular_client::conversation::Client;
+///
+/// let mut client = Client::default();
+/// let (sequence, bytes) = client.packet(Command::Zero);
+/// assert!(bytes.len() < 20); // They go to the station, whose reply may come in any pieces.
+/// let denial = Outcome::Denied(Denial::Moving);
+/// let reply = encode(&Report::Answer { sequence, tick: 0, outcome: denial }).unwrap();
+/// for byte in &reply {
+///     client.feed(0, &[*byte]);
+/// }
+/// assert_eq!(client.answer(sequence), Some(Err(Denial::Moving)));
+/// ```
 #[derive(Debug, Default)]
 pub struct Client {
     numbering: Numbering,

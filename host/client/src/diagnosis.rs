@@ -190,6 +190,14 @@ pub fn table() -> String {
 }
 
 /// Returns cause and action of a fault in one sentence.
+///
+/// ```
+/// use shared::safety::Fault;
+/// use trinocular_client::diagnosis::{explain, fault};
+///
+/// assert_eq!(fault(Fault::Heartbeat).position, "good");
+/// assert!(explain(Fault::Heartbeat).contains(fault(Fault::Heartbeat).action));
+/// ```
 pub fn explain(latched: Fault) -> String {
     let FaultText { cause, action, .. } = fault(latched);
     format!("{cause}: {action}")

@@ -1,4 +1,6 @@
-//! The station from the host's side: commands out, reports in, over any byte link.
+#![doc = include_str!("../README.md")]
+//!
+//! # Modules
 //!
 //! [`conversation`] speaks the protocol and does no input or output. [`twin`] is a station without
 //! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.

@@ -52,6 +52,18 @@ struct Driver {
 }
 
 /// Counts the steps in a stream of port words and watches their timing.
+///
+/// ```
+/// use shared::steps::PortMap;
+/// use trinocular_client::plant::Plant;
+///
+/// let map = PortMap { step: [0, 1, 2], dir: [3, 4, 5], invert: [false; 3] };
+/// let mut plant = Plant::new(map, [80.0; 3]);
+/// // The lower half of a word sets pins, the upper half resets them. DIR up, then two pulses.
+/// plant.feed(&[1 << 4, 1 << 1, 1 << 17, 1 << 1, 1 << 17]);
+/// assert_eq!(plant.steps(), [0, 2, 0]);
+/// assert_eq!(plant.position_mm()[1], 0.025);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Plant {
     drivers: [Driver; AXES],

@@ -64,6 +64,14 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
 /// # Errors
 /// [`StationError::Port`] with the ports that were found, if none or several are a station, or if
 /// no station is simulated.
+///
+/// # Example
+/// ```
+/// use trinocular_client::ports::resolve;
+///
+/// assert_eq!(resolve("/dev/ttyACM0")?, "/dev/ttyACM0");
+/// # Ok::<(), trinocular_client::StationError>(())
+/// ```
 pub fn resolve(port: &str) -> Result<String, StationError> {
     match port {
         AUTO => only_station(&candidates()?),

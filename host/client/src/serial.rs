@@ -95,6 +95,21 @@ impl std::ops::Deref for ClientRef<'_> {
 
 /// A station on a serial line. Dropping it stops any motion that its commands have started, ends
 /// the heartbeat and closes the line.
+///
+/// ```no_run
+/// use shared::frame::message::{Command, Mounting};
+/// use trinocular_client::ports::{AUTO, resolve};
+/// use trinocular_client::serial::Serial;
+/// use trinocular_client::stage::default_stage;
+///
+/// let port = resolve(AUTO)?;
+/// // Configures the station, zeroes its position and keeps the heartbeat.
+/// let mut station = Serial::start(&port, &default_stage(), Mounting::OnStage)?;
+/// station.command("home", Command::Home { axes: [true; 3] })?;
+/// station.command("jog", Command::Jog { distance_um: [0, 2_000, 0] })?;
+/// station.command("stop", Command::Stop)?;
+/// # Ok::<(), trinocular_client::StationError>(())
+/// ```
 pub struct Serial {
     shared: Arc<Shared>,
     sender: Arc<Sender>,
@@ -155,6 +170,16 @@ impl Serial {
     /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
     /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
     /// station with other firmware is no error here: see [`Hello::mismatches`].
+    ///
+    /// # Example
+    /// ```
+    /// use trinocular_client::StationError;
+    /// use trinocular_client::serial::Serial;
+    ///
+    /// let error = Serial::connect("/no/such/port").unwrap_err();
+    /// assert!(matches!(&error, StationError::Port { .. }));
+    /// assert_eq!(error.port(), Some("/no/such/port"));
+    /// ```
     pub fn connect(path: &str) -> Result<Self, StationError> {
         Self::connect_observed(path, None)
     }

@@ -29,6 +29,14 @@ pub fn default_stage() -> Stage {
 }
 
 /// Returns the command to go to a position, mm from zero.
+///
+/// ```
+/// use shared::frame::message::Command;
+/// use trinocular_client::stage::setpoint;
+///
+/// let position_um = [1_500, 0, -20];
+/// assert_eq!(setpoint([1.5, 0.0, -0.02]), Command::Setpoint { position_um });
+/// ```
 pub fn setpoint(position_mm: [f64; 3]) -> Command {
     Command::Setpoint {
         position_um: position_mm.map(|mm| (mm * 1e3).round() as i32),
@@ -39,6 +47,21 @@ pub fn setpoint(position_mm: [f64; 3]) -> Command {
 ///
 /// # Errors
 /// [`StationError::Stage`] names the first field whose value does not fit.
+///
+/// # Example
+/// ```
+/// use shared::frame::message::Mounting;
+/// use trinocular_client::stage::{configuration, default_stage};
+///
+/// let mut stage = default_stage();
+/// let config = configuration(&stage, Mounting::OnStage)?;
+/// assert_eq!(config.axes[0].max_speed_um_s, 100_000);
+///
+/// stage.steps_per_mm[2] = 0.0;
+/// let error = configuration(&stage, Mounting::OnStage).unwrap_err();
+/// assert!(error.to_string().contains("steps_per_mm[2]"));
+/// # Ok::<(), trinocular_client::StationError>(())
+/// ```
 pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, StationError> {
     let mut axes = Vec::new();
     for axis in 0..3 {

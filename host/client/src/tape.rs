@@ -45,8 +45,8 @@ impl Tape {
         self.records.push(Record::Digest(at, digest));
     }
 
-    /// Returns the log so far in the format of [`shared::replay::Log`], with time passing up to
-    /// `end`.
+    /// Returns the log so far in the format of [`shared::replay::Log`], with time passing
+    /// up to `end`.
     pub fn log(&self, end: Instant) -> Vec<u8> {
         let mut log = self.log.clone();
         Writer(|part: &[u8]| log.extend_from_slice(part)).entry(end, Entry::Wait);

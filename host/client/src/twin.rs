@@ -173,6 +173,23 @@ impl Hardware {
 }
 
 /// A station on virtual time and the host's conversation with it.
+///
+/// ```
+/// use shared::frame::message::{Command, Mounting};
+/// use shared::safety::State;
+/// use trinocular_client::stage::default_stage;
+/// use trinocular_client::twin::Twin;
+///
+/// let mut twin = Twin::start(&default_stage(), "example", Mounting::OnStage)?;
+/// twin.command("jog", Command::Jog { distance_um: [1_500, 0, 0] })?;
+/// twin.advance(twin.now().plus_micros(500_000));
+/// assert_eq!(twin.position_mm(), [1.5, 0.0, 0.0]);
+///
+/// twin.command("stop", Command::Stop)?;
+/// twin.advance(twin.now().plus_micros(100_000));
+/// assert_eq!(twin.status().map(|status| status.state), Some(State::Stopped));
+/// # Ok::<(), trinocular_client::StationError>(())
+/// ```
 #[derive(Debug)]
 pub struct Twin {
     hardware: Hardware,

@@ -15,6 +15,14 @@ const LONGEST_REASON: usize = 4_000;
 ///
 /// Formatted as `FILE:LINE: field `NAME`: reason`. Line and field are left out if there are none,
 /// as for a file that does not exist.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::error::InputError;
+///
+/// let error = InputError::field(Path::new("rig.toml"), 12, "name", "must not be empty");
+/// assert_eq!(error.to_string(), "rig.toml:12: field `name`: must not be empty");
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputError {
     /// File or folder with the error.

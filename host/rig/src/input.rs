@@ -13,6 +13,18 @@ use std::sync::{Mutex, PoisonError};
 use crate::error::InputError;
 
 /// Largest length of a kind of file.
+///
+/// ```
+/// use trinocular_rig::input::{Limit, text};
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("notes.txt");
+/// std::fs::write(&path, "sixteen letters.")?;
+/// let limit = |bytes| Limit { what: "a text", bytes };
+/// assert_eq!(text(&path, limit(16))?, "sixteen letters.");
+/// assert!(text(&path, limit(15)).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limit {
     /// Kind of file, with its article: `a rig file`.

@@ -1,4 +1,16 @@
-//! Rig files of Trinocular, and what reads and writes files without surprises.
+#![doc = include_str!("../README.md")]
+//!
+//! # Modules
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`rig_file`] | the rig file: reading, writing, a commented template, changes that keep comments |
+//! | [`error`] | errors in files that the user gave, with file, line and field |
+//! | [`input`] | reading of files with a limit to their size |
+//! | [`output`] | files that are written whole or not at all |
+//! | [`interruption`] | Ctrl-C and other signals |
+//! | [`notice`](mod@notice), [`printable`] | messages on standard error, and foreign text in them |
+//! | [`random`] | seeded random numbers |
 
 // Output goes through `notice!` or a writer whose errors are handled: these macros panic instead.
 #![cfg_attr(not(test), deny(clippy::print_stderr, clippy::print_stdout))]

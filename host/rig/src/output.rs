@@ -48,6 +48,18 @@ impl Replace {
 }
 
 /// A file that will be written.
+///
+/// ```
+/// use trinocular_rig::output::{Output, Replace};
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("report.html");
+/// Output::open(&path, Replace::Nothing)?.write("first")?;
+/// // The file exists now, and may not be replaced.
+/// assert!(Output::open(&path, Replace::Nothing).is_err());
+/// assert_eq!(std::fs::read_to_string(&path)?, "first");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Output {
     /// Path as given by the user.

@@ -2,6 +2,16 @@
 //! tests.
 
 /// Splitmix64 of Steele, Lea and Flood: a counter and a bit mixer. Any seed is a good seed.
+///
+/// ```
+/// use trinocular_rig::random::Random;
+///
+/// let mut random = Random::new(1, 0);
+/// let numbers: Vec<f64> = (0..1_000).map(|_| random.gaussian()).collect();
+/// assert!((numbers.iter().sum::<f64>() / 1e3).abs() < 0.1);
+/// // The same seed and stream give the same numbers.
+/// assert_eq!(Random::new(1, 0).gaussian(), numbers[0]);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,

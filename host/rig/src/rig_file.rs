@@ -97,6 +97,16 @@ enum Shape {
 const PAPERS_ESTIMATORS: &str = "the estimators closed-form and least-squares";
 
 /// A rig with the names of its cameras, as a rig file holds it.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::RigFile;
+///
+/// let file = RigFile::paper();
+/// let again = RigFile::parse(Path::new("rig.toml"), &file.to_toml())?;
+/// assert_eq!(again, file);
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigFile {
     /// Names of the cameras in the rig's order: distinct, and usable as names of folders.
@@ -146,6 +156,15 @@ impl RigFile {
     }
 
     /// Checks the text of a rig file; errors name `file`.
+    ///
+    /// ```
+    /// use std::path::Path;
+    /// use trinocular_rig::rig_file::RigFile;
+    ///
+    /// let text = RigFile::paper().to_toml().replace("538.14", "-538.14");
+    /// let error = RigFile::parse(Path::new("rig.toml"), &text).unwrap_err();
+    /// assert_eq!((error.line, error.field.as_deref()), (Some(11), Some("camera[1].focal_px[0]")));
+    /// ```
     pub fn parse(file: &Path, text: &str) -> Result<Self, InputError> {
         Self::parse_as(file, text, Shape::Plane)
     }
@@ -203,6 +222,16 @@ impl RigFile {
 
     /// Writes the file whole or not at all: the old file at `path` stays until the new one is
     /// complete.
+    ///
+    /// ```
+    /// use trinocular_rig::rig_file::RigFile;
+    ///
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("rig.toml");
+    /// RigFile::paper().write(&path)?;
+    /// assert_eq!(RigFile::read(&path)?.names, ["left", "middle", "right"]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
     }

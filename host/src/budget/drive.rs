@@ -3,8 +3,8 @@
 //! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The
 //! worst moment for a stop is the one in which the axis still accelerates at `a` and will be at
 //! full speed once the acceleration has ended: that adds `v a/j - a³/6j²`. The planner's grid adds
-//! `(v + a·1 ms)·1 ms`. These are the terms of [`shared::motion::Planner`]'s stop bound at its
-//! largest.
+//! `(v + a·1 ms)·1 ms`. These are the terms of the stop bound of [`shared::motion::Planner`] at
+//! its largest.
 //!
 //! When the host falls silent, the axis goes on for a time `T`: the heartbeat time and the ticks
 //! until the station acts on it. One of two cases has the longest distance. An axis that cruises

@@ -87,6 +87,17 @@ pub struct Volume {
 }
 
 /// All predictions.
+///
+/// ```
+/// use host::budget::{Settings, Verification};
+/// use trinocular_rig::rig_file::RigFile;
+///
+/// let predicted = Verification::of(&RigFile::paper(), Settings::default());
+/// let at = |mm: f64| predicted.depths.iter().find(|row| row.depth_mm >= mm).unwrap();
+/// // The farther the target, the less certain its distance.
+/// let sigma_z = |mm: f64| at(mm).sigma_mm[0][2];
+/// assert!(sigma_z(1_500.0) > sigma_z(800.0) && sigma_z(800.0) > 0.0);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Verification {
     /// Conditions of the predictions.

@@ -122,6 +122,7 @@ fn captures(options: &Options, rig: &RigFile) -> Result<Vec<FrameSet>, InputErro
     let size_px = rig.rig.image_size_px;
     let folder =
         Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
+    super::doubts::unread(folder.warnings());
     let (all, most) = (folder.len(), usize::from(options.most));
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();

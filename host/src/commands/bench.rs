@@ -134,6 +134,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
         rig.image_size_px,
         DEFAULT_PERIOD_US,
     )?;
+    super::doubts::unread(folder.warnings());
     let folder = folder.complete()?;
     fits_memory(&options.folder, &folder, names.len(), rig.image_size_px)?;
     let frame_sets = folder.frame_sets().collect::<Result<_, _>>()?;

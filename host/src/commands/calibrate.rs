@@ -15,7 +15,7 @@ use trinocular_vision::calibration::folder::{
     Calibration, CalibrationSettings, CameraResult, calibrate,
 };
 use trinocular_vision::calibration::intrinsics::Verdict;
-use trinocular_vision::calibration::photographs::list;
+use trinocular_vision::calibration::photographs::{Photographs, list};
 use trinocular_vision::calibration::rejection::InstantRejection;
 use trinocular_vision::calibration::rig::RigSolution;
 
@@ -127,10 +127,9 @@ fn doubt_square(square_mm: f64) {
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
-    let names: Vec<String> = list(&options.input)?
-        .into_iter()
-        .map(|series| series.name)
-        .collect();
+    let Photographs { series, warnings } = list(&options.input)?;
+    super::doubts::unread(&warnings);
+    let names: Vec<String> = series.into_iter().map(|series| series.name).collect();
     let destination = options.destination.open(&names)?;
     doubt_square(options.square);
     let board = Board {

@@ -1,7 +1,8 @@
-//! Warnings of probable mistakes in a rig, for all commands that measure with a rig.
+//! Warnings of probable mistakes in a rig and in folders, for all commands that measure.
 
 use std::path::Path;
 
+use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 
@@ -9,5 +10,12 @@ use trinocular_rig::rig_file::RigFile;
 pub fn warn(path: &Path, rig: &RigFile) {
     for doubt in rig.doubts() {
         notice!("warning: {}: {doubt}", path.display());
+    }
+}
+
+/// Prints warnings of images that are not read, on standard error.
+pub fn unread(warnings: &[InputError]) {
+    for warning in warnings {
+        notice!("warning: {warning}");
     }
 }

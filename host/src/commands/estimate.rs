@@ -169,6 +169,7 @@ fn run_folder<W: Write>(
         rig.rig.image_size_px,
         DEFAULT_PERIOD_US,
     )?;
+    super::doubts::unread(folder.warnings());
     let count = folder.len();
     let mut captures = folder.frame_sets();
     let (Some(first), 2..) = (captures.next(), count) else {

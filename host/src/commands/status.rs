@@ -119,11 +119,10 @@ pub fn lines(
 }
 
 fn last_frame(estimate: &EstimateReport) -> String {
-    let mm = |nm: f64| format!("{:.4}", nm * 1e-6);
-    let moved = estimate.displacement_nm.map(|nm| mm(f64::from(nm)));
-    let sigma = estimate.sigma_nm.map_or(String::new(), |sigma| {
-        let sigma = sigma.map(|nm| mm(f64::from(nm)));
-        format!(" +- {}", sigma.join(" "))
+    let text = |mm: f64| format!("{mm:.4}");
+    let moved = estimate.displacement_mm().map(text);
+    let sigma = estimate.sigma_mm().map_or(String::new(), |sigma| {
+        format!(" +- {}", sigma.map(text).join(" "))
     });
     let latency_ms = f64::from(estimate.latency_us) * 1e-3;
     format!(
@@ -152,12 +151,11 @@ fn to_json(
     status: &Status,
 ) -> serde_json::Value {
     let mut object = condition(status);
-    let mm = |nm: f64| nm * 1e-6;
     let estimate = status.estimate.map(|estimate| {
         json!({
             "sequence": estimate.sequence,
-            "displacement_mm": estimate.displacement_nm.map(|nm| mm(f64::from(nm))),
-            "sigma_mm": estimate.sigma_nm.map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            "displacement_mm": estimate.displacement_mm(),
+            "sigma_mm": estimate.sigma_mm(),
             "latency_ms": f64::from(estimate.latency_us) * 1e-3,
         })
     });

@@ -121,6 +121,40 @@ struct RunningScenario<'a> {
 /// # Errors
 /// If the scene shows nothing usable, or the station refuses the stage. Later faults are part of
 /// the trace.
+///
+/// # Example
+/// ```
+/// use host::scenario::figures::Figures;
+/// use host::scenario::file::Scenario;
+/// use host::scenario::run::{Options, run};
+/// use std::path::Path;
+///
+/// let text = r#"
+/// title = "A line"
+/// seed = 1
+///
+/// [cameras]
+/// kind = "points"
+/// frames_per_s = 60.0
+/// latency_ms = 20.0
+/// depth_mm = 850.0
+/// noise_px = 0.01
+/// points = 100
+///
+/// [[target]]
+/// motion = "line"
+/// velocity_mm_s = [5.0, 0.0, 0.0]
+/// seconds = 1.0
+///
+/// [expect]
+/// max_mm = [0.5, 0.1, 0.1]
+/// "#;
+/// let scenario = Scenario::parse(Path::new("line.toml"), text)?;
+/// let run = run(&scenario, Options::default(), |_share| ())?;
+/// let figures = Figures::of(&scenario, &run.trace);
+/// assert!(scenario.missed(&run.trace, &figures, None).is_empty(), "{:?}", figures.max_mm);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn run(
     scenario: &Scenario,
     options: Options,

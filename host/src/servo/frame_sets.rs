@@ -45,6 +45,34 @@ pub struct Followed {
 }
 
 /// A [`VisualServo`] on frame sets from outside, one after another.
+///
+/// ```
+/// use host::servo::frame_sets::{CaptureClock, FrameSetServo};
+/// use host::servo::station_link::{StationLink, StationPlace};
+/// use shared::frame::message::Mounting;
+/// use shared::rig::Rig;
+/// use trinocular_client::stage::default_stage;
+/// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+/// use trinocular_vision::sums::Estimator;
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// // Cameras beside the stage watch a target, whose motion the stage copies.
+/// let rig = Rig::paper();
+/// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+/// let place = StationPlace::Twin;
+/// let station = StationLink::start_as(place, &default_stage(), Mounting::Fixed)?;
+/// let clock = CaptureClock::Virtual { latency_us: 20_000, period_us: 33_333 };
+/// let mut servo = FrameSetServo::new(&rig, Estimator::Midpoint, clock, station)?;
+/// for frame in 0..10 {
+///     let frame_set = scene.render([0.2 * frame as f64, 0.0, 0.0], 33_333 * frame, frame);
+///     let followed = servo.follow(&frame_set)?;
+///     assert_eq!(followed.is_none(), frame == 0, "the first frame set is the keyframe");
+/// }
+/// let [x, y, _] = servo.stop()?;
+/// assert!((1.0..3.0).contains(&x) && y.abs() < 0.1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct FrameSetServo {
     servo: VisualServo,

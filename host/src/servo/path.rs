@@ -5,6 +5,14 @@ use std::fmt;
 use std::str::FromStr;
 
 /// Motion of the target over time, from zero.
+///
+/// ```
+/// use host::servo::path::TargetPath;
+///
+/// let path: TargetPath = "steps".parse()?;
+/// assert_eq!(path.at(2.5), [8.0, 8.0, 2.0]);
+/// # Ok::<(), host::servo::path::UnknownTargetPath>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TargetPath {
     /// Moves of (4, 4, 1) mm, one every second, as in the paper.

@@ -40,12 +40,9 @@ pub struct ServoEstimate {
 
 impl ServoEstimate {
     fn new(report: &EstimateReport, points: usize) -> Self {
-        let mm = |nm: f64| nm * 1e-6;
         Self {
-            displacement_mm: report.displacement_nm.map(|nm| mm(f64::from(nm))),
-            sigma_mm: report
-                .sigma_nm
-                .map(|sigma| sigma.map(|nm| mm(f64::from(nm)))),
+            displacement_mm: report.displacement_mm(),
+            sigma_mm: report.sigma_mm(),
             points,
             latency_us: report.latency_us,
         }
@@ -104,6 +101,34 @@ pub struct Measured {
 ///
 /// [`VisualServo::step`] is one whole turn. A caller with several frames under way at once takes
 /// it apart: [`VisualServo::measure`], then [`VisualServo::frame`], which it sends by itself.
+///
+/// ```
+/// use host::servo::station_link::{StationLink, StationPlace};
+/// use host::servo::visual_servo::VisualServo;
+/// use shared::rig::Rig;
+/// use trinocular_client::stage::default_stage;
+/// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+/// use trinocular_vision::sums::Estimator;
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let rig = Rig::paper();
+/// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+/// let mut station = StationLink::start(StationPlace::Twin, &default_stage())?;
+/// let mut servo = VisualServo::new(&rig, Estimator::Midpoint)?;
+///
+/// let start = station.moment(station.now())?;
+/// servo.set_keyframe(&scene.render([0.0; 3], 0, 1))?;
+/// servo.set_keyframe_time(start.station);
+///
+/// // 33 ms later the target is 1 mm farther right.
+/// let taken = station.moment(start.at.plus_micros(33_333))?;
+/// let images = scene.render([1.0, 0.0, 0.0], 33_333, 2);
+/// let step = servo.step(&mut station, &images, taken.station, None)?;
+/// let estimate = step.outcome.estimate().expect("the station used the frame");
+/// assert!((estimate.displacement_mm[0] - 1.0).abs() < 0.05);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct VisualServo {
     rig: Rig,

@@ -42,6 +42,17 @@ impl Rectangle {
 }
 
 /// Fields of view of a rig's cameras.
+///
+/// ```
+/// use shared::rig::Rig;
+/// use trinocular_vision::field_of_view::FieldOfView;
+///
+/// let view = FieldOfView::new(&Rig::paper(), 0.0);
+/// let common = view.common(850.0).expect("all cameras see a part of the plane at 850 mm");
+/// // One camera sees 505 mm of it; the outer cameras are 138 mm apart.
+/// assert!((300.0..400.0).contains(&common.sides()[0]));
+/// assert!(view.common(100.0).is_none());
+/// ```
 #[derive(Clone, Debug)]
 pub struct FieldOfView {
     /// Position in mm and directions in view, per camera.

@@ -1,6 +1,24 @@
-//! Vision of Trinocular: images to flow sums, calibration, alignment and hand-eye calibration.
+#![doc = include_str!("../README.md")]
 //!
-//! The feature `camera`, off by default, adds live V4L2 cameras on Linux ([`images::cameras`]).
+//! # Modules
+//!
+//! ```text
+//! images -> matching -> flow -> sums        measurement
+//! images -> calibration -> alignment -> hand_eye        set-up, once per rig
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`images`] | frame sets from folders, live cameras ([`images::cameras`]) and a renderer |
+//! | [`matching`] | pyramid, corners, zncc, Lucas-Kanade, epipolar search, stereo matching |
+//! | [`flow`] | keyframe, search for the displacement, tracking, inliers, refusals |
+//! | [`sums`], [`measure`](mod@measure) | flow sums of correspondences, or straight from images |
+//! | [`points`] | matched points from a CSV file |
+//! | [`calibration`] | cameras and rig from photographs of a chessboard; files of OpenCV and ROS |
+//! | [`alignment`] | principal points and rolls of a rig from images of any scene |
+//! | [`hand_eye`] | the matrix from camera axes to stage axes |
+//! | [`field_of_view`] | the space that the cameras see |
+//! | [`thread_pool`], [`stage_timings`] | threads that share the work, and times of its stages |
 
 // Output goes through `notice!` or a writer whose errors are handled: these macros panic instead.
 #![cfg_attr(not(test), deny(clippy::print_stderr, clippy::print_stdout))]

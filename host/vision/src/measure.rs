@@ -25,6 +25,28 @@ pub enum MeasureRefusal {
 ///
 /// # Errors
 /// [`MeasureRefusal`], with the stage that refused.
+///
+/// # Example
+/// ```
+/// use shared::estimate::midpoint;
+/// use shared::rig::Rig;
+/// use trinocular_vision::flow::{Flow, FlowSettings};
+/// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+/// use trinocular_vision::measure::measure;
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let rig = Rig::paper();
+/// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+/// let mut flow = Flow::new(&rig, FlowSettings::default())?;
+/// flow.set_keyframe(&scene.render([0.0; 3], 0, 1))?;
+///
+/// let (measurement, sums) = measure(&mut flow, &rig, &scene.render([4.0, 4.0, 1.0], 0, 2))?;
+/// let estimate = midpoint::solve(&sums.centred)?;
+/// let error = [4.0, 4.0, 1.0].iter().zip(estimate.displacement_mm).map(|(a, b)| (a - b).abs());
+/// assert!(measurement.correspondences.len() > 100 && error.sum::<f64>() < 0.1);
+/// # Ok(())
+/// # }
+/// ```
 pub fn measure(
     flow: &mut Flow,
     rig: &Rig,

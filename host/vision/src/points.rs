@@ -57,6 +57,23 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Points, InputError> {
 }
 
 /// Reads the content of a CSV file; errors name `file`.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::RigFile;
+/// use trinocular_vision::points::parse;
+///
+/// let text = "id,camera,x0,y0,x1,y1
+/// 1,left,193.2,101.7,197.4,105.5
+/// 1,middle,159.9,101.7,163.8,105.5
+/// 1,right,114.0,101.7,118.1,105.5
+/// 2,left,10,20,30,40
+/// ";
+/// let points = parse(Path::new("points.csv"), text.as_bytes(), &RigFile::paper())?;
+/// // Two cameras have not seen the second point.
+/// assert_eq!((points.correspondences.len(), points.rejected), (1, 1));
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = std::str::from_utf8(bytes)

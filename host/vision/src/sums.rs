@@ -17,6 +17,24 @@ pub enum Estimator {
 }
 
 /// Both kinds of flow sums over the same points.
+///
+/// ```
+/// use shared::rig::Rig;
+/// use trinocular_vision::flow::Correspondence;
+/// use trinocular_vision::sums::Sums;
+///
+/// let rig = Rig::paper();
+/// let points = [[-60.0, -40.0, 900.0], [55.0, -35.0, 940.0], [5.0, 60.0, 880.0]];
+/// let seen = points.map(|[x, y, z]| {
+///     let pixels = rig.cameras.iter();
+///     let pixels = pixels.map(|camera| [[x, y, z], [x + 1.0, y, z]].map(|mm| camera.project(mm)));
+///     Correspondence::from_pixels(&rig, pixels.collect())
+/// });
+/// let estimates = Sums::new(&rig, &seen)?.estimates();
+/// assert!((estimates.midpoint?.displacement_mm[0] - 1.0).abs() < 1e-9);
+/// assert!((estimates.closed_form?[0] - 1.0).abs() < 1e-9);
+/// # Ok::<(), shared::estimate::Refusal>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Sums {
     /// Sums for the midpoint estimator.

@@ -8,6 +8,13 @@ use rayon::ThreadPoolBuilder;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 /// Runs work inline, or on a persistent work-stealing pool. Clones share the pool.
+///
+/// ```
+/// use trinocular_vision::thread_pool::ThreadPool;
+///
+/// let squares = ThreadPool::new(2).map(vec![1, 2, 3], |n| n * n);
+/// assert_eq!(squares, [1, 4, 9]);
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct ThreadPool(Option<Arc<rayon::ThreadPool>>);
 

@@ -3,7 +3,7 @@
 use crate::estimate::{DisplacementNm, Gate};
 use crate::fixed::{multiply_shift, ratio, times, wide};
 use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting, Setting};
-use crate::motion::{AxisConfig, Bound, ConfigFault, Field, Limits};
+use crate::motion::{AxisConfig, Bound, ConfigFault, Limits};
 use crate::steps::WordRate;
 use crate::track::Fine;
 use crate::track::filter::Reach;
@@ -317,15 +317,7 @@ const fn value(setting: Setting, axis: Option<u8>, bound: Bound) -> ConfigField 
 
 /// Converts a limit that the planner cannot use to the field of the configuration.
 pub fn limit_field(fault: ConfigFault) -> ConfigField {
-    let setting = match fault.fault.field {
-        Field::StepsPerM => Setting::StepsPerM,
-        Field::MaxSpeed => Setting::MaxSpeed,
-        Field::MaxAcceleration => Setting::MaxAcceleration,
-        Field::MaxJerk => Setting::MaxJerk,
-        Field::TravelLow => Setting::TravelLow,
-        Field::TravelHigh => Setting::TravelHigh,
-    };
-    on_axis(setting, fault)
+    on_axis(fault.fault.field.into(), fault)
 }
 
 /// Converts a fault of an axis's limits to one of `setting`, from which the limit comes.

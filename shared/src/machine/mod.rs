@@ -20,7 +20,9 @@
 //! dropped, and answered as such.
 
 mod active;
+mod board;
 mod command;
+mod conversation;
 mod fault;
 mod follow;
 mod homing;
@@ -31,25 +33,23 @@ mod outbox;
 mod window;
 
 use crate::frame::encode::{Bytes, encode};
-use crate::frame::message::{
-    Command, Denial, Drops, End, EstimateReport, Hello, LastRun, Outcome, Packet, Report,
-    ResetCause, Status,
-};
+use crate::frame::message::{Command, Denial, Drops, End, EstimateReport, Packet, ResetCause};
 use crate::frame::receive::{Receiver, Reject};
-use crate::frame::{PROTOCOL, SCHEMA_HASH};
 use crate::motion::Planner;
 use crate::safety::{Fault, Faults, Inputs, State, Trust};
-use crate::steps::{Position, Segment, WordRate};
+use crate::steps::{Position, Segment};
 use crate::time::Instant;
 use crate::track::history::History;
 use crate::track::{Fine, Tracker};
 use active::Active;
+use conversation::stamped;
 use homing::Homing;
 use inbox::Inbox;
-use outbox::{Answer, Outbox};
+use outbox::Outbox;
 use window::Window;
 
 pub use active::{check, limit_field};
+pub use board::Board;
 
 /// Length of a control tick, µs.
 pub const TICK_US: u64 = 1000;
@@ -65,48 +65,6 @@ const STATUS_TICKS: u64 = 100;
 
 /// Largest delay of the shell before motion is stopped, µs.
 const MAX_LAG_US: u64 = 2_000;
-
-/// Properties of the board, as its shell states them.
-///
-/// ```
-/// use shared::frame::message::{LastRun, ResetCause};
-/// use shared::machine::{Board, Machine, Output};
-/// use shared::safety::State;
-/// use shared::{steps::WordRate, time::Instant};
-///
-/// let mut machine = Machine::new(Board {
-///     name: "example",
-///     version: [1, 0, 0],
-///     word_rate: WordRate::MHZ_1,
-///     delay_us: 512,
-///     session: 1,
-///     reset_cause: ResetCause::PowerOn,
-///     last_run: LastRun::UNKNOWN,
-/// });
-/// // The shell polls with its own time and the room in its ring of port words.
-/// let Output::Segment(pause) = machine.poll(Instant::from_micros(0), 1_000) else { panic!() };
-/// assert_eq!((pause.slots(), pause.displacement()), (125, [0; 3]));
-/// let next = Instant::from_micros(250);
-/// assert_eq!(machine.poll(Instant::from_micros(0), 1_000), Output::Idle(next));
-/// assert_eq!(machine.state(), State::Unconfigured);
-/// ```
-#[derive(Clone, Copy, Debug)]
-pub struct Board {
-    /// Name of the board, at most 16 bytes.
-    pub name: &'static str,
-    /// Version of the firmware.
-    pub version: [u8; 3],
-    /// Port words per second.
-    pub word_rate: WordRate,
-    /// Delay from the moment `poll` hands out a segment to its first word on the pins, µs.
-    pub delay_us: u32,
-    /// Number that differs after every start.
-    pub session: u32,
-    /// Reason for the last start.
-    pub reset_cause: ResetCause,
-    /// Record of the run before that start.
-    pub last_run: LastRun,
-}
 
 /// Action that the shell must take.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -129,6 +87,34 @@ struct LatchedInputs {
 
 /// State of the station, and its only entry points: [`Machine::receive`], [`Machine::sense`] and
 /// [`Machine::poll`].
+///
+/// ```
+/// use shared::frame::encode::encode;
+/// use shared::frame::message::{Command, LastRun, Packet, Report, ResetCause};
+/// use shared::frame::receive::Receiver;
+/// use shared::machine::{Board, Machine, Output};
+/// use shared::{steps::WordRate, time::Instant};
+///
+/// let mut machine = Machine::new(Board {
+///     name: "example",
+///     version: [1, 0, 0],
+///     word_rate: WordRate::MHZ_1,
+///     delay_us: 512,
+///     session: 1,
+///     reset_cause: ResetCause::PowerOn,
+///     last_run: LastRun::UNKNOWN,
+/// });
+/// // The shell passes bytes on as they come, and sends what `poll` returns.
+/// let hello = encode(&Packet { sequence: 1, command: Command::Hello })?;
+/// machine.receive(Instant::from_micros(100), &hello);
+/// let mut reports = Receiver::<Report>::default();
+/// let sent = (0..50).find_map(|tick| match machine.poll(Instant::from_micros(1_000 * tick), 0) {
+///     Output::Send(bytes) => reports.next(&mut &bytes[..]),
+///     _ => None,
+/// });
+/// assert!(matches!(sent, Some(Ok(Report::Hello(hello))) if hello.board == "example"));
+/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Machine {
     board: Board,
@@ -381,89 +367,6 @@ impl Machine {
         self.history.record(end, self.position());
     }
 
-    fn accept(&mut self, now: Instant, packet: Packet) {
-        let sequence = packet.sequence;
-        if matches!(packet.command, Command::Hello) {
-            self.sequence = Some(sequence);
-            self.introduce();
-            return;
-        }
-        match self.sequence.map(|last| sequence.wrapping_sub(last)) {
-            Some(0) => self.drops.duplicate = self.drops.duplicate.saturating_add(1),
-            Some(1..=0x7fff) => {
-                self.sequence = Some(sequence);
-                self.queue(now, packet);
-            }
-            _ => self.drops.stale = self.drops.stale.saturating_add(1),
-        }
-    }
-
-    fn queue(&mut self, now: Instant, packet: Packet) {
-        match packet.command {
-            Command::Ping { host_us } => {
-                self.last_ping_tick = Some(self.tick);
-                self.report(Report::Pong {
-                    host_us,
-                    received: now,
-                    sent: now,
-                });
-            }
-            Command::Stop => {
-                let dropped = self.inbox.stop(packet.sequence);
-                self.frames_refused = self.frames_refused.wrapping_add(dropped.frames);
-                self.drops.answers = self.drops.answers.saturating_add(dropped.unanswered);
-            }
-            _ => {
-                if self.inbox.push(packet).is_err() {
-                    self.drops.overflow = self.drops.overflow.saturating_add(1);
-                }
-            }
-        }
-    }
-
-    /// Reports the station's identity and its last run. Never inlined, because it is rare and
-    /// large, which makes the image smaller.
-    #[cold]
-    #[inline(never)]
-    fn introduce(&mut self) {
-        self.report(Report::Hello(self.hello()));
-        self.report(Report::LastRun(self.board.last_run));
-    }
-
-    fn hello(&self) -> Hello {
-        let mut board = heapless::String::new();
-        // A name that is too long becomes empty rather than cut within a letter.
-        let _ = board.push_str(self.board.name);
-        Hello {
-            protocol: PROTOCOL,
-            schema: SCHEMA_HASH,
-            version: self.board.version,
-            board,
-            word_rate_hz: self.board.word_rate.hz(),
-            delay_us: self.board.delay_us,
-            session: self.board.session,
-            reset_cause: self.board.reset_cause,
-        }
-    }
-
-    /// Queues a report, or counts it if there is no room.
-    fn report(&mut self, report: Report) {
-        if self.outbox.report(report).is_err() {
-            self.drops.answers = self.drops.answers.saturating_add(1);
-        }
-    }
-
-    fn answer(&mut self, sequence: u16, outcome: Result<(), Denial>) {
-        let answer = Answer {
-            sequence,
-            tick: self.tick as u32,
-            outcome: outcome.map_or_else(Outcome::Denied, |()| Outcome::Accepted),
-        };
-        if self.outbox.answer(answer).is_err() {
-            self.drops.answers = self.drops.answers.saturating_add(1);
-        }
-    }
-
     /// Executes one control tick.
     fn control(&mut self) {
         let before = (self.state, self.faults, self.motors);
@@ -505,50 +408,6 @@ impl Machine {
             self.answer(sequence, Ok(()));
         }
     }
-
-    fn status(&self) -> Status {
-        let steps = |positions: [Position; 3]| positions.map(Position::whole_steps);
-        let of = |get: fn(&Planner) -> [Position; 3]| {
-            self.planner.as_ref().map_or([0; 3], |p| steps(get(p)))
-        };
-        Status {
-            time: self.now(),
-            tick: self.tick as u32,
-            state: self.state,
-            fault: self.faults.worst(),
-            trust: self.trust,
-            position_steps: of(Planner::loads),
-            target_steps: of(Planner::targets),
-            frames_used: self.frames_used,
-            frames_refused: self.frames_refused,
-            drops: self.drops,
-            estimate: self.estimate,
-            sight: self.tracker.pursuit.sight(self.now()),
-            seen_ms: milliseconds(self.tracker.pursuit.age_us(self.now())),
-            faults: self.faults,
-            motors: self.motors,
-        }
-    }
-}
-
-/// Fills in the instant of sending.
-fn stamped(report: Report, now: Instant) -> Report {
-    match report {
-        Report::Pong {
-            host_us, received, ..
-        } => Report::Pong {
-            host_us,
-            received,
-            sent: now,
-        },
-        other => other,
-    }
-}
-
-/// Converts µs to ms, saturating. A Cortex-M4 divides 32 bits in hardware.
-fn milliseconds(us: u64) -> u16 {
-    let ms = u32::try_from(us).unwrap_or(u32::MAX) / 1000;
-    u16::try_from(ms).unwrap_or(u16::MAX)
 }
 
 /// Converts a planner position to the distance from zero: resting positions become whole steps.

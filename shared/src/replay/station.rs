@@ -23,7 +23,8 @@ pub enum Event {
 /// rate, by the caller's clock.
 ///
 /// ```
-/// use shared::frame::{encode::encode, message::{Command, LastRun, Packet, Report, ResetCause}};
+/// use shared::frame::encode::encode;
+/// use shared::frame::message::{Command, LastRun, Packet, Report, ResetCause};
 /// use shared::frame::receive::Receiver;
 /// use shared::machine::Board;
 /// use shared::replay::{Event, Station};

@@ -2,6 +2,14 @@
 ///
 /// The motor stands at [`Position::whole_steps`], the floor. A resting axis lies at the
 /// [`Position::centre`] of its step, half a step from either neighbour.
+///
+/// ```
+/// use shared::steps::Position;
+///
+/// let middle = Position::centre(-3);
+/// assert_eq!((middle.whole_steps(), middle.phase()), (-3, 1 << 31));
+/// assert_eq!(middle.saturating_add(1 << 32), Position::centre(-2));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position(i64);
 

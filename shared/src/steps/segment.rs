@@ -46,6 +46,16 @@ impl AxisMotion {
 ///
 /// *Invariant:* between 1 and 65,535 slots, and every increment of every slot lies in 0..2³², so
 /// that an axis makes at most one step per slot.
+///
+/// ```
+/// use shared::steps::{AxisMotion, Segment};
+///
+/// // A quarter of a step per slot on the first axis: 100 slots make 25 steps.
+/// let quarter = AxisMotion { first: 1 << 30, change: 0, backward: false };
+/// let segment = Segment::new(100, [quarter, AxisMotion::REST, AxisMotion::REST])?;
+/// assert_eq!(segment.displacement()[0], 25 << 32);
+/// # Ok::<(), shared::steps::SegmentFault>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment {
     slots: u16,

@@ -4,6 +4,13 @@ use core::fmt;
 ///
 /// *Invariant:* a multiple of 8 kHz between 32 kHz and 16 MHz, so that a quarter of a 1 ms tick is
 /// a whole number of slots, from 4 to 2,000.
+///
+/// ```
+/// use shared::steps::{WordRate, WordRateFault};
+///
+/// assert_eq!(WordRate::MHZ_1.slots_per_segment(), 125);
+/// assert_eq!(WordRate::from_hz(100_001), Err(WordRateFault::Uneven { hz: 100_001 }));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordRate(u32);
 

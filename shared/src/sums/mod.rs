@@ -17,6 +17,16 @@ pub mod pair;
 
 /// Positions of one point in one camera at the keyframe and now, in normalised coordinates
 /// (dimensionless, x right, y down; see [`crate::rig`]).
+///
+/// ```
+/// use shared::rig::Rig;
+/// use shared::sums::View;
+///
+/// let camera = &Rig::paper().cameras[1];
+/// let [start_px, end_px] = [[0.0, 0.0, 850.0], [4.0, 0.0, 850.0]].map(|mm| camera.project(mm));
+/// let view = View::from_pixels(camera, start_px, end_px);
+/// assert!((view.flow()[0] - 4.0 / 850.0).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct View {
     /// Position at the keyframe.

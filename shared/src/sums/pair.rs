@@ -21,6 +21,24 @@ use crate::rig::Rig;
 use serde::{Deserialize, Serialize};
 
 /// The paper's ten sums in floating point, over `points` points.
+///
+/// ```
+/// use shared::rig::Rig;
+/// use shared::sums::{View, pair::PairSums};
+///
+/// let rig = Rig::paper();
+/// let mut sums = PairSums::new(&rig)?;
+/// // A point on the axis at 850 mm that moves by 5 mm along x.
+/// let view = |k: usize| {
+///     let camera = &rig.cameras[k];
+///     let [start, end] = [[0.0, 0.0, 850.0], [5.0, 0.0, 850.0]].map(|mm| camera.project(mm));
+///     View::from_pixels(camera, start, end)
+/// };
+/// sums.add([view(0), view(1), view(2)]);
+/// assert_eq!((sums.points, sums.baselines_mm), (1, [70.0, 68.0]));
+/// assert!((sums.a1 - 70.0 / 850.0).abs() < 1e-12);
+/// # Ok::<(), shared::estimate::Refusal>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names are the paper's, defined above
 pub struct PairSums {

@@ -19,6 +19,9 @@ use trinocular_rig::notice;
 /// Time for which a stop is repeated.
 pub(super) const STOP_PATIENCE: Duration = Duration::from_secs(2);
 
+// The two are statics, because a `Serial` stops the stage when it is dropped, in a panic too, and
+// the program chooses its exit code when no `Serial` is left.
+
 /// True once a stage was stopped because a run ended in motion.
 static HAS_STOPPED: AtomicBool = AtomicBool::new(false);
 /// True once a run ended without knowing that the stage stands.

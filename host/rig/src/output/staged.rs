@@ -4,12 +4,14 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use tempfile::{Builder, NamedTempFile, TempPath};
+
 use crate::interruption::Hold;
 
 /// A complete file under a temporary name; dropping this value removes it.
 pub(super) struct Staged {
     target: PathBuf,
-    temporary: PathBuf,
+    temporary: TempPath,
     /// Holds signals back until the file is in its place or removed.
     _hold: Hold,
 }
@@ -20,31 +22,19 @@ impl Staged {
         fits_limit(bytes.len())?;
         let hold = Hold::begin();
         let before = fs::metadata(target).ok();
-        let (mut file, temporary) = create_beside(target, before.is_some())?;
-        let target = target.to_owned();
         // From here on an error removes the file.
-        let staged = Self {
-            target,
-            temporary,
-            _hold: hold,
-        };
+        let mut staged = create_beside(target, before.is_some())?;
+        let file = staged.as_file_mut();
         if let Some(before) = before {
-            keep_access(&file, &before)?;
+            keep_access(file, &before)?;
         }
         file.write_all(bytes)?;
         file.sync_all()?;
-        Ok(staged)
-    }
-
-    fn take_place(&self) -> io::Result<()> {
-        fs::rename(&self.temporary, &self.target)
-    }
-}
-
-impl Drop for Staged {
-    fn drop(&mut self) {
-        // After the rename there is no file to remove; before it, an earlier error is reported.
-        let _ = fs::remove_file(&self.temporary);
+        Ok(Self {
+            target: target.to_owned(),
+            temporary: staged.into_temp_path(),
+            _hold: hold,
+        })
     }
 }
 
@@ -53,66 +43,51 @@ impl Drop for Staged {
 /// # Errors
 /// Returns the path of the file that could not be put in place.
 pub(super) fn commit(staged: Vec<(&PathBuf, Staged)>) -> Result<(), (PathBuf, io::Error)> {
+    let _hold = Hold::begin();
     let is_single = staged.len() == 1;
     let mut done: Vec<Undo> = Vec::new();
-    for (path, file) in &staged {
+    for (path, file) in staged {
         let backup = match is_single {
             true => Ok(None),
             false => backup(&file.target),
         };
         let placed = backup.and_then(|backup| {
-            let target = &file.target;
-            // Push first, so that the backup is removed in any case.
-            let mut undo = Undo {
-                target,
-                backup,
-                is_placed: false,
-            };
-            let renamed = file.take_place();
-            undo.is_placed = renamed.is_ok();
-            done.push(undo);
-            renamed
+            file.temporary.persist(&file.target)?;
+            let target = file.target;
+            done.push(Undo { target, backup });
+            Ok(())
         });
         if let Err(cause) = placed {
-            done.iter().rev().for_each(Undo::restore);
-            return Err(((*path).clone(), cause));
+            done.into_iter().rev().for_each(Undo::restore);
+            return Err((path.clone(), cause));
         }
     }
     Ok(())
 }
 
-/// Restores a replaced file.
-struct Undo<'a> {
-    target: &'a Path,
-    /// Second name of the replaced file.
-    backup: Option<PathBuf>,
-    is_placed: bool,
+/// A file in its place, and the one that it replaced.
+struct Undo {
+    target: PathBuf,
+    /// Second name of the replaced file; dropping it removes this name.
+    backup: Option<TempPath>,
 }
 
-impl Undo<'_> {
-    fn restore(&self) {
-        let _ = match &self.backup {
-            _ if !self.is_placed => Ok(()),
-            Some(backup) => fs::rename(backup, self.target),
-            None => fs::remove_file(self.target),
+impl Undo {
+    fn restore(self) {
+        let _ = match self.backup {
+            Some(backup) => backup.persist(&self.target).map_err(io::Error::from),
+            None => fs::remove_file(&self.target),
         };
     }
 }
 
-impl Drop for Undo<'_> {
-    fn drop(&mut self) {
-        if let Some(backup) = &self.backup {
-            let _ = fs::remove_file(backup);
-        }
-    }
-}
-
 /// Gives the file a second name if it exists.
-fn backup(target: &Path) -> io::Result<Option<PathBuf>> {
+fn backup(target: &Path) -> io::Result<Option<TempPath>> {
     if !target.exists() {
         return Ok(None);
     }
-    unused(target, |backup| fs::hard_link(target, backup)).map(|((), backup)| Some(backup))
+    let linked = temporary().make_in(folder(target), |backup| fs::hard_link(target, backup))?;
+    Ok(Some(linked.into_temp_path()))
 }
 
 /// Returns the folder that holds `path`.
@@ -125,9 +100,17 @@ pub(super) fn folder(path: &Path) -> &Path {
     }
 }
 
+/// Names of temporary files. They are independent of the file's own name, which may have the
+/// maximum length.
+fn temporary() -> Builder<'static, 'static> {
+    let mut names = Builder::new();
+    names.prefix(".trinocular-").suffix(".tmp");
+    names
+}
+
 /// Creates a new file in the folder of `path`, so that renaming stays on one file system. If it
 /// `is_private`, only its owner may read it for now.
-fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
+fn create_beside(path: &Path, is_private: bool) -> io::Result<NamedTempFile> {
     if path.file_name().is_none() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "names no file"));
     }
@@ -140,23 +123,7 @@ fn create_beside(path: &Path, is_private: bool) -> io::Result<(File, PathBuf)> {
     }
     #[cfg(not(unix))]
     let _ = is_private;
-    unused(path, |temporary| options.open(temporary))
-}
-
-/// Returns the result of `make` and the name it was made under: a new name beside `path`.
-fn unused<T>(path: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
-    for attempt in 0..100_u32 {
-        // The name is independent of the file's own, which may have the maximum length.
-        let name = format!(".trinocular-{}-{attempt}.tmp", std::process::id());
-        let beside = folder(path).join(name);
-        match make(&beside) {
-            Ok(made) => return Ok((made, beside)),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(error),
-        }
-    }
-    let reason = "a hundred temporary files of this program are in the way";
-    Err(io::Error::new(io::ErrorKind::AlreadyExists, reason))
+    temporary().make_in(folder(path), |temporary| options.open(temporary))
 }
 
 #[cfg(unix)]

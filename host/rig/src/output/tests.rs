@@ -89,15 +89,6 @@ fn longest_file_name_is_written() {
 }
 
 #[test]
-fn leftover_does_not_block_write() {
-    let folder = tempfile::tempdir().unwrap();
-    let stale = format!(".trinocular-{}-0.tmp", std::process::id());
-    fs::write(folder.path().join(&stale), "stale").unwrap();
-    write(&folder.path().join("a"), Replace::Nothing, "new").unwrap();
-    assert_eq!(names(folder.path()), [stale.as_str(), "a"]);
-}
-
-#[test]
 fn one_failure_changes_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

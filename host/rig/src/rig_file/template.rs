@@ -43,6 +43,23 @@ const JERK_PER_ACCELERATION: f64 = 25.0;
 
 /// Returns the text of a rig file with these values. [`RigFile::parse`](super::RigFile::parse)
 /// checks it like a user's file.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::RigFile;
+/// use trinocular_rig::rig_file::template::{Template, text};
+///
+/// let text = text(&Template {
+///     cameras: ["left", "right"].map(String::from).to_vec(),
+///     image_size_px: [640, 480],
+///     focal_px: 800.0,
+///     baseline_mm: 60.0,
+///     stage: None,
+/// });
+/// let rig = RigFile::parse(Path::new("rig.toml"), &text)?.rig;
+/// assert_eq!(rig.cameras[1].offset_mm, [30.0, 0.0]);
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub fn text(template: &Template) -> String {
     let mut text = String::from(HEAD);
     let [columns, rows] = template.image_size_px;

@@ -2,6 +2,7 @@
 
 use super::driven::Driven;
 use super::{Bench, Options};
+use crate::commands::doubts;
 use crate::commands::failure::Failure;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -94,6 +95,9 @@ impl Bench for Real {
                 }
             }
             if Instant::now() >= end {
+                if let Some(folder) = &folder {
+                    doubts::unread(folder.warnings());
+                }
                 let waited = self.patience.as_secs();
                 let reason = format!("no capture came within {waited} s");
                 return Err(InputError::file(&self.folder, reason).into());

@@ -3,6 +3,7 @@
 use super::Options;
 use super::captures::{Captures, Summary};
 use crate::commands::by_hand::on_interrupt;
+use crate::commands::doubts;
 use crate::commands::failure::Failure;
 use shared::frame::message::Mounting;
 use std::cell::Cell;
@@ -27,6 +28,7 @@ pub fn run(
     let rig = options.method.read_rig(rig_path)?;
     let size_px = rig.rig.image_size_px;
     let captures = Folder::open(folder, &rig.names, size_px, options.period_us())?;
+    doubts::unread(captures.warnings());
     if captures.len() < 2 {
         return Err(few(folder, captures.len()));
     }

@@ -142,6 +142,25 @@ pub struct Datum {
 }
 
 /// Alignment of a rig.
+///
+/// ```
+/// use trinocular_rig::rig_file::RigFile;
+/// use trinocular_vision::alignment::{Alignment, AlignmentSettings};
+/// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let file = RigFile::paper();
+/// let scene = Scene::new(&file.rig, &Texture::natural(1), SceneSettings::default())?;
+/// let frame_set = scene.render([0.0; 3], 0, 1);
+///
+/// // A rig file whose right camera has its principal point 3 px too low.
+/// let mut wrong = file.clone();
+/// wrong.rig.cameras[2].principal_px[1] += 3.0;
+/// let found = Alignment::of(&wrong, &[frame_set], &AlignmentSettings::default())?;
+/// assert!((found.cameras[2].offset_px[1] + 3.0).abs() < 0.1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alignment {
     /// Alignment of each camera, in the rig's order.

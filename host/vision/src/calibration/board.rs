@@ -13,6 +13,13 @@
 use std::str::FromStr;
 
 /// Chessboard.
+///
+/// ```
+/// use trinocular_vision::calibration::board::Board;
+///
+/// let board = Board { corners: [9, 6], square_mm: 25.0 };
+/// assert_eq!((board.count(), board.point_mm(10)), (54, [25.0, 25.0]));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Board {
     /// Number of inner corners along x and y: 3 to 100 each.

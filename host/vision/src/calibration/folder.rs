@@ -7,7 +7,7 @@ use std::path::Path;
 use super::board::Board;
 use super::find::{FoundBoard, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
-use super::photographs::{self, Series};
+use super::photographs::{self, Photographs, Series};
 use super::rejection::ImageRejection;
 use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
@@ -163,12 +163,29 @@ impl Calibration {
 ///
 /// # Errors
 /// [`InputError`] if a camera or the rig cannot be calibrated; single bad images are rejected.
+///
+/// # Example
+/// ```no_run
+/// use std::path::Path;
+/// use trinocular_vision::calibration::board::Board;
+/// use trinocular_vision::calibration::folder::{CalibrationSettings, calibrate};
+///
+/// let settings = CalibrationSettings::new(Board { corners: [9, 6], square_mm: 25.0 });
+/// let calibration = calibrate(Path::new("boards"), &settings, &mut |_share| ())?;
+/// for camera in &calibration.cameras {
+///     println!("{}: {:.3} px", camera.name, camera.intrinsics.rms_px);
+/// }
+/// if let Some(rig) = calibration.rig_file() {
+///     rig.write(Path::new("rig.toml"))?;
+/// }
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub fn calibrate(
     dir: &Path,
     settings: &CalibrationSettings,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Calibration, InputError> {
-    let series = photographs::list(dir)?;
+    let Photographs { series, .. } = photographs::list(dir)?;
     let total: usize = series.iter().map(|s| s.files.len()).sum();
     let mut done = 0;
     let mut cameras = Vec::with_capacity(series.len());

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 
 use crate::images::folder;
 use trinocular_rig::error::InputError;
-use trinocular_rig::notice;
 use trinocular_rig::rig_file::TRINOCULAR;
 
 /// Images of one camera.
@@ -25,9 +24,20 @@ pub struct Series {
     pub files: Vec<(String, PathBuf)>,
 }
 
-/// Lists the images in `dir`, at least one camera's; left, middle and right come first, in this
-/// order.
-pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
+/// Images of all cameras.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Photographs {
+    /// Images of each camera; left, middle and right come first, in this order.
+    pub series: Vec<Series>,
+    /// Warnings of images in formats that are not read.
+    pub warnings: Vec<InputError>,
+}
+
+/// Lists the images in `dir`, at least one camera's.
+///
+/// # Errors
+/// [`InputError`] if a folder cannot be listed, or there is no image.
+pub fn list(dir: &Path) -> Result<Photographs, InputError> {
     if !dir.is_dir() {
         return Err(InputError::file(dir, "no such folder"));
     }
@@ -60,9 +70,10 @@ pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
         let reason = std::iter::once(reason.to_owned()).chain(unread);
         return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
     }
-    for remark in unread {
-        notice!("warning: {}", InputError::file(dir, remark));
-    }
+    let warnings = unread.into_iter();
+    let warnings = warnings
+        .map(|remark| InputError::file(dir, remark))
+        .collect();
     for Series { files, .. } in &mut series {
         files.sort_by_cached_key(|(instant, path)| (folder::numbers_padded(instant), path.clone()));
     }
@@ -79,7 +90,7 @@ pub fn list(dir: &Path) -> Result<Vec<Series>, InputError> {
             s.name.clone(),
         )
     });
-    Ok(series)
+    Ok(Photographs { series, warnings })
 }
 
 fn named(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<(String, PathBuf)> {
@@ -148,7 +159,7 @@ mod tests {
 
     fn listed(names: &[&str]) -> Vec<(String, Vec<String>)> {
         let folder = files(names);
-        let series = list(folder.path()).unwrap();
+        let Photographs { series, .. } = list(folder.path()).unwrap();
         let instants = |s: &Series| s.files.iter().map(|(instant, _)| instant.clone()).collect();
         series
             .iter()

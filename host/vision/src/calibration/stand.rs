@@ -1,11 +1,12 @@
 //! Camera poses, expressed in the rig's axes.
 //!
 //! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as
-//! near to the real one as it can. The plane's x axis runs along the line of the cameras, or, if
-//! they are not in line, along the mean of their x axes. Its z axis is the mean of their optical
-//! axes, put at right angles to the line or, for cameras that spread in two directions, the plane's
-//! normal. The rest is a rotation per camera, which [`shared::rig::Camera`] undoes exactly, and an
-//! offset along z, which is reported because nothing undoes it.
+//! near to the real one as it can. The plane's x axis runs along the line of the cameras,
+//! or, if they are not in line, along the mean of their x axes. Its z axis is the mean of
+//! their optical axes, put at right angles to the line or, for cameras that spread in two
+//! directions, the plane's normal. The rest is a rotation per camera, which
+//! [`shared::rig::Camera`] undoes exactly, and an offset along z, which is reported
+//! because nothing undoes it.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared::rig::{Camera, Rotation};

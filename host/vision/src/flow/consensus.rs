@@ -1,7 +1,7 @@
 //! Consensus: the displacement on which most points agree, and its inliers.
 //!
-//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the harmonic mean
-//! of its inverse depths at both instants,
+//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the
+//! harmonic mean of its inverse depths at both instants,
 //!
 //! ```text
 //! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal length times the difference

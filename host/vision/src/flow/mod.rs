@@ -142,6 +142,26 @@ impl Flow {
     ///
     /// # Errors
     /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    ///
+    /// # Example
+    /// ```
+    /// use shared::rig::Rig;
+    /// use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings};
+    /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let rig = Rig::paper();
+    /// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+    /// let [before, now] = [[0.0; 3], [1.0, -2.0, 3.0]].map(|mm| scene.render(mm, 0, 1));
+    ///
+    /// let mut flow = Flow::new(&rig, FlowSettings::default())?;
+    /// assert_eq!(flow.measure(&now).err(), Some(FlowRefusal::NoKeyframe));
+    /// flow.set_keyframe(&before)?;
+    /// let [x, y, z] = flow.measure(&now)?.displacement_mm;
+    /// assert!((x - 1.0).abs() < 0.05 && (y + 2.0).abs() < 0.05 && (z - 3.0).abs() < 0.1);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn measure(&mut self, frame_set: &FrameSet) -> Result<Measurement, FlowRefusal> {
         self.measure_observed(frame_set, &mut ())
     }

@@ -17,7 +17,6 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use image::{ExtendedColorType, ImageFormat};
 
@@ -25,7 +24,6 @@ use super::decode::{LARGEST_FILE, Refusal, decode};
 use super::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 use trinocular_rig::input::{self, Limit};
-use trinocular_rig::notice;
 
 pub mod watch;
 
@@ -72,15 +70,9 @@ impl Listing {
         })
     }
 
-    /// Prints the message on standard error, once for each folder.
-    fn notice(&self, camera: &Path) {
-        static SAID: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-        if let Some(remark) = self.remark() {
-            let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
-            if said.insert(camera.to_owned()) {
-                notice!("warning: {}", InputError::file(camera, remark));
-            }
-        }
+    /// Returns a warning that names the images in the folder `camera` that are not read.
+    pub(crate) fn warning(&self, camera: &Path) -> Option<InputError> {
+        self.remark().map(|remark| InputError::file(camera, remark))
     }
 }
 
@@ -93,6 +85,8 @@ pub struct Folder {
     frames: Vec<String>,
     size_px: [u32; 2],
     period_us: u64,
+    /// Images that are not read, per folder.
+    warnings: Vec<InputError>,
 }
 
 impl Folder {
@@ -105,6 +99,29 @@ impl Folder {
     /// # Errors
     /// [`InputError`] if a camera has no folder, or no frame set has a file of every camera: then
     /// the names are wrong rather than files lost.
+    ///
+    /// # Example
+    /// ```
+    /// use shared::rig::Rig;
+    /// use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder, save};
+    /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let folder = tempfile::tempdir()?;
+    /// # let dir = folder.path();
+    /// let rig = Rig::paper();
+    /// let names = ["left", "middle", "right"].map(String::from);
+    /// let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default())?;
+    /// save(dir, &names, 0, &scene.render([0.0; 3], 0, 1))?;
+    /// save(dir, &names, 1, &scene.render([1.0, 0.0, 0.0], 0, 2))?;
+    ///
+    /// let folder = Folder::open(dir, &names, rig.image_size_px, DEFAULT_PERIOD_US)?;
+    /// assert_eq!(folder.names(), ["000000.png", "000001.png"]);
+    /// let second = folder.frame_sets().nth(1).expect("two frame sets")?;
+    /// assert_eq!((second.time_us, second.images.len()), (DEFAULT_PERIOD_US, 3));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn open(
         dir: &Path,
         names: &[String],
@@ -122,12 +139,9 @@ impl Folder {
             Ok((camera, listing))
         };
         let cameras = names.iter().map(listed).collect::<Result<Vec<_>, _>>()?;
-        let is_empty = cameras.iter().all(|(_, listing)| listing.files.is_empty());
-        if !is_empty {
-            cameras
-                .iter()
-                .for_each(|(camera, listing)| listing.notice(camera));
-        }
+        let warnings = cameras.iter();
+        let warnings = warnings.filter_map(|(camera, listing)| listing.warning(camera));
+        let warnings = warnings.collect();
         let cameras: Vec<_> = cameras
             .into_iter()
             .map(|(camera, l)| (camera, l.files))
@@ -145,6 +159,7 @@ impl Folder {
             frames,
             size_px: image_size_px,
             period_us,
+            warnings,
         };
         let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
         match lost.as_deref() {
@@ -162,6 +177,11 @@ impl Folder {
             Some(file) => Err(incomplete(&file)),
             None => Ok(self),
         }
+    }
+
+    /// Returns warnings of images in formats that are not read, one per folder.
+    pub fn warnings(&self) -> &[InputError] {
+        &self.warnings
     }
 
     /// Returns the first file of this frame set that is missing.
@@ -277,17 +297,6 @@ pub fn write(path: &Path, image: &Image) -> Result<(), InputError> {
     let (grey, kind) = (&image.grey, ExtendedColorType::L8);
     image::save_buffer_with_format(path, grey, width, height, kind, ImageFormat::Png)
         .map_err(|cause| InputError::file(path, format!("cannot write the image: {cause}")))
-}
-
-/// Returns the names of the image files in one camera's folder. Images in other formats are named
-/// once in a message.
-///
-/// # Errors
-/// [`InputError`] if the folder cannot be listed.
-pub fn list(camera: &Path) -> Result<BTreeSet<String>, InputError> {
-    let listing = listing(camera)?;
-    listing.notice(camera);
-    Ok(listing.files)
 }
 
 /// Lists the images in one camera's folder.

@@ -93,6 +93,22 @@ impl CameraFile {
     }
 
     /// Reads the content of an OpenCV or ROS file; errors name `file`.
+    ///
+    /// ```
+    /// use std::path::Path;
+    /// use trinocular_vision::calibration::exchange::CameraFile;
+    ///
+    /// let text = "%YAML:1.0
+    /// image_width: 640
+    /// image_height: 480
+    /// camera_matrix: { rows: 3, cols: 3, data: [ 530., 0., 320., 0., 531., 240., 0., 0., 1. ] }
+    /// distortion_coefficients: { rows: 1, cols: 5, data: [ 0., 0., 0., 0., 0. ] }
+    /// ";
+    /// let file = CameraFile::parse(Path::new("left.yml"), text.as_bytes())?;
+    /// assert_eq!((file.image_size_px, file.lens.camera().focal_px), ([640, 480], [530.0, 531.0]));
+    /// assert_eq!(file.places.matrix.line, 4);
+    /// # Ok::<(), trinocular_rig::error::InputError>(())
+    /// ```
     pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
         let text = std::str::from_utf8(bytes).map_err(|error| {
             not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())

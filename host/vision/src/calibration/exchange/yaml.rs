@@ -6,6 +6,10 @@
 //!
 //! Only the values under known names are kept, because files of other programs may hold all corners
 //! of all images. Time and memory are proportional to the length of the file.
+//!
+//! The parser's events are read here rather than by a loader: saphyr's keeps the whole file,
+//! expands aliases and nests without a limit; serde-saphyr's errors have a line, but not the name
+//! of a value such as `camera_matrix.data[4]`.
 
 use std::borrow::Cow;
 use std::collections::HashSet;

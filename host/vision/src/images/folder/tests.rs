@@ -66,7 +66,12 @@ fn other_image_formats_are_named() {
         remark.contains("00.TIF, 01.TIF") && remark.contains("2 more"),
         "{remark}"
     );
-    assert_eq!(open(dir.path()).unwrap().len(), 1);
+    let folder = open(dir.path()).unwrap();
+    assert_eq!(folder.len(), 1);
+    let [warning] = folder.warnings() else {
+        panic!("{:?}", folder.warnings());
+    };
+    assert_eq!((&warning.file, &warning.reason), (&left, &remark));
     for camera in names() {
         fs::remove_file(dir.path().join(camera).join("000000.png")).unwrap();
     }

@@ -17,14 +17,14 @@
 //! changes, such as network file systems. Memory holds only the names of existing files; a frame
 //! set's files may be removed as soon as it has been returned.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{list, numbers_padded, read};
+use super::{Listing, listing, numbers_padded, read};
 use crate::images::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 
@@ -82,6 +82,22 @@ impl Seen {
 type Key = (String, String);
 
 /// Watched folder: an iterator of frame sets, which waits for the next one.
+///
+/// ```no_run
+/// use std::path::Path;
+/// use std::sync::Arc;
+/// use std::sync::atomic::AtomicBool;
+/// use trinocular_vision::images::folder::watch::{Settings, Watch};
+///
+/// let stop = Arc::new(AtomicBool::new(false));
+/// let settings = Settings { period_us: 33_333, idle: None, stop };
+/// let names = ["left", "right"].map(String::from);
+/// let skipped = |skipped: &trinocular_rig::error::InputError| eprintln!("{skipped}");
+/// for frame_set in Watch::open(Path::new("captures"), &names, [640, 480], settings, skipped)? {
+///     println!("{} us", frame_set?.time_us);
+/// }
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 pub struct Watch<T> {
     /// Folder of each camera, in the rig's order.
     cameras: Vec<PathBuf>,
@@ -102,6 +118,8 @@ pub struct Watch<T> {
     heard: Vec<Option<Instant>>,
     /// True after the report of cameras that never sent an image.
     has_told_unheard: bool,
+    /// Per camera: true after the report of images in formats that are not read.
+    has_told_unread: Vec<bool>,
     over: bool,
     tell: T,
 }
@@ -118,7 +136,7 @@ enum Look {
 impl<T: FnMut(&InputError)> Watch<T> {
     /// Watches `dir`, whose subfolders, existing or not yet, are `names`, one per camera in the
     /// rig's order. `size_px` (width, height) is the size that every image must have. `tell` is
-    /// called with each skipped frame set.
+    /// called with each skipped frame set, and once per camera with images that are not read.
     ///
     /// # Errors
     /// [`InputError`] if there is no such folder.
@@ -144,6 +162,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
             changed: Instant::now(),
             heard: vec![None; names.len()],
             has_told_unheard: false,
+            has_told_unread: vec![false; names.len()],
             over: false,
             tell,
         })
@@ -264,12 +283,17 @@ impl<T: FnMut(&InputError)> Watch<T> {
         let mut has_changed = false;
         for (index, camera) in self.cameras.iter().enumerate() {
             // The writer may not have made the folder yet.
-            let names = if camera.is_dir() {
-                list(camera)?
-            } else {
-                BTreeSet::new()
+            let listing = match camera.is_dir() {
+                true => listing(camera)?,
+                false => Listing::default(),
             };
-            for name in names {
+            if !self.has_told_unread[index]
+                && let Some(warning) = listing.warning(camera)
+            {
+                self.has_told_unread[index] = true;
+                (self.tell)(&warning);
+            }
+            for name in listing.files {
                 if self.done.contains(&name) {
                     done.insert(name);
                     continue;

@@ -109,6 +109,20 @@ fn settled_frame_set_is_given() {
 }
 
 #[test]
+fn unread_formats_are_reported_once() {
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    fs::write(bench.path("left", "0.tif"), "II*").unwrap();
+    nothing(watch.look(bench.at(100)));
+    nothing(watch.look(bench.at(900)));
+    let told = bench.told();
+    assert!(
+        told.len() == 1 && told[0].contains("not read: 0.tif"),
+        "{told:?}"
+    );
+}
+
+#[test]
 fn growing_file_is_not_read() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
