@@ -77,13 +77,14 @@ fn is_progress(line: &str) -> bool {
 }
 
 /// A folder like the repository, and a station once a command asks for one.
-struct Desk {
+pub struct Desk {
     folder: TempDir,
     station: Option<FarEnd>,
 }
 
 impl Desk {
-    fn new() -> Self {
+    /// Makes the folder.
+    pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         for name in ["examples", "tests", "docs"] {
             std::os::unix::fs::symlink(root().join(name), folder.path().join(name))
@@ -96,7 +97,7 @@ impl Desk {
     }
 
     /// Runs a command line; returns its output and exit code.
-    fn run(&mut self, command: &str) -> (String, i32) {
+    pub fn run(&mut self, command: &str) -> (String, i32) {
         let mut command = command.to_owned();
         let mut port = None;
         if command.contains(PORT) {

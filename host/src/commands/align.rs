@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use crate::commands::failure::Failure;
 use clap::Args;
 use host::report::{Cell, Table};
-use serde_json::json;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
@@ -96,7 +95,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         write(&options.rig, &text, output, &found)?;
     }
     if options.json {
-        writeln!(out, "{}", json!(found))?;
+        super::json::line(out, &found)?;
     } else {
         print(options, &found, out)?;
     }

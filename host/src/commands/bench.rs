@@ -115,8 +115,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     }
     let report = timing.report(options, &rig, frame_sets.len());
     if options.json {
-        let line = serde_json::to_string(&report).map_err(std::io::Error::from)?;
-        writeln!(out, "{line}")?;
+        super::json::line(out, &report)?;
     } else {
         report.print(out)?;
     }

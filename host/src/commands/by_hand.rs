@@ -321,10 +321,13 @@ pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
+/// Returns number and name of a fault.
+pub fn named(fault: Fault) -> Value {
+    json!({"number": fault.number(), "name": diagnosis::fault(fault).name})
+}
+
 /// Returns state, motors, trust and faults by name; the faults also by number, the worst first.
 pub fn condition(status: &Status) -> Value {
-    let named =
-        |fault: Fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name});
     json!({
         "state": diagnosis::state(status.state).name,
         "fault": status.fault.map(named),

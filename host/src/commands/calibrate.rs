@@ -20,6 +20,7 @@ use trinocular_vision::calibration::rejection::InstantRejection;
 use trinocular_vision::calibration::rig::RigSolution;
 
 use super::destination::Destination;
+use super::json;
 use super::progress::Progress;
 
 /// Calibrate cameras and rig from photographs of a chessboard
@@ -302,10 +303,10 @@ fn print_json(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     for camera in &result.cameras {
-        writeln!(out, "{}", camera_json(camera))?;
+        json::line(out, &camera_json(camera))?;
     }
     if let Some(rig) = &result.rig {
-        writeln!(out, "{}", rig_json(result, rig, warnings))?;
+        json::line(out, &rig_json(result, rig, warnings))?;
     }
     Ok(())
 }

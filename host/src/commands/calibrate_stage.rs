@@ -186,11 +186,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         Output::open_successor(to, Replace::Anything, path)?.write(&text)?;
     }
     if options.json {
-        writeln!(
-            out,
-            "{}",
-            json!({"fit": fit, "delay": delay, "samples": samples})
-        )?;
+        let object = json!({"fit": fit, "delay": delay, "samples": samples});
+        super::json::line(out, &object)?;
     } else {
         print(options, &samples, &fit, &stage, out)?;
         print_delay(delay.as_ref(), out)?;

@@ -10,6 +10,7 @@ use shared::estimate::Refusal;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::exchanged::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -59,8 +60,8 @@ pub struct Options {
 const JSON_HELP: &str = "\
 Print one JSON object per displacement and line:
 
-{\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\
-\"method\":\"midpoint\"}
+{\"version\":1,\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\
+\"rejected\":0,\"method\":\"midpoint\"}
 
 `sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. \
 `warnings`, a list of sentences, is there only if a camera was left out. A frame without an \
@@ -179,7 +180,7 @@ fn run_folder<W: Write>(
         .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
     let refer_to = |flow: &mut Flow, capture: &FrameSet| {
         let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| refusal.to_string())
+        outcome.map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, capture, &refusal))
     };
     let mut reference = refer_to(&mut flow, &first?);
     for capture in captures {
@@ -304,10 +305,7 @@ impl<W: Write> Printer<'_, W> {
     }
 
     fn json(&mut self, line: &impl Serialize) -> Result<(), Failure> {
-        let mut text = serde_json::to_string(line).map_err(std::io::Error::from)?;
-        text.push('\n');
-        self.out.write_all(text.as_bytes())?;
-        Ok(())
+        Ok(super::json::line(self.out, line)?)
     }
 
     fn finish(self) -> Result<(), Failure> {

@@ -24,6 +24,7 @@ mod hello;
 mod home;
 mod init;
 mod jog;
+mod json;
 mod man;
 mod motors;
 mod port;

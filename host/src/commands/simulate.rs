@@ -204,9 +204,7 @@ fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
         without_prediction: outcome.unpredicted.as_ref().map(|(_, figures)| figures),
         missed: &outcome.missed,
     };
-    let text = serde_json::to_string(&line).map_err(std::io::Error::from)?;
-    writeln!(out, "{text}")?;
-    Ok(())
+    Ok(super::json::line(out, &line)?)
 }
 
 fn print(outcomes: &[Outcome], out: &mut impl Write) -> Result<(), Failure> {

@@ -4,6 +4,7 @@ use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
+use crate::commands::json;
 use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
@@ -117,8 +118,9 @@ fn print(
         absent,
         trust,
     } = turn;
-    let trust = diagnosis::trust(*trust);
+    let known = diagnosis::position(*trust);
     if as_json {
+        let trust = diagnosis::trust(*trust);
         let mut object = json!({
             "time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm, "trust": trust,
         });
@@ -137,12 +139,11 @@ fn print(
             }
             other => object["refused"] = json!(reason(other)),
         }
-        writeln!(out, "{object}")?;
-        return Ok(());
+        return Ok(json::line(out, &object)?);
     }
     writeln!(
         out,
-        "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}{}",
+        "{time_s:>8.3}  {}  {}  {}  {known:>8}  {}{}",
         vector(target_mm),
         vector(camera_mm),
         vector(&error),
