@@ -271,7 +271,7 @@ fn dark_start_is_waited_out_with_limit() {
     let bench = Bench::new(["dark 20"; 3]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "3"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-    let said = "the first capture cannot be the reference: ";
+    let said = "the first frame set cannot be the keyframe: ";
     let lines = outcome.stderr.lines().filter(|line| line.starts_with(said));
     let lines: Vec<&str> = lines.collect();
     assert_eq!(lines.len(), 1, "{}", outcome.stderr);

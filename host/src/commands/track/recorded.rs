@@ -92,7 +92,7 @@ fn readable(
 /// Makes the twin, whose stage copies the target's motion.
 fn station<'a>(
     options: &'a Options,
-    rig: &RigFile,
+    rig: &'a RigFile,
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
     let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
