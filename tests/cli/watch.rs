@@ -96,7 +96,7 @@ fn ctrl_c_ends_run_cleanly() {
     assert!(lines.next().expect("a line").is_ok());
     interrupt(&child);
     let (code, text) = end(child);
-    assert_eq!(code, Some(0), "{text}");
+    assert_eq!(code, Some(130), "{text}");
     assert!(text.contains("came to rest"), "{text}");
 }
 
@@ -131,7 +131,7 @@ fn bad_or_missing_files_are_named() {
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-        let said = "warning: camera right gave no picture; measured without it";
+        let said = "warning: camera right gave no image; measured without it";
         assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
         let rows: Vec<&str> = outcome.stdout.lines().skip(1).collect();
         assert!(rows[0].ends_with("used, without right"), "{rows:?}");

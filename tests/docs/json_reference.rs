@@ -1,7 +1,8 @@
 //! `docs/json.md`: every command with `--json` is run, and the page names every key that it prints.
 //!
 //! A section per command holds a `sh` block, some of whose commands print JSON, a `json` block with
-//! an example, and a table of keys. Keys that several commands share are in the section of common keys.
+//! an example, and a table of keys. Keys that several commands share are in the section of common
+//! keys.
 
 use super::commands::Desk;
 use super::page::{Block, Page};

@@ -147,7 +147,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));
     drop(progress);
     let result = result?;
-    let warnings = result.warnings();
+    let mut warnings = result.warnings();
+    warnings.extend(result.rig_file().iter().flat_map(RigFile::doubts));
     if options.json {
         print_json(&result, &warnings, out)?;
     } else {

@@ -35,7 +35,7 @@ use trinocular_vision::images::FrameSet;
 /// time stamps, for `track --delay`.
 ///
 /// With --port the station must know its position (`home` or `zero`), and the operator puts a
-/// capture into --images at every stop, when the program asks for it.
+/// frame set into --images at every stop, when the program asks for it.
 #[derive(Debug, Args)]
 #[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
 pub struct Options {
@@ -52,12 +52,12 @@ pub struct Options {
     #[arg(long, value_name = "PATH", conflicts_with = "sim", requires = "images")]
     port: Option<String>,
 
-    /// Folder of the captures: one subfolder per camera, equal file names for one instant.
-    /// Captures that already exist are not used
+    /// Folder of the frame sets: one subfolder per camera, equal file names for one instant.
+    /// Frame sets that already exist are not used
     #[arg(long, value_name = "DIR", requires = "port")]
     images: Option<PathBuf>,
 
-    /// Timeout for a capture, s
+    /// Timeout for a frame set, s
     #[arg(
         long,
         value_name = "S",
@@ -215,7 +215,7 @@ fn measure(
         let capture = bench.look()?;
         let Some(watch) = &mut watch else {
             let started = Watch::start(&rig.rig, &capture).map_err(|refusal| {
-                Failure::Images(format!("the first pictures cannot be used: {refusal}"))
+                Failure::Images(format!("the first images cannot be used: {refusal}"))
             })?;
             watch = Some(started);
             continue;
@@ -268,13 +268,13 @@ fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failur
     match delay {
         Some(delay) => writeln!(
             out,
-            "{:>16}: {:.2} ms ± {:.2}, from {} pictures of the moving stage: use \
+            "{:>16}: {:.2} ms ± {:.2}, from {} images of the moving stage: use \
              `track --delay {:.1}`",
             "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures, delay.delay_ms
         )?,
         None => writeln!(
             out,
-            "{:>16}: not measured: the pictures of --images have no time stamps",
+            "{:>16}: not measured: the images of --images have no time stamps",
             "cameras' delay"
         )?,
     }

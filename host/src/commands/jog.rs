@@ -225,7 +225,8 @@ impl Jog<'_> {
     fn warn(&self) {
         let Some(stage) = self.stage else {
             notice!(
-                "a soft limit may have shortened the move: with --rig RIG.toml this command                  reports that, and mm"
+                "a soft limit may have shortened the move: with --rig RIG.toml this command \
+                 reports that, and mm"
             );
             return;
         };
@@ -235,7 +236,8 @@ impl Jog<'_> {
             // Adding zero turns -0 into 0.
             let moved_mm = moved_mm + 0.0;
             notice!(
-                "{name} was shortened to {moved_mm:.4} mm of {asked_mm} mm by the soft limits:                  travel_mm of the rig file is {least} to {greatest} mm"
+                "{name} was shortened to {moved_mm:.4} mm of {asked_mm} mm by the soft limits: \
+                 travel_mm of the rig file is {least} to {greatest} mm"
             );
         }
     }

@@ -12,8 +12,8 @@ use super::Arguments;
 
 /// Write the manual pages into a folder
 ///
-/// One page for the program and one for each command, in section 1: `man DIR/trinocular.1`. Pages of
-/// commands within commands bear all names: `trinocular-bench-flow.1`.
+/// One page for the program and one for each command, in section 1: `man DIR/trinocular.1`. Pages
+/// of commands within commands bear all names: `trinocular-bench-flow.1`.
 #[derive(Debug, Args)]
 pub struct ManOptions {
     /// Folder of the pages; made if it does not exist

@@ -11,6 +11,7 @@ mod bench;
 mod by_hand;
 mod calibrate;
 mod calibrate_stage;
+pub mod commas;
 mod completions;
 mod convert;
 mod destination;
@@ -85,7 +86,8 @@ Exit codes:
   0  done
   1  the input was bad (the message names file, line and field), or frames were refused
   2  the command line was wrong
-  3  the station refused, faulted or is in use, or a signal ended a run that moves a stage";
+  3  the station refused, faulted or is in use, or a signal ended a run that moves a stage
+  130, 143  Ctrl-C (SIGINT) or SIGTERM ended a run without a real stage";
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -48,7 +48,7 @@ Figures, of the scenario's measured time:
   rms_mm max_mm    error per axis: cameras minus target, every millisecond
   settle_ms        of a step: from the arrival of the first frame that shows it until the error
                    stays within 0.03, 0.03, 0.08 mm (or as the scenario says)
-  latency_ms       from a capture to the first step that its frame can change
+  latency_ms       from a frame set to the first step that its frame can change
   steps, lost      at the pins from start to end; planned and not made
 
 Examples:

@@ -49,7 +49,7 @@ pub struct Captures<'a> {
 }
 
 impl<'a> Captures<'a> {
-    /// Starts the station: configured, its position zero. `now_us` is the clock of the capture
+    /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
     /// times, if the frame sets are live.
     pub fn new(
         options: &'a Options,
@@ -122,7 +122,7 @@ impl<'a> Captures<'a> {
         out: &mut impl Write,
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
-        let mut count = Count::new("captures followed");
+        let mut count = Count::new("frame sets followed");
         // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {

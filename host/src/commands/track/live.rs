@@ -96,7 +96,7 @@ fn follow(
                 Source::Driver(_) => notice!("{who}: {source}"),
                 Source::Arrival(_) => notice!("warning: {who}: {source}"),
             });
-            V4l2::open(device, size_px, options.fps, notice)
+            V4l2::open(device, size_px, options.fps(), notice)
         })
         .collect::<Result<Vec<_>, _>>()?;
     for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
@@ -129,7 +129,7 @@ fn follow(
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
         notice!(
-            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners \
+            "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners \
              within {} ms, {} stale, {} damaged, {} out of order; its driver lost {}",
             device.display(),
             matching.arrived + tally.stale + tally.damaged,
@@ -145,7 +145,7 @@ fn follow(
     }
     let summary = outcome?;
     notice!(
-        "{} of {} captures not used",
+        "{} of {} frame sets not used",
         summary.refused,
         summary.frames
     );

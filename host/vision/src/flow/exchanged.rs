@@ -32,20 +32,30 @@ pub fn exchanged_cameras(
     })
 }
 
-/// Returns the refusal as a sentence, with a hint at two cameras whose images were exchanged.
+/// Returns a hint at two cameras whose images were exchanged, if `frame_set` is refused as a
+/// keyframe for that reason.
+pub fn hint(rig: &Rig, names: &[String], frame_set: &FrameSet) -> Option<String> {
+    let mut flow = Flow::new(rig, FlowSettings::default()).ok()?;
+    let refusal = flow.set_keyframe(frame_set).err()?;
+    let [a, b] = exchanged_cameras(rig, frame_set, &refusal)?;
+    Some(format!(
+        "with the images of `{}` and `{}` exchanged it can be used, so their folders or names are \
+         probably swapped: exchange them",
+        names.get(a)?,
+        names.get(b)?
+    ))
+}
+
+/// Returns the refusal as a sentence, with the [`hint`] if there is one.
 pub fn explain_keyframe(
     rig: &Rig,
     names: &[String],
     frame_set: &FrameSet,
     refusal: &FlowRefusal,
 ) -> String {
-    let pair = exchanged_cameras(rig, frame_set, refusal);
-    match pair.map(|pair| pair.map(|camera| names.get(camera))) {
-        Some([Some(a), Some(b)]) => format!(
-            "{refusal}; with the images of `{a}` and `{b}` exchanged it can be used, so their \
-             folders or names are probably swapped: exchange them"
-        ),
-        _ => refusal.to_string(),
+    match hint(rig, names, frame_set) {
+        Some(hint) => format!("{refusal}; {hint}"),
+        None => refusal.to_string(),
     }
 }
 
