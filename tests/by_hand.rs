@@ -276,12 +276,19 @@ fn invalid_arguments_fail_before_port_opens() {
     for words in [
         "status", "jog x=1", "home", "zero", "stop", "reset", "diagnose",
     ] {
-        desk.run(words).ended(1, &["/dev/no-such-port"]);
+        let parts = ["/dev/no-such-port", "`trinocular ports` lists"];
+        desk.run(words).ended(1, &parts);
     }
     let nobody = mute();
-    Desk::new(&nobody.path)
-        .run("status")
-        .ended(3, &["did not answer hello", &nobody.path]);
+    Desk::new(&nobody.path).run("status").ended(
+        3,
+        &[
+            "did not answer hello",
+            &nobody.path,
+            "flashed",
+            "921600 baud",
+        ],
+    );
 }
 
 #[test]

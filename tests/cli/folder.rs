@@ -232,6 +232,12 @@ fn missing_image_is_reported() {
     assert_moved(&lines[0], moved[0]);
     assert_moved(&lines[1], moved[1]);
     assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
+    let table = estimate(&desk, &[]).stdout;
+    let rows: Vec<bool> = table
+        .lines()
+        .map(|row| row.ends_with("  without left"))
+        .collect();
+    assert_eq!(rows, [false, true, false], "{table}");
     // The paper's methods need all three cameras, and the refusal names the missing one.
     let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
     let refused = outcome.json()[0]["refused"].to_string();

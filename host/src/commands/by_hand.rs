@@ -74,7 +74,8 @@ impl StageArgument {
 
     /// Returns the stage of a rig file that was read.
     pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
-        let none = "has no [stage]: it says what the station moves";
+        let none = "has no [stage] section, which describes the axes that the station moves; \
+                    `trinocular init` writes one";
         let stage = rig.stage.clone();
         Ok(stage
             .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)

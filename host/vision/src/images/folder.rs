@@ -148,10 +148,13 @@ impl Folder {
         };
         let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
         match lost.as_deref() {
-            Some([first, ..]) => Err(match folder.endings() {
-                Some(reason) => InputError::file(dir, reason),
-                None => incomplete(first),
-            }),
+            Some([first, ..]) => {
+                let mut error = incomplete(first);
+                if let Some(endings) = folder.endings() {
+                    error.reason = format!("{}; {endings}", error.reason);
+                }
+                Err(error)
+            }
             _ => Ok(folder),
         }
     }

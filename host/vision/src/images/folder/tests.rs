@@ -163,6 +163,8 @@ fn unequal_names_are_refused() {
     let error = open(dir.path()).unwrap_err();
     assert_eq!(error.file, dir.path().join("left/000000.PNG"));
     assert!(error.reason.starts_with("missing"), "{error}");
+    let endings = "`left` end in .png, those of `middle` in .PNG";
+    assert!(error.reason.contains(endings), "{error}");
 }
 
 #[test]
