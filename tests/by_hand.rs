@@ -153,11 +153,28 @@ fn stopped_station_names_next_step() {
     let desk = Desk::new(&end.path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
     desk.run("stop")
-        .ended(0, &["stopped at 0 0 0 steps, position homed"]);
+        .ended(0, &["stopped at 0 0 0 steps, position known"]);
     desk.run("jog x=1").ended(3, &["`trinocular reset`"]);
     desk.run("reset").ended(0, &["idle"]);
-    desk.run("jog x=1").ended(0, &["80 0 0 steps, homed"]);
+    desk.run("jog x=1").ended(0, &["80 0 0 steps, known"]);
     assert_eq!(end.steps(), [80, 0, 0]);
+}
+
+#[test]
+fn jog_takes_units_of_length() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
+    let jog = desk.run(&format!("jog x=2mm y=500um z=-0.1cm {CONFIGURE} --json"));
+    let jog = jog.ended(0, &[]).json();
+    assert_eq!(jog["asked_mm"], json!([2.0, 0.5, -1.0]));
+    assert_eq!(jog["moved_mm"], json!([2.0, 0.5, -1.0]));
+    assert_eq!(jog["shortened"], json!([]));
+    assert_eq!(end.steps(), [160, 40, -80]);
+    // Without the rig file, mm and soft limits are unknown, which is reported.
+    let jog = desk.run("jog x=100");
+    assert!(jog.err.contains("with --rig RIG.toml"), "{}", jog.err);
+    assert_eq!(end.steps(), [4_800, 40, -80]);
 }
 
 #[test]
@@ -168,7 +185,8 @@ fn jog_beyond_soft_limit_is_shortened() {
     let jog = desk.run(&format!("jog y=-80 {CONFIGURE}"));
     let jog = jog.ended(0, &["0.0000 -60.0000 0.0000 mm"]);
     assert!(
-        jog.err.contains("y was shortened by 20.0000 mm"),
+        jog.err
+            .contains("y was shortened to -60.0000 mm of -80 mm by the soft limits"),
         "{}",
         jog.err
     );
@@ -241,6 +259,9 @@ fn invalid_arguments_fail_before_port_opens() {
         ("jog x=far", "`far` is not a number"),
         ("jog x=NaN", "-1000 to 1000"),
         ("jog x=1001", "-1000 to 1000"),
+        ("jog x=101cm", "-1000 to 1000"),
+        ("jog x=1,5", "with a decimal point"),
+        ("jog x=80steps", "`steps` is no unit"),
         ("jog x=0.0001", "shorter than 0.001 mm"),
         ("jog x=1 X=2", "axis x is named twice"),
         ("jog x=1 --heartbeat 200", "--rig"),
@@ -255,12 +276,19 @@ fn invalid_arguments_fail_before_port_opens() {
     for words in [
         "status", "jog x=1", "home", "zero", "stop", "reset", "diagnose",
     ] {
-        desk.run(words).ended(1, &["/dev/no-such-port"]);
+        let parts = ["/dev/no-such-port", "`trinocular ports` lists"];
+        desk.run(words).ended(1, &parts);
     }
     let nobody = mute();
-    Desk::new(&nobody.path)
-        .run("status")
-        .ended(3, &["did not answer hello", &nobody.path]);
+    Desk::new(&nobody.path).run("status").ended(
+        3,
+        &[
+            "did not answer hello",
+            &nobody.path,
+            "flashed",
+            "921600 baud",
+        ],
+    );
 }
 
 #[test]
@@ -314,7 +342,7 @@ fn homing_finds_the_switches() {
         .ended(3, &["`home` or `zero`", "unknown_window_mm"]);
     let home = "--rig home.toml --heartbeat 5000";
     let done = desk.run(&format!("home {home}"));
-    done.ended(0, &["-59.0", "59.0", "homed"]);
+    done.ended(0, &["-59.0", "59.0", "known"]);
     // The stage backs off 2 mm from 70 mm. At 2 mm/s the station polls the switch every 0.16 steps.
     for (steps, side) in end.steps().into_iter().zip([-1, 1, -1]) {
         assert!((steps - side * 5_440).abs() <= 1, "{steps}");
@@ -390,8 +418,8 @@ fn emulated_board_is_driven_by_hand() {
     let desk = Desk::new(&path);
     desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
     desk.run("jog x=2 y=-1")
-        .ended(0, &["160 -80 0 steps, homed"]);
-    desk.run("jog z=0.5").ended(0, &["160 -80 40 steps, homed"]);
+        .ended(0, &["160 -80 0 steps, known"]);
+    desk.run("jog z=0.5").ended(0, &["160 -80 40 steps, known"]);
     desk.run("stop").ended(0, &["stopped"]);
     desk.run("reset").ended(0, &["idle"]);
     // The trace is written every 100 ms; two seconds are many of those on any machine.

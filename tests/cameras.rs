@@ -163,7 +163,7 @@ fn stamps_pair_images_and_losses_count() {
 
     for (camera, (lost, damaged)) in [(3, 0), (0, 1), (1, 2)].into_iter().enumerate() {
         // The program skips the first image, and more may have arrived after the last counted one.
-        let counted = count(&outcome.stderr, camera, "pictures") as usize;
+        let counted = count(&outcome.stderr, camera, "images") as usize;
         let log = &bench.log(camera)[1..=counted];
         let gaps: u64 = log.windows(2).map(|pair| pair[1].0 - pair[0].0 - 1).sum();
         let spoilt = log.iter().filter(|(_, is_spoilt)| *is_spoilt).count() as u64;
@@ -172,7 +172,7 @@ fn stamps_pair_images_and_losses_count() {
         assert_eq!(found, [gaps, spoilt], "{}", outcome.stderr);
         let point = ["end", "end", "start"][camera];
         let words = format!(
-            "{} (/dev/{}): pictures have the driver's time, of their {point}\n",
+            "{} (/dev/{}): images have the driver's time, of their {point}\n",
             NAMES[camera], DEVICES[camera]
         );
         assert!(outcome.stderr.contains(&words), "{}", outcome.stderr);
@@ -189,7 +189,7 @@ fn foreign_clock_is_reported_once() {
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "1", "--window", "16"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     assert!(!seen(&outcome).is_empty(), "{}", outcome.stderr);
-    let warning = "warning: middle (/dev/video91): pictures have the time of their arrival";
+    let warning = "warning: middle (/dev/video91): images have the time of their arrival";
     assert_eq!(
         outcome.stderr.matches(warning).count(),
         1,
@@ -217,7 +217,7 @@ fn camera_faults_name_the_camera() {
     let first = "warning: /dev/video91: was unplugged";
     assert!(outcome.stderr.contains(first), "{}", outcome.stderr);
     let mut rows = outcome.json().into_iter();
-    let without = "camera middle gave no picture; measured without it";
+    let without = "camera middle gave no image; measured without it";
     assert!(
         rows.any(|row| row["warnings"][0] == without),
         "{}",
@@ -229,7 +229,7 @@ fn camera_faults_name_the_camera() {
 
     let bench = Bench::new(["", "", "silent"]);
     let outcome = Outcome::of(&mut bench.track(&[]));
-    outcome.failed_after_notes(1, &["/dev/video92: no picture for 3 s"]);
+    outcome.failed_after_notes(1, &["/dev/video92: no image for 3 s"]);
 
     let bench = Bench::new(["size 160 120", "", ""]);
     let outcome = Outcome::of(&mut bench.track(&[]));
@@ -271,7 +271,7 @@ fn dark_start_is_waited_out_with_limit() {
     let bench = Bench::new(["dark 20"; 3]);
     let outcome = Outcome::of(&mut bench.track(&["--seconds", "3"]));
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-    let said = "the first capture cannot be the reference: ";
+    let said = "the first frame set cannot be the keyframe: ";
     let lines = outcome.stderr.lines().filter(|line| line.starts_with(said));
     let lines: Vec<&str> = lines.collect();
     assert_eq!(lines.len(), 1, "{}", outcome.stderr);
@@ -284,7 +284,7 @@ fn dark_start_is_waited_out_with_limit() {
     let bench = Bench::new(["dark 100000"; 3]);
     for more in [&[][..], &["--seconds", "1"]] {
         let outcome = Outcome::of(&mut bench.track(more));
-        let all = "/dev/video90,/dev/video91,/dev/video92: the first capture cannot be";
+        let all = "/dev/video90,/dev/video91,/dev/video92: the first frame set cannot be";
         outcome.failed_after_notes(1, &[all]);
     }
 }
@@ -304,7 +304,7 @@ fn ctrl_c_ends_run_with_silent_camera() {
         .spawn()
         .expect("the program starts");
     let mut notes = BufReader::new(track.stderr.take().expect("it was asked for")).lines();
-    let streams = notes.any(|line| line.expect("UTF-8").contains("pictures have"));
+    let streams = notes.any(|line| line.expect("UTF-8").contains("images have"));
     assert!(streams, "no camera has said what its stamps are");
     interrupt(&track);
     let rest: Vec<String> = notes.map_while(Result::ok).collect();

@@ -18,6 +18,8 @@ mod inputs;
 #[cfg(unix)]
 #[path = "cli/interrupted.rs"]
 mod interrupted;
+#[path = "cli/mistakes.rs"]
+mod mistakes;
 #[path = "cli/points.rs"]
 mod points;
 #[path = "cli/setting_up.rs"]
@@ -35,6 +37,12 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, trinocular};
+
+/// Returns the root of the repository.
+fn root() -> PathBuf {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
+    tests.parent().expect("tests/ is in a folder").to_owned()
+}
 
 /// Runs the program with `arguments` in `folder`.
 fn run(folder: &Path, arguments: &[&str]) -> Outcome {

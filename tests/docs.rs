@@ -9,6 +9,8 @@ mod commands;
 mod data;
 #[path = "docs/form.rs"]
 mod form;
+#[path = "docs/json_reference.rs"]
+mod json_reference;
 #[path = "docs/page.rs"]
 mod page;
 #[path = "docs/picture.rs"]

@@ -148,7 +148,7 @@ fn station_on_port_is_calibrated() {
     let mut index = 0;
     for line in BufReader::new(stderr).lines() {
         let line = line.expect("UTF-8");
-        if !line.contains("take a picture") {
+        if !line.contains("take an image") {
             continue;
         }
         let position = end.steps().map(|steps| steps as f64 / 80.0);

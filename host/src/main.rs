@@ -18,6 +18,8 @@ fn main() -> ExitCode {
     match run() {
         Ok(code) => code,
         Err(failure) if failure.is_closed_output() => ExitCode::SUCCESS,
+        // The user knows of the signal, and the run has said how it ended.
+        Err(failure @ Failure::Interrupted(_)) => ExitCode::from(failure.exit_code()),
         Err(failure) => {
             notice!("error: {}", failure.chain());
             ExitCode::from(failure.exit_code())
@@ -40,6 +42,9 @@ fn run() -> Result<ExitCode, Failure> {
 /// Prints help, version, or the error in the arguments.
 fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
+    if let Some(hint) = commands::commas::hint(std::env::args()) {
+        notice!("hint: {hint}");
+    }
     if error.use_stderr() {
         // If standard error cannot be written, the exit code must suffice.
         return Ok(ExitCode::from(2));

@@ -302,7 +302,7 @@ fn repeated_images_are_rejected() {
     for (index, image) in images.iter().enumerate() {
         match index < 3 {
             true => assert!(image["rms_px"].is_f64(), "{image}"),
-            false => assert_eq!(image["rejected"], "the same picture as 00.png"),
+            false => assert_eq!(image["rejected"], "the same image as 00.png"),
         }
     }
     assert!(

@@ -61,7 +61,7 @@ fn align_prints_offsets_and_writes_rig() {
     let outcome = align(&desk, &["--out", "aligned.toml"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     for part in [
-        "Datum offsets",
+        "Offsets of the principal points",
         "kept",
         "Z penalty before",
         "Z penalty after",

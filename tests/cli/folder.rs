@@ -226,12 +226,18 @@ fn missing_image_is_reported() {
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     let lines = outcome.json();
-    let warning = "camera left gave no picture; measured without it";
+    let warning = "camera left gave no image; measured without it";
     assert_eq!(lines[0]["warnings"][0], warning, "{}", lines[0]);
     assert!(lines[1].get("warnings").is_none(), "{}", lines[1]);
     assert_moved(&lines[0], moved[0]);
     assert_moved(&lines[1], moved[1]);
     assert!(outcome.stderr.contains(warning), "{}", outcome.stderr);
+    let table = estimate(&desk, &[]).stdout;
+    let rows: Vec<bool> = table
+        .lines()
+        .map(|row| row.ends_with("  without left"))
+        .collect();
+    assert_eq!(rows, [false, true, false], "{table}");
     // The paper's methods need all three cameras, and the refusal names the missing one.
     let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
     let refused = outcome.json()[0]["refused"].to_string();
@@ -287,7 +293,7 @@ fn unreadable_image_is_reported() {
     assert_eq!(outcome.code, Some(1));
     let lines = outcome.json();
     let reason = refused(&lines[1]).expect("a reason");
-    assert!(reason.contains("the capture before"), "{reason}");
+    assert!(reason.contains("the frame set before"), "{reason}");
     assert_moved(&lines[2], [0.0, 1.0, 0.0]);
 }
 

@@ -82,7 +82,13 @@ fn completions_list_all_options() {
 fn manual_has_page_per_command() {
     let folder = tempdir().expect("a folder");
     assert_eq!(run(folder.path(), &["man", "pages/man1"]).code, Some(0));
-    for page in ["trinocular.1", "trinocular-jog.1", "trinocular-track.1"] {
+    for page in [
+        "trinocular.1",
+        "trinocular-jog.1",
+        "trinocular-track.1",
+        "trinocular-bench-flow.1",
+        "trinocular-bench-robustness.1",
+    ] {
         let text = std::fs::read_to_string(folder.path().join("pages/man1").join(page));
         assert!(text.expect(page).contains(".SH SYNOPSIS"), "{page}");
     }

@@ -100,7 +100,7 @@ fn track_fits_latency_to_frame_rate() {
     let short = ["track", "--sim", "--fps", "100", "--seconds", "0.5"];
     let outcome = run(Path::new("."), &short);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-    let said = "no picture after the first second";
+    let said = "no image after the first second";
     assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
     assert!(!outcome.stderr.contains("rms"), "{}", outcome.stderr);
     let late = [&short[..], &["--latency", "8"]].concat();

@@ -292,3 +292,44 @@ fn absurd_lens_is_refused_by_field() {
     desk.change("rig.toml", "-70.0", "-0.01");
     verify(&desk, &[]).failed(1, &["rig.toml:", "camera[1].offset_mm", "0.1 mm apart"]);
 }
+
+#[test]
+fn home_switch_inside_travel_is_doubted() {
+    let desk = desk();
+    let with_switch = |position_mm: &str| {
+        let stage = format!(
+            "{STAGE}home_switch = [\"negative\", \"positive\", \"none\"]\n\
+             home_position_mm = {position_mm}\n"
+        );
+        desk.write(
+            "rig.toml",
+            trinocular_rig::rig_file::RigFile::paper().to_toml() + &stage,
+        );
+        named(&verify(&desk, &["--json"]).good_json()[0], "warning")
+    };
+    let doubted = |warnings: &[String], axis: usize| {
+        let name = format!("stage.home_position_mm[{axis}]");
+        warnings.contains(&name)
+    };
+    let outside = with_switch("[-61, 61, 0]");
+    assert!(
+        !doubted(&outside, 0) && !doubted(&outside, 1),
+        "{outside:?}"
+    );
+    let inside = with_switch("[-50, 61, 0]");
+    assert!(doubted(&inside, 0) && !doubted(&inside, 1), "{inside:?}");
+    let inside = with_switch("[-61, 20, 0]");
+    assert!(!doubted(&inside, 0) && doubted(&inside, 1), "{inside:?}");
+}
+
+#[test]
+fn prediction_that_is_off_is_named() {
+    let desk = desk();
+    let name = "stage.prediction".to_owned();
+    let found = verify(&desk, &["--json"]).good_json();
+    assert!(!named(&found[0], "warning").contains(&name));
+    desk.write("rig.toml", desk.read("rig.toml") + "prediction = false\n");
+    let found = verify(&desk, &["--json"]).good_json();
+    assert!(named(&found[0], "warning").contains(&name), "{found:?}");
+    assert!(verify(&desk, &[]).stdout.contains("lost steps"));
+}

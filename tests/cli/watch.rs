@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use serde_json::Value;
-use trinocular_tests::binary::interrupt;
+use trinocular_tests::binary::signal;
 
 use super::folder::{AT_REST, desk_with_views};
 use super::{Desk, run, trinocular};
@@ -88,16 +88,19 @@ fn growing_folder_equals_complete_one() {
 }
 
 #[test]
-fn ctrl_c_ends_run_cleanly() {
-    let desk = desk_with_views(&MOVES_MM[..2]);
-    fs::rename(desk.path("views"), desk.path("growing")).expect("ours");
-    let mut child = watching(&desk, &[]);
-    let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
-    assert!(lines.next().expect("a line").is_ok());
-    interrupt(&child);
-    let (code, text) = end(child);
-    assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("came to rest"), "{text}");
+fn signal_ends_run_cleanly() {
+    for (name, expected) in [("INT", 130), ("TERM", 143)] {
+        let desk = desk_with_views(&MOVES_MM[..2]);
+        fs::rename(desk.path("views"), desk.path("growing")).expect("ours");
+        let mut child = watching(&desk, &[]);
+        let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+        assert!(lines.next().expect("a line").is_ok());
+        signal(&child, name);
+        let (code, text) = end(child);
+        assert_eq!(code, Some(expected), "{text}");
+        assert!(text.contains("came to rest"), "{text}");
+        assert!(!text.contains("error"), "{text}");
+    }
 }
 
 #[test]
@@ -131,7 +134,7 @@ fn bad_or_missing_files_are_named() {
     let outcomes = [&watch[..], &images].map(|arguments| run(desk.folder.path(), arguments));
     for outcome in &outcomes {
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-        let said = "warning: camera right gave no picture; measured without it";
+        let said = "warning: camera right gave no image; measured without it";
         assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
         let rows: Vec<&str> = outcome.stdout.lines().skip(1).collect();
         assert!(rows[0].ends_with("used, without right"), "{rows:?}");

@@ -81,7 +81,7 @@ fn is_progress(line: &str) -> bool {
 
 /// A folder like the repository, a station once a command asks for one, and what runs in the
 /// background.
-struct Desk {
+pub struct Desk {
     folder: TempDir,
     station: Option<FarEnd>,
     background: Vec<Child>,
@@ -98,7 +98,8 @@ impl Drop for Desk {
 }
 
 impl Desk {
-    fn new() -> Self {
+    /// Makes the folder.
+    pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         for name in ["examples", "tests", "docs"] {
             std::os::unix::fs::symlink(root().join(name), folder.path().join(name))
@@ -135,7 +136,7 @@ impl Desk {
     }
 
     /// Runs a command line; returns its output and exit code.
-    fn run(&mut self, command: &str) -> (String, i32) {
+    pub fn run(&mut self, command: &str) -> (String, i32) {
         if let Some(command) = command.strip_suffix(" &") {
             return (self.start(command), 0);
         }

@@ -203,7 +203,17 @@ pub fn explain(latched: Fault) -> String {
     format!("{cause}: {action}")
 }
 
-/// Returns the name of a trust.
+/// Returns the quality of a position in words. A position is known from `home` or `zero`; the
+/// station does not report from which.
+pub const fn position(trust: Trust) -> &'static str {
+    match trust {
+        Trust::Unknown => "unknown",
+        Trust::Homed => "known",
+        Trust::Degraded => "degraded",
+    }
+}
+
+/// Returns the name of a trust in JSON and in the protocol's `schema.txt`.
 pub const fn trust(trust: Trust) -> &'static str {
     match trust {
         Trust::Unknown => "unknown",

@@ -34,7 +34,10 @@ use shared::safety::Fault;
 #[derive(Debug, thiserror::Error)]
 pub enum StationError {
     /// The station did not answer in time.
-    #[error("the station did not answer {command} within {waited_ms} ms")]
+    #[error(
+        "the station did not answer {command} within {waited_ms} ms{}",
+        first_contact(.command)
+    )]
     Silent {
         /// Command that was sent.
         command: &'static str,
@@ -200,6 +203,17 @@ impl StationError {
     }
 }
 
+/// Returns the way out if a station never answered; later silences have other causes.
+fn first_contact(command: &str) -> &'static str {
+    match command {
+        "hello" => {
+            "; see that this is the station's port (`trinocular ports` marks it with a star), that \
+             its firmware is flashed (its LED flashes), and that a UART runs at 921600 baud"
+        }
+        _ => "",
+    }
+}
+
 fn mismatches(list: &[Mismatch]) -> String {
     let one = |m: &Mismatch| format!("{} is {} there and {} here", m.field, m.station, m.host);
     list.iter().map(one).collect::<Vec<_>>().join(", ")
@@ -213,7 +227,11 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
                  `trinocular stop`, which does the same to a run of this program"
             )
         }
-        None => "in use by another program; end that program first".to_owned(),
+        None => {
+            "in use by another program, perhaps of another user (`sudo lsof` names it); end that \
+                 program first"
+                .to_owned()
+        }
     }
 }
 

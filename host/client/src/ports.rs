@@ -117,7 +117,8 @@ fn only_station(list: &[Candidate]) -> Result<String, StationError> {
     let reason = match stations[..] {
         [station] => return Ok(station.path.clone()),
         [] => format!(
-            "no USB port of a station (1209:0001); seen: {}",
+            "no USB port of a station (1209:0001); seen: {}; plug the station in, flash it, or \
+             give --port PATH",
             named(list.iter())
         ),
         _ => format!(

@@ -79,7 +79,10 @@ fn remember(path: &Path) {
 /// [`InputError`] if the file cannot be read, is not a regular file, or is longer than `limit`.
 pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     let unreadable = |cause| InputError::io(path, "read", &cause);
-    let about = fs::metadata(path).map_err(unreadable)?;
+    let about = fs::metadata(path).map_err(|cause| match path == Path::new("-") {
+        true => InputError::file(path, "no such file; /dev/stdin is standard input"),
+        false => unreadable(cause),
+    })?;
     if let Some(kind) = unfit(path, &about) {
         return Err(InputError::file(
             path,
@@ -107,10 +110,33 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
 /// # Errors
 /// Those of [`bytes`], and an [`InputError`] with the line of the first bytes that are not UTF-8.
 pub fn text(path: &Path, limit: Limit) -> Result<String, InputError> {
-    String::from_utf8(bytes(path, limit)?).map_err(|error| {
+    let bytes = bytes(path, limit)?;
+    refuse_utf16(path, &bytes)?;
+    String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         not_utf8(path, error.as_bytes().get(..valid).unwrap_or_default())
     })
+}
+
+/// Refuses UTF-16 text, which some editors and spreadsheets write: it begins with a byte order mark
+/// or has a zero in every second byte.
+///
+/// # Errors
+/// [`InputError`] with the way out, if the text is UTF-16.
+pub fn refuse_utf16(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
+    let is_utf16 = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => true,
+        [0, b, ..] | [b, 0, ..] => *b != 0,
+        _ => false,
+    };
+    match is_utf16 {
+        true => Err(InputError::line(
+            path,
+            1,
+            "the text is UTF-16, not UTF-8 text; save the file anew with the encoding UTF-8",
+        )),
+        false => Ok(()),
+    }
 }
 
 /// Returns the error of a file that is UTF-8 only as far as `before` goes.
@@ -190,6 +216,24 @@ mod tests {
         let path = folder.path().join("a");
         fs::write(&path, b"a\nb\xff").unwrap();
         assert_eq!(text(&path, LIMIT).unwrap_err().line, Some(2));
+    }
+
+    #[test]
+    fn utf16_is_named_with_way_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        for big in [false, true] {
+            for mark in ["\u{feff}", ""] {
+                let units = format!("{mark}a = 1").encode_utf16().collect::<Vec<_>>();
+                let bytes = units.iter().flat_map(|unit| match big {
+                    true => unit.to_be_bytes(),
+                    false => unit.to_le_bytes(),
+                });
+                fs::write(&path, bytes.collect::<Vec<u8>>()).unwrap();
+                let error = text(&path, LIMIT).unwrap_err();
+                assert!(error.reason.contains("save the file anew"), "{error}");
+            }
+        }
     }
 
     #[test]

@@ -93,6 +93,12 @@ pub fn is_requested() -> bool {
     flag.is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
+/// Returns the number of the first signal that has come, if this program watches for signals.
+pub fn signal() -> Option<i32> {
+    let state = state();
+    state.held.filter(|_| state.flag.is_some())
+}
+
 /// Delay of the end of the program by a signal, while the value lives. Without it temporary files
 /// would stay, or old and new files side by side.
 #[derive(Debug)]

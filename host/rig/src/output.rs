@@ -96,6 +96,11 @@ impl Output {
         replace: Replace,
         predecessor: Option<Identity>,
     ) -> Result<Self, InputError> {
+        if path == Path::new("-") {
+            let reason = "standard output has the results of this command already; name a file \
+                          (`./-` is a file of this name)";
+            return Err(InputError::file(path, reason));
+        }
         let unwritable = |cause: io::Error| InputError::io(path, "write", &cause);
         let place = Place::open(path).map_err(unwritable)?;
         let opened = Self {
@@ -229,6 +234,11 @@ impl NewFolders {
     /// # Errors
     /// If the folders cannot be created.
     pub fn make(&mut self, dir: &Path) -> Result<(), InputError> {
+        if dir == Path::new("-") {
+            let reason = "several files cannot go to standard output; name a folder (`./-` is a \
+                          folder of this name)";
+            return Err(InputError::file(dir, reason));
+        }
         let missing = dir
             .ancestors()
             .take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());

@@ -223,6 +223,11 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
     for (field, reason) in &drive.faults {
         add(Severity::Refusal, field, reason.clone());
     }
+    if !stage.tracking.prediction {
+        let text = "is off, and with it the watch for lost steps (largest_unseen_mm): a stalled \
+                    motor is not noticed; leave prediction on unless you compare";
+        add(Severity::Warning, "stage.prediction", text.to_owned());
+    }
     let highest = drive.drivers.highest_word_rate_hz;
     if highest.is_some_and(|hz| hz < drive.drivers.word_rate_hz) {
         let text = format!(
@@ -236,6 +241,13 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
     for (i, (axis, name)) in drive.axes.iter().zip(AXES).enumerate() {
         if let Some(text) = outside_travel(stage, i) {
             add(Severity::Warning, &format!("stage.travel_mm[{i}]"), text);
+        }
+        if let Some(text) = switch_inside_travel(stage, i) {
+            add(
+                Severity::Warning,
+                &format!("stage.home_position_mm[{i}]"),
+                text,
+            );
         }
         if axis.full_speed_mm > axis.travel_mm {
             let text = format!(
@@ -268,6 +280,24 @@ fn stage(rig: &RigFile, found: &Verification, add: &mut Add<'_>) {
         );
         add(Severity::Note, &format!("stage.steps_per_mm[{i}]"), text);
     }
+}
+
+/// Describes a home switch that soft limits let the axis run onto. Returns `None` if there is none.
+fn switch_inside_travel(stage: &Stage, axis: usize) -> Option<String> {
+    let [low, high] = stage.travel_mm[axis];
+    let home = stage.care.home[axis]?;
+    let trips_mm = home.position_mm;
+    let is_inside = match home.side {
+        Side::Negative => trips_mm > low,
+        Side::Positive => trips_mm < high,
+    };
+    is_inside.then(|| {
+        format!(
+            "the home switch trips at {trips_mm} mm, inside travel_mm ({low} to {high} mm): moves \
+             within the soft limits run onto the switch; correct home_position_mm, or end \
+             travel_mm before it"
+        )
+    })
 }
 
 /// Describes an axis that will stand outside its travel once its position is known. Returns `None`

@@ -1,4 +1,4 @@
-//! `trinocular align`: datum offsets of the cameras from pictures of any textured scene.
+//! `trinocular align`: corrections of the principal points from images of any textured scene.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use crate::commands::failure::Failure;
 use clap::Args;
 use host::report::{Cell, Table};
-use serde_json::json;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::alignment::{Alignment, AlignmentSettings, present, rewrite};
+use trinocular_vision::flow::exchanged::hint;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
@@ -31,9 +31,10 @@ use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// A folder of captures: one subfolder per camera, equal file names, as for `estimate`
+    /// A folder of frame sets: one subfolder per camera, equal file names, as for `estimate`
     ///
-    /// One capture of a scene that fills the images with texture is enough; several make it better.
+    /// One frame set of a scene that fills the images with texture is enough; several make it
+    /// better.
     #[arg(value_name = "FOLDER")]
     captures: PathBuf,
 
@@ -61,7 +62,7 @@ pub struct Options {
     #[arg(long, value_name = "PX", default_value_t = AlignmentSettings::default().reach_px)]
     reach: f64,
 
-    /// Largest number of captures to use, evenly spread
+    /// Largest number of frame sets to use, evenly spread
     #[arg(
         long,
         value_name = "N",
@@ -90,13 +91,17 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let open = |path: &PathBuf| Output::open_successor(path, replace, &options.rig);
     let output = options.out.as_ref().map(open).transpose()?;
     let captures = captures(options, &rig)?;
-    let found = Alignment::of(&rig, &captures, &settings)
-        .map_err(|refusal| InputError::file(&options.captures, refusal.to_string()))?;
+    let found = Alignment::of(&rig, &captures, &settings).map_err(|refusal| {
+        let first = captures.first();
+        let hint = first.and_then(|first| hint(&rig.rig, &rig.names, first));
+        let hint = hint.map_or(String::new(), |hint| format!("; {hint}"));
+        InputError::file(&options.captures, format!("{refusal}{hint}"))
+    })?;
     if let Some(output) = output {
         write(&options.rig, &text, output, &found)?;
     }
     if options.json {
-        writeln!(out, "{}", json!(found))?;
+        super::json::line(out, &found)?;
     } else {
         print(options, &found, out)?;
     }
@@ -160,7 +165,7 @@ fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(
 /// Makes the table of offsets and new principal points, as in the paper's Table 4.
 fn table(found: &Alignment) -> Table {
     let mut table = Table::new(
-        "Datum offsets (the paper's Table 4), px",
+        "Offsets of the principal points (the paper's Table 4), px",
         ["camera", "X", "Y", "sigma X", "sigma Y", "principal point"],
     );
     for camera in &found.cameras {

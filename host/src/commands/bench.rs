@@ -31,20 +31,20 @@ enum What {
 
 /// Time the flow from images to correspondences
 ///
-/// A frame set is the work from one capture to the next when all points are chosen anew: filter the
-/// new images, choose points in the previous middle image, match them in the other two, follow
-/// them into the new images of all cameras. With a keyframe, the points are those of the first
-/// capture: filter, and follow. Reading the files is not timed.
+/// The time of a frame set is that from one frame set to the next when all points are chosen anew:
+/// filter the new images, choose points in the previous middle image, match them in the other two,
+/// follow them into the new images of all cameras. With a keyframe, the points are those of the
+/// first frame set: filter, and follow. Reading the files is not timed.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 struct FlowOptions {
-    /// A folder of captures: left/ middle/ right/ (or the rig's cameras) with equal file names
+    /// A folder of frame sets: left/ middle/ right/ (or the rig's cameras) with equal file names
     ///
-    /// Each capture follows the one before it; a single one follows itself. All are kept in memory,
-    /// so their pixels may take 1 GB at most.
+    /// Each frame set follows the one before it; a single one follows itself. All are kept in
+    /// memory, so their pixels may take 1 GB at most.
     folder: PathBuf,
 
-    /// The rig file of the cameras that took the captures
+    /// The rig file of the cameras that took the frame sets
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
 
@@ -115,8 +115,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     }
     let report = timing.report(options, &rig, frame_sets.len());
     if options.json {
-        let line = serde_json::to_string(&report).map_err(std::io::Error::from)?;
-        writeln!(out, "{line}")?;
+        super::json::line(out, &report)?;
     } else {
         report.print(out)?;
     }
@@ -275,7 +274,7 @@ impl Report {
         let [width, height] = self.image_size_px;
         writeln!(
             out,
-            "{} captures of {width} x {height} px, {} corners, threads: {}",
+            "{} frame sets of {width} x {height} px, {} corners, threads: {}",
             self.captures, self.corners, self.threads
         )?;
         writeln!(out, "{:12} {:>9} {:>9}", "", "median ms", "least ms")?;

@@ -74,7 +74,8 @@ impl StageArgument {
 
     /// Returns the stage of a rig file that was read.
     pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
-        let none = "has no [stage]: it says what the station moves";
+        let none = "has no [stage] section, which describes the axes that the station moves; \
+                    `trinocular init` writes one";
         let stage = rig.stage.clone();
         Ok(stage
             .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)
@@ -330,10 +331,13 @@ pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
     std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
+/// Returns number and name of a fault.
+pub fn named(fault: Fault) -> Value {
+    json!({"number": fault.number(), "name": diagnosis::fault(fault).name})
+}
+
 /// Returns state, motors, trust and faults by name; the faults also by number, the worst first.
 pub fn condition(status: &Status) -> Value {
-    let named =
-        |fault: Fault| json!({"number": fault.number(), "name": diagnosis::fault(fault).name});
     json!({
         "state": diagnosis::state(status.state).name,
         "fault": status.fault.map(named),

@@ -20,6 +20,7 @@ use trinocular_vision::calibration::rejection::InstantRejection;
 use trinocular_vision::calibration::rig::RigSolution;
 
 use super::destination::Destination;
+use super::json;
 use super::progress::Progress;
 
 /// Calibrate cameras and rig from photographs of a chessboard
@@ -145,7 +146,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));
     drop(progress);
     let result = result?;
-    let warnings = result.warnings();
+    let mut warnings = result.warnings();
+    warnings.extend(result.rig_file().iter().flat_map(RigFile::doubts));
     if options.json {
         print_json(&result, &warnings, out)?;
     } else {
@@ -301,10 +303,10 @@ fn print_json(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     for camera in &result.cameras {
-        writeln!(out, "{}", camera_json(camera))?;
+        json::line(out, &camera_json(camera))?;
     }
     if let Some(rig) = &result.rig {
-        writeln!(out, "{}", rig_json(result, rig, warnings))?;
+        json::line(out, &rig_json(result, rig, warnings))?;
     }
     Ok(())
 }

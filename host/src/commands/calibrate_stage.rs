@@ -67,12 +67,12 @@ pub struct Options {
     )]
     cameras: Option<Vec<PathBuf>>,
 
-    /// Folder of the captures: one subfolder per camera, equal file names for one instant.
-    /// Captures that already exist are not used
+    /// Folder of the frame sets: one subfolder per camera, equal file names for one instant.
+    /// Frame sets that already exist are not used
     #[arg(long, value_name = "DIR", requires = "port", group = "eyes")]
     images: Option<PathBuf>,
 
-    /// Timeout for a capture, s
+    /// Timeout for a frame set, s
     #[arg(
         long,
         value_name = "S",
@@ -214,11 +214,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         Output::open_successor(to, Replace::Anything, path)?.write(&text)?;
     }
     if options.json {
-        writeln!(
-            out,
-            "{}",
-            json!({"fit": fit, "delay": delay, "samples": samples})
-        )?;
+        let object = json!({"fit": fit, "delay": delay, "samples": samples});
+        super::json::line(out, &object)?;
     } else {
         print(options, &samples, &fit, &stage, out)?;
         print_delay(delay.as_ref(), out)?;
@@ -246,7 +243,7 @@ fn measure(
         let capture = bench.look()?;
         let Some(watch) = &mut watch else {
             let started = Watch::start(&rig.rig, &capture).map_err(|refusal| {
-                Failure::Images(format!("the first pictures cannot be used: {refusal}"))
+                Failure::Images(format!("the first images cannot be used: {refusal}"))
             })?;
             watch = Some(started);
             continue;
@@ -299,13 +296,13 @@ fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failur
     match delay {
         Some(delay) => writeln!(
             out,
-            "{:>16}: {:.2} ms ± {:.2}, from {} pictures of the moving stage: use \
+            "{:>16}: {:.2} ms ± {:.2}, from {} images of the moving stage: use \
              `track --delay {:.1}`",
             "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures, delay.delay_ms
         )?,
         None => writeln!(
             out,
-            "{:>16}: not measured: the pictures of --images have no time stamps",
+            "{:>16}: not measured: the images of --images have no time stamps",
             "cameras' delay"
         )?,
     }

@@ -6,13 +6,15 @@ use std::str::FromStr;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use shared::rig::MAX_CAMERAS;
+use serde_json::{Value, json};
+use shared::rig::{Camera, MAX_CAMERAS};
 use trinocular_rig::notice;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member};
 
 use super::destination::Destination;
+use super::json;
 
 /// Turn calibrations of OpenCV and ROS into a rig file, or a rig file into theirs
 ///
@@ -36,6 +38,10 @@ pub struct Options {
 
     #[command(flatten)]
     destination: Destination,
+
+    /// Print one JSON object instead of text: the rig, and the files that were written
+    #[arg(long)]
+    json: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -104,14 +110,28 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             rig
         }
     };
+    let mut object = options.json.then(|| to_json(&rig));
+    if let (Some(object), false) = (&object, options.destination.is_some()) {
+        return Ok(json::line(out, object)?);
+    }
     if !options.destination.is_some() {
         out.write_all(rig.to_toml().as_bytes())?;
         out.flush()?;
         return Ok(());
     }
     let destination = options.destination.open(&rig.names)?;
-    for path in destination.write(rig)? {
-        writeln!(out, "{}", printable(path.display()))?;
+    let written = destination.write(rig)?;
+    let written = written.iter().map(|path| printable(path.display()));
+    match &mut object {
+        Some(object) => {
+            object["written"] = written.collect();
+            json::line(out, object)?;
+        }
+        None => {
+            for path in written {
+                writeln!(out, "{path}")?;
+            }
+        }
     }
     out.flush()?;
     Ok(())
@@ -160,4 +180,20 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
         notice!("warning: {doubt}");
     }
     Ok(rig)
+}
+
+/// Returns cameras and image size of the rig; no file is written yet.
+fn to_json(rig: &RigFile) -> Value {
+    let camera = |(name, camera): (&String, &Camera)| {
+        json!({
+            "name": name,
+            "focal_px": camera.focal_px,
+            "principal_px": camera.principal_px,
+            "distortion": camera.distortion,
+            "offset_mm": camera.offset_mm,
+            "rotation_deg": camera.rotation.degrees(),
+        })
+    };
+    let cameras: Vec<Value> = rig.names.iter().zip(&rig.rig.cameras).map(camera).collect();
+    json!({"image_size_px": rig.rig.image_size_px, "cameras": cameras, "written": []})
 }

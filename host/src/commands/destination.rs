@@ -6,8 +6,11 @@ use std::path::{Path, PathBuf};
 use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
 use trinocular_rig::output::{NewFolders, Output, Replace, write_all};
-use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_rig::rig_file::edit::with_cameras;
 use trinocular_vision::calibration::exchange;
 
 /// Files to write.
@@ -32,15 +35,16 @@ pub struct Destination {
 
     /// Overwrite files that exist
     ///
-    /// A rig file's stage section is kept nevertheless; a rig file that cannot be read is not
-    /// overwritten. All files are written, or none if one of them cannot be written.
+    /// A rig file's stage section is kept nevertheless, and its comments too if its cameras have
+    /// the same names. A rig file that cannot be read is not overwritten. All files are written, or
+    /// none if one of them cannot be written.
     #[arg(long)]
     force: bool,
 }
 
 /// Files opened before the work whose result they take.
 pub struct Opened {
-    out: Option<(Output, Option<Stage>)>,
+    out: Option<(Output, Option<Predecessor>)>,
     /// Name and file of each camera.
     opencv: Vec<(String, Output)>,
     ros: Vec<(String, Output)>,
@@ -79,17 +83,47 @@ impl Destination {
     }
 }
 
-/// Opens the rig file; returns it with the stage that it keeps.
-fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Stage>), InputError> {
+/// Rig file that is replaced: the new one keeps its stage, and its comments if it has the same
+/// cameras.
+struct Predecessor {
+    rig: RigFile,
+    text: String,
+}
+
+impl Predecessor {
+    /// Returns the text of the rig file with the cameras of `rig`.
+    fn with_cameras(self, path: &Path, mut rig: RigFile) -> String {
+        match with_cameras(path, &self.text, &rig) {
+            Ok(text) => text,
+            Err(_) => {
+                if self.text.contains('#') {
+                    notice!(
+                        "warning: {}: its comments are dropped, because the cameras have other \
+                         names; only the stage is kept",
+                        printable(path.display())
+                    );
+                }
+                rig.stage = self.rig.stage.or(rig.stage);
+                rig.to_toml()
+            }
+        }
+    }
+}
+
+/// Opens the rig file; returns it with the file that it replaces.
+fn rig_file(path: &Path, replace: Replace) -> Result<(Output, Option<Predecessor>), InputError> {
     // The file itself is read below, because its stage section is kept. All other inputs have been
     // read.
     Output::open(path, replace)?;
     let output = Output::open_successor(path, replace, path)?;
-    let stage = match output.replaces_file() {
-        true => RigFile::read(path)?.stage,
+    let predecessor = match output.replaces_file() {
+        true => {
+            let (rig, text) = RigFile::read_with_text(path)?;
+            Some(Predecessor { rig, text })
+        }
         false => None,
     };
-    Ok((output, stage))
+    Ok((output, predecessor))
 }
 
 impl Opened {
@@ -110,7 +144,7 @@ impl Opened {
     }
 
     /// Writes the rig; returns the paths of the files.
-    pub fn write(self, mut rig: RigFile) -> Result<Vec<PathBuf>, Failure> {
+    pub fn write(self, rig: RigFile) -> Result<Vec<PathBuf>, Failure> {
         let paths = self.outputs().map(|output| output.path().to_owned());
         let paths = paths.collect();
         let mut files = Vec::new();
@@ -129,9 +163,12 @@ impl Opened {
                 files.push((output, exchange::ros(&name, &camera, &rig.rig)));
             }
         }
-        if let Some((output, stage)) = self.out {
-            rig.stage = stage.or(rig.stage);
-            files.push((output, rig.to_toml()));
+        if let Some((output, predecessor)) = self.out {
+            let text = match predecessor {
+                Some(predecessor) => predecessor.with_cameras(output.path(), rig),
+                None => rig.to_toml(),
+            };
+            files.push((output, text));
         }
         write_all(files)?;
         Ok(paths)

@@ -10,6 +10,7 @@ use shared::estimate::Refusal;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::exchanged::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -23,17 +24,17 @@ use trinocular_vision::sums::Sums;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// A CSV file of matched points, or a folder of image captures
+    /// A CSV file of matched points, or a folder of frame sets
     ///
     /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as
     /// seen (principal point not removed, from the centre of the top left pixel) at the reference
     /// instant and now. A point that some camera has not seen is rejected and counted.
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
-    /// taken at the same instant (PNG, JPEG or PNM; colour becomes grey). Captures are taken in the
-    /// order of their names, in which numbers count as numbers. Frame 1 is the second capture.
-    /// If a camera's file is missing, the frame is measured without that camera, with a warning; if
-    /// a file cannot be read, the frame is refused.
+    /// taken at the same instant (PNG, JPEG or PNM; colour becomes grey). Frame sets are taken in
+    /// the order of their names, in which numbers count as numbers. Frame 1 is the second frame
+    /// set. If a camera's file is missing, the frame is measured without that camera, with a
+    /// warning; if a file cannot be read, the frame is refused.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions
@@ -45,7 +46,7 @@ pub struct Options {
     #[arg(long, value_enum, default_value_t = Method::Midpoint)]
     method: Method,
 
-    /// Capture that each displacement of a folder is relative to; the first capture gives none
+    /// Frame set that each displacement of a folder is relative to; the first gives none
     ///
     /// A points CSV holds its own reference positions, so this changes nothing there.
     #[arg(long, value_enum, default_value_t = Reference::First)]
@@ -59,11 +60,12 @@ pub struct Options {
 const JSON_HELP: &str = "\
 Print one JSON object per displacement and line:
 
-{\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\"rejected\":0,\
-\"method\":\"midpoint\"}
+{\"version\":1,\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\
+\"rejected\":0,\"method\":\"midpoint\"}
 
 `sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. \
-`warnings`, a list of sentences, is there only if a camera was left out. A frame without an \
+`warnings`, a list of sentences, is there only if a camera was left out or rows of a CSV do not \
+fit the others. A frame without an \
 estimate gives {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has \
 been printed.";
 
@@ -102,9 +104,9 @@ impl Method {
 /// The instant a displacement counts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Reference {
-    /// The first capture: errors do not add up
+    /// The first frame set: errors do not add up
     First,
-    /// The capture before: for targets that leave the first view
+    /// The frame set before: for targets that leave the first view
     Previous,
 }
 
@@ -128,6 +130,9 @@ struct Refused {
     refused: String,
 }
 
+/// Largest number of doubtful rows that are named.
+const MOST_DOUBTS: usize = 20;
+
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let rig = options.method.read_rig(&options.rig)?;
@@ -136,9 +141,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         out,
         frames: 0,
         refused: 0,
+        is_folder: options.input.is_dir(),
         warnings: Vec::new(),
+        absent: Vec::new(),
     };
-    if options.input.is_dir() {
+    if printer.is_folder {
         run_folder(options, &rig, printer)
     } else {
         run_points(options, &rig, printer)
@@ -152,12 +159,20 @@ fn run_points<W: Write>(
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
+    let doubts = points.doubts.iter().map(ToString::to_string);
+    printer.warnings = doubts.take(MOST_DOUBTS).collect();
+    if points.doubts.len() > MOST_DOUBTS {
+        let more = points.doubts.len() - MOST_DOUBTS;
+        printer
+            .warnings
+            .push(format!("{more} more rows do not fit the others"));
+    }
     let sums = Sums::new(&rig.rig, &points.correspondences);
     printer.sums(sums, points.correspondences.len(), points.rejected)?;
     printer.finish()
 }
 
-/// Estimates a displacement for each capture of a folder but the first.
+/// Estimates a displacement for each frame set of a folder but the first.
 fn run_folder<W: Write>(
     options: &Options,
     rig: &RigFile,
@@ -173,14 +188,14 @@ fn run_folder<W: Write>(
     let count = folder.len();
     let mut captures = folder.frame_sets();
     let (Some(first), 2..) = (captures.next(), count) else {
-        let reason = format!("{count} capture; a displacement takes at least two");
+        let reason = format!("{count} frame set; a displacement takes at least two");
         return Err(InputError::file(&options.input, reason).into());
     };
     let mut flow = Flow::new(&rig.rig, FlowSettings::default())
         .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
     let refer_to = |flow: &mut Flow, capture: &FrameSet| {
         let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| refusal.to_string())
+        outcome.map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, capture, &refusal))
     };
     let mut reference = refer_to(&mut flow, &first?);
     for capture in captures {
@@ -189,7 +204,7 @@ fn run_folder<W: Write>(
             Err(error) => {
                 printer.refusal(error.to_string())?;
                 if options.reference == Reference::Previous {
-                    reference = Err("the capture before cannot be read".to_owned());
+                    reference = Err("the frame set before cannot be read".to_owned());
                 }
                 continue;
             }
@@ -202,6 +217,9 @@ fn run_folder<W: Write>(
         match measured {
             Ok(seen) => {
                 printer.warnings = seen.remarks(&rig.names);
+                let absent = seen.refused_cameras.iter();
+                let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
+                printer.absent = names.collect();
                 printer.sums(
                     Sums::of(&rig.rig, &seen),
                     seen.correspondences.len(),
@@ -223,8 +241,11 @@ struct Printer<'a, W> {
     out: &'a mut W,
     frames: usize,
     refused: usize,
+    is_folder: bool,
     /// Warnings about the next displacement.
     warnings: Vec<String>,
+    /// Names of the cameras that take no part in the next displacement.
+    absent: Vec<String>,
 }
 
 impl<W: Write> Printer<'_, W> {
@@ -262,7 +283,11 @@ impl<W: Write> Printer<'_, W> {
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
         for warning in &line.warnings {
-            notice!("frame {}: {warning}", line.frame);
+            // A warning about points names its file and line.
+            match self.is_folder {
+                true => notice!("frame {}: {warning}", line.frame),
+                false => notice!("warning: {warning}"),
+            }
         }
         if self.options.json {
             return self.json(line);
@@ -286,7 +311,11 @@ impl<W: Write> Printer<'_, W> {
                 None => write!(self.out, " {:>10}", "-")?,
             }
         }
-        writeln!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
+        write!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
+        match std::mem::take(&mut self.absent) {
+            names if names.is_empty() => writeln!(self.out)?,
+            names => writeln!(self.out, "  without {}", names.join(" and "))?,
+        }
         Ok(())
     }
 
@@ -305,10 +334,7 @@ impl<W: Write> Printer<'_, W> {
     }
 
     fn json(&mut self, line: &impl Serialize) -> Result<(), Failure> {
-        let mut text = serde_json::to_string(line).map_err(std::io::Error::from)?;
-        text.push('\n');
-        self.out.write_all(text.as_bytes())?;
-        Ok(())
+        Ok(super::json::line(self.out, line)?)
     }
 
     fn finish(self) -> Result<(), Failure> {

@@ -1,11 +1,13 @@
 //! `trinocular` without a command: the paper's tracking experiment in closed loop.
 
+use super::json;
 use super::port::PortOption;
 use super::progress::Progress;
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;
 use host::paper::{present, tracking};
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
 use trinocular_client::stage::default_stage;
@@ -35,6 +37,10 @@ pub struct Options {
     /// Replace the files of --report and --figure even if this program did not write them
     #[arg(long)]
     force: bool,
+
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
 
     /// A rig file (TOML) whose `[stage]` station B moves; the cameras stay the paper's
     ///
@@ -89,9 +95,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let run = tracking::run(&settings, &stage, place, |share| progress.at(share))
         .map_err(|error| Failure::of_servo(port.as_deref(), error))?;
     drop(progress);
-    writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
-    for (name, value) in present::facts(&settings, &run) {
-        writeln!(out, "{name:>22}: {value}")?;
+    if !options.json {
+        writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
+        for (name, value) in present::facts(&settings, &run) {
+            writeln!(out, "{name:>22}: {value}")?;
+        }
     }
     present::page(&settings, &run)
         .write(report)
@@ -102,24 +110,39 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             .and_then(|svg| Ok(output.write(&marked(&svg))?))
             .map_err(Failure::Report)?;
     }
-    let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
-    writeln!(
-        out,
-        "{:>22}: {} (the paper's: {})",
-        "largest error",
-        mm(run.worst_mm()),
-        mm(tracking::paper_worst_mm())
-    )?;
-    writeln!(
-        out,
-        "{:>22}: {}",
-        "report",
-        printable(options.report.display())
-    )?;
+    let written = printable(options.report.display());
+    if options.json {
+        json::line(out, &to_json(&run, &written))?;
+    } else {
+        let mm = |[x, y, z]: [f64; 3]| format!("{x:.4} {y:.4} {z:.4} mm");
+        let (ours, paper) = (mm(run.worst_mm()), mm(tracking::paper_worst_mm()));
+        writeln!(
+            out,
+            "{:>22}: {ours} (the paper's: {paper})",
+            "largest error"
+        )?;
+        writeln!(out, "{:>22}: {written}", "report")?;
+    }
     if run.succeeded() {
         return Ok(());
     }
     let [x, y, z] = tracking::BOUND_MM;
     let reason = format!("the stops are not within {x}, {y}, {z} mm, or steps were lost");
     Err(Failure::Station(reason.into()))
+}
+
+/// Returns Table 6 with its largest error.
+fn to_json(run: &tracking::Run, report: &str) -> Value {
+    let pulses = run.pulses;
+    json!({
+        "stops": run.stops,
+        "worst_mm": run.worst_mm(),
+        "paper_worst_mm": tracking::paper_worst_mm(),
+        "frames": run.steps.len(),
+        "used": run.used(),
+        "pulses_commanded": pulses.map(|pulses| pulses.commanded),
+        "pulses_counted": pulses.map(|pulses| pulses.counted),
+        "is_within_bounds": run.succeeded(),
+        "report": report,
+    })
 }

@@ -6,6 +6,7 @@
 //! | 1 | the input was bad: the message names file, line and field; or nothing could be measured |
 //! | 2 | the command line was wrong |
 //! | 3 | the station refused, faulted or is in use, or a signal ended a run that moves a stage |
+//! | 130, 143 | SIGINT (Ctrl-C), SIGTERM ended the run; any other signal: 128 and its number |
 
 use std::error::Error;
 use std::fmt;
@@ -55,6 +56,9 @@ pub enum Failure {
     /// The system does not let the program watch for signals.
     #[error("{0}")]
     Signals(io::Error),
+    /// A signal of this number ended a run that reads on until a signal comes.
+    #[error("ended by signal {0}")]
+    Interrupted(i32),
     /// The station refused or faulted.
     #[error("station: {0}")]
     Station(StationFailure),
@@ -76,6 +80,8 @@ impl Failure {
             | Self::Signals(_)
             | Self::Output(_) => 1,
             Self::Usage(_) => 2,
+            // As shells report a program that a signal has ended.
+            Self::Interrupted(signal) => 128_u8.saturating_add((*signal).try_into().unwrap_or(127)),
             Self::Station(_) => 3,
         }
     }
@@ -200,6 +206,8 @@ mod tests {
         assert_eq!(Failure::from(input).exit_code(), 1);
         assert_eq!(Failure::from(Refusal::TooFewPoints).exit_code(), 1);
         assert_eq!(Failure::Usage(String::new()).exit_code(), 2);
+        assert_eq!(Failure::Interrupted(2).exit_code(), 130);
+        assert_eq!(Failure::Interrupted(15).exit_code(), 143);
         let refused = StationFailure::from("it is in motion".to_owned());
         assert_eq!(Failure::from(refused).exit_code(), 3);
         let port = StationError::Port {

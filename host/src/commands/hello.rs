@@ -46,11 +46,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mismatches = hello.mismatches();
     let last = serial.last_run().map_err(failed)?;
     if options.json {
-        writeln!(
-            out,
-            "{}",
-            to_json(&port, &hello, last.as_ref(), &mismatches)
-        )?;
+        let object = to_json(&port, &hello, last.as_ref(), &mismatches);
+        super::json::line(out, &object)?;
     } else {
         print(out, &port, &hello)?;
         if let Some(last) = &last {
@@ -137,7 +134,7 @@ fn to_json(
     json!({
         "port": port,
         "board": hello.board.as_str(),
-        "version": version(hello),
+        "firmware": version(hello),
         "protocol": hello.protocol,
         "schema": hello.schema,
         "word_rate_hz": hello.word_rate_hz,

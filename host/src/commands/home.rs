@@ -5,6 +5,7 @@ use std::io::Write;
 use super::by_hand::{
     Axis, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
+use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -89,12 +90,12 @@ fn tell(
     if options.json {
         let mut object = condition(end);
         object["position_mm"] = json!(stage.map(|stage| in_mm(end.position_steps, stage)));
-        writeln!(out, "{object}")?;
+        json::line(out, &object)?;
     } else {
-        let trust = diagnosis::trust(end.trust);
+        let known = diagnosis::position(end.trust);
         writeln!(
             out,
-            "now at  {}, {trust}",
+            "now at  {}, {known}",
             position(end.position_steps, stage)
         )?;
     }

@@ -5,6 +5,7 @@ use std::io::Write;
 use super::by_hand::{
     Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
+use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -19,15 +20,21 @@ use trinocular_rig::rig_file::Stage;
 /// Longest jog, mm: a longer one is taken for a wrong unit.
 const LONGEST_MM: f64 = 1000.0;
 
+/// Names of the axes.
+const NAMES: [char; 3] = ['x', 'y', 'z'];
+
 /// Move the stage by a distance along its axes, in mm, and wait until it stands
 ///
 /// While the position is unknown it moves slowly, only as far as unknown_window_mm of the rig file
 /// (10 mm), and knows no soft limits: keep an eye on it. Afterwards the soft limits shorten the
-/// move. Ctrl-C stops the stage on a ramp.
+/// move, which is reported. Ctrl-C stops the stage on a ramp.
+///
+/// Give the --rig that the station was configured with: only with it the command can report mm, and
+/// that a soft limit has shortened the move. The station itself reports steps.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Distances, mm: x=1.5 y=-2; axes that are not named stand still
+    /// Distances, mm: x=1.5 y=-2mm z=250um; axes that are not named stand still
     #[arg(value_name = "AXIS=MM", required = true)]
     distances: Vec<Distance>,
 
@@ -61,8 +68,10 @@ enum WrongDistance {
     Form,
     #[error("no axis `{0}`: x, y, z")]
     Axis(String),
-    #[error("`{0}` is not a number")]
+    #[error("`{0}` is not a number; write mm with a decimal point: x=1.5 or x=1.5mm")]
     NotANumber(String),
+    #[error("`{0}` is no unit of jog: leave it out for mm, or write mm, um or cm")]
+    Unit(String),
     #[error("must be -{LONGEST_MM} to {LONGEST_MM} mm")]
     TooLong,
     #[error("shorter than 0.001 mm")]
@@ -79,8 +88,9 @@ impl std::str::FromStr for Distance {
             .into_iter()
             .position(|name| axis.eq_ignore_ascii_case(name))
             .ok_or_else(|| WrongDistance::Axis(axis.to_owned()))?;
+        let (number, factor) = in_unit(mm)?;
         let wrong = |_| WrongDistance::NotANumber(mm.to_owned());
-        let mm: f64 = mm.parse().map_err(wrong)?;
+        let mm = factor * number.parse::<f64>().map_err(wrong)?;
         if !(mm.abs() <= LONGEST_MM) {
             return Err(WrongDistance::TooLong);
         }
@@ -92,12 +102,26 @@ impl std::str::FromStr for Distance {
     }
 }
 
+/// Splits a distance into its number, and the mm of its unit.
+fn in_unit(text: &str) -> Result<(&str, f64), WrongDistance> {
+    let (number, unit) = text.split_at(text.find(char::is_alphabetic).unwrap_or(text.len()));
+    let factor = match unit {
+        "" | "mm" => 1.0,
+        "um" | "µm" | "μm" => 1e-3,
+        "cm" => 10.0,
+        // Words such as `far`, and exponents as in `1e-1`, are read as numbers.
+        _ if number.is_empty() || unit.starts_with(['e', 'E']) => return Ok((text, 1.0)),
+        _ => return Err(WrongDistance::Unit(unit.to_owned())),
+    };
+    Ok((number.trim_end(), factor))
+}
+
 /// Collects one distance per axis, µm.
 fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
     let mut um = [None; 3];
     for distance in distances {
         if um[distance.axis].replace(distance.um).is_some() {
-            let name = ['x', 'y', 'z'][distance.axis];
+            let name = NAMES[distance.axis];
             return Err(Failure::Usage(format!("axis {name} is named twice")));
         }
     }
@@ -116,7 +140,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     if started.trust != Trust::Homed {
         notice!(
             "the position is {}: slowly, and without soft limits",
-            diagnosis::trust(started.trust)
+            diagnosis::position(started.trust)
         );
     }
     let mut progress = Progress::new("moving");
@@ -126,11 +150,15 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     });
     let (end, stopping) = hand.wait_for_rest(allowance, watch)?;
     drop(progress);
-    tell(options, &before, &end, stage.as_ref(), out)?;
+    let jog = Jog {
+        distance_um,
+        before,
+        end,
+        stage: stage.as_ref(),
+    };
+    jog.tell(options, out)?;
     why_it_stands(&hand, &end, stopping)?;
-    if let Some(stage) = &stage {
-        warn_of_soft_limits(distance_um, &before, &end, stage);
-    }
+    jog.warn();
     Ok(())
 }
 
@@ -142,46 +170,74 @@ fn share(before: &Status, now: &Status) -> f64 {
     shares.filter(|share| share.is_finite()).fold(1.0, f64::min)
 }
 
-fn tell(
-    options: &Options,
-    before: &Status,
-    end: &Status,
-    stage: Option<&Stage>,
-    out: &mut impl Write,
-) -> Result<(), Failure> {
-    let moved = moved_steps(before, end);
-    if options.json {
-        let mut object = condition(end);
-        object["moved_steps"] = json!(moved);
-        object["moved_mm"] = json!(stage.map(|stage| in_mm(moved, stage)));
-        object["position_mm"] = json!(stage.map(|stage| in_mm(end.position_steps, stage)));
-        writeln!(out, "{object}")?;
-    } else {
-        writeln!(out, "moved by  {}", position(moved, stage))?;
-        let trust = diagnosis::trust(end.trust);
-        writeln!(
-            out,
-            "now at    {}, {trust}",
-            position(end.position_steps, stage)
-        )?;
+/// A jog that has ended.
+struct Jog<'a> {
+    distance_um: [i32; 3],
+    before: Status,
+    end: Status,
+    stage: Option<&'a Stage>,
+}
+
+impl Jog<'_> {
+    fn moved_steps(&self) -> [i32; 3] {
+        let [to, from] = [self.end.position_steps, self.before.position_steps];
+        std::array::from_fn(|axis| to[axis].wrapping_sub(from[axis]))
     }
-    Ok(())
-}
 
-fn moved_steps(before: &Status, end: &Status) -> [i32; 3] {
-    std::array::from_fn(|axis| end.position_steps[axis].wrapping_sub(before.position_steps[axis]))
-}
+    /// Returns the axes that went less far than they should, each with the distance that it went,
+    /// mm.
+    fn shortened(&self) -> Vec<(usize, f64)> {
+        let Some(stage) = self.stage else {
+            return Vec::new();
+        };
+        let moved_mm = in_mm(self.moved_steps(), stage);
+        let is_short = |axis: &usize| {
+            let short_mm = f64::from(self.distance_um[*axis]) * 1e-3 - moved_mm[*axis];
+            (short_mm * stage.steps_per_mm[*axis]).abs() > 1.0
+        };
+        let axes = (0..3).filter(is_short);
+        axes.map(|axis| (axis, moved_mm[axis])).collect()
+    }
 
-fn warn_of_soft_limits(distance_um: [i32; 3], before: &Status, end: &Status, stage: &Stage) {
-    let moved_mm = in_mm(moved_steps(before, end), stage);
-    for axis in 0..3 {
-        let short_mm = (f64::from(distance_um[axis]) * 1e-3 - moved_mm[axis]).abs();
-        if short_mm * stage.steps_per_mm[axis] > 1.0 {
-            let name = ['x', 'y', 'z'][axis];
-            let [least, greatest] = stage.travel_mm[axis];
+    fn tell(&self, options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+        let (moved, at, stage) = (self.moved_steps(), self.end.position_steps, self.stage);
+        if options.json {
+            let mut object = condition(&self.end);
+            let shortened = self.shortened();
+            object["asked_mm"] = json!(self.distance_um.map(|um| f64::from(um) * 1e-3));
+            object["moved_steps"] = json!(moved);
+            object["moved_mm"] = json!(stage.map(|stage| in_mm(moved, stage)));
+            object["position_mm"] = json!(stage.map(|stage| in_mm(at, stage)));
+            object["shortened"] = json!(stage.map(|_| {
+                let names = shortened.iter().map(|(axis, _)| NAMES[*axis]);
+                names.collect::<Vec<_>>()
+            }));
+            json::line(out, &object)?;
+        } else {
+            writeln!(out, "moved by  {}", position(moved, stage))?;
+            let known = diagnosis::position(self.end.trust);
+            writeln!(out, "now at    {}, {known}", position(at, stage))?;
+        }
+        Ok(())
+    }
+
+    /// Reports that soft limits shortened the move, or that this cannot be known.
+    fn warn(&self) {
+        let Some(stage) = self.stage else {
             notice!(
-                "{name} was shortened by {short_mm:.4} mm: its soft limits are {least} to \
-                 {greatest} mm"
+                "a soft limit may have shortened the move: with --rig RIG.toml this command \
+                 reports that, and mm"
+            );
+            return;
+        };
+        for (axis, moved_mm) in self.shortened() {
+            let (name, [least, greatest]) = (NAMES[axis], stage.travel_mm[axis]);
+            let asked_mm = f64::from(self.distance_um[axis]) * 1e-3;
+            // Adding zero turns -0 into 0.
+            let moved_mm = moved_mm + 0.0;
+            notice!(
+                "{name} was shortened to {moved_mm:.4} mm of {asked_mm} mm by the soft limits: \
+                 travel_mm of the rig file is {least} to {greatest} mm"
             );
         }
     }

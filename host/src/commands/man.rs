@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use crate::commands::failure::Failure;
-use clap::{Args, CommandFactory as _};
+use clap::{Args, Command, CommandFactory as _};
 use clap_mangen::Man;
 use trinocular_rig::output::{NewFolders, Output, Replace, write_all};
 
@@ -12,7 +12,8 @@ use super::Arguments;
 
 /// Write the manual pages into a folder
 ///
-/// One page for the program and one for each command, in section 1: `man DIR/trinocular.1`.
+/// One page for the program and one for each command, in section 1: `man DIR/trinocular.1`. Pages
+/// of commands within commands bear all names: `trinocular-bench-flow.1`.
 #[derive(Debug, Args)]
 pub struct ManOptions {
     /// Folder of the pages; made if it does not exist
@@ -30,11 +31,8 @@ pub fn run(options: &ManOptions, out: &mut impl Write) -> Result<(), Failure> {
     folders.make(&options.folder)?;
     let mut program = Arguments::command();
     program.build();
-    let mut pages = vec![program.clone().name("trinocular")];
-    for command in program.get_subcommands() {
-        let name = format!("trinocular-{}", command.get_name());
-        pages.push(command.clone().name(name));
-    }
+    let mut pages = Vec::new();
+    collect(&program, "trinocular", &mut pages);
     let mut files = Vec::new();
     for page in pages {
         let mut text = Vec::new();
@@ -47,4 +45,13 @@ pub fn run(options: &ManOptions, out: &mut impl Write) -> Result<(), Failure> {
     write_all(files)?;
     writeln!(out, "{count} pages in {}", options.folder.display())?;
     Ok(())
+}
+
+/// Adds the page of a command, and those of the commands within it.
+fn collect(command: &Command, name: &str, pages: &mut Vec<Command>) {
+    pages.push(command.clone().name(name.to_owned()));
+    let inner = command.get_subcommands();
+    for each in inner.filter(|each| each.get_name() != "help") {
+        collect(each, &format!("{name}-{}", each.get_name()), pages);
+    }
 }

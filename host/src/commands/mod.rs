@@ -12,6 +12,7 @@ mod by_hand;
 mod calibrate;
 mod calibrate_stage;
 mod cameras;
+pub mod commas;
 mod completions;
 mod convert;
 mod destination;
@@ -25,6 +26,7 @@ mod hello;
 mod home;
 mod init;
 mod jog;
+mod json;
 mod man;
 mod motors;
 mod port;
@@ -86,7 +88,8 @@ Exit codes:
   0  done
   1  the input was bad (the message names file, line and field), or frames were refused
   2  the command line was wrong
-  3  the station refused, faulted or is in use, or a signal ended a run that moves a stage";
+  3  the station refused, faulted or is in use, or a signal ended a run that moves a stage
+  130, 143  Ctrl-C (SIGINT) or SIGTERM ended a run without a real stage";
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -2,9 +2,11 @@
 
 use std::io::Write;
 
-use super::by_hand::{Hand, PortArgument};
+use super::by_hand::{Hand, PortArgument, condition};
+use super::json;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
+use serde_json::json;
 use shared::frame::message::Command;
 use trinocular_client::diagnosis;
 
@@ -22,6 +24,10 @@ pub struct Options {
 
     #[command(flatten)]
     port: PortArgument,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 /// State of the motors.
@@ -38,9 +44,14 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let on = options.motors == Motors::On;
     let status = hand.command_at_rest("motors", Command::Motors { on })?;
+    if options.json {
+        let mut object = condition(&status);
+        object["next"] = json!(diagnosis::next_step(&status));
+        return Ok(json::line(out, &object)?);
+    }
     let motors = if status.motors { "on" } else { "off" };
-    let trust = diagnosis::trust(status.trust);
-    writeln!(out, "the motors are {motors}; the position is {trust}")?;
+    let known = diagnosis::position(status.trust);
+    writeln!(out, "the motors are {motors}; the position is {known}")?;
     if let Some(next) = diagnosis::next_step(&status) {
         writeln!(out, "next: {next}")?;
     }

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular_client::ports::{Candidate, candidates};
@@ -23,8 +24,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let list = candidates().map_err(|error| Failure::of_station(None, error))?;
     if options.json {
         for port in &list {
-            let line = serde_json::to_string(port).map_err(std::io::Error::from)?;
-            writeln!(out, "{line}")?;
+            json::line(out, port)?;
         }
     } else if list.is_empty() {
         writeln!(out, "no serial ports")?;

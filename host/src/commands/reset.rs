@@ -2,9 +2,11 @@
 
 use std::io::Write;
 
-use super::by_hand::{Hand, PortArgument};
+use super::by_hand::{Hand, PortArgument, condition, named};
+use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
+use serde_json::json;
 use shared::frame::message::Command;
 use trinocular_client::diagnosis::{self, next_step};
 
@@ -16,6 +18,10 @@ use trinocular_client::diagnosis::{self, next_step};
 pub struct Options {
     #[command(flatten)]
     port: PortArgument,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -23,6 +29,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?;
     let status = hand.command_at_rest("reset", Command::Reset)?;
+    if options.json {
+        let mut object = condition(&status);
+        object["cleared"] = before.faults.iter().map(named).collect();
+        object["next"] = json!(next_step(&status));
+        return Ok(json::line(out, &object)?);
+    }
     for fault in before.faults.iter() {
         let cause = diagnosis::fault(fault).cause;
         writeln!(out, "cleared fault {}: {cause}", fault.number())?;

@@ -1,5 +1,6 @@
 //! `trinocular bench robustness`: measures the effect of bad images.
 
+use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -122,13 +123,13 @@ fn conditions(
     rows.iter().for_each(|row| total.merge(&row.tally));
     if options.json {
         for row in &rows {
-            writeln!(out, "{}", present::json(row.condition.name, &row.tally))?;
+            json::line(out, &present::json(row.condition.name, &row.tally))?;
             for (noise, tally) in row.by_noise.iter().filter(|_| options.noise) {
                 let name = format!("{}, noise {noise}", row.condition.name);
-                writeln!(out, "{}", present::json(&name, tally))?;
+                json::line(out, &present::json(&name, tally))?;
             }
         }
-        writeln!(out, "{}", present::json("all", &total))?;
+        json::line(out, &present::json("all", &total))?;
     } else {
         let table = present::table(&rows, &total, options.noise, options.markdown);
         writeln!(out, "{table}")?;
@@ -151,7 +152,7 @@ fn bias(options: &Options, out: &mut impl Write) -> Result<Vec<String>, Failure>
     drop(progress);
     if options.json {
         for phase in &phases {
-            writeln!(out, "{}", present::phase_json(phase))?;
+            json::line(out, &present::phase_json(phase))?;
         }
     } else {
         write!(out, "{}", present::phases(&phases, options.markdown))?;

@@ -48,7 +48,7 @@ Figures, of the scenario's measured time:
   rms_mm max_mm    error per axis: cameras minus target, every millisecond
   settle_ms        of a step: from the arrival of the first frame that shows it until the error
                    stays within 0.03, 0.03, 0.08 mm (or as the scenario says)
-  latency_ms       from a capture to the first step that its frame can change
+  latency_ms       from a frame set to the first step that its frame can change
   steps, lost      at the pins from start to end; planned and not made
 
 Examples:
@@ -204,9 +204,7 @@ fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
         without_prediction: outcome.unpredicted.as_ref().map(|(_, figures)| figures),
         missed: &outcome.missed,
     };
-    let text = serde_json::to_string(&line).map_err(std::io::Error::from)?;
-    writeln!(out, "{text}")?;
-    Ok(())
+    Ok(super::json::line(out, &line)?)
 }
 
 fn print(outcomes: &[Outcome], out: &mut impl Write) -> Result<(), Failure> {

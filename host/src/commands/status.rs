@@ -32,7 +32,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let (hello, last) = who(&hand)?;
     let status = hand.status()?;
     if options.json {
-        writeln!(out, "{}", to_json(&hand, &hello, last.as_ref(), &status))?;
+        let object = to_json(&hand, &hello, last.as_ref(), &status);
+        super::json::line(out, &object)?;
     } else {
         writeln!(out, "{} on {}", hello.board, hand.port())?;
         let clock = hand.serial().offset_us().map(|(_, bound_us)| bound_us);
@@ -78,8 +79,8 @@ pub fn lines(
     }
     let motors = if status.motors { "on" } else { "off" };
     lines.push(("motors", motors.to_owned()));
-    let trust = diagnosis::trust(status.trust);
-    let position = format!("{}, {trust}", steps(status.position_steps));
+    let known = diagnosis::position(status.trust);
+    let position = format!("{}, {known}", steps(status.position_steps));
     lines.push(("position", position));
     if status.target_steps != status.position_steps {
         lines.push(("target", steps(status.target_steps)));
@@ -126,7 +127,7 @@ fn last_frame(estimate: &EstimateReport) -> String {
     });
     let latency_ms = f64::from(estimate.latency_us) * 1e-3;
     format!(
-        "{}{sigma} mm, {latency_ms:.1} ms after the picture",
+        "{}{sigma} mm, {latency_ms:.1} ms after the image",
         moved.join(" ")
     )
 }
@@ -144,7 +145,8 @@ fn drops(drops: &Drops) -> [(&'static str, u16); 8] {
     ]
 }
 
-fn to_json(
+/// Returns the status with all its items.
+pub fn to_json(
     hand: &Hand,
     hello: &Hello,
     last: Option<&LastRun>,

@@ -2,7 +2,8 @@
 
 use std::io::Write;
 
-use super::by_hand::{Hand, PortArgument, position};
+use super::by_hand::{Hand, PortArgument, condition, position};
+use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular_client::serial::{Holder, OtherHost, end_other_host};
@@ -18,6 +19,10 @@ use trinocular_rig::notice;
 pub struct Options {
     #[command(flatten)]
     port: PortArgument,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -40,12 +45,15 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         notice!("the stop went through `{command}` (process {pid}), which has the port");
     }
     let status = hand.status()?;
+    if options.json {
+        return Ok(json::line(out, &condition(&status))?);
+    }
     writeln!(
         out,
         "{} at {}, position {}",
         diagnosis::state(status.state).name,
         position(status.position_steps, None),
-        diagnosis::trust(status.trust)
+        diagnosis::position(status.trust)
     )?;
     Ok(())
 }

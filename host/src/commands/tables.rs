@@ -47,7 +47,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     })?;
     report.write(|| tables.page())?;
     if options.json {
-        writeln!(out, "{}", tables.to_json())?;
+        super::json::line(out, &tables.to_json())?;
         return Ok(());
     }
     for table in tables.simulated() {

@@ -21,7 +21,7 @@ use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::sums;
 
-const SOURCE: &str = "Where the pictures come from (one of these)";
+const SOURCE: &str = "Where the images come from (one of these)";
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "With --sim: the simulated target";
 
@@ -33,22 +33,22 @@ pub struct Source {
     #[arg(long, help_heading = SOURCE)]
     sim: bool,
 
-    /// A folder of captures: one subfolder per camera, named as in the rig file, equal file names
+    /// A folder of frame sets: one subfolder per camera, named as in the rig file, equal file names
     /// for one instant
     ///
     /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. If a
     /// camera's file is missing, the others carry on, and the row names that camera. Unreadable
-    /// captures are skipped with a warning; the exit code is then 1.
+    /// frame sets are skipped with a warning; the exit code is then 1.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
-    /// A folder of captures as for --images that another program still writes: waits for new
-    /// captures, until Ctrl-C or for --idle seconds
+    /// A folder of frame sets as for --images that another program still writes: waits for new
+    /// frame sets, until Ctrl-C (exit code 130, or 143 after SIGTERM) or for --idle seconds
     ///
     /// A file counts as written when it has not changed for 0.2 s. The program waits for a camera's
-    /// file at most 2 s if there is a later capture or the camera has fallen silent; then the other
-    /// cameras carry on, if they are two. A file that cannot be read is tried for 2 s. Files may be
-    /// removed when their row has been printed.
+    /// file at most 2 s if there is a later frame set or the camera has fallen silent; then the
+    /// other cameras carry on, if they are two. A file that cannot be read is tried for 2 s. Files
+    /// may be removed when their row has been printed.
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
@@ -95,13 +95,14 @@ pub struct Options {
     #[command(flatten)]
     station: PortOption,
 
-    /// Duration of the run, s [default: 8 with --sim, until Ctrl-C with --cameras]
+    /// Duration of the run, s [default: 8 with --sim, 16 for the whole Lissajous figure, until
+    /// Ctrl-C with --cameras]
     #[arg(long, value_name = "S", conflicts_with_all = ["images", "watch"])]
     seconds: Option<f64>,
 
-    /// Frame sets per second
-    #[arg(long, value_name = "HZ", default_value_t = 30.0)]
-    fps: f64,
+    /// Frame sets per second [default: 60 with --sim on the twin, otherwise 30]
+    #[arg(long, value_name = "HZ")]
+    fps: Option<f64>,
 
     /// The station's estimator
     #[arg(long, value_enum, default_value_t = Estimator::Midpoint)]
@@ -165,9 +166,16 @@ pub struct Options {
 }
 
 impl Options {
+    /// Returns the number of frame sets per second.
+    fn fps(&self) -> f64 {
+        // In real time, rendering may take longer than the twin's virtual time.
+        let is_simulated = self.source.sim && !self.station.is_given();
+        self.fps.unwrap_or(if is_simulated { 60.0 } else { 30.0 })
+    }
+
     /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
-        (1e6 / self.fps).round() as u64
+        (1e6 / self.fps()).round() as u64
     }
 
     /// Returns the latency from images to frame, µs.
@@ -178,12 +186,12 @@ impl Options {
 
     /// Returns the longest latency with which a frame is answered before the next frame set, ms.
     fn longest_latency_ms(&self) -> f64 {
-        (1000.0 / self.fps - 3.0).max(1.0).floor()
+        (1000.0 / self.fps() - 3.0).max(1.0).floor()
     }
 
     /// Returns the widest window within which the order of arrival makes no difference, ms.
     fn widest_window_ms(&self) -> f64 {
-        500.0 / self.fps
+        500.0 / self.fps()
     }
 
     /// Returns the window, ms.
@@ -243,7 +251,7 @@ fn vector([x, y, z]: &[f64; 3]) -> String {
 const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
-  trinocular track --sim --path lissajous --seconds 16 --json > run.jsonl
+  trinocular track --sim --path lissajous --json > run.jsonl
   trinocular track --sim --rig rig.toml --port /dev/ttyACM0 --path still
   trinocular track --images captures/ --rig rig.toml
   trinocular track --watch captures/ --rig rig.toml --idle 60
@@ -257,7 +265,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "--{name} is {value}, must be {low} to {high}"
         ))),
     };
-    range("fps", options.fps, 1.0, 200.0)?;
+    range("fps", options.fps(), 1.0, 200.0)?;
     range("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
     range("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
     range(

@@ -7,10 +7,10 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use host::budget::limitation::Severity;
 use host::budget::{Settings, Verification, present};
-use serde_json::json;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 
+use super::json;
 use super::report::ReportOption;
 
 /// Predict what a rig can measure, and name what limits it
@@ -76,7 +76,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let found = Verification::of(&rig, settings);
     report.write(|| present::page(&options.rig.display().to_string(), &found))?;
     if options.json {
-        writeln!(out, "{}", json!(found))?;
+        json::line(out, &found)?;
     } else {
         print(&found, out)?;
     }

@@ -2,9 +2,11 @@
 
 use std::io::Write;
 
-use super::by_hand::{Hand, PortArgument, StageArgument, position};
+use super::by_hand::{Hand, PortArgument, StageArgument, condition, in_mm, position};
+use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
+use serde_json::json;
 use shared::frame::message::Command;
 
 /// Make the present position zero on all axes
@@ -18,6 +20,10 @@ pub struct Options {
 
     #[command(flatten)]
     stage: StageArgument,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -26,7 +32,13 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?.position_steps;
     hand.configure(stage.as_ref(), &options.stage)?;
-    hand.command("zero", Command::Zero)?;
+    let status = hand.command("zero", Command::Zero)?;
+    if options.json {
+        let mut object = condition(&status);
+        object["was_at_steps"] = json!(before);
+        object["was_at_mm"] = json!(stage.map(|stage| in_mm(before, &stage)));
+        return Ok(json::line(out, &object)?);
+    }
     let before = position(before, stage.as_ref());
     writeln!(out, "zero is here; it was at {before}")?;
     Ok(())

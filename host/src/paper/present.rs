@@ -206,13 +206,13 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
         (
             "rate",
             format!(
-                "{} per second, frame at the station {} ms after the picture",
+                "{} per second, frame at the station {} ms after the image",
                 settings.timing.frames_per_s,
                 settings.timing.latency_us / 1000
             ),
         ),
         (
-            "picture to first step",
+            "image to first step",
             format!("at most {:.1} ms", f64::from(worst) * 1e-3),
         ),
         (
@@ -263,7 +263,7 @@ pub fn page(settings: &Settings, run: &Run) -> Page {
         "Five moves",
         "Station A carries a poster and moves it five times by (4, 4, 1) mm. Station B carries \
          three cameras, sees the poster only through them, and keeps its view of it constant. \
-         Pictures are rendered through the paper's cameras; everything from the pictures to the \
+         Images are rendered through the paper's cameras; everything from the images to the \
          step pulses is the code that also runs with real hardware. Positions are counted from \
          edges at the step pins, or reported by the station if it is on a serial line.",
     )

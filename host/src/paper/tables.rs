@@ -107,7 +107,7 @@ impl PaperTables {
         let page = Page::new("Trinocular: the paper's tables", subtitle);
         let page = self.validation.add_to(page).section(
             "Single moves (section 4.2)",
-            "Rendered pictures, the whole vision path.",
+            "Rendered images, the whole vision path.",
         );
         let [midpoint, closed_form] = self.stops();
         page.table(self.single_moves())

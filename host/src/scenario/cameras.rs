@@ -219,7 +219,7 @@ mod tests {
             })
         };
         let [pictures, points] = [rendered, Sight::POINTS].map(spread);
-        println!("pictures {pictures:.5?} mm, points {points:.5?} mm");
+        println!("images {pictures:.5?} mm, points {points:.5?} mm");
         for (pictures, points) in pictures.into_iter().zip(points) {
             assert!(
                 (0.6..1.7).contains(&(points / pictures)),

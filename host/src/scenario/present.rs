@@ -126,7 +126,7 @@ pub fn facts(outcome: &Outcome) -> Vec<(String, String)> {
     ];
     for (reason, count) in &frames.refused {
         facts.push((
-            "captures without a frame".to_owned(),
+            "frame sets without a flow frame".to_owned(),
             format!("{count}: {reason}"),
         ));
     }

@@ -45,6 +45,8 @@ const QUOTED: usize = 60;
 /// The points of one file.
 #[derive(Clone, Debug)]
 pub struct Points {
+    /// Rows that do not fit the others, each with its line and the size of the misfit.
+    pub doubts: Vec<InputError>,
     /// Points that every camera has seen.
     pub correspondences: Vec<Correspondence>,
     /// Number of points that some camera has not seen.
@@ -76,6 +78,7 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Points, InputError> {
 /// ```
 pub fn parse(file: &Path, bytes: &[u8], rig: &RigFile) -> Result<Points, InputError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    input::refuse_utf16(file, bytes)?;
     let text = std::str::from_utf8(bytes)
         .map_err(|error| not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default()))?;
 
@@ -238,9 +241,18 @@ fn header(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
                 None => "found the end of the line".to_owned(),
             };
             let header = HEADER.join(",");
+            let separator = match fields {
+                [one] if one.contains(';') => "; the columns are separated by semicolons: ",
+                [one] if one.contains('\t') => "; the columns are separated by tabs: ",
+                _ => "",
+            };
+            let way_out = match separator {
+                "" => "",
+                _ => "save the file with commas between the columns and decimal points",
+            };
             return Err(refuse(
                 expected,
-                format!("the header must be {header}, {found} instead"),
+                format!("the header must be {header}, {found} instead{separator}{way_out}"),
             ));
         }
     }
@@ -250,10 +262,18 @@ fn header(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
 fn too_many(fields: &[&str], refuse: &Refuse<'_>) -> Result<(), InputError> {
     match fields.get(HEADER.len()) {
         None => Ok(()),
-        Some(extra) => Err(refuse(
-            &format!("column {}", HEADER.len() + 1),
-            format!("`{}` is one column too many", quoted(extra)),
-        )),
+        Some(extra) => {
+            // A coordinate with a decimal comma takes two columns.
+            let mut coordinates = fields.iter().skip(2);
+            let hint = match coordinates.all(|field| field.parse::<i64>().is_ok()) {
+                true => " (decimal commas? write 193.2, not 193,2)",
+                false => "",
+            };
+            Err(refuse(
+                &format!("column {}", HEADER.len() + 1),
+                format!("`{}` is one column too many{hint}", quoted(extra)),
+            ))
+        }
     }
 }
 
@@ -343,18 +363,17 @@ impl<'a> Collector<'a> {
             }
         }
         let count = self.seen.len();
-        let complete = self.seen.into_iter().filter_map(|point| {
-            let pixels: Option<Vec<_>> = point
-                .into_iter()
-                .map(|seen| seen.map(|s| s.pixels))
-                .collect();
-            pixels.map(|pixels| Correspondence::from_pixels(&self.rig.rig, pixels))
+        let complete: Vec<Vec<Sighting>> = (self.seen.into_iter())
+            .filter_map(|point| point.into_iter().collect())
+            .collect();
+        let correspondences = complete.iter().map(|point| {
+            let pixels = point.iter().map(|seen| seen.pixels).collect::<Vec<_>>();
+            Correspondence::from_pixels(&self.rig.rig, pixels)
         });
-        let correspondences: Vec<Correspondence> = complete.collect();
-        let rejected = count - correspondences.len();
         Ok(Points {
-            correspondences,
-            rejected,
+            doubts: misfit::doubts(file, self.rig, &complete),
+            correspondences: correspondences.collect(),
+            rejected: count - complete.len(),
         })
     }
 }
@@ -366,6 +385,8 @@ enum WrongCoordinate {
     Empty,
     #[error("`{0}` is not a number")]
     NotANumber(String),
+    #[error("`{0}` has a decimal comma; write a decimal point")]
+    DecimalComma(String),
     #[error("`{0}` is not a finite number")]
     NotFinite(String),
     #[error("{text} is farther outside the image than its own size ({size_px} px)")]
@@ -379,7 +400,10 @@ fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
     }
     let value: f64 = text
         .parse()
-        .map_err(|_| WrongCoordinate::NotANumber(quoted(text)))?;
+        .map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
+            Ok(_) => WrongCoordinate::DecimalComma(quoted(text)),
+            Err(_) => WrongCoordinate::NotANumber(quoted(text)),
+        })?;
     if !value.is_finite() {
         return Err(WrongCoordinate::NotFinite(quoted(text)));
     }
@@ -392,5 +416,6 @@ fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
     }
 }
 
+mod misfit;
 #[cfg(test)]
 mod tests;

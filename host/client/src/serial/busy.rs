@@ -29,13 +29,69 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
     let path = path.to_owned();
     // The system's "busy" and a lock of another program both come as this kind.
     if cause.kind == serialport::ErrorKind::NoDevice && Path::new(&path).exists() {
-        let holder = holder(Path::new(&path));
+        let place = Path::new(&path);
+        let holder = holder(place).or_else(|| opener(place));
         return StationError::Busy { path, holder };
     }
-    StationError::Port {
-        path,
-        reason: format!("cannot open: {cause}"),
+    let reason = format!("cannot open: {cause}; {}", way_out(&path, cause));
+    StationError::Port { path, reason }
+}
+
+/// Returns the user's next action after a port did not open.
+fn way_out(path: &str, cause: &serialport::Error) -> String {
+    use std::io::ErrorKind::{NotFound, PermissionDenied};
+    let is_absent = !Path::new(path).exists();
+    match cause.kind {
+        serialport::ErrorKind::Io(PermissionDenied) => {
+            let group = group_of(Path::new(path));
+            let group = group.map_or(String::new(), |group| {
+                format!("run `sudo usermod -aG {group} $USER` and log in again, or ")
+            });
+            format!(
+                "your user may not use this port: {group}install the udev rule of \
+                 firmware/README.md"
+            )
+        }
+        serialport::ErrorKind::Io(NotFound) => absent(),
+        _ if is_absent => absent(),
+        _ => "it may be no serial port: `trinocular ports` lists those of this computer".to_owned(),
     }
+}
+
+fn absent() -> String {
+    "see that the station is plugged in and switched on; `trinocular ports` lists the ports of \
+     this computer"
+        .to_owned()
+}
+
+/// Returns the group that may use a device.
+#[cfg(unix)]
+fn group_of(path: &Path) -> Option<String> {
+    use std::os::unix::fs::MetadataExt as _;
+    /// Permissions of the group to read and to write.
+    const GROUP_MAY_USE: u32 = 0o060;
+    let about = std::fs::metadata(path).ok()?;
+    if about.mode() & GROUP_MAY_USE != GROUP_MAY_USE {
+        return None;
+    }
+    let groups = std::fs::read_to_string("/etc/group").ok()?;
+    group_named(&groups, about.gid())
+}
+
+#[cfg(not(unix))]
+fn group_of(_: &Path) -> Option<String> {
+    None
+}
+
+/// Returns the name of a group in the text of `/etc/group`, unless it is the administrator's.
+#[cfg(unix)]
+fn group_named(groups: &str, number: u32) -> Option<String> {
+    let names = groups.lines().find_map(|line| {
+        let mut parts = line.split(':');
+        let name = parts.next()?;
+        (parts.nth(1)?.parse() == Ok(number)).then(|| printable(name))
+    });
+    names.filter(|name| name != "root")
 }
 
 /// Another program that had the port, and its reaction to the request to end.
@@ -124,16 +180,46 @@ fn holder(path: &Path) -> Option<Holder> {
     let file = std::fs::metadata(path).ok()?;
     let locks = std::fs::read_to_string("/proc/locks").ok()?;
     let name = name_in_locks(file.dev(), file.ino());
-    let pid = locks.lines().find_map(|line| locker(line, &name))?;
-    let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-    let command = String::from_utf8_lossy(&command);
-    let command = printable(command.trim_end_matches('\0').replace('\0', " "));
-    Some(Holder { pid, command })
+    program(locks.lines().find_map(|line| locker(line, &name))?)
 }
 
 #[cfg(not(target_os = "linux"))]
 fn holder(_: &Path) -> Option<Holder> {
     None
+}
+
+/// Returns another program that has the port open without a lock. Only programs of the same user
+/// are visible.
+#[cfg(target_os = "linux")]
+fn opener(path: &Path) -> Option<Holder> {
+    use std::os::unix::fs::MetadataExt as _;
+    let identity = |about: std::fs::Metadata| (about.dev(), about.ino());
+    let port = identity(std::fs::metadata(path).ok()?);
+    let own = std::process::id();
+    let processes = std::fs::read_dir("/proc").ok()?.flatten();
+    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    let has_port = |pid: &u32| {
+        let files = std::fs::read_dir(format!("/proc/{pid}/fd"));
+        let mut files = files.into_iter().flatten().flatten();
+        // Follows the link to the open file.
+        files.any(|file| std::fs::metadata(file.path()).is_ok_and(|about| identity(about) == port))
+    };
+    let pid = numbers.filter(|pid| *pid != own).find(has_port)?;
+    program(pid)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn opener(_: &Path) -> Option<Holder> {
+    None
+}
+
+/// Returns a running program with its command line.
+#[cfg(target_os = "linux")]
+fn program(pid: u32) -> Option<Holder> {
+    let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let command = String::from_utf8_lossy(&command);
+    let command = printable(command.trim_end_matches('\0').replace('\0', " "));
+    Some(Holder { pid, command })
 }
 
 /// Returns a file as `/proc/locks` names it: the device's two numbers, hexadecimal, and the file's.
@@ -159,6 +245,53 @@ fn locker(line: &str, name: &str) -> Option<u32> {
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
+
+    fn reason(path: &str, kind: serialport::ErrorKind) -> String {
+        explain(path, &serialport::Error::new(kind, "no")).to_string()
+    }
+
+    #[test]
+    fn port_that_does_not_open_names_way_out() {
+        use std::io::ErrorKind::PermissionDenied;
+        let absent = reason("/dev/no-such-port", serialport::ErrorKind::NoDevice);
+        assert!(absent.contains("`trinocular ports`"), "{absent}");
+        let denied = serialport::ErrorKind::Io(PermissionDenied);
+        let forbidden = reason("/dev/null", denied);
+        assert!(forbidden.contains("udev rule"), "{forbidden}");
+        let other = reason("/dev/null", serialport::ErrorKind::Unknown);
+        assert!(other.contains("no serial port"), "{other}");
+    }
+
+    #[test]
+    fn group_of_a_device_is_named() {
+        let groups = "root:x:0:\ntty:x:5:\ndialout:x:20:ann,bo\n";
+        assert_eq!(group_named(groups, 20).as_deref(), Some("dialout"));
+        assert_eq!(group_named(groups, 0), None);
+        assert_eq!(group_named(groups, 7), None);
+        assert_eq!(group_named("", 7), None);
+    }
+
+    #[test]
+    fn program_with_the_file_open_is_found() {
+        let name = format!("trinocular-port-{}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let file = std::fs::File::create(&path).unwrap();
+        assert_eq!(opener(&path), None, "this process does not count");
+        let mut other = std::process::Command::new("sleep")
+            .arg("60")
+            .stdin(file)
+            .spawn()
+            .unwrap();
+        let found = opener(&path);
+        std::fs::remove_file(&path).unwrap();
+        other.kill().unwrap();
+        other.wait().unwrap();
+        let found = found.expect("the other process");
+        assert_eq!(
+            (found.pid, found.command.as_str()),
+            (other.id(), "sleep 60")
+        );
+    }
 
     #[test]
     fn lock_on_a_file_names_its_process() {

@@ -44,15 +44,24 @@ impl RigFile {
 
     fn exchanged(&self) -> Option<String> {
         let place = |wanted: &str| {
-            let index = self.names.iter().position(|name| name == wanted)?;
-            Some(self.rig.cameras[index].offset_mm[0])
+            let mut names = self.names.iter();
+            let index = names.position(|name| name.eq_ignore_ascii_case(wanted))?;
+            let name = self.names[index].as_str();
+            Some((name, self.rig.cameras[index].offset_mm[0]))
         };
-        let (left, right) = (place("left")?, place("right")?);
-        (left > right).then(|| {
+        let in_order = ["left", "middle", "centre", "center", "right"];
+        let stands: Vec<_> = in_order.into_iter().filter_map(place).collect();
+        // The pair that is farthest apart in the wrong order.
+        let pairs = (0..stands.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
+        let wrong = pairs
+            .map(|pair| pair.map(|index| stands[index]))
+            .filter(|[(_, a), (_, b)]| a > b)
+            .max_by(|[(_, a), (_, b)], [(_, c), (_, d)]| (a - b).total_cmp(&(c - d)));
+        wrong.map(|[(left, a), (right, b)]| {
             format!(
-                "camera `left` is {:.1} mm to the right of `right`: are the names or the signs of \
-                 offset_mm exchanged?",
-                left - right
+                "camera `{left}` is {:.1} mm to the right of `{right}`: are their folders, their \
+                 names or the signs of offset_mm exchanged?",
+                a - b
             )
         })
     }
@@ -121,6 +130,19 @@ mod tests {
         });
         assert_eq!(doubts.len(), 1, "{doubts:?}");
         assert!(doubts[0].contains("to the right of `right`"), "{doubts:?}");
+    }
+
+    #[test]
+    fn exchanged_neighbours_are_named() {
+        for (pair, said) in [
+            ([0, 1], "`left` is 70.0 mm to the right of `middle`"),
+            ([1, 2], "`middle` is 68.0 mm to the right of `right`"),
+        ] {
+            let [a, b] = pair;
+            let doubts = doubts(|rig| rig.rig.cameras.swap(a, b));
+            assert_eq!(doubts.len(), 1, "{doubts:?}");
+            assert!(doubts[0].contains(said), "{doubts:?}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use toml_edit::{Array, DocumentMut, Value};
+use shared::rig::Rotation;
+use toml_edit::{Array, DocumentMut, Item, TableLike, Value};
 
 use super::RigFile;
 use crate::error::InputError;
@@ -37,5 +38,99 @@ pub fn replace(array: &mut Array, numbers: impl Iterator<Item = f64>) {
         let around = old.decor().clone();
         *old = Value::from(number);
         *old.decor_mut() = around;
+    }
+}
+
+/// Returns a camera's table, for either form of the list of cameras.
+pub fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike> {
+    let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
+    match cameras {
+        Item::ArrayOfTables(tables) => {
+            let table = tables.iter_mut().find(|table| is_named(*table))?;
+            Some(table)
+        }
+        Item::Value(Value::Array(tables)) => {
+            let mut inline = tables.iter_mut().filter_map(Value::as_inline_table_mut);
+            let table = inline.find(|table| is_named(*table))?;
+            Some(table)
+        }
+        _ => None,
+    }
+}
+
+/// Replaces the numbers of `key`, or appends them to the table.
+pub fn write(table: &mut dyn TableLike, key: &str, numbers: impl ExactSizeIterator<Item = f64>) {
+    let known = table.get_mut(key).and_then(Item::as_array_mut);
+    let Some(array) = known.filter(|array| array.len() == numbers.len()) else {
+        let array = numbers.collect::<Array>();
+        table.insert(key, Item::Value(Value::Array(array)));
+        return;
+    };
+    replace(array, numbers);
+}
+
+/// Writes cameras and image size of `rig` into `text`, a rig file with cameras of the same names.
+/// Everything else stays, comments and the stage included. Errors name `file`.
+///
+/// # Errors
+/// If the text is no rig file, or has other cameras.
+pub fn with_cameras(file: &Path, text: &str, rig: &RigFile) -> Result<String, InputError> {
+    let other = || InputError::file(file, "has other cameras");
+    let sorted = |rig: &RigFile| {
+        let mut names = rig.names.clone();
+        names.sort_unstable();
+        names
+    };
+    if sorted(&RigFile::parse(file, text)?) != sorted(rig) {
+        return Err(other());
+    }
+    let new = edited(file, text, |document| {
+        let size = document
+            .get_mut("image_size_px")
+            .and_then(Item::as_array_mut);
+        let sides = size.into_iter().flat_map(Array::iter_mut);
+        for (old, side) in sides.zip(rig.rig.image_size_px) {
+            let around = old.decor().clone();
+            *old = Value::from(i64::from(side));
+            *old.decor_mut() = around;
+        }
+        for (name, camera) in rig.names.iter().zip(&rig.rig.cameras) {
+            let table = document.get_mut("camera");
+            let table = table.and_then(|cameras| self::camera(cameras, name));
+            let table = table.ok_or_else(other)?;
+            write(table, "focal_px", camera.focal_px.into_iter());
+            write(table, "principal_px", camera.principal_px.into_iter());
+            write(table, "offset_mm", camera.offset_mm.into_iter());
+            if camera.distortion != [0.0; 5] || table.contains_key("distortion") {
+                write(table, "distortion", camera.distortion.into_iter());
+            }
+            if camera.rotation != Rotation::NONE || table.contains_key("rotation_deg") {
+                write(table, "rotation_deg", camera.rotation.degrees().into_iter());
+            }
+        }
+        Ok(())
+    })?;
+    Ok(new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_change_and_comments_stay() {
+        let file = Path::new("rig.toml");
+        let old = RigFile::paper();
+        let text = old.to_toml();
+        let text = format!("# bench 3\n{text}").replacen("focal_px", "# lens of May\nfocal_px", 1);
+        let mut new = old.clone();
+        new.rig.image_size_px = [640, 480];
+        new.rig.cameras[1].focal_px = [900.25, 901.5];
+        new.rig.cameras[2].distortion = [0.1, 0.0, 0.0, 0.0, 0.0];
+        let written = with_cameras(file, &text, &new).expect("the same cameras");
+        assert_eq!(RigFile::parse(file, &written).expect("a rig"), new);
+        assert!(written.contains("# bench 3\n") && written.contains("# lens of May\n"));
+        new.names[0] = "west".to_owned();
+        assert!(with_cameras(file, &text, &new).is_err());
     }
 }

@@ -16,7 +16,7 @@ use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 /// Polling period of the folder.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Station on a serial port, and the folder of its captures.
+/// Station on a serial port, and the folder of its frame sets.
 pub struct Real {
     driven: Driven,
     folder: PathBuf,
@@ -45,7 +45,7 @@ pub fn bench(
 }
 
 impl Real {
-    /// Returns the captures in the folder; `None` before the first is complete.
+    /// Returns the frame sets in the folder; `None` before the first is complete.
     fn listed(&self) -> Option<Folder> {
         Folder::open(&self.folder, &self.names, self.size_px, DEFAULT_PERIOD_US).ok()
     }
@@ -68,11 +68,11 @@ impl Bench for Real {
         self.driven.arrive()
     }
 
-    /// Waits for a capture that was not there when the stage came to rest.
+    /// Waits for a frame set that was not there when the stage came to rest.
     fn look(&mut self) -> Result<FrameSet, Failure> {
         let before = self.names();
         let [x, y, z] = self.position_mm()?;
-        notice!("at {x:.3} {y:.3} {z:.3} mm: take a picture");
+        notice!("at {x:.3} {y:.3} {z:.3} mm: take an image");
         let end = Instant::now() + self.patience;
         loop {
             let line = self.driven.hand.serial().check();
@@ -99,7 +99,7 @@ impl Bench for Real {
                     doubts::unread(folder.warnings());
                 }
                 let waited = self.patience.as_secs();
-                let reason = format!("no capture came within {waited} s");
+                let reason = format!("no frame set came within {waited} s");
                 return Err(InputError::file(&self.folder, reason).into());
             }
             std::thread::sleep(LOOK);

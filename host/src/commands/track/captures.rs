@@ -3,6 +3,7 @@
 use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
+use crate::commands::json;
 use crate::commands::progress::Count;
 use host::servo::ServoError;
 use host::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
@@ -17,6 +18,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::flow::FlowRefusal;
+use trinocular_vision::flow::exchanged::explain_keyframe;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::stamp::quickest;
 
@@ -36,6 +38,7 @@ pub struct Summary {
 /// Frame sets and the station that follows them.
 pub struct Captures<'a> {
     options: &'a Options,
+    rig: &'a RigFile,
     servo: FrameSetServo,
     port: Option<&'a str>,
     /// Source that errors name.
@@ -46,11 +49,11 @@ pub struct Captures<'a> {
 }
 
 impl<'a> Captures<'a> {
-    /// Starts the station: configured, its position zero. `now_us` is the clock of the capture
+    /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
     /// times, if the frame sets are live.
     pub fn new(
         options: &'a Options,
-        rig: &RigFile,
+        rig: &'a RigFile,
         (stage, mounting): (&Stage, Mounting),
         port: Option<&'a str>,
         source: &'a Path,
@@ -73,6 +76,7 @@ impl<'a> Captures<'a> {
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         Ok(Self {
             options,
+            rig,
             servo: servo.map_err(failed)?,
             port,
             source,
@@ -118,7 +122,7 @@ impl<'a> Captures<'a> {
         out: &mut impl Write,
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
-        let mut count = Count::new("captures followed");
+        let mut count = Count::new("frame sets followed");
         // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
@@ -128,7 +132,7 @@ impl<'a> Captures<'a> {
                     let since_us = dark
                         .as_ref()
                         .map_or(capture.time_us, |(since_us, _)| *since_us);
-                    let error = self.no_reference(&refusal);
+                    let error = self.no_reference(&capture, &refusal);
                     if !self.is_live || capture.time_us.saturating_sub(since_us) >= LIGHT_US {
                         return Err(error.into());
                     }
@@ -163,8 +167,10 @@ impl<'a> Captures<'a> {
         }
     }
 
-    fn no_reference(&self, refusal: &FlowRefusal) -> InputError {
-        let reason = format!("the first capture cannot be the reference: {refusal}");
+    fn no_reference(&self, capture: &FrameSet, refusal: &FlowRefusal) -> InputError {
+        let RigFile { names, rig, .. } = self.rig;
+        let refusal = explain_keyframe(rig, names, capture, refusal);
+        let reason = format!("the first frame set cannot be the keyframe: {refusal}");
         InputError::file(self.source, reason)
     }
 }
@@ -197,8 +203,9 @@ fn print(
     } = turn;
     let displacement_mm = outcome.estimate().map(|estimate| &estimate.displacement_mm);
     let refusal = outcome.refusal().unwrap_or_default();
-    let trust = diagnosis::trust(*trust);
+    let known = diagnosis::position(*trust);
     if as_json {
+        let trust = diagnosis::trust(*trust);
         let mut object =
             json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
         absences.note(absent, &mut object);
@@ -206,7 +213,7 @@ fn print(
             Some(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
             None => object["refused"] = json!(refusal),
         }
-        writeln!(out, "{object}")?;
+        json::line(out, &object)?;
     } else {
         if frame == 1 {
             let [target, stage] = ["target mm", "stage mm"];
@@ -220,7 +227,7 @@ fn print(
             None => (format!("{:>26}", "-"), refusal),
         };
         let stage = vector(stage_mm);
-        writeln!(out, "{frame:>5}  {seen}  {stage}  {trust:>8}  {outcome}")?;
+        writeln!(out, "{frame:>5}  {seen}  {stage}  {known:>8}  {outcome}")?;
     }
     // Flush, so that a reader gets each line at once.
     out.flush()?;

@@ -56,7 +56,7 @@ fn follow(
 ) -> Result<(), Failure> {
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(devices, rig, options.fps)?;
+    let cameras = cameras::open(devices, rig, options.fps())?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
@@ -84,7 +84,7 @@ fn follow(
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
         notice!(
-            "{name} ({}): {} pictures, {} used, {} overtaken by newer ones, {} without partners \
+            "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners \
              within {} ms, {} stale, {} damaged, {} out of order; its driver lost {}",
             device.display(),
             matching.arrived + tally.stale + tally.damaged,
@@ -100,7 +100,7 @@ fn follow(
     }
     let summary = outcome?;
     notice!(
-        "{} of {} captures not used",
+        "{} of {} frame sets not used",
         summary.refused,
         summary.frames
     );

@@ -12,6 +12,7 @@ use std::path::Path;
 use std::time::Duration;
 use trinocular_client::stage::default_stage;
 use trinocular_rig::error::InputError;
+use trinocular_rig::interruption;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::FrameSet;
@@ -68,10 +69,12 @@ pub fn watch(
     if came < 2 {
         return Err(few(folder, came));
     }
-    judged(folder, summary, unread.get())
+    judged(folder, summary, unread.get())?;
+    // All frame sets so far are printed; the exit code tells a script why there are no more.
+    interruption::signal().map_or(Ok(()), |signal| Err(Failure::Interrupted(signal)))
 }
 
-/// Skips captures that cannot be read, with a warning, and counts them in `unread`. If the first
+/// Skips frame sets that cannot be read, with a warning, and counts them in `unread`. If the first
 /// cannot be read, the run ends, because it would be the keyframe.
 fn readable(
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
@@ -94,7 +97,7 @@ fn readable(
 /// Makes the twin, whose stage copies the target's motion.
 fn station<'a>(
     options: &'a Options,
-    rig: &RigFile,
+    rig: &'a RigFile,
     folder: &'a Path,
 ) -> Result<Captures<'a>, Failure> {
     let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
@@ -105,7 +108,7 @@ fn station<'a>(
 
 fn few(folder: &Path, count: usize) -> Failure {
     let count = if count == 0 { "no" } else { "one" };
-    let reason = format!("{count} capture; following takes at least two");
+    let reason = format!("{count} frame set; following takes at least two");
     InputError::file(folder, reason).into()
 }
 

@@ -4,6 +4,8 @@ use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
+use crate::commands::json;
+use host::servo::path::TargetPath;
 use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
@@ -17,8 +19,13 @@ use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::Texture;
 
-/// Default duration of the run, s.
-const DEFAULT_SECONDS: f64 = 8.0;
+/// Returns the default duration of the run, s: the Lissajous figure is whole after 16 s.
+fn default_seconds(path: TargetPath) -> f64 {
+    match path {
+        TargetPath::Lissajous => 16.0,
+        _ => 8.0,
+    }
+}
 
 /// Runs for the duration, then prints a summary on standard error.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
@@ -42,7 +49,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     );
     let mut world = world.map_err(failed)?;
     let timing = ServoTiming {
-        frames_per_s: options.fps,
+        frames_per_s: options.fps(),
         latency_us: options.latency_us(),
     };
     introduce(&world.b);
@@ -58,8 +65,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
-    let seconds = options.seconds.unwrap_or(DEFAULT_SECONDS);
-    while servo.time_s(&world) + 1.0 / options.fps <= seconds {
+    let seconds = options.seconds.unwrap_or(default_seconds(options.path));
+    while servo.time_s(&world) + 1.0 / options.fps() <= seconds {
         // A gets its setpoint at every picture, one picture ahead.
         let next_mm = options.path.at(servo.time_s(&world));
         world.a.send(setpoint(next_mm));
@@ -88,14 +95,14 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         notice!("the station's clock was known to {bound_us} us");
     }
     let error = match count {
-        0 => "no picture after the first second, which is for catching up".to_owned(),
+        0 => "no image after the first second, which is for catching up".to_owned(),
         _ => {
             format!(
                 "following error after the first second: rms {rms:.4?} mm, largest {worst:.4?} mm"
             )
         }
     };
-    notice!("{error}; {unused} pictures not used");
+    notice!("{error}; {unused} images not used");
     Ok(())
 }
 
@@ -117,8 +124,9 @@ fn print(
         absent,
         trust,
     } = turn;
-    let trust = diagnosis::trust(*trust);
+    let known = diagnosis::position(*trust);
     if as_json {
+        let trust = diagnosis::trust(*trust);
         let mut object = json!({
             "time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm, "trust": trust,
         });
@@ -137,12 +145,11 @@ fn print(
             }
             other => object["refused"] = json!(reason(other)),
         }
-        writeln!(out, "{object}")?;
-        return Ok(());
+        return Ok(json::line(out, &object)?);
     }
     writeln!(
         out,
-        "{time_s:>8.3}  {}  {}  {}  {trust:>8}  {}{}",
+        "{time_s:>8.3}  {}  {}  {}  {known:>8}  {}{}",
         vector(target_mm),
         vector(camera_mm),
         vector(&error),

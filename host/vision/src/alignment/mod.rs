@@ -68,7 +68,7 @@ pub enum AlignmentRefusal {
     WrongRig,
     /// No offset within the search range explains the images.
     #[error(
-        "no offset of up to {reach_px} px explains the pictures: {agree} of {found} rough matches \
+        "no offset of up to {reach_px} px explains the images: {agree} of {found} rough matches \
          agree (raise --reach, or show a scene with more texture, of a kind that does not repeat)"
     )]
     NoRoughOffset {
@@ -80,7 +80,7 @@ pub enum AlignmentRefusal {
         found: usize,
     },
     /// No frame set could be matched.
-    #[error("no capture can be matched; the first: {0}")]
+    #[error("no frame set can be matched; the first: {0}")]
     Flow(flow::FlowRefusal),
     /// Too few points for a mean with a sigma.
     #[error("{found} matched points; at least {least} are needed")]

@@ -18,7 +18,7 @@ pub fn facts(found: &Alignment) -> Vec<(&'static str, String)> {
         (
             "points",
             format!(
-                "{} of {} in {matched} of {all} captures, scatter {:.3} px, around {:.0} mm",
+                "{} of {} in {matched} of {all} frame sets, scatter {:.3} px, around {:.0} mm",
                 found.points,
                 found.points + found.outliers,
                 found.scatter_px,
@@ -86,8 +86,8 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
     let worst = worst.fold(0.0, f64::max);
     if worst > GOAL_PX {
         warnings.push(format!(
-            "sigma {worst:.3} px is above {GOAL_PX} px: take more captures, of a scene with finer \
-             texture all over the image"
+            "sigma {worst:.3} px is above {GOAL_PX} px: take more frame sets, of a scene with \
+             finer texture all over the image"
         ));
     }
     let half = found.rig.image_size_px.map(|side| 0.5 * f64::from(side));
@@ -113,7 +113,7 @@ pub fn warnings(found: &Alignment) -> Vec<String> {
     let [matched, all] = found.captures;
     if matched < all {
         warnings.push(format!(
-            "{} of {all} captures could not be matched",
+            "{} of {all} frame sets could not be matched",
             all - matched
         ));
     }

@@ -3,8 +3,6 @@
 
 use std::path::Path;
 
-use toml_edit::{Array, Item, TableLike, Value};
-
 use super::Datum;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::edit::{self, edited};
@@ -47,46 +45,17 @@ pub fn corrected(
             let name = correction.name;
             let camera = document
                 .get_mut("camera")
-                .and_then(|cameras| camera(cameras, name))
+                .and_then(|cameras| edit::camera(cameras, name))
                 .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
-            write(camera, "principal_px", &correction.principal_px);
+            let rounded = |number: &f64| edit::rounded(*number, DECIMALS);
+            let principal_px = correction.principal_px.iter().map(rounded);
+            edit::write(camera, "principal_px", principal_px);
             if let Some(rotation) = &correction.rotation_deg {
-                write(camera, "rotation_deg", rotation);
+                edit::write(camera, "rotation_deg", rotation.iter().map(rounded));
             }
         }
         Ok(())
     })
-}
-
-/// Returns a camera's table, for either form of the list of cameras.
-fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike> {
-    let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
-    match cameras {
-        Item::ArrayOfTables(tables) => {
-            let table = tables.iter_mut().find(|table| is_named(*table))?;
-            Some(table)
-        }
-        Item::Value(Value::Array(tables)) => {
-            let mut inline = tables.iter_mut().filter_map(Value::as_inline_table_mut);
-            let table = inline.find(|table| is_named(*table))?;
-            Some(table)
-        }
-        _ => None,
-    }
-}
-
-/// Replaces the numbers of `key`, or appends them to the table.
-fn write(table: &mut dyn TableLike, key: &str, numbers: &[f64]) {
-    let rounded = numbers
-        .iter()
-        .map(|number| edit::rounded(*number, DECIMALS));
-    let known = table.get_mut(key).and_then(Item::as_array_mut);
-    let Some(array) = known.filter(|array| array.len() == numbers.len()) else {
-        let array = rounded.collect::<Array>();
-        table.insert(key, Item::Value(Value::Array(array)));
-        return;
-    };
-    edit::replace(array, rounded);
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ pub enum ImageRejection {
     #[error(transparent)]
     NotFound(#[from] NotFound),
     /// The image is there twice.
-    #[error("the same picture as {0}")]
+    #[error("the same image as {0}")]
     Repeated(String),
     /// Edges are much more blurred than those of the other images.
     #[error("blurred: edges {blur_px:.1} px wide, the median image's {median_px:.1} px")]

@@ -26,14 +26,14 @@ const NEARLY_ALL: f64 = 0.9;
 impl std::fmt::Display for CameraRefusal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Missing => write!(f, "gave no picture"),
+            Self::Missing => write!(f, "gave no image"),
             Self::Blank => write!(f, "shows nothing: dark, covered or out of light"),
-            Self::Frozen => write!(f, "is frozen: it gave the same picture again"),
+            Self::Frozen => write!(f, "is frozen: it gave the same image again"),
             Self::Unsynchronised { share } if *share < -NEARLY_ALL => {
                 let percent = 100.0 * (1.0 + share);
                 write!(
                     f,
-                    "sees {percent:.1} % of the motion that the others see: see that its pictures \
+                    "sees {percent:.1} % of the motion that the others see: see that its images \
                      and its place in the rig are its own"
                 )
             }
@@ -47,7 +47,7 @@ impl std::fmt::Display for CameraRefusal {
                 write!(
                     f,
                     "sees {percent:.1} % {amount} of the motion than the others: it takes its \
-                     pictures {when}"
+                     images {when}"
                 )
             }
         }

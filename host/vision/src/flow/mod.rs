@@ -64,6 +64,7 @@ mod cloud;
 pub mod consensus;
 mod coverage;
 pub mod displacement_search;
+pub mod exchanged;
 pub mod filter;
 pub mod frozen;
 mod keyframe;

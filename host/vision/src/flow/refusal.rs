@@ -8,7 +8,7 @@ pub enum FlowRefusal {
     #[error("the rig has no baseline: two cameras in different places are the least")]
     WrongRig,
     /// The frame set does not have one image per camera.
-    #[error("the capture has {found} views, the rig {cameras} cameras")]
+    #[error("the frame set has {found} views, the rig {cameras} cameras")]
     WrongViews {
         /// Images in the frame set.
         found: usize,
@@ -29,7 +29,7 @@ pub enum FlowRefusal {
         rig: [usize; 2],
     },
     /// There is no keyframe.
-    #[error("no reference capture was accepted before")]
+    #[error("no keyframe was accepted before")]
     NoKeyframe,
     /// The keyframe's image in the reference camera has too little texture.
     #[error("too little texture: {found} corners in the reference image, {least} are the least")]
@@ -121,9 +121,9 @@ pub enum FlowRefusal {
     /// The inliers move as one, but other parts of the image move differently, and the inliers
     /// are not most of it.
     #[error(
-        "no agreement: {alike} of {all} parts of the picture move alike and {otherwise} \
+        "no agreement: {alike} of {all} parts of the image move alike and {otherwise} \
          otherwise: is it the target that moves, or what covers it or stands behind it? Half of \
-         the picture is the least then"
+         the image is the least then"
     )]
     Minority {
         /// Cells of the reference image that move as measured.

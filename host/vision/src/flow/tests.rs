@@ -413,7 +413,7 @@ fn failed_camera_is_left_out() {
         dark.images[k].grey.fill(3);
         frozen.images[k] = before.images[k].clone();
         for (frame_set, word) in [
-            (missing, "no picture"),
+            (missing, "no image"),
             (dark, "shows nothing"),
             (frozen, "frozen"),
         ] {

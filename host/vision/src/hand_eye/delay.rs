@@ -103,8 +103,8 @@ pub struct Delay {
 pub enum Refusal {
     /// The stage rested in most images.
     #[error(
-        "only {used} pictures show a stage that moves, {FEWEST} are needed: use a longer --reach, \
-         or more pictures per second"
+        "only {used} images show a stage that moves, {FEWEST} are needed: use a longer --reach, \
+         or more images per second"
     )]
     TooFew {
         /// Number of frame sets with a moving stage.
@@ -113,7 +113,7 @@ pub enum Refusal {
     /// The delay is too uncertain.
     #[error(
         "the cameras' delay is known to {sigma_ms:.2} ms only: use a longer --reach or better \
-         pictures"
+         images"
     )]
     Vague {
         /// Standard deviation of the delay, ms.

@@ -93,7 +93,7 @@ pub enum Refusal {
     /// The matrix would be too uncertain.
     #[error(
         "the matrix is known to {sigma:.4} only; use a longer --reach, a nearer target or better \
-         pictures"
+         images"
     )]
     Vague {
         /// Standard deviation of the worst element.

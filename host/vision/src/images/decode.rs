@@ -42,10 +42,10 @@ pub enum Refusal {
         wanted: [u32; 2],
     },
     /// A side is 0.
-    #[error("{0} x {1} px is no picture")]
+    #[error("{0} x {1} px is no image")]
     Empty(u32, u32),
     /// The image has more than [`MOST_PIXELS`] pixels.
-    #[error("{0} x {1} px are too many; a picture has {MOST_PIXELS} pixels (8192 x 6144) at most")]
+    #[error("{0} x {1} px are too many; an image has {MOST_PIXELS} pixels (8192 x 6144) at most")]
     TooLarge(u32, u32),
     /// Decoding needs more than [`MEMORY`] bytes.
     #[error("to read it takes {} MB; {} MB is the limit", .0 >> 20, MEMORY >> 20)]
@@ -143,7 +143,7 @@ impl Judge<'_> {
             return Err(Refusal::TooLarge(width, height));
         }
         if (self.bytes.len() as u64) < least([width.into(), height.into()]) {
-            return Err(Refusal::CutOff("it is too short for a picture of its size"));
+            return Err(Refusal::CutOff("it is too short for an image of its size"));
         }
         Ok(())
     }

@@ -163,7 +163,13 @@ impl Folder {
         };
         let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
         match lost.as_deref() {
-            Some([first, ..]) => Err(incomplete(first)),
+            Some([first, ..]) => {
+                let mut error = incomplete(first);
+                if let Some(endings) = folder.endings() {
+                    error.reason = format!("{}; {endings}", error.reason);
+                }
+                Err(error)
+            }
             _ => Ok(folder),
         }
     }
@@ -189,6 +195,31 @@ impl Folder {
         let mut cameras = self.cameras.iter();
         let (camera, _) = cameras.find(|(_, files)| !files.contains(frame))?;
         Some(camera.join(frame))
+    }
+
+    /// Describes the endings of the files, if cameras have files of different endings.
+    fn endings(&self) -> Option<String> {
+        let endings_of = |files: &BTreeSet<String>| -> BTreeSet<String> {
+            let names = files.iter();
+            let endings = names.filter_map(|name| name.rsplit_once('.'));
+            endings.map(|(_, ending)| format!(".{ending}")).collect()
+        };
+        let of_camera = |(camera, files): &(PathBuf, BTreeSet<String>)| {
+            let name = camera.file_name().unwrap_or_default().to_string_lossy();
+            let endings: Vec<String> = endings_of(files).into_iter().collect();
+            (name.into_owned(), endings.join(" and "))
+        };
+        let cameras: Vec<(String, String)> = self.cameras.iter().map(of_camera).collect();
+        let (_, first) = cameras.first()?;
+        let (name, other) = cameras.iter().find(|(_, endings)| endings != first)?;
+        let (known, _) = cameras.first()?;
+        (!first.is_empty() && !other.is_empty()).then(|| {
+            format!(
+                "the images of `{known}` end in {first}, those of `{name}` in {other}; images of \
+                 one instant must have the same file name, its ending included: convert one of \
+                 them"
+            )
+        })
     }
 
     /// Returns the file names of the frame sets, in order.

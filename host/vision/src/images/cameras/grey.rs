@@ -37,7 +37,7 @@ pub enum Format {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
     /// The camera delivered less than an image.
-    #[error("{given} bytes, but a picture has {needed}")]
+    #[error("{given} bytes, but an image has {needed}")]
     Short {
         /// Number of bytes delivered.
         given: usize,

@@ -203,9 +203,9 @@ impl LiveCameras {
             (Some((camera, _)), _) => {
                 let Tally { stale, damaged, .. } = state.tallies[camera];
                 let reason = match stale + damaged {
-                    0 => format!("no picture for {waited} s: is the camera still there?"),
+                    0 => format!("no image for {waited} s: is the camera still there?"),
                     _ => format!(
-                        "no picture that can be used for {waited} s; so far {damaged} were \
+                        "no image that can be used for {waited} s; so far {damaged} were \
                          damaged, and {stale} came faster than they were fetched \
                          (lower --fps, or do less on this computer)"
                     ),
@@ -217,7 +217,7 @@ impl LiveCameras {
                 (
                     first.cloned().unwrap_or_default(),
                     format!(
-                        "no picture within the window of the other cameras' for {waited} s, the \
+                        "no image within the window of the other cameras' for {waited} s, the \
                          latest are {apart_ms:.1} ms apart: trigger the cameras together, \
                          or raise --window"
                     ),

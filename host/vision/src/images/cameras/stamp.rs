@@ -106,10 +106,10 @@ impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let doubt = match self {
             Self::Driver(Point::End) => {
-                return f.write_str("pictures have the driver's time, of their end");
+                return f.write_str("images have the driver's time, of their end");
             }
             Self::Driver(Point::Start) => {
-                return f.write_str("pictures have the driver's time, of their start");
+                return f.write_str("images have the driver's time, of their start");
             }
             Self::Arrival(Doubt::OtherClock) => "its driver does not use the monotonic clock",
             Self::Arrival(Doubt::Ahead) => "its driver's lie in the future",
@@ -117,7 +117,7 @@ impl fmt::Display for Source {
         };
         write!(
             f,
-            "pictures have the time of their arrival, which is less exact: {doubt}"
+            "images have the time of their arrival, which is less exact: {doubt}"
         )
     }
 }

@@ -96,7 +96,7 @@ fn empty_image_is_refused() {
 
 #[test]
 fn too_short_file_is_refused() {
-    let short = Refusal::CutOff("it is too short for a picture of its size");
+    let short = Refusal::CutOff("it is too short for an image of its size");
     for head in [
         "P5 6000 6000 255\n",
         "P6 5000 5000 65535\n1234",

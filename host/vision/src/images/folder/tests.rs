@@ -168,6 +168,8 @@ fn unequal_names_are_refused() {
     let error = open(dir.path()).unwrap_err();
     assert_eq!(error.file, dir.path().join("left/000000.PNG"));
     assert!(error.reason.starts_with("missing"), "{error}");
+    let endings = "`left` end in .png, those of `middle` in .PNG";
+    assert!(error.reason.contains(endings), "{error}");
 }
 
 #[test]
@@ -175,7 +177,7 @@ fn damaged_file_spoils_one_set() {
     let dir = saved(3);
     let whole = fs::read(dir.path().join("right/000001.png")).unwrap();
     let damaged = dir.path().join("right/000001.png");
-    for content in [&b""[..], b"not a picture", &whole[..whole.len() / 2]] {
+    for content in [&b""[..], b"not an image", &whole[..whole.len() / 2]] {
         fs::write(&damaged, content).unwrap();
         let folder = open(dir.path()).unwrap();
         let read: Vec<_> = folder.frame_sets().collect();

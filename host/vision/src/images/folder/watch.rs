@@ -300,7 +300,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 }
                 let key = (numbers_padded(&name), name);
                 if self.last.as_ref().is_some_and(|last| key <= *last) {
-                    let reason = "came after a later capture was taken: passed over";
+                    let reason = "came after a later frame set was taken: passed over";
                     (self.tell)(&InputError::file(&camera.join(&key.1), reason));
                     self.done.insert(key.1.clone());
                     done.insert(key.1);

@@ -19,7 +19,7 @@ pub fn cannot_open(path: &Path, cause: &io::Error) -> InputError {
             "may not be used: join the group that owns it (`sudo usermod -aG video $USER`, then \
              log in anew)"
         }
-        io::ErrorKind::ResourceBusy => "in use: close the other program that shows its pictures",
+        io::ErrorKind::ResourceBusy => "in use: close the other program that shows its images",
         _ => {
             return InputError::file(
                 path,
@@ -50,7 +50,7 @@ pub fn lost(path: &Path, cause: &io::Error) -> InputError {
         Some(Errno::NODEV) => {
             InputError::file(path, "was unplugged: plug it in again, and start anew")
         }
-        _ => InputError::io(path, "take a picture", cause),
+        _ => InputError::io(path, "take an image", cause),
     }
 }
 
@@ -59,7 +59,7 @@ pub fn no_format(path: &Path, offered: &[[u8; 4]]) -> InputError {
     let list = |names: Vec<String>| names.join(" ");
     let known = list(Format::ALL.map(|format| name(format.fourcc())).to_vec());
     let reason = match offered {
-        [] => "captures no video: many cameras have a second device for data about the pictures, \
+        [] => "captures no video: many cameras have a second device for data about the images, \
                take the first"
             .to_owned(),
         offered => format!(
@@ -114,7 +114,7 @@ mod tests {
             "{unplugged}"
         );
         let other = lost(device, &Errno::IO.into());
-        assert!(other.reason.starts_with("cannot take a picture"), "{other}");
+        assert!(other.reason.starts_with("cannot take an image"), "{other}");
         let size = no_size(device, [640, 480], [320, 240]).reason;
         assert!(size.contains("640 x 480") && size.contains("320 x 240"));
     }

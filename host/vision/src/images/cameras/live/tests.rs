@@ -167,7 +167,7 @@ fn silent_or_distant_cameras_are_named() {
     bench.send(2, 100, 0);
     bench.settle([1, 0, 1]);
     let error = bench.live.next().unwrap().unwrap_err().to_string();
-    assert!(error.starts_with("/dev/middle: no picture for"), "{error}");
+    assert!(error.starts_with("/dev/middle: no image for"), "{error}");
 
     // A camera that sends only unusable images.
     let mut bench = self::bench();
@@ -179,7 +179,7 @@ fn silent_or_distant_cameras_are_named() {
     bench.settle([1, 1, 1]);
     let error = bench.live.next().unwrap().unwrap_err().to_string();
     assert!(
-        error.starts_with("/dev/middle: no picture that can be used") && error.contains("1 came"),
+        error.starts_with("/dev/middle: no image that can be used") && error.contains("1 came"),
         "{error}"
     );
 

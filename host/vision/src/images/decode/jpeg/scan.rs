@@ -12,7 +12,7 @@ use super::{next_marker, segment};
 /// Number of coefficients of a block.
 const COEFFICIENTS: usize = 64;
 
-const CUT: Refusal = Refusal::CutOff("its compressed data end before the picture does");
+const CUT: Refusal = Refusal::CutOff("its compressed data end before the image does");
 
 /// One component of an image.
 struct Component {

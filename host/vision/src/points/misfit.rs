@@ -1,0 +1,258 @@
+//! Rows of a points CSV that do not fit the others.
+//!
+//! Every point is triangulated from its pixels at the keyframe; one displacement of all points is
+//! fitted to the pixels afterwards. The fit minimises the sum of distances instead of their squares
+//! (iteratively reweighted least squares), so that a few wrong rows hardly change it. A row is
+//! doubtful if its pixels are farther from the fit than [`DOUBTFUL`] times the typical distance.
+
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use shared::rig::Camera;
+use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::RigFile;
+
+use super::{HEADER, Sighting};
+
+/// Least misfit of a doubtful row, in multiples of the typical misfit.
+const DOUBTFUL: f64 = 5.0;
+/// Least typical misfit, px: the noise of well tracked points.
+const NOISE_PX: f64 = 0.05;
+/// Median of the length of a vector of two normal components, over their standard deviation.
+const MEDIAN_LENGTH: f64 = 1.177;
+/// Least number of points: fewer cannot contradict one of them.
+const LEAST_POINTS: usize = 4;
+/// Passes of the reweighted fit.
+const PASSES: usize = 15;
+
+/// One point: its row per camera, and the position at the keyframe in the rig's axes, mm.
+struct Placed<'a> {
+    rows: &'a [Sighting],
+    position: Vector3<f64>,
+    /// Normalised image points afterwards, per camera.
+    rays: Vec<[f64; 2]>,
+}
+
+/// Misfit of a row: its largest coordinate's index in the header, and the distance, px.
+#[derive(Clone, Copy, Default)]
+struct Misfit {
+    column: usize,
+    px: f64,
+}
+
+/// Returns a message for every row that does not fit the others.
+pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<InputError> {
+    let cameras = &rig.rig.cameras;
+    let all: Vec<usize> = (0..cameras.len()).collect();
+    let placed = |rows: &[Sighting], used: &[usize]| triangulate(cameras, rows, used);
+    let place = |rows: &'_ Vec<Sighting>| {
+        let rays = cameras.iter().zip(rows);
+        let rays = rays.map(|(camera, row)| camera.normalise(row.pixels[1]));
+        Some((placed(rows, &all)?, rays.collect()))
+    };
+    let points = points.iter().filter_map(|rows| {
+        let (position, rays) = place(rows)?;
+        Some(Placed {
+            rows,
+            position,
+            rays,
+        })
+    });
+    let points: Vec<Placed<'_>> = points.collect();
+    if points.len() < LEAST_POINTS {
+        return Vec::new();
+    }
+    let displacement = displacement(cameras, &points);
+    let misfit = |rows: &[Sighting], position, camera: usize| {
+        misfit(&cameras[camera], &rows[camera], position, displacement)
+    };
+    let mut lengths: Vec<f64> = (points.iter())
+        .flat_map(|point| {
+            all.iter()
+                .map(|k| misfit(point.rows, point.position, *k).px)
+        })
+        .collect();
+    lengths.sort_by(f64::total_cmp);
+    let typical_px = (lengths[lengths.len() / 2] / MEDIAN_LENGTH).max(NOISE_PX);
+    let limit_px = DOUBTFUL * typical_px;
+    let mut doubts = Vec::new();
+    for point in &points {
+        let worst = |position, of: &[usize]| {
+            let misfits = of.iter().map(|k| (*k, misfit(point.rows, position, *k)));
+            misfits.max_by(|(_, a), (_, b)| a.px.total_cmp(&b.px))
+        };
+        let Some((mut camera, mut found)) = worst(point.position, &all) else {
+            continue;
+        };
+        if found.px <= limit_px {
+            continue;
+        }
+        // The wrong row is the one without which the others agree best.
+        let mut least_px = f64::INFINITY;
+        for out in all.iter().filter(|_| all.len() > 2) {
+            let others: Vec<usize> = all.iter().copied().filter(|k| k != out).collect();
+            let Some(position) = placed(point.rows, &others) else {
+                continue;
+            };
+            let rest_px = worst(position, &others).map_or(0.0, |(_, rest)| rest.px);
+            if rest_px < least_px {
+                least_px = rest_px;
+                (camera, found) = (*out, misfit(point.rows, position, *out));
+            }
+        }
+        let name = &rig.names[camera];
+        let reason = format!(
+            "camera `{name}` is {:.2} px from where the other rows put this point, and \
+             {typical_px:.2} px are usual in this file; correct the row or leave the point out",
+            found.px
+        );
+        let (line, column) = (point.rows[camera].line, HEADER[found.column]);
+        doubts.push(InputError::field(file, line, column, reason));
+    }
+    doubts.sort_by_key(|doubt| doubt.line);
+    doubts
+}
+
+/// Returns the position of a point at the keyframe, from the cameras in `used`; none if it is not
+/// in front of them.
+fn triangulate(cameras: &[Camera], rows: &[Sighting], used: &[usize]) -> Option<Vector3<f64>> {
+    // X - xi Z = ox and Y - eta Z = oy for every camera.
+    let rays = used.iter().map(|&k| {
+        let [xi, eta] = cameras[k].normalise(rows[k].pixels[0]);
+        let [ox, oy] = cameras[k].offset_mm;
+        [xi, eta, ox, oy]
+    });
+    let rays: Vec<[f64; 4]> = rays.collect();
+    let count = rays.len() as f64;
+    let mean: [f64; 4] =
+        std::array::from_fn(|i| rays.iter().map(|ray| ray[i]).sum::<f64>() / count);
+    let (mut across, mut along) = (0.0, 0.0);
+    for ray in &rays {
+        let [xi, eta, ox, oy]: [f64; 4] = std::array::from_fn(|i| ray[i] - mean[i]);
+        across -= xi * ox + eta * oy;
+        along += xi * xi + eta * eta;
+    }
+    let z = across / along;
+    let [xi, eta, ox, oy] = mean;
+    (z.is_finite() && z > 0.0).then(|| Vector3::new(ox + xi * z, oy + eta * z, z))
+}
+
+/// Fits one displacement of all points, mm.
+fn displacement(cameras: &[Camera], points: &[Placed<'_>]) -> Vector3<f64> {
+    let mut displacement = Vector3::zeros();
+    for pass in 0..PASSES {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for Placed { position, rays, .. } in points {
+            for (camera, [xi, eta]) in cameras.iter().zip(rays) {
+                let [ox, oy] = camera.offset_mm;
+                // dX - xi dZ = xi Z - X + ox, and the same for Y.
+                let equations = [
+                    (
+                        Vector3::new(1.0, 0.0, -xi),
+                        xi * position.z - position.x + ox,
+                    ),
+                    (
+                        Vector3::new(0.0, 1.0, -eta),
+                        eta * position.z - position.y + oy,
+                    ),
+                ];
+                let [x, y] = equations.map(|(row, value)| row.dot(&displacement) - value);
+                // In units of the image, so that far points count as much as near ones.
+                let scale = camera.focal_px[0] / position.z;
+                let distance_px = (scale * x.hypot(y)).max(0.1 * NOISE_PX);
+                let weight = scale * scale / if pass == 0 { 1.0 } else { distance_px };
+                for (row, value) in equations {
+                    normal += weight * row * row.transpose();
+                    right += weight * value * row;
+                }
+            }
+        }
+        match normal.lu().solve(&right) {
+            Some(solved) => displacement = solved,
+            None => return displacement,
+        }
+    }
+    displacement
+}
+
+/// Returns the misfit of a row, at the keyframe or afterwards, whichever is larger.
+fn misfit(
+    camera: &Camera,
+    row: &Sighting,
+    position: Vector3<f64>,
+    displacement: Vector3<f64>,
+) -> Misfit {
+    let mut worst = Misfit::default();
+    for (instant, at) in [position, position + displacement].into_iter().enumerate() {
+        let [x, y] = camera.project(at.into());
+        let [dx, dy] = [row.pixels[instant][0] - x, row.pixels[instant][1] - y];
+        let px = dx.hypot(dy);
+        if px > worst.px {
+            let column = 2 + 2 * instant + usize::from(dy.abs() > dx.abs());
+            worst = Misfit { column, px };
+        }
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::parse;
+    use trinocular_rig::random::Random;
+
+    /// Returns a file of points that moved alike, with noise, whose line 2 + 3 * point + camera is
+    /// off by `off_px`.
+    fn doubts(noise_px: f64, wrong: &[(usize, [f64; 4])]) -> Vec<InputError> {
+        let rig = RigFile::paper();
+        let mut random = Random::seeded(7);
+        let mut text = format!("{}\n", HEADER.join(","));
+        for id in 0..30 {
+            let place = [-60.0, -40.0, 800.0];
+            let span = [120.0, 80.0, 200.0];
+            let p: [f64; 3] =
+                std::array::from_fn(|i| place[i] + span[i] * random.between(0.0, 1.0));
+            for (name, camera) in rig.names.iter().zip(&rig.rig.cameras) {
+                let line = 1 + text.lines().count();
+                let off = wrong.iter().find(|(at, _)| *at == line);
+                let [x0, y0] = camera.project(p);
+                let [x1, y1] = camera.project([p[0] + 3.0, p[1] - 2.0, p[2] + 4.0]);
+                let noisy: [f64; 4] = std::array::from_fn(|i| {
+                    let noise = noise_px * random.between(-1.7, 1.7);
+                    [x0, y0, x1, y1][i] + noise + off.map_or(0.0, |(_, off)| off[i])
+                });
+                text += &format!("{id},{name},{}\n", noisy.map(|v| v.to_string()).join(","));
+            }
+        }
+        parse(Path::new("p.csv"), text.as_bytes(), &rig)
+            .expect("a good file")
+            .doubts
+    }
+
+    #[test]
+    fn noise_alone_leaves_no_doubt() {
+        for noise_px in [0.0, 0.05, 0.5] {
+            assert_eq!(doubts(noise_px, &[]), [], "{noise_px} px");
+        }
+    }
+
+    #[test]
+    fn wrong_rows_are_named_with_line_and_camera() {
+        let wrong = [
+            (5, [0.0, 0.0, 6.0, 0.0]),
+            (12, [0.0, 5.0, 0.0, 4.0]),
+            (31, [0.0, 0.0, 0.0, -2.0]),
+            (49, [8.0, 0.0, 0.0, 0.0]),
+        ];
+        let found = doubts(0.05, &wrong);
+        let lines: Vec<_> = found.iter().filter_map(|doubt| doubt.line).collect();
+        assert_eq!(lines, [5, 12, 31, 49], "{found:?}");
+        let fields: Vec<_> = found
+            .iter()
+            .filter_map(|doubt| doubt.field.as_deref())
+            .collect();
+        assert_eq!(fields[..3], ["x1", "y0", "y1"], "{found:?}");
+        // Line 5 is the first camera of the second point.
+        assert!(found[0].reason.contains("camera `left` is 6."), "{found:?}");
+    }
+}
