@@ -140,6 +140,12 @@ impl Tap {
         self.push(at_us, Content::Event(kind, text));
     }
 
+    /// Records that the run ended at `at_us` of the log's clock, up to which time has passed.
+    pub fn end(&self, at_us: u64) {
+        let at_us = self.pass(at_us);
+        self.push(at_us, Content::End);
+    }
+
     /// Returns the numbers of what did not fit the queue so far.
     pub fn dropped(&self) -> Dropped {
         Dropped {
@@ -248,16 +254,11 @@ impl Recorder {
         Arc::clone(&self.tap)
     }
 
-    /// Ends the recording at `end_us` of the log's clock, up to which time has passed, and waits
-    /// for the file. Without it, the recording ends with the last message.
+    /// Ends the recording and waits for the file.
     ///
     /// # Errors
     /// The error that ended the recording early.
-    pub fn finish(mut self, end_us: Option<u64>) -> Result<Account, InputError> {
-        if let Some(end_us) = end_us {
-            let end_us = self.tap.pass(end_us);
-            self.tap.push(end_us, Content::End);
-        }
+    pub fn finish(mut self) -> Result<Account, InputError> {
         let ended = self.join();
         let ended = ended.map_err(|cause| InputError::io(&self.path, "write", &cause))?;
         Ok(Account {

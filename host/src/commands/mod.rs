@@ -29,6 +29,7 @@ mod motors;
 mod port;
 mod ports;
 mod progress;
+mod record;
 mod report;
 mod reset;
 mod robustness;

@@ -8,11 +8,12 @@ mod recorded;
 mod simulated;
 
 use super::port::PortOption;
+use super::record::{Origin, Recording, RecordOption};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::servo::path::TargetPath;
-use host::servo::station_link::StationLink;
+use host::servo::station_link::{StationLink, TWIN_B};
 use std::io::Write;
 use std::path::PathBuf;
 use trinocular_client::diagnosis::explain;
@@ -161,9 +162,32 @@ pub struct Options {
 
     #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
+
+    #[command(flatten)]
+    record: RecordOption,
+
+    /// Replace the file of --record even if this program did not write it
+    #[arg(long, requires = "record", help_heading = "Recording")]
+    force: bool,
 }
 
 impl Options {
+    /// Begins the recording of a run with this rig, if one was requested.
+    fn recording(&self, rig: &RigFile) -> Result<Recording, Failure> {
+        let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
+        let source = &self.source;
+        let opened = self.record.open(self.force)?;
+        let is_real = self.station.is_given() || source.cameras.is_some() || source.watch.is_some();
+        opened.start(&Origin {
+            rig: rig.clone(),
+            rig_text: self.rig.as_ref().map(read).transpose()?,
+            estimator: self.method.into(),
+            twin: (!self.station.is_given()).then_some(TWIN_B),
+            is_real,
+            seed: source.sim.then_some(self.scene.seed),
+        })
+    }
+
     /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
         (1e6 / self.fps).round() as u64
@@ -243,6 +267,7 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
   trinocular track --sim --path lissajous --seconds 16 --json > run.jsonl
+  trinocular track --sim --record run.mcap
   trinocular track --sim --rig rig.toml --port /dev/ttyACM0 --path still
   trinocular track --images captures/ --rig rig.toml
   trinocular track --watch captures/ --rig rig.toml --idle 60

@@ -110,6 +110,10 @@ fn follow(
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
+    let recording = options.recording(&RigFile {
+        stage: Some(stage.clone()),
+        ..rig.clone()
+    })?;
     let captures = Captures::new(
         options,
         rig,
@@ -117,6 +121,7 @@ fn follow(
         port.as_deref(),
         &all,
         Some(&now_us),
+        recording.tap(),
     )?;
     let end_us = options
         .seconds
@@ -143,7 +148,7 @@ fn follow(
             tally.lost
         );
     }
-    let summary = outcome?;
+    let summary = recording.finish(&options.record).and(outcome)?;
     notice!(
         "{} of {} captures not used",
         summary.refused,

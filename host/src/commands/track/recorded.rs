@@ -32,8 +32,27 @@ pub fn run(
     }
     let unread = Cell::new(0);
     let captures = readable(captures.frame_sets(), &unread);
-    let summary = station(options, &rig, folder)?.follow(captures, out)?;
+    let summary = follow(options, rig, folder, captures, out)?;
     judged(folder, summary, unread.get())
+}
+
+/// Follows the frame sets, and records the run if that was requested.
+fn follow(
+    options: &Options,
+    mut rig: RigFile,
+    source: &Path,
+    captures: impl Iterator<Item = Result<FrameSet, InputError>>,
+    out: &mut impl Write,
+) -> Result<Summary, Failure> {
+    let stage = rig.stage.get_or_insert_with(default_stage);
+    // The stage shall end at the target's last measured position, not at a predicted one.
+    stage.tracking.prediction = false;
+    let stage = (stage.clone(), Mounting::Fixed);
+    let stage = (&stage.0, stage.1);
+    let recording = options.recording(&rig)?;
+    let station = Captures::new(options, &rig, stage, None, source, None, recording.tap());
+    let summary = station.and_then(|station| station.follow(captures, out));
+    recording.finish(&options.record).and(summary)
 }
 
 /// Runs as [`run`] does, for a folder that grows: until Ctrl-C, or until no image has come for
@@ -62,7 +81,7 @@ pub fn watch(
     let (mut came, unread) = (0, Cell::new(0));
     let captures = captures.inspect(|_| came += 1);
     let captures = readable(captures, &unread);
-    let summary = station(options, &rig, folder)?.follow(captures, out)?;
+    let summary = follow(options, rig, folder, captures, out)?;
     if came < 2 {
         return Err(few(folder, came));
     }
@@ -87,18 +106,6 @@ fn readable(
             true
         }
     })
-}
-
-/// Makes the twin, whose stage copies the target's motion.
-fn station<'a>(
-    options: &'a Options,
-    rig: &RigFile,
-    folder: &'a Path,
-) -> Result<Captures<'a>, Failure> {
-    let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
-    // The stage shall end at the target's last measured position, not at a predicted one.
-    stage.tracking.prediction = false;
-    Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
 
 fn few(folder: &Path, count: usize) -> Failure {
