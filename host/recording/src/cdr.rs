@@ -133,9 +133,7 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// [`CdrFault`] if the encapsulation header is missing or names another encoding.
     pub fn new(bytes: &'a [u8]) -> Result<Self, CdrFault> {
-        let (header, body) = bytes
-            .split_first_chunk::<HEADER>()
-            .ok_or(CdrFault::Short)?;
+        let (header, body) = bytes.split_first_chunk::<HEADER>().ok_or(CdrFault::Short)?;
         let is_little = match header {
             [0, 0, ..] => false,
             [0, 1, ..] => true,

@@ -13,6 +13,7 @@
 #![cfg_attr(not(test), deny(clippy::print_stderr, clippy::print_stdout))]
 
 pub mod cdr;
+pub mod export;
 pub mod message;
 pub mod queue;
 pub mod read;

@@ -155,7 +155,11 @@ impl Measurement {
         self.displacement_mm = measured.displacement_mm;
         self.variance_inflation = measured.variance_inflation.factor;
         // A rig has at most eight cameras.
-        self.cameras = measured.cameras.iter().map(|camera| *camera as u8).collect();
+        self.cameras = measured
+            .cameras
+            .iter()
+            .map(|camera| *camera as u8)
+            .collect();
         let points = measured.correspondences.iter();
         let pixels = points.flat_map(|point| point.pixels.as_flattened().as_flattened());
         self.pixels = pixels.copied().collect();
@@ -186,11 +190,17 @@ impl Measurement {
         writer.length(self.rejects.len());
         self.rejects.iter().for_each(|(name, _)| writer.text(name));
         writer.length(self.rejects.len());
-        self.rejects.iter().for_each(|(_, count)| writer.u32(*count));
+        self.rejects
+            .iter()
+            .for_each(|(_, count)| writer.u32(*count));
         writer.length(self.absent.len());
-        self.absent.iter().for_each(|(camera, _)| writer.u8(*camera));
+        self.absent
+            .iter()
+            .for_each(|(camera, _)| writer.u8(*camera));
         writer.length(self.absent.len());
-        self.absent.iter().for_each(|(_, reason)| writer.text(reason));
+        self.absent
+            .iter()
+            .for_each(|(_, reason)| writer.text(reason));
         writer.f64_array(&self.stage_mm);
         writer.f64_array(&self.station_mm);
         writer.f64_array(&self.station_sigma_mm);

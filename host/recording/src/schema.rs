@@ -27,10 +27,7 @@ impl Schema {
     }
 }
 
-const TIME: (&str, &str) = (
-    "builtin_interfaces/Time",
-    "int32 sec\nuint32 nanosec\n",
-);
+const TIME: (&str, &str) = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
 
 const HEADER: (&str, &str) = (
     "std_msgs/Header",

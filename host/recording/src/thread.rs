@@ -272,7 +272,13 @@ impl Opened {
                     message::image(&mut self.message, stamp_us, image);
                 }
             }
-            self.put(at_us, Channel { sequence: frame, ..channel })?;
+            self.put(
+                at_us,
+                Channel {
+                    sequence: frame,
+                    ..channel
+                },
+            )?;
         }
         Ok(())
     }

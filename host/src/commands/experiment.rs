@@ -89,7 +89,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let stage = stage(options)?;
     let (report, figure) = outputs(options)?;
     let opened = options.record.open(options.force)?;
-    if [Some(&report), figure.as_ref()].into_iter().flatten().any(|o| opened.is_same_file(o)) {
+    if [Some(&report), figure.as_ref()]
+        .into_iter()
+        .flatten()
+        .any(|o| opened.is_same_file(o))
+    {
         let reason = "--report, --figure and --record must be different files";
         return Err(Failure::Usage(reason.to_owned()));
     }

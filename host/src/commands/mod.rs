@@ -18,7 +18,9 @@ mod diagnose;
 mod doubts;
 mod estimate;
 mod experiment;
+mod export;
 pub mod failure;
+mod frames;
 mod groups;
 mod hello;
 mod home;
@@ -30,6 +32,7 @@ mod port;
 mod ports;
 mod progress;
 mod record;
+mod replay;
 mod report;
 mod reset;
 mod robustness;
@@ -97,6 +100,7 @@ enum Command {
     Convert(convert::Options),
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
+    Export(export::Options),
     Hello(hello::Options),
     Home(home::Options),
     Init(init::InitOptions),
@@ -104,6 +108,7 @@ enum Command {
     Man(man::ManOptions),
     Motors(motors::Options),
     Ports(ports::Options),
+    Replay(replay::Options),
     Reset(reset::Options),
     Simulate(simulate::Options),
     Status(status::Options),
@@ -145,6 +150,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
+        Some(Command::Export(options)) => export::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Init(options)) => init::run(&options, out),
@@ -152,6 +158,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
+        Some(Command::Replay(options)) => replay::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),
         Some(Command::Status(options)) => status::run(&options, out),

@@ -138,7 +138,11 @@ impl Opened {
         let texts = texts.into_iter();
         let settings = Settings {
             images: self.images,
-            pace: if origin.is_real { Pace::Real } else { Pace::Virtual },
+            pace: if origin.is_real {
+                Pace::Real
+            } else {
+                Pace::Virtual
+            },
             cameras: origin.rig.names.clone(),
             epoch_us: if origin.is_real { now_us } else { 0 },
             rig: (origin.rig_text.clone()).unwrap_or_else(|| origin.rig.to_toml()),

@@ -70,9 +70,7 @@ impl ServoObserver for RecordingObserver {
             } => {
                 let mut message = match (measured, &step.outcome) {
                     (Some(measured), _) => measurement(&self.rig, Ok(measured)),
-                    (None, ServoOutcome::Refused(refusal)) => {
-                        measurement(&self.rig, Err(refusal))
-                    }
+                    (None, ServoOutcome::Refused(refusal)) => measurement(&self.rig, Err(refusal)),
                     (None, _) => Measurement::default(),
                 };
                 message.stamp_us = images.time_us;

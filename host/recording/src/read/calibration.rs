@@ -57,7 +57,11 @@ fn yaml(message: &[u8]) -> Result<String, CdrFault> {
     let mut reader = Reader::new(message)?;
     read_header(&mut reader)?;
     let (height, width) = (reader.u32()?, reader.u32()?);
-    let model: String = reader.text()?.chars().filter(|c| c.is_ascii_graphic()).collect();
+    let model: String = reader
+        .text()?
+        .chars()
+        .filter(|c| c.is_ascii_graphic())
+        .collect();
     let distortion = reader.f64s()?;
     let (k, r, p) = (
         reader.array::<9>()?,
@@ -66,7 +70,11 @@ fn yaml(message: &[u8]) -> Result<String, CdrFault> {
     );
     let mut text = format!(
         "image_width: {width}\nimage_height: {height}\ndistortion_model: {:?}\n",
-        if model.is_empty() { "plumb_bob" } else { &model }
+        if model.is_empty() {
+            "plumb_bob"
+        } else {
+            &model
+        }
     );
     let mut matrix = |name: &str, rows: usize, values: &[f64]| {
         let columns = values.len() / rows;

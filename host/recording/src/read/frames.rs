@@ -67,7 +67,11 @@ impl Topics {
                 ([topic], _) => Ok((**topic).to_owned()),
                 (_, Some(raw)) => Ok((**raw).to_string()),
                 (fitting, None) => {
-                    let count = if fitting.is_empty() { "no" } else { "more than one" };
+                    let count = if fitting.is_empty() {
+                        "no"
+                    } else {
+                        "more than one"
+                    };
                     let reason = format!(
                         "{count} topic has images of the camera {name:?}; name it with --topic \
                          {name}=/TOPIC; {}",

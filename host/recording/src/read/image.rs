@@ -103,10 +103,12 @@ pub fn read(kind: &str, message: &[u8]) -> Result<Image, ImageFault> {
         }
         _ => {
             let is_rgb = encoding.starts_with("rgb");
-            let colours = packed.chunks_exact(depth as usize).flat_map(|p| match is_rgb {
-                true => [p[0], p[1], p[2]],
-                false => [p[2], p[1], p[0]],
-            });
+            let colours = packed
+                .chunks_exact(depth as usize)
+                .flat_map(|p| match is_rgb {
+                    true => [p[0], p[1], p[2]],
+                    false => [p[2], p[1], p[0]],
+                });
             let whole = ImageBuffer::<Rgb<u8>, Vec<u8>>::from_raw(width, height, colours.collect());
             DynamicImage::from(whole.ok_or_else(size)?)
                 .into_luma8()
@@ -150,7 +152,10 @@ mod tests {
 
     #[test]
     fn padding_of_rows_is_skipped() {
-        assert_eq!(grey("mono8", [2, 2], 3, &[1, 2, 99, 3, 4, 99]), [1, 2, 3, 4]);
+        assert_eq!(
+            grey("mono8", [2, 2], 3, &[1, 2, 99, 3, 4, 99]),
+            [1, 2, 3, 4]
+        );
     }
 
     #[test]

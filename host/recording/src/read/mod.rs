@@ -36,7 +36,8 @@ pub fn is_recording(path: &Path) -> bool {
     if path.is_dir() {
         return path.join("metadata.yaml").is_file();
     }
-    path.extension().is_some_and(|extension| extension == "mcap")
+    path.extension()
+        .is_some_and(|extension| extension == "mcap")
 }
 
 impl Source {

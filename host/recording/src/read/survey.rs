@@ -21,8 +21,18 @@ pub struct TopicSurvey {
     pub encoding: String,
     /// Number of messages.
     pub count: u64,
+    /// Instants of the first and of the last message, ns.
+    pub span_ns: [u64; 2],
     /// The first message of a topic with a camera's calibration.
     pub first: Option<Vec<u8>>,
+}
+
+impl TopicSurvey {
+    /// Returns the mean time between two messages, µs.
+    pub fn period_us(&self) -> u64 {
+        let [first, last] = self.span_ns;
+        last.saturating_sub(first) / 1_000 / self.count.saturating_sub(1).max(1)
+    }
 }
 
 /// Topics and other parts of a source.
@@ -97,7 +107,12 @@ impl Survey {
             let (file, record) = record?;
             channels.take(file, &record);
             match record {
-                Record::Message { channel, data, .. } => {
+                Record::Message {
+                    channel,
+                    data,
+                    log_time,
+                    ..
+                } => {
                     let Some((name, kind, encoding)) = channels.get(file, channel) else {
                         let reason = format!("has a message on channel {channel}, which is none");
                         return Err(InputError::file(source.path(), reason));
@@ -107,10 +122,13 @@ impl Survey {
                     }
                     let topic = survey.topics.entry(name.to_owned()).or_default();
                     topic.count += 1;
+                    topic.span_ns[1] = log_time;
                     if topic.count == 1 {
+                        topic.span_ns[0] = log_time;
                         topic.kind = kind.to_owned();
                         topic.encoding = encoding.to_owned();
-                        topic.first = (kind == CAMERA_INFO && data.len() <= LONGEST).then_some(data);
+                        topic.first =
+                            (kind == CAMERA_INFO && data.len() <= LONGEST).then_some(data);
                     }
                 }
                 Record::Metadata { name, texts } => {
@@ -121,7 +139,9 @@ impl Survey {
                     };
                     *part = Some(texts.into_iter().collect());
                 }
-                Record::Attachment { name, data } if name == topic::RIG && data.len() <= LONGEST => {
+                Record::Attachment { name, data }
+                    if name == topic::RIG && data.len() <= LONGEST =>
+                {
                     survey.rig = String::from_utf8(data).ok();
                 }
                 _ => {}

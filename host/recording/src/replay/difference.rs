@@ -46,7 +46,11 @@ impl Comparison {
 }
 
 fn shortened(text: &str) -> String {
-    text.trim().trim_end_matches(',').chars().take(LONGEST).collect()
+    text.trim()
+        .trim_end_matches(',')
+        .chars()
+        .take(LONGEST)
+        .collect()
 }
 
 /// Returns the first field in which two values differ, with both, by their debug format: its lines
@@ -65,7 +69,11 @@ pub fn first_field(a: &impl Debug, b: &impl Debug) -> Option<(String, String, St
         path.resize(depth, "");
         path.push(name.unwrap_or_default());
         if left != right {
-            let names: Vec<&str> = path.iter().copied().filter(|name| !name.is_empty()).collect();
+            let names: Vec<&str> = path
+                .iter()
+                .copied()
+                .filter(|name| !name.is_empty())
+                .collect();
             let value = |line: Option<&str>| line.map_or("nothing".to_owned(), shortened);
             return Some((names.join("."), value(left), value(right)));
         }
@@ -100,7 +108,10 @@ mod tests {
         let (field, a, b) = first_field(&outer(1), &outer(2)).expect("they differ");
         assert_eq!(field, "Outer.inner.Inner.y");
         assert_eq!((a.as_str(), b.as_str()), ("y: 1", "y: 2"));
-        let none = Outer { name: 1, inner: None };
+        let none = Outer {
+            name: 1,
+            inner: None,
+        };
         let (field, ..) = first_field(&outer(1), &none).expect("they differ");
         assert_eq!(field, "Outer.inner");
     }

@@ -127,10 +127,7 @@ impl Measuring {
     ///
     /// # Errors
     /// [`LogFault`] if the bytes are no entry.
-    pub fn input<'a>(
-        &mut self,
-        entry: &'a [u8],
-    ) -> Result<Option<(Instant, Entry<'a>)>, LogFault> {
+    pub fn input<'a>(&mut self, entry: &'a [u8]) -> Result<Option<(Instant, Entry<'a>)>, LogFault> {
         let entry = Log::new(entry).entry()?;
         if let Some((_, Entry::Bytes(mut bytes))) = entry {
             while let Some(packet) = self.receiver.next(&mut bytes) {

@@ -115,7 +115,10 @@ pub fn replay(
             continue;
         };
         let malformed = |fault| bad(format!("a message on {name} is malformed: {fault}"));
-        if let Some(camera) = topics.iter().position(|pair| pair.iter().any(|t| t == name)) {
+        if let Some(camera) = topics
+            .iter()
+            .position(|pair| pair.iter().any(|t| t == name))
+        {
             let image = image::read(kind, &data);
             let image = image.map_err(|fault| bad(format!("an image on {name}: {fault}")))?;
             measuring.image(sequence, camera, image);

@@ -44,7 +44,9 @@ impl StationReplay {
     pub fn new(board: &str) -> Result<Self, String> {
         let length = board.len();
         if length > 16 {
-            return Err(format!("the board's name has {length} bytes, 16 are the most"));
+            return Err(format!(
+                "the board's name has {length} bytes, 16 are the most"
+            ));
         }
         // Names of boards are constants elsewhere. A replay makes one, and then the program ends.
         let board = twin::board(board.to_owned().leak());
@@ -78,7 +80,9 @@ impl StationReplay {
     fn pass(&mut self, end: Instant) -> Result<(), String> {
         if end.since(self.station.now()) > LONGEST_GAP_US {
             let us = end.micros();
-            return Err(format!("an input at {us} us is a day after the one before it"));
+            return Err(format!(
+                "an input at {us} us is a day after the one before it"
+            ));
         }
         loop {
             let event = self.station.run(end, &mut self.words);
@@ -205,7 +209,8 @@ impl StationReplay {
             let recorded = self.output.recorded.front().and_then(|bytes| read(bytes));
             let replayed = self.output.replayed.front().and_then(|bytes| read(bytes));
             let number = self.packets.same;
-            self.packets.count(Some(difference(number, recorded, replayed)));
+            self.packets
+                .count(Some(difference(number, recorded, replayed)));
         }
         if lacks(&self.edges, self.has_ended) {
             let front = [&self.edges.recorded, &self.edges.replayed].map(VecDeque::front);
@@ -214,7 +219,12 @@ impl StationReplay {
                 None => "nothing more".to_owned(),
             });
             self.edge_count.count(Some(Difference {
-                at_us: front.into_iter().flatten().map(|b| read_us(b)).min().unwrap_or(0),
+                at_us: front
+                    .into_iter()
+                    .flatten()
+                    .map(|b| read_us(b))
+                    .min()
+                    .unwrap_or(0),
                 message: "edges of a segment".to_owned(),
                 field: "number of segments".to_owned(),
                 recorded,

@@ -52,7 +52,10 @@ impl Drop for Staged {
 /// and returns it for writing.
 pub(super) fn begin(target: &Path) -> io::Result<File> {
     let staged = Staged::write(target, b"")?;
-    let file = OpenOptions::new().read(true).write(true).open(&staged.temporary)?;
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .open(&staged.temporary)?;
     staged.take_place()?;
     Ok(file)
 }

@@ -1,9 +1,10 @@
 //! Tracking with a folder of images, complete or growing; the cameras are beside the stage.
 
-use super::Options;
 use super::captures::{Captures, Summary};
+use super::{Estimator, Options};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
+use crate::commands::frames::Rigged;
 use shared::frame::message::Mounting;
 use std::cell::Cell;
 use std::io::Write;
@@ -16,6 +17,10 @@ use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::Folder;
 use trinocular_vision::images::folder::watch::{Settings, Watch};
+
+/// Shortest and longest time between two frame sets of a recording, µs: as --fps allows.
+const LEAST_PERIOD_US: u64 = 5_000;
+const MOST_PERIOD_US: u64 = 1_000_000;
 
 /// Feeds every frame set to the twin at its capture time; prints the path of the stage.
 pub fn run(
@@ -34,6 +39,33 @@ pub fn run(
     let captures = readable(captures.frame_sets(), &unread);
     let summary = follow(options, rig, folder, captures, out)?;
     judged(folder, summary, unread.get())
+}
+
+/// Runs as [`run`] does, for a recording.
+pub fn replay(
+    options: &Options,
+    recording: &Path,
+    rig_path: Option<&Path>,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let rig = rig_path
+        .map(|path| options.method.read_rig(path))
+        .transpose()?;
+    let Rigged { frames, rig } = options.recording.open(recording, rig)?;
+    if options.method == Estimator::ClosedForm {
+        RigFile::parse_in_line(recording, &rig.to_toml())?;
+    }
+    options.recorded_period_us.set(Some(
+        frames.period_us().clamp(LEAST_PERIOD_US, MOST_PERIOD_US),
+    ));
+    let (came, unread) = (Cell::new(0), Cell::new(0));
+    let counted = frames.frame_sets().inspect(|_| came.set(came.get() + 1));
+    let captures = readable(counted, &unread);
+    let summary = follow(options, rig, recording, captures, out)?;
+    if came.get() < 2 {
+        return Err(few(recording, came.get()));
+    }
+    judged(recording, summary, unread.get())
 }
 
 /// Follows the frame sets, and records the run if that was requested.
