@@ -286,7 +286,7 @@ mod tests {
         writer.f64(1.0);
         let mut expected = vec![0, 1, 0, 0, 7, 0, 0, 0, 1, 0, 0, 0, 3, 0, 0, 0];
         expected.extend(b"ab\0");
-        expected.extend([0; 5]);
+        expected.push(0);
         expected.extend(1.0f64.to_le_bytes());
         assert_eq!(bytes, expected);
         let mut reader = Reader::new(&bytes).unwrap();

@@ -71,7 +71,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
     let settings = settings(&source, &survey, origin)?;
     let mut count = Count::new("frame sets replayed");
-    let replayed = replay::replay(&source, &settings, |frame| count.at(frame as usize))?;
+    let replayed = replay::replay(&source, &settings, |frame| count.at(frame as usize + 1))?;
     drop(count);
     match options.json {
         true => {

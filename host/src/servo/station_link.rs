@@ -163,6 +163,14 @@ impl StationLink {
         }
     }
 
+    /// Returns the twin, if the station is one, to press its switches.
+    pub fn twin_mut(&mut self) -> Option<&mut Twin> {
+        match self {
+            Self::Twin(twin) => Some(twin),
+            Self::Live(_) => None,
+        }
+    }
+
     /// Returns the loop's clock: virtual time, or the host's since the line was opened.
     pub fn now(&self) -> Instant {
         match self {

@@ -147,11 +147,10 @@ impl Measuring {
 
     /// Compares the frame of this capture time, once both sides have it.
     fn pair(&mut self, capture_us: u64) {
-        if self.measured.contains_key(&capture_us)
-            && let (Some(measured), Some(sent)) = (
-                self.measured.remove(&capture_us),
-                self.sent.remove(&capture_us),
-            )
+        let is_paired = self.sent.contains_key(&capture_us);
+        if is_paired
+            && let Some(measured) = self.measured.remove(&capture_us)
+            && let Some(sent) = self.sent.remove(&capture_us)
         {
             let difference = first_field(&sent, &measured);
             let difference = difference.map(|(field, recorded, replayed)| Difference {

@@ -76,6 +76,38 @@ impl Replayed {
     }
 }
 
+/// Returns the station's input log and the records of its outputs, for a replay elsewhere: on the
+/// emulated board, for instance. An edge message is left out, because the records have checksums.
+///
+/// # Errors
+/// [`InputError`] if the file is damaged, or holds no outputs of a twin.
+pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<shared::replay::Record>), InputError> {
+    let bad = |what: String| InputError::file(source.path(), what);
+    let (mut log, mut outputs) = (Vec::new(), Vec::new());
+    let mut channels = Channels::default();
+    for record in source.records() {
+        let (file, record) = record?;
+        channels.take(file, &record);
+        let Record::Message { channel, data, .. } = record else {
+            continue;
+        };
+        let name = channels.get(file, channel).map(|(name, ..)| name);
+        let is_input = name == Some(Topic::Input.name());
+        if !is_input && name != Some(Topic::Output.name()) {
+            continue;
+        }
+        let mut entry = read_entry(&data).map_err(|fault| bad(format!("an entry: {fault}")))?;
+        match is_input {
+            true => log.extend_from_slice(entry),
+            false => {
+                let output = shared::replay::Record::read(&mut entry);
+                outputs.push(output.ok_or_else(|| bad("an output is no record".to_owned()))?);
+            }
+        }
+    }
+    Ok((log, outputs))
+}
+
 /// Replays a recording of this program. Calls `progress` with the number of each frame set.
 ///
 /// # Errors

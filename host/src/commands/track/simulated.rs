@@ -1,5 +1,6 @@
 //! Tracking in closed loop with the simulator.
 
+use super::super::by_hand;
 use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
@@ -17,6 +18,7 @@ use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_recording::recorder::Tap;
+use trinocular_rig::interruption;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::Texture;
@@ -78,7 +80,11 @@ fn follow(
         )?;
     }
     let seconds = options.seconds.unwrap_or(DEFAULT_SECONDS);
-    while servo.time_s(&world) + 1.0 / options.fps <= seconds {
+    if tap.is_some() {
+        // Ctrl-C ends the recording whole.
+        by_hand::on_interrupt()?;
+    }
+    while servo.time_s(&world) + 1.0 / options.fps <= seconds && !interruption::is_requested() {
         // A gets its setpoint at every picture, one picture ahead.
         let next_mm = options.path.at(servo.time_s(&world));
         world.a.send(setpoint(next_mm));
