@@ -86,16 +86,16 @@ fn scenario_is_recorded_and_replayed() {
 fn killed_run_leaves_a_readable_file() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let record = ["track", "--sim", "--seconds", "600", "--record", "run.mcap"];
     for (name, has_end) in [("KILL", false), ("INT", true)] {
+        let file = format!("{name}.mcap");
         let mut program = trinocular()
-            .args(record)
+            .args(["track", "--sim", "--seconds", "600", "--record", &file])
             .current_dir(folder)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
             .expect("it runs");
-        let path = folder.join("run.mcap");
+        let path = folder.join(&file);
         let is_long = || path.metadata().is_ok_and(|about| about.len() > 5 << 20);
         while !is_long() {
             assert!(program.try_wait().unwrap().is_none(), "it ended early");
@@ -104,12 +104,14 @@ fn killed_run_leaves_a_readable_file() {
         signal(&program, name);
         let status = program.wait().unwrap();
         assert_eq!(status.success(), has_end, "{name}");
-        let summary = same(folder, "run.mcap");
+        let summary = same(folder, &file);
         assert_eq!(summary["cut"].is_null(), has_end, "{summary}");
         let measured = summary["measurements"]["same"].as_u64();
         assert!(measured >= Some(15), "{summary}");
-        let estimated = run(folder, &["estimate", "run.mcap", "--json"]);
-        assert_eq!(estimated.json().len() as u64 + 1, measured.unwrap());
+        let estimated = run(folder, &["estimate", &file, "--json"]);
+        // The cut may lie between the images of a frame set and its measurement.
+        let sets = estimated.json().len() as u64 + 1;
+        assert!(measured.unwrap().abs_diff(sets) <= 1, "{sets} {summary}");
     }
 }
 
@@ -149,13 +151,14 @@ fn other_files_are_refused_in_words() {
     run(folder, &["replay", "a.mcap"]).failed(1, &["a.mcap", "no MCAP file"]);
     run(folder, &["estimate", "a.mcap"]).failed(1, &["a.mcap", "no MCAP file"]);
     run(folder, &["replay", "none.mcap"]).failed(1, &["none.mcap", "cannot read"]);
-    run(folder, &["export", "a.mcap"]).failed(2, &[]);
+    assert_eq!(run(folder, &["export", "a.mcap"]).code, Some(2));
     let record = ["track", "--sim", "--seconds", "0.2", "--record", "a.mcap"];
     run(folder, &record).failed(1, &["a.mcap", "did not write it", "--force"]);
     let forced = run(folder, &[&record[..], &["--force"]].concat());
     assert_eq!(forced.code, Some(0), "{}", forced.stderr);
     same(folder, "a.mcap");
-    run(folder, &["track", "--sim", "--record-images", "none"]).failed(2, &["--record"]);
+    let alone = run(folder, &["track", "--sim", "--record-images", "none"]);
+    assert_eq!(alone.code, Some(2), "{}", alone.stderr);
 }
 
 #[test]
