@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 use trinocular_tests::binary::{Outcome, signal, trinocular};
+#[cfg(unix)]
+use trinocular_tests::far_end::station;
 
 fn run(folder: &Path, arguments: &[&str]) -> Outcome {
     Outcome::of(trinocular().args(arguments).current_dir(folder))
@@ -80,6 +82,39 @@ fn scenario_is_recorded_and_replayed() {
         &[&["simulate", &step, &switches], &record[..]].concat(),
     )
     .failed(2, &["--record", "one scenario"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn station_on_a_line_replays_its_measurements() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let far_end = station();
+    let line = [
+        "--port",
+        &far_end.path,
+        "--heartbeat",
+        "5000",
+        "--path",
+        "still",
+    ];
+    let record = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    let recorded = run(folder, &[&record[..], &line].concat());
+    assert_eq!(recorded.code, Some(0), "{}", recorded.stderr);
+    let summary = same(folder, "run.mcap");
+    assert_eq!(summary["station"], "line");
+    assert!(
+        summary["measurements"]["same"].as_u64() > Some(5),
+        "{summary}"
+    );
+    assert!(summary["frames"]["same"].as_u64() > Some(5), "{summary}");
+    assert_eq!(summary["segments"]["same"], 0);
+    let text = run(folder, &["replay", "run.mcap"]);
+    assert!(
+        text.stderr.contains("its segments are not recorded"),
+        "{}",
+        text.stderr
+    );
 }
 
 #[test]

@@ -15,6 +15,7 @@
 pub mod cdr;
 pub mod export;
 pub mod message;
+mod png;
 pub mod queue;
 pub mod read;
 pub mod recorder;

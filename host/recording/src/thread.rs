@@ -1,13 +1,12 @@
 //! The thread that writes a recording: entries of the queue become messages in chunks.
 
 use crate::message::{self, Event, Measurement};
+use crate::png::png;
 use crate::queue::Popped;
 use crate::recorder::{Content, ImageForm, Settings, Tap, Timed};
 use crate::schema::{self, Schema};
 use crate::sink::Sink;
 use crate::topic::{self, Topic};
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder as _};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use shared::frame::MAX_PACKET;
@@ -338,17 +337,6 @@ impl Opened {
         })?;
         self.writer.finish().map(drop)
     }
-}
-
-/// Encodes an image as a PNG file.
-fn png(image: &Image) -> Result<Vec<u8>, McapError> {
-    let mut file = Vec::new();
-    let encoder =
-        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive);
-    let (width, height) = (image.width as u32, image.height as u32);
-    let written = encoder.write_image(&image.grey, width, height, ExtendedColorType::L8);
-    written.map_err(|cause| McapError::Io(io::Error::other(cause.to_string())))?;
-    Ok(file)
 }
 
 /// Writes the entries of the queue until it is closed.

@@ -8,6 +8,7 @@
 //! * [`calibration`]: `camera_info` as a rig.
 
 pub mod calibration;
+mod fields;
 pub mod frames;
 pub mod image;
 pub mod records;

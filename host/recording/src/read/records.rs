@@ -6,14 +6,12 @@
 //! [`LARGEST`] bytes, and memory grows with the bytes that are there, not with those that are
 //! claimed.
 
+use super::fields::{Fields, Unfit};
 use std::io::{self, Read};
 use trinocular_vision::images::decode::caught;
 
 /// Largest record, and largest unpacked chunk, bytes.
 pub const LARGEST: u64 = 256 << 20;
-
-/// Longest topic, bytes.
-const LONGEST_TOPIC: usize = 1_000;
 
 /// Bytes of a record's opcode and length.
 const HEAD: usize = 9;
@@ -107,62 +105,6 @@ pub enum Damage {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-}
-
-/// Content of a record or chunk, with checks of every length.
-struct Fields<'a>(&'a [u8]);
-
-/// Reason for which a field cannot be read.
-#[derive(Debug)]
-struct Unfit(&'static str);
-
-impl<'a> Fields<'a> {
-    fn take(&mut self, count: usize, what: &'static str) -> Result<&'a [u8], Unfit> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or(Unfit(what))?;
-        self.0 = rest;
-        Ok(taken)
-    }
-
-    fn number<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], Unfit> {
-        let (taken, rest) = self.0.split_first_chunk::<N>().ok_or(Unfit(what))?;
-        self.0 = rest;
-        Ok(*taken)
-    }
-
-    fn u16(&mut self, what: &'static str) -> Result<u16, Unfit> {
-        self.number(what).map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self, what: &'static str) -> Result<u32, Unfit> {
-        self.number(what).map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self, what: &'static str) -> Result<u64, Unfit> {
-        self.number(what).map(u64::from_le_bytes)
-    }
-
-    fn block(&mut self, what: &'static str) -> Result<&'a [u8], Unfit> {
-        let length = self.u32(what)? as usize;
-        self.take(length, what)
-    }
-
-    fn long_block(&mut self, what: &'static str) -> Result<&'a [u8], Unfit> {
-        let length = usize::try_from(self.u64(what)?).map_err(|_| Unfit(what))?;
-        self.take(length, what)
-    }
-
-    fn topic(&mut self) -> Result<String, Unfit> {
-        let topic = self.text("a channel's topic")?;
-        match topic.len() <= LONGEST_TOPIC {
-            true => Ok(topic),
-            false => Err(Unfit("a channel with a topic of more than 1000 bytes")),
-        }
-    }
-
-    fn text(&mut self, what: &'static str) -> Result<String, Unfit> {
-        let text = self.block(what)?;
-        Ok(String::from_utf8_lossy(text).into_owned())
-    }
 }
 
 /// Parses the content of a record; `None` if the record says nothing here.

@@ -111,7 +111,7 @@ pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<shared::replay::Record>), In
 /// Replays a recording of this program. Calls `progress` with the number of each frame set.
 ///
 /// # Errors
-/// [`InputError`] if the file is damaged, or the rig cannot be measured with.
+/// [`InputError`] if the file is damaged, or the flow refuses the rig.
 pub fn replay(
     source: &Source,
     settings: &Settings,
