@@ -33,7 +33,8 @@ pub enum ImageForm {
     /// Uncompressed.
     #[default]
     Raw,
-    /// PNG files: a third to a half of the size, but 5 ms of a core per image of 320 x 240.
+    /// PNG files: smaller, as the noise allows, for half a millisecond of a core per image of
+    /// 320 x 240.
     Png,
     /// Left out. Such a recording replays the station, not the measurements.
     None,
