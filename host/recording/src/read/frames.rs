@@ -155,7 +155,7 @@ impl<'a> FrameSets<'a> {
 
     /// Reads on to the next image. Returns false at the end.
     fn read_on(&mut self) -> Result<bool, InputError> {
-        while let Some(record) = self.contents.next() {
+        for record in self.contents.by_ref() {
             let (file, record) = record?;
             self.channels.take(file, &record);
             let Record::Message { channel, data, .. } = record else {
