@@ -78,7 +78,7 @@ fn read(path: &Path) -> Vec<FrameSet> {
 fn images_come_back_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     for form in [ImageForm::Raw, ImageForm::Png] {
-        let path = folder.path().join("run.mcap");
+        let path = folder.path().join(format!("{form:?}.mcap"));
         let account = record(&path, form, 12);
         assert_eq!(account.dropped.frame_sets + account.dropped.messages, 0);
         assert_eq!(account.bytes, path.metadata().unwrap().len());
