@@ -5,10 +5,10 @@
 //! [`conversation`] speaks the protocol and does no input or output. [`twin`] is a station without
 //! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
 //! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`owner`] lets
-//! several programs reach one station, [`clock`] keeps
-//! the station's time, [`plausible`] says which of its numbers can be true, [`diagnosis`] says what
-//! its states and faults mean. [`observer`] sees every byte on the line; [`tape`] records a twin's
-//! life for comparison. [`stage`] turns the rig file's stage into a configuration.
+//! several programs reach one station, [`clock`] keeps the station's time, [`plausible`] says which
+//! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`observer`] sees
+//! every byte on the line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig
+//! file's stage into a configuration.
 
 pub mod allowance;
 pub mod bound;

@@ -21,4 +21,7 @@ pub trait StationObserver: Send + Sync {
 
     /// Takes in a change of the switches that a twin senses.
     fn switches(&self, _at: Instant, _inputs: &Inputs) {}
+
+    /// Takes in the loss of the line, with its reason.
+    fn line_lost(&self, _at_us: u64, _reason: &str) {}
 }

@@ -45,6 +45,25 @@ const PING_US: u64 = 20_000;
 /// Timeout for an answer, µs of virtual time.
 const PATIENCE_US: u64 = 100_000;
 
+/// Returns the board of a twin with this name, at most 16 bytes.
+pub fn board(name: &'static str) -> Board {
+    let rate = WordRate::MHZ_1;
+    Board {
+        name,
+        version: [0, 1, 0],
+        word_rate: rate,
+        delay_us: (RING_WORDS as u64 * 1_000_000 / u64::from(rate.hz())) as u32,
+        session: 1,
+        reset_cause: ResetCause::PowerOn,
+        last_run: LastRun::UNKNOWN,
+    }
+}
+
+/// Returns the station of a twin with this board, just switched on.
+pub fn emulated(board: Board) -> EmulatedStation {
+    EmulatedStation::new(board, PORT, RING_WORDS as u32).expect("six distinct pins below 16")
+}
+
 /// The emulated board and the stage at its pins.
 struct Hardware {
     station: EmulatedStation,
@@ -71,25 +90,18 @@ impl std::fmt::Debug for Hardware {
 
 impl Hardware {
     fn new(stage: &Stage, name: &'static str, session: u32) -> Self {
-        let rate = WordRate::MHZ_1;
         let board = Board {
-            name,
-            version: [0, 1, 0],
-            word_rate: rate,
-            delay_us: (RING_WORDS as u64 * 1_000_000 / u64::from(rate.hz())) as u32,
             session,
-            reset_cause: ResetCause::PowerOn,
-            last_run: LastRun::UNKNOWN,
+            ..board(name)
         };
         let pins = PortMap {
             invert: stage.invert,
             ..PORT
         };
         Self {
-            station: EmulatedStation::new(board, PORT, RING_WORDS as u32)
-                .expect("six distinct pins below 16"),
+            rate: board.word_rate,
+            station: emulated(board),
             plant: Plant::new(pins, stage.steps_per_mm),
-            rate,
             ring: std::iter::repeat_n(0, RING_WORDS).collect(),
             words: vec![0; RING_WORDS].into(),
             to_host: Vec::new(),
@@ -238,6 +250,20 @@ impl Twin {
     /// If the station does not answer, or speaks another protocol.
     pub fn power_on(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
         Self::switch_on(Hardware::new(stage, name, 1))
+    }
+
+    /// Switches a station on as [`Twin::power_on`] does; `observer` sees it from its first byte on.
+    ///
+    /// # Errors
+    /// As [`Twin::power_on`].
+    pub fn power_on_observed(
+        stage: &Stage,
+        name: &'static str,
+        observer: Arc<dyn StationObserver>,
+    ) -> Result<Self, StationError> {
+        let mut hardware = Hardware::new(stage, name, 1);
+        hardware.observer = Some(observer);
+        Self::switch_on(hardware)
     }
 
     /// Switches a station on as [`Twin::power_on`] does, and records a [`Tape`] from then on.

@@ -79,6 +79,29 @@ fn remember(path: &Path) {
 /// [`InputError`] if the file cannot be read, is not a regular file, or is longer than `limit`.
 pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     let unreadable = |cause| InputError::io(path, "read", &cause);
+    let (file, about) = open_any(path)?;
+    if about.len() > limit.bytes {
+        return Err(too_long(path, limit));
+    }
+    let mut bytes = Vec::with_capacity(about.len() as usize);
+    let mut file = file.take(limit.bytes + 1);
+    file.read_to_end(&mut bytes).map_err(unreadable)?;
+    match bytes.len() as u64 > limit.bytes {
+        true => Err(too_long(path, limit)),
+        false => Ok(bytes),
+    }
+}
+
+/// Opens the file at `path`, which is read piece by piece: a recording may be longer than memory.
+///
+/// # Errors
+/// [`InputError`] if the file cannot be opened or is not a regular file.
+pub fn open(path: &Path) -> Result<File, InputError> {
+    open_any(path).map(|(file, _)| file)
+}
+
+fn open_any(path: &Path) -> Result<(File, fs::Metadata), InputError> {
+    let unreadable = |cause| InputError::io(path, "read", &cause);
     let about = fs::metadata(path).map_err(|cause| match path == Path::new("-") {
         true => InputError::file(path, "no such file; /dev/stdin is standard input"),
         false => unreadable(cause),
@@ -89,20 +112,11 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
             format!("is no regular file, but {kind}"),
         ));
     }
-    if about.len() > limit.bytes {
-        return Err(too_long(path, limit));
-    }
+    let file = File::open(path).map_err(unreadable)?;
     if about.is_file() {
         remember(path);
     }
-    let mut bytes = Vec::with_capacity(about.len() as usize);
-    let file = File::open(path).map_err(unreadable)?;
-    let mut file = file.take(limit.bytes + 1);
-    file.read_to_end(&mut bytes).map_err(unreadable)?;
-    match bytes.len() as u64 > limit.bytes {
-        true => Err(too_long(path, limit)),
-        false => Ok(bytes),
-    }
+    Ok((file, about))
 }
 
 /// Reads the text file at `path`.

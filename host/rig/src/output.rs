@@ -33,7 +33,7 @@ use staged::Staged;
 pub enum Replace {
     /// No existing file.
     Nothing,
-    /// Reports and figures of this program, and empty files.
+    /// Reports, figures and recordings of this program, and empty files.
     Own,
     /// Every regular file.
     Anything,
@@ -159,6 +159,23 @@ impl Output {
         &self.path
     }
 
+    /// Starts to write the file as a stream, for content that grows during a run. A new file takes
+    /// the place of an existing one at once, so that the old content is gone as soon as the first
+    /// byte of the new is written, and the two never mix.
+    ///
+    /// # Errors
+    /// If the file cannot be written, an existing file is then unchanged; if it is standard output
+    /// or standard error.
+    pub fn stream(self) -> Result<File, InputError> {
+        self.refuse_input()?;
+        let opened = match &self.place {
+            Place::File(target) => staged::begin(target),
+            Place::Stream(file) => file.try_clone(),
+            Place::Output | Place::Error => Err(io::Error::other("not to a terminal; name a file")),
+        };
+        opened.map_err(|cause| unwritten(&self.path, &cause))
+    }
+
     /// Writes the file.
     ///
     /// # Errors
@@ -212,11 +229,27 @@ pub fn marked(svg: &str) -> String {
     format!("{}\n{FIGURE_MARK}{version} -->\n", svg.trim_end())
 }
 
+/// Library that recordings of this program name at their start.
+pub const RECORDING_LIBRARY: &str = concat!("trinocular ", env!("CARGO_PKG_VERSION"));
+
+/// Returns true if the start of a file is that of a recording of this program, of any version.
+fn is_recording(start: &[u8]) -> bool {
+    let name = b"trinocular ";
+    start.starts_with(b"\x89MCAP0\r\n") && start.windows(name.len()).any(|part| part == name)
+}
+
 /// Returns true if this program wrote the file, or if the file is empty.
 fn is_own(path: &Path) -> io::Result<bool> {
     const END: u64 = 256;
+    /// Bytes of a recording up to the name of its library, and some more.
+    const START: u64 = 64;
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
+    let mut start = Vec::new();
+    (&mut file).take(START).read_to_end(&mut start)?;
+    if is_recording(&start) {
+        return Ok(true);
+    }
     file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
     let mut end = Vec::new();
     file.take(END).read_to_end(&mut end)?;

@@ -169,6 +169,11 @@ impl RigFile {
         Self::parse_as(file, text, Shape::Plane)
     }
 
+    /// Checks the text of a rig file as [`RigFile::read_in_line`] does; errors name `file`.
+    pub fn parse_in_line(file: &Path, text: &str) -> Result<Self, InputError> {
+        Self::parse_as(file, text, Shape::Line)
+    }
+
     fn parse_as(file: &Path, text: &str, shape: Shape) -> Result<Self, InputError> {
         let source = Source { file, text };
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;

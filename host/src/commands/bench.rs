@@ -4,16 +4,18 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::frames::{Frames, RecordingInput, Rigged};
 use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use shared::rig::Rig;
+use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
-use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
+use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 
 /// Time the image processing of this program
@@ -38,15 +40,19 @@ enum What {
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 struct FlowOptions {
-    /// A folder of frame sets: left/ middle/ right/ (or the rig's cameras) with equal file names
+    /// A folder of frame sets: left/ middle/ right/ (or the rig's cameras) with equal file names; or
+    /// a recording (MCAP, ROS 2 bag)
     ///
     /// Each frame set follows the one before it; a single one follows itself. All are kept in
     /// memory, so their pixels may take 1 GB at most.
     folder: PathBuf,
 
-    /// The rig file of the cameras that took the frame sets
+    /// The rig file of the cameras that took the frame sets; a recording may hold it
     #[arg(long, value_name = "RIG.toml")]
-    rig: PathBuf,
+    rig: Option<PathBuf>,
+
+    #[command(flatten)]
+    recording: RecordingInput,
 
     /// Number of passes through the whole folder
     #[arg(
@@ -124,9 +130,18 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
 
 /// Reads the rig file and all frame sets of the folder.
 fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
-    let rig = RigFile::read(&options.rig)?;
-    super::doubts::warn(&options.rig, &rig);
-    let RigFile { names, rig, .. } = rig;
+    let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
+    if let (Some(path), Some(rig)) = (&options.rig, &rig) {
+        super::doubts::warn(path, rig);
+    }
+    if is_recording(&options.folder) {
+        let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
+        return Ok((rig.rig.clone(), recorded(options, &frames, &rig)?));
+    }
+    let Some(RigFile { names, rig, .. }) = rig else {
+        let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
+        return Err(Failure::Usage(reason.to_owned()));
+    };
     let folder = Folder::open(
         &options.folder,
         &names,
@@ -135,9 +150,37 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
     )?;
     super::doubts::unread(folder.warnings());
     let folder = folder.complete()?;
-    fits_memory(&options.folder, &folder, names.len(), rig.image_size_px)?;
+    fits_memory(
+        &options.folder,
+        folder.len(),
+        names.len(),
+        rig.image_size_px,
+    )?;
     let frame_sets = folder.frame_sets().collect::<Result<_, _>>()?;
     Ok((rig, frame_sets))
+}
+
+/// Reads the whole frame sets of a recording.
+fn recorded(
+    options: &FlowOptions,
+    frames: &Frames,
+    rig: &RigFile,
+) -> Result<Vec<FrameSet>, InputError> {
+    let mut sets = Vec::new();
+    for set in frames.frame_sets() {
+        let set = set?;
+        if set.images.iter().any(Image::is_missing) {
+            let reason = "a frame set lacks an image of a camera: bench takes whole ones";
+            return Err(InputError::file(&options.folder, reason));
+        }
+        sets.push(set);
+        let size_px = rig.rig.image_size_px;
+        fits_memory(&options.folder, sets.len(), rig.names.len(), size_px)?;
+    }
+    match sets.is_empty() {
+        true => Err(InputError::file(&options.folder, "holds no frame set")),
+        false => Ok(sets),
+    }
 }
 
 /// Largest size of the pixels of all frame sets, bytes.
@@ -147,13 +190,13 @@ const MEMORY: u64 = 1 << 30;
 /// read again for each repetition.
 fn fits_memory(
     path: &Path,
-    folder: &Folder,
+    count: usize,
     cameras: usize,
     size_px: [u32; 2],
 ) -> Result<(), InputError> {
     let [width, height] = size_px.map(u64::from);
     let each = (width * height).saturating_mul(cameras as u64).max(1);
-    let (count, most) = (folder.len() as u64, MEMORY / each);
+    let (count, most) = (count as u64, MEMORY / each);
     if count <= most {
         return Ok(());
     }

@@ -3,10 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::frames::{RecordingInput, Rigged};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use shared::estimate::Refusal;
+use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
@@ -24,7 +26,7 @@ use trinocular_vision::sums::Sums;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// A CSV file of matched points, or a folder of frame sets
+    /// A CSV file of matched points, a folder of frame sets, or a recording (MCAP, ROS 2 bag)
     ///
     /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as
     /// seen (principal point not removed, from the centre of the top left pixel) at the reference
@@ -35,12 +37,18 @@ pub struct Options {
     /// the order of their names, in which numbers count as numbers. Frame 1 is the second frame
     /// set. If a camera's file is missing, the frame is measured without that camera, with a
     /// warning; if a file cannot be read, the frame is refused.
+    ///
+    /// Recording: a file of --record, or sensor_msgs/Image or CompressedImage of all cameras in an
+    /// MCAP file or in the folder of a ROS 2 bag. Frame sets are matched by the stamps in the
+    /// headers.
     input: PathBuf,
 
     /// The rig file (TOML): image size, focal lengths and principal points in px, camera positions
     /// in mm
+    ///
+    /// Without it a recording must hold one, or camera_info of all cameras.
     #[arg(long, value_name = "RIG.toml")]
-    rig: PathBuf,
+    rig: Option<PathBuf>,
 
     /// Method from points to the displacement
     #[arg(long, value_enum, default_value_t = Method::Midpoint)]
@@ -55,6 +63,9 @@ pub struct Options {
     /// Print one JSON object per displacement and line
     #[arg(long, long_help = JSON_HELP)]
     json: bool,
+
+    #[command(flatten)]
+    recording: RecordingInput,
 }
 
 const JSON_HELP: &str = "\
@@ -73,7 +84,9 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular estimate points.csv --rig rig.toml
   trinocular estimate points.csv --rig rig.toml --method closed-form --json
-  trinocular estimate captures/ --rig rig.toml --reference previous";
+  trinocular estimate captures/ --rig rig.toml --reference previous
+  trinocular estimate run.mcap
+  trinocular estimate bag/ --rig rig.toml --topic left=/cam0/image_raw";
 
 /// The three estimators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
@@ -98,6 +111,16 @@ impl Method {
         }?;
         super::doubts::warn(path, &rig);
         Ok(rig)
+    }
+
+    /// Refuses the rig of a recording that does not suit the method.
+    fn check(self, input: &Path, rig: &RigFile) -> Result<(), InputError> {
+        match self {
+            Self::Midpoint => Ok(()),
+            Self::ClosedForm | Self::LeastSquares => {
+                RigFile::parse_in_line(input, &rig.to_toml()).map(drop)
+            }
+        }
     }
 }
 
@@ -135,7 +158,8 @@ const MOST_DOUBTS: usize = 20;
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let rig = options.method.read_rig(&options.rig)?;
+    let read = |path: &PathBuf| options.method.read_rig(path);
+    let rig = options.rig.as_ref().map(read).transpose()?;
     let printer = Printer {
         options,
         out,
@@ -144,6 +168,15 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         is_folder: options.input.is_dir(),
         warnings: Vec::new(),
         absent: Vec::new(),
+    };
+    if is_recording(&options.input) {
+        let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
+        options.method.check(&options.input, &rig)?;
+        return run_captures(options, &rig, frames.frame_sets(), printer);
+    }
+    let Some(rig) = rig else {
+        let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
+        return Err(Failure::Usage(reason.to_owned()));
     };
     if printer.is_folder {
         run_folder(options, &rig, printer)
@@ -176,7 +209,7 @@ fn run_points<W: Write>(
 fn run_folder<W: Write>(
     options: &Options,
     rig: &RigFile,
-    mut printer: Printer<'_, W>,
+    printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let folder = Folder::open(
         &options.input,
@@ -185,19 +218,32 @@ fn run_folder<W: Write>(
         DEFAULT_PERIOD_US,
     )?;
     super::doubts::unread(folder.warnings());
-    let count = folder.len();
-    let mut captures = folder.frame_sets();
-    let (Some(first), 2..) = (captures.next(), count) else {
+    run_captures(options, rig, folder.frame_sets(), printer)
+}
+
+/// Estimates a displacement for each frame set but the first.
+fn run_captures<W: Write>(
+    options: &Options,
+    rig: &RigFile,
+    captures: impl Iterator<Item = Result<FrameSet, InputError>>,
+    mut printer: Printer<'_, W>,
+) -> Result<(), Failure> {
+    let mut captures = captures.peekable();
+    let first = captures.next();
+    let (Some(first), Some(_)) = (first.as_ref(), captures.peek()) else {
+        let count = usize::from(first.is_some());
         let reason = format!("{count} frame set; a displacement takes at least two");
         return Err(InputError::file(&options.input, reason).into());
     };
+    let first = first.as_ref().map_err(InputError::clone);
+    let rig_path = options.rig.as_ref().unwrap_or(&options.input);
     let mut flow = Flow::new(&rig.rig, FlowSettings::default())
-        .map_err(|refusal| InputError::file(&options.rig, refusal.to_string()))?;
+        .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
     let refer_to = |flow: &mut Flow, capture: &FrameSet| {
         let outcome = flow.set_keyframe(capture);
         outcome.map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, capture, &refusal))
     };
-    let mut reference = refer_to(&mut flow, &first?);
+    let mut reference = refer_to(&mut flow, first?);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,

@@ -3,10 +3,12 @@
 use super::json;
 use super::port::PortOption;
 use super::progress::Progress;
+use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;
 use host::paper::{present, tracking};
+use host::servo::station_link::TWIN_B;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
@@ -34,7 +36,7 @@ pub struct Options {
     #[arg(long, value_name = "FILE.svg")]
     figure: Option<PathBuf>,
 
-    /// Replace the files of --report and --figure even if this program did not write them
+    /// Replace the files of --report, --figure and --record even if this program did not write them
     #[arg(long)]
     force: bool,
 
@@ -54,6 +56,9 @@ pub struct Options {
 
     #[command(flatten)]
     scene: SceneOptions,
+
+    #[command(flatten)]
+    record: RecordOption,
 }
 
 /// Returns the stage of station B.
@@ -89,12 +94,34 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     };
     let stage = stage(options)?;
     let (report, figure) = outputs(options)?;
+    let opened = options.record.open(options.force)?;
+    if [Some(&report), figure.as_ref()]
+        .into_iter()
+        .flatten()
+        .any(|o| opened.is_same_file(o))
+    {
+        let reason = "--report, --figure and --record must be different files";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
     let port = options.station.resolve()?;
+    let recording = opened.start(&Origin {
+        rig: RigFile {
+            stage: Some(stage.clone()),
+            ..RigFile::paper()
+        },
+        rig_text: None,
+        estimator: settings.estimator,
+        twin: port.is_none().then_some(TWIN_B),
+        is_real: port.is_some(),
+        seed: Some(settings.seed),
+    })?;
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
-    let run = tracking::run(&settings, &stage, place, |share| progress.at(share))
-        .map_err(|error| Failure::of_servo(port.as_deref(), error))?;
+    let tell = |share| progress.at(share);
+    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), tell);
     drop(progress);
+    let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
+    let run = recording.finish(&options.record).and(run)?;
     if !options.json {
         writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
         for (name, value) in present::facts(&settings, &run) {

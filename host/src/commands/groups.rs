@@ -16,8 +16,9 @@ pub const TEMPLATE: &str = "\
 ";
 
 /// Names of the commands by purpose.
-const GROUPS: [(&str, &[&str]); 5] = [
+const GROUPS: [(&str, &[&str]); 6] = [
     ("Measure", &["estimate", "track"]),
+    ("Recordings", &["replay", "export"]),
     (
         "Set up",
         &[

@@ -20,7 +20,9 @@ mod diagnose;
 mod doubts;
 mod estimate;
 mod experiment;
+mod export;
 pub mod failure;
+mod frames;
 mod groups;
 mod hello;
 mod home;
@@ -32,6 +34,8 @@ mod motors;
 mod port;
 mod ports;
 mod progress;
+mod record;
+mod replay;
 mod report;
 mod reset;
 mod robustness;
@@ -101,6 +105,7 @@ enum Command {
     Convert(convert::Options),
     Diagnose(diagnose::Options),
     Estimate(estimate::Options),
+    Export(export::Options),
     Hello(hello::Options),
     Home(home::Options),
     Init(init::InitOptions),
@@ -108,6 +113,7 @@ enum Command {
     Man(man::ManOptions),
     Motors(motors::Options),
     Ports(ports::Options),
+    Replay(replay::Options),
     Reset(reset::Options),
     Simulate(simulate::Options),
     Status(status::Options),
@@ -150,6 +156,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Bench(options)) => bench::run(&options, out),
         Some(Command::Diagnose(options)) => diagnose::run(&options, out),
         Some(Command::Estimate(options)) => estimate::run(&options, out),
+        Some(Command::Export(options)) => export::run(&options, out),
         Some(Command::Hello(options)) => hello::run(&options, out),
         Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Init(options)) => init::run(&options, out),
@@ -157,6 +164,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
+        Some(Command::Replay(options)) => replay::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),
         Some(Command::Status(options)) => status::run(&options, out),

@@ -17,8 +17,8 @@ pub struct ReportOption {
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 
-    /// Replace the file of --report even if this program did not write it
-    #[arg(long, requires = "report")]
+    /// Replace existing files even if this program did not write them
+    #[arg(long)]
     force: bool,
 }
 
@@ -26,6 +26,11 @@ pub struct ReportOption {
 pub struct Report(Option<Output>);
 
 impl ReportOption {
+    /// Returns true if foreign files may be replaced.
+    pub fn is_forced(&self) -> bool {
+        self.force
+    }
+
     /// Opens the file.
     pub fn open(&self) -> Result<Report, InputError> {
         let replace = Replace::Own.or_forced(self.force);

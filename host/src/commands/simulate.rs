@@ -1,6 +1,7 @@
 //! `trinocular simulate`: runs scenarios on the twin and checks their expectations.
 
 use super::progress::Progress;
+use super::record::{Opened, Origin, RecordOption};
 use super::report::ReportOption;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -12,8 +13,12 @@ use host::scenario::trace::Trace;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::sums::Estimator;
 
 /// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
 ///
@@ -41,6 +46,9 @@ pub struct Options {
 
     #[command(flatten)]
     report: ReportOption,
+
+    #[command(flatten)]
+    record: RecordOption,
 }
 
 const EXAMPLES: &str = "\
@@ -70,10 +78,16 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     });
     let scenarios: Vec<Scenario> = read.collect::<Result<_, InputError>>()?;
     let report = options.report.open()?;
+    if options.record.is_given() && scenarios.len() > 1 {
+        let reason = "--record goes with one scenario: a recording holds one run";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
+    let mut recording = Some(options.record.open(options.report.is_forced())?);
     let mut work = Work::of(&scenarios, options);
     let mut outcomes = Vec::with_capacity(scenarios.len());
     for (path, scenario) in options.scenarios.iter().zip(scenarios) {
-        let outcome = simulate(path, scenario, !options.no_prediction, &mut work)?;
+        let opened = recording.take();
+        let outcome = simulate(path, scenario, options, opened, &mut work)?;
         if options.json {
             print_json(&outcome, out)?;
         }
@@ -122,7 +136,12 @@ impl Work {
         }
     }
 
-    fn run(&mut self, scenario: &Scenario, prediction: bool) -> Result<Trace, Failure> {
+    fn run(
+        &mut self,
+        scenario: &Scenario,
+        prediction: bool,
+        tap: Option<Arc<Tap>>,
+    ) -> Result<Trace, Failure> {
         let options = RunOptions {
             prediction,
             ..RunOptions::default()
@@ -133,8 +152,8 @@ impl Work {
                 progress.at((self.done_s + share * run_s) / self.total_s);
             }
         };
-        let run =
-            run::run(scenario, options, tell).map_err(|error| Failure::of_servo(None, error))?;
+        let run = run::run_recorded(scenario, options, tap, tell);
+        let run = run.map_err(|error| Failure::of_servo(None, error))?;
         self.done_s += run_s;
         Ok(run.trace)
     }
@@ -153,19 +172,43 @@ fn is_compared(scenario: &Scenario, prediction: bool) -> bool {
     prediction && scenario.expect.prediction_gain.is_some()
 }
 
+/// Returns the origin of a scenario's recording.
+fn origin(scenario: &Scenario) -> Origin {
+    Origin {
+        rig: RigFile {
+            stage: Some(scenario.stage.clone()),
+            ..RigFile::paper()
+        },
+        rig_text: None,
+        estimator: Estimator::Midpoint,
+        twin: Some(RunOptions::default().board),
+        is_real: false,
+        seed: Some(scenario.seed),
+    }
+}
+
 fn simulate(
     path: &Path,
     scenario: Scenario,
-    prediction: bool,
+    options: &Options,
+    recording: Option<Opened>,
     work: &mut Work,
 ) -> Result<Outcome, Failure> {
+    let prediction = !options.no_prediction;
     let name = path.file_stem().unwrap_or(path.as_os_str());
     let name = name.to_string_lossy().into_owned();
-    let trace = work.run(&scenario, prediction)?;
+    let trace = match recording {
+        None => work.run(&scenario, prediction, None)?,
+        Some(opened) => {
+            let recording = opened.start(&origin(&scenario))?;
+            let trace = work.run(&scenario, prediction, recording.tap());
+            recording.finish(&options.record).and(trace)?
+        }
+    };
     let figures = Figures::of(&scenario, &trace);
     let mut unpredicted = None;
     if is_compared(&scenario, prediction) {
-        let trace = work.run(&scenario, false)?;
+        let trace = work.run(&scenario, false, None)?;
         let figures = Figures::of(&scenario, &trace);
         unpredicted = Some((trace, figures));
     }

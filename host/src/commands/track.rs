@@ -7,15 +7,19 @@ mod live;
 mod recorded;
 mod simulated;
 
+use super::frames::RecordingInput;
 use super::port::PortOption;
+use super::record::{Origin, RecordOption, Recording};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use host::servo::path::TargetPath;
-use host::servo::station_link::StationLink;
+use host::servo::station_link::{StationLink, TWIN_B};
+use std::cell::Cell;
 use std::io::Write;
 use std::path::PathBuf;
 use trinocular_client::diagnosis::explain;
+use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
@@ -38,8 +42,9 @@ pub struct Source {
     ///
     /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. If a
     /// camera's file is missing, the others carry on, and the row names that camera. Unreadable
-    /// frame sets are skipped with a warning; the exit code is then 1.
-    #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
+    /// frame sets are skipped with a warning; the exit code is then 1. Or a recording (MCAP, ROS 2
+    /// bag), which may hold the rig, and whose frame rate is used.
+    #[arg(long, value_name = "DIR", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
     /// A folder of frame sets as for --images that another program still writes: waits for new
@@ -163,6 +168,20 @@ pub struct Options {
 
     #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
+
+    #[command(flatten)]
+    record: RecordOption,
+
+    #[command(flatten)]
+    recording: RecordingInput,
+
+    /// Time between two frame sets of a recording, µs, which --fps does not change.
+    #[arg(skip)]
+    recorded_period_us: Cell<Option<u64>>,
+
+    /// Replace the file of --record even if this program did not write it
+    #[arg(long, requires = "record", help_heading = "Recording")]
+    force: bool,
 }
 
 impl Options {
@@ -173,9 +192,26 @@ impl Options {
         self.fps.unwrap_or(if is_simulated { 60.0 } else { 30.0 })
     }
 
+    /// Begins the recording of a run with this rig, if one was requested.
+    fn recording(&self, rig: &RigFile) -> Result<Recording, Failure> {
+        let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
+        let source = &self.source;
+        let opened = self.record.open(self.force)?;
+        let is_real = self.station.is_given() || source.cameras.is_some() || source.watch.is_some();
+        opened.start(&Origin {
+            rig: rig.clone(),
+            rig_text: self.rig.as_ref().map(read).transpose()?,
+            estimator: self.method.into(),
+            twin: (!self.station.is_given()).then_some(TWIN_B),
+            is_real,
+            seed: source.sim.then_some(self.scene.seed),
+        })
+    }
+
     /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
-        (1e6 / self.fps()).round() as u64
+        let recorded = self.recorded_period_us.get();
+        recorded.unwrap_or_else(|| (1e6 / self.fps()).round() as u64)
     }
 
     /// Returns the latency from images to frame, µs.
@@ -186,7 +222,7 @@ impl Options {
 
     /// Returns the longest latency with which a frame is answered before the next frame set, ms.
     fn longest_latency_ms(&self) -> f64 {
-        (1000.0 / self.fps() - 3.0).max(1.0).floor()
+        (self.period_us() as f64 * 1e-3 - 3.0).max(1.0).floor()
     }
 
     /// Returns the widest window within which the order of arrival makes no difference, ms.
@@ -252,8 +288,10 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
   trinocular track --sim --path lissajous --json > run.jsonl
+  trinocular track --sim --record run.mcap
   trinocular track --sim --rig rig.toml --port /dev/ttyACM0 --path still
   trinocular track --images captures/ --rig rig.toml
+  trinocular track --images run.mcap
   trinocular track --watch captures/ --rig rig.toml --idle 60
   trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
@@ -325,8 +363,24 @@ fn follow(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 images: Some(folder),
                 ..
             },
+            rig,
+        ) if is_recording(folder) => recorded::replay(options, folder, rig.as_deref(), out),
+        (
+            Source {
+                images: Some(folder),
+                ..
+            },
             Some(rig),
         ) => recorded::run(options, folder, rig, out),
+        (
+            Source {
+                images: Some(_), ..
+            },
+            None,
+        ) => {
+            let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
+            Err(Failure::Usage(reason.to_owned()))
+        }
         (
             Source {
                 watch: Some(folder),

@@ -2,6 +2,7 @@
 //! cameras.
 
 use crate::servo::ServoError;
+use crate::servo::recording::observers;
 use crate::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use crate::servo::station_link::StationPlace;
 use crate::servo::world::SimulatedWorld;
@@ -9,8 +10,11 @@ use serde::Serialize;
 use shared::frame::message::{Command, Status};
 use shared::rig::Rig;
 use shared::safety::Fault;
+use std::sync::Arc;
+use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::setpoint;
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
 use trinocular_vision::sums::Estimator;
@@ -191,13 +195,40 @@ pub fn run(
     settings: &Settings,
     stage: &Stage,
     place: StationPlace<'_>,
+    progress: impl FnMut(f64),
+) -> Result<Run, ServoError> {
+    run_recorded(settings, stage, place, None, progress)
+}
+
+/// Runs the experiment as [`run`] does, and records it with `tap`.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_recorded(
+    settings: &Settings,
+    stage: &Stage,
+    place: StationPlace<'_>,
+    tap: Option<Arc<Tap>>,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
     let rig = Rig::paper();
     let texture = Texture::of_kind(settings.texture, settings.seed);
-    let mut world =
-        SimulatedWorld::new(&rig, stage, place, &texture, settings.scene, settings.seed)?;
-    let mut servo = SimulatedServo::start(&mut world, &rig, settings.timing, settings.estimator)?;
+    let mut world = SimulatedWorld::new_observed(
+        &rig,
+        stage,
+        place,
+        &texture,
+        settings.scene,
+        settings.seed,
+        tap.clone().map(|tap| tap as Arc<dyn StationObserver>),
+    )?;
+    let mut servo = SimulatedServo::start_observed(
+        &mut world,
+        &rig,
+        settings.timing,
+        settings.estimator,
+        observers(tap.clone(), &rig),
+    )?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;
     // Delay of the moves behind their schedule, s.
@@ -243,6 +274,9 @@ pub fn run(
     // Read at rest, so that all commanded steps are out.
     world.b.command("stop", Command::Stop)?;
     world.advance(world.now().max(world.b.now()).plus_micros(300_000));
+    if let Some(tap) = tap {
+        tap.end(world.b.now().micros());
+    }
     let pulses = |status: Option<&Status>, counted| Pulses {
         commanded: status.map_or([i64::MIN; 3], |status| status.position_steps.map(i64::from)),
         counted,

@@ -2,9 +2,14 @@
 
 use super::file::{Cameras, Sight};
 use crate::servo::ServoError;
-use crate::servo::visual_servo::VisualServo;
+use crate::servo::recording::{measurement, observers};
+use crate::servo::visual_servo::{Measured, VisualServo};
 use shared::frame::message::Sums as FrameSums;
 use shared::rig::Rig;
+use shared::time::Instant;
+use std::sync::Arc;
+use trinocular_recording::message::Measurement;
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::random::Random;
 use trinocular_vision::flow::Correspondence;
 use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
@@ -25,6 +30,9 @@ pub struct Eyes {
     rig: Rig,
     seed: u64,
     kind: Kind,
+    /// Taps of a recorded run, with the capture time and the stage's position of the next frame
+    /// set, on the station's clock and in mm.
+    tap: Option<(Arc<Tap>, Instant, [f64; 3])>,
 }
 
 #[derive(Debug)]
@@ -43,9 +51,24 @@ impl Eyes {
     /// # Errors
     /// If the scene cannot be rendered, or its images cannot serve as a keyframe.
     pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, ServoError> {
+        Self::open_recorded(cameras, seed, None)
+    }
+
+    /// Takes the keyframe as [`Eyes::open`] does, and records it and all frame sets with `tap`.
+    ///
+    /// # Errors
+    /// As [`Eyes::open`].
+    pub fn open_recorded(
+        cameras: &Cameras,
+        seed: u64,
+        tap: Option<Arc<Tap>>,
+    ) -> Result<Self, ServoError> {
         let rig = Rig::paper();
         let mut servo =
             VisualServo::new(&rig, Estimator::Midpoint).map_err(ServoError::Reference)?;
+        for observer in observers(tap.clone(), &rig) {
+            servo.add_observer(observer);
+        }
         let kind = match cameras.sight {
             Sight::Rendered {
                 texture,
@@ -84,7 +107,41 @@ impl Eyes {
             rig,
             seed,
             kind,
+            tap: tap.map(|tap| (tap, Instant::default(), [0.0; 3])),
         })
+    }
+
+    /// Takes note of the capture time and the stage's position of the next frame set, for the
+    /// recording.
+    pub fn taken(&mut self, capture: Option<Instant>, camera_mm: [f64; 3]) {
+        if let (Some((_, at, stage_mm)), Some(capture)) = (&mut self.tap, capture) {
+            (*at, *stage_mm) = (capture, camera_mm);
+        }
+    }
+
+    fn measure(&mut self, mut images: FrameSet) -> Result<FrameSums, MeasureRefusal> {
+        let measured = self.servo.measure(&images);
+        if let Some((tap, capture, stage_mm)) = &self.tap {
+            images.time_us = capture.micros();
+            let message = self.message(measured.as_ref(), *capture, *stage_mm);
+            tap.frame_set(Some(&images), message);
+        }
+        measured.map(|measured| measured.sums)
+    }
+
+    fn message(
+        &self,
+        measured: Result<&Measured, &MeasureRefusal>,
+        capture: Instant,
+        stage_mm: [f64; 3],
+    ) -> Measurement {
+        Measurement {
+            stamp_us: capture.micros(),
+            capture_us: capture.micros(),
+            reference_us: self.servo.keyframe_time().micros(),
+            stage_mm,
+            ..measurement(&self.rig, measured)
+        }
     }
 
     /// Measures the flow sums of frame set `number` (from 1), with the target displaced by
@@ -94,17 +151,21 @@ impl Eyes {
     /// If the measurement is refused.
     pub fn see(&mut self, number: u64, relative_mm: [f64; 3]) -> Result<FrameSums, MeasureRefusal> {
         let seed = capture_seed(self.seed, number);
-        let measured = match &self.kind {
+        match &self.kind {
             Kind::Rendered(scene) => {
                 let images = scene.render(relative_mm, number, seed);
-                self.servo.measure(&images)
+                self.measure(images)
             }
             Kind::Points { noise_px, points } => {
                 let points = Self::project(&self.rig, points, *noise_px, relative_mm, seed);
-                self.servo.measure_points(&points)
+                let measured = self.servo.measure_points(&points);
+                if let Some((tap, capture, stage_mm)) = &self.tap {
+                    let message = self.message(measured.as_ref(), *capture, *stage_mm);
+                    tap.frame_set(None, message);
+                }
+                measured.map(|measured| measured.sums)
             }
-        };
-        measured.map(|measured| measured.sums)
+        }
     }
 
     /// Measures a frame set with an occluder before the target.
@@ -117,7 +178,7 @@ impl Eyes {
                 let seed = capture_seed(self.seed, number);
                 let noise = scene.settings().noise_grey;
                 let images = Self::occluder(&self.rig, noise, number, seed);
-                self.servo.measure(&images).map(|measured| measured.sums)
+                self.measure(images)
             }
             Kind::Points { .. } => Err(MeasureRefusal::NothingSeen),
         }

@@ -17,9 +17,11 @@ use shared::frame::message::{Command, Frame, Mounting, Status};
 use shared::safety::{Fault, State};
 use shared::time::Instant;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use trinocular_client::StationError;
 use trinocular_client::stage::configuration;
 use trinocular_client::twin::Twin;
+use trinocular_recording::recorder::Tap;
 
 /// Time between two samples, µs.
 const SAMPLE_US: u64 = 1_000;
@@ -158,9 +160,22 @@ struct RunningScenario<'a> {
 pub fn run(
     scenario: &Scenario,
     options: Options,
+    progress: impl FnMut(f64),
+) -> Result<Run, ServoError> {
+    run_recorded(scenario, options, None, progress)
+}
+
+/// Runs a scenario as [`run`] does, and records it with `tap`.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_recorded(
+    scenario: &Scenario,
+    options: Options,
+    tap: Option<Arc<Tap>>,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
-    let mut world = RunningScenario::new(scenario, options)?;
+    let mut world = RunningScenario::new(scenario, options, tap.clone())?;
     let end_us = seconds_us(world.way.seconds());
     while let Some(entry) = world.agenda.first_entry() {
         let at_us = entry.key().0;
@@ -175,6 +190,9 @@ pub fn run(
         world.happen(at_us, due);
     }
     world.come_to_rest();
+    if let Some(tap) = tap {
+        tap.end(world.twin.now().micros());
+    }
     Ok(Run {
         trace: world.trace,
         twin: world.twin,
@@ -187,15 +205,20 @@ fn seconds_us(seconds: f64) -> u64 {
 
 impl<'a> RunningScenario<'a> {
     /// Switches the station on, at zero, and takes the keyframe.
-    fn new(scenario: &'a Scenario, options: Options) -> Result<Self, ServoError> {
-        let mut eyes = Eyes::open(&scenario.cameras, scenario.seed)?;
+    fn new(
+        scenario: &'a Scenario,
+        options: Options,
+        tap: Option<Arc<Tap>>,
+    ) -> Result<Self, ServoError> {
+        let mut eyes = Eyes::open_recorded(&scenario.cameras, scenario.seed, tap.clone())?;
         let mut config = configuration(&scenario.stage, Mounting::OnStage)?;
         config.tracking.prediction &= options.prediction;
-        let power_on = match options.record {
-            true => Twin::power_on_recorded,
-            false => Twin::power_on,
+        let (stage, board) = (&scenario.stage, options.board);
+        let mut twin = match (tap, options.record) {
+            (Some(tap), _) => Twin::power_on_observed(stage, board, tap)?,
+            (None, true) => Twin::power_on_recorded(stage, board)?,
+            (None, false) => Twin::power_on(stage, board)?,
         };
-        let mut twin = power_on(&scenario.stage, options.board)?;
         twin.command("config", Command::Config(config))?;
         twin.zero()?;
         // On a tick, so that samples show what each tick said; and some time after the first ping.
@@ -299,6 +322,7 @@ impl<'a> RunningScenario<'a> {
             self.trace.frames.lost += 1;
             return;
         }
+        self.eyes.taken(station_time(&self.twin).ok(), camera_mm);
         let occluded = self
             .lasting()
             .any(|what| matches!(what, Happening::Occlusion { .. }));

@@ -111,6 +111,11 @@ impl FrameSetServo {
         &self.station
     }
 
+    /// Returns the station, to disturb it between two frame sets.
+    pub fn station_mut(&mut self) -> &mut StationLink {
+        &mut self.station
+    }
+
     /// Follows the target into the next frame set. Returns `None` for the first one, which is the
     /// keyframe.
     ///

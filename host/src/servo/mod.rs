@@ -10,7 +10,8 @@
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
 //! * [`station_link`]: the station, in this process or on a serial line;
-//! * [`observer`]: what sees every turn of the loop and has no part in it.
+//! * [`observer`]: what sees every turn of the loop and has no part in it;
+//! * [`recording`]: the observer whose loop is recorded.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
@@ -18,6 +19,7 @@
 pub mod frame_sets;
 pub mod observer;
 pub mod path;
+pub mod recording;
 pub mod simulated;
 pub mod station_link;
 pub mod visual_servo;

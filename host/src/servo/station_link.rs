@@ -26,6 +26,9 @@ const REPORT_PATIENCE: Duration = Duration::from_secs(3);
 /// with the next frame.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
 
+/// Name that the twin gives as its board.
+pub const TWIN_B: &str = "twin B";
+
 /// Place of the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StationPlace<'a> {
@@ -122,7 +125,7 @@ impl StationLink {
     ) -> Result<Self, StationError> {
         match place {
             StationPlace::Twin => {
-                let twin = Twin::start_observed(stage, "twin B", mounting, observer)?;
+                let twin = Twin::start_observed(stage, TWIN_B, mounting, observer)?;
                 Ok(Self::Twin(Box::new(twin)))
             }
             StationPlace::Port { path, heartbeat_ms } => {
@@ -154,6 +157,14 @@ impl StationLink {
 
     /// Returns the twin, if the station is one.
     pub fn twin(&self) -> Option<&Twin> {
+        match self {
+            Self::Twin(twin) => Some(twin),
+            Self::Live(_) => None,
+        }
+    }
+
+    /// Returns the twin, if the station is one, to press its switches.
+    pub fn twin_mut(&mut self) -> Option<&mut Twin> {
         match self {
             Self::Twin(twin) => Some(twin),
             Self::Live(_) => None,

@@ -5,6 +5,8 @@ use super::station_link::{Moment, StationLink, StationPlace};
 use shared::frame::message::Mounting;
 use shared::rig::Rig;
 use shared::time::Instant;
+use std::sync::Arc;
+use trinocular_client::observer::StationObserver;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::Twin;
 use trinocular_rig::rig_file::Stage;
@@ -51,12 +53,29 @@ impl SimulatedWorld {
         settings: SceneSettings,
         seed: u64,
     ) -> Result<Self, ServoError> {
+        Self::new_observed(rig, stage, place, texture, settings, seed, None)
+    }
+
+    /// Switches both stations on as [`SimulatedWorld::new`] does; `observer` sees every byte
+    /// between the host and B.
+    ///
+    /// # Errors
+    /// As [`SimulatedWorld::new`].
+    pub fn new_observed(
+        rig: &Rig,
+        stage: &Stage,
+        place: StationPlace<'_>,
+        texture: &Texture,
+        settings: SceneSettings,
+        seed: u64,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, ServoError> {
         // The scene first: drawing it takes a while, and a station that is on has a heartbeat to
         // keep.
         let scene = Scene::new(rig, texture, settings)?;
         let mut world = Self {
             a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,
-            b: StationLink::start(place, stage)?,
+            b: StationLink::start_observed(place, stage, Mounting::OnStage, observer)?,
             scene,
             seed,
             captures: 0,

@@ -280,6 +280,9 @@ impl Line {
     fn lose(&mut self, reason: String) {
         self.set_port(None);
         if matches!(self.link, Link::Up) {
+            if let Some(observer) = &self.observer {
+                observer.line_lost(self.sender.now_us(), &reason);
+            }
             self.sender.set_pings(false);
             let since = Instant::now();
             self.client.begin_again();

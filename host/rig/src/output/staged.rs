@@ -38,6 +38,18 @@ impl Staged {
     }
 }
 
+/// Puts a new, empty file in the place of `target`, with the owner and the mode of an existing file,
+/// and returns it for writing.
+pub(super) fn begin(target: &Path) -> io::Result<File> {
+    let staged = Staged::write(target, b"")?;
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .open(&staged.temporary)?;
+    staged.temporary.persist(&staged.target)?;
+    Ok(file)
+}
+
 /// Puts all files in their places or, on any error, none.
 ///
 /// # Errors

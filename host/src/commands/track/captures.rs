@@ -7,13 +7,17 @@ use crate::commands::json;
 use crate::commands::progress::Count;
 use host::servo::ServoError;
 use host::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
+use host::servo::recording::observers;
 use host::servo::station_link::StationLink;
 use host::servo::visual_servo::ServoStep;
 use serde_json::json;
 use shared::frame::message::Mounting;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
+use trinocular_client::observer::StationObserver;
 use trinocular_client::{StationError, diagnosis};
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
@@ -46,6 +50,7 @@ pub struct Captures<'a> {
     /// True if the frame sets are live.
     is_live: bool,
     absences: Absences,
+    tap: Option<Arc<Tap>>,
 }
 
 impl<'a> Captures<'a> {
@@ -58,10 +63,12 @@ impl<'a> Captures<'a> {
         port: Option<&'a str>,
         source: &'a Path,
         now_us: Option<&dyn Fn() -> u64>,
+        tap: Option<Arc<Tap>>,
     ) -> Result<Self, Failure> {
         let failed = |error| Failure::of_servo(port, error);
         let place = options.station.place(port);
-        let station = StationLink::start_as(place, stage, mounting);
+        let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
+        let station = StationLink::start_observed(place, stage, mounting, observer);
         let station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
         let clock = match (port, now_us) {
@@ -74,14 +81,19 @@ impl<'a> Captures<'a> {
             },
         };
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
+        let mut servo = servo.map_err(failed)?;
+        for observer in observers(tap.clone(), &rig.rig) {
+            servo.add_observer(observer);
+        }
         Ok(Self {
             options,
             rig,
-            servo: servo.map_err(failed)?,
+            servo,
             port,
             source,
             is_live: now_us.is_some(),
             absences: Absences::new(&rig.names),
+            tap,
         })
     }
 
@@ -93,6 +105,7 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let outcome = self.print_all(captures, out);
         if let Err(Failure::Station(_)) = outcome {
+            self.end();
             // The station has stopped by itself, or no stop can reach it.
             return outcome;
         }
@@ -102,6 +115,7 @@ impl<'a> Captures<'a> {
             true => self.servo.stop(),
             false => self.servo.rest(),
         };
+        self.end();
         if let Ok(rest_mm) = rest
             && (self.is_live || outcome.is_ok())
         {
@@ -114,6 +128,13 @@ impl<'a> Captures<'a> {
         let summary = outcome?;
         rest.map_err(|error| Failure::of_station(self.port, error))?;
         Ok(summary)
+    }
+
+    /// Ends the recording at the station's present instant.
+    fn end(&self) {
+        if let Some(tap) = &self.tap {
+            tap.end(self.servo.station().now().micros());
+        }
     }
 
     fn print_all(

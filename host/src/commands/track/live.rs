@@ -65,6 +65,10 @@ fn follow(
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
+    let recording = options.recording(&RigFile {
+        stage: Some(stage.clone()),
+        ..rig.clone()
+    })?;
     let captures = Captures::new(
         options,
         rig,
@@ -72,6 +76,7 @@ fn follow(
         port.as_deref(),
         &all,
         Some(&now_us),
+        recording.tap(),
     )?;
     let end_us = options
         .seconds
@@ -98,7 +103,7 @@ fn follow(
             tally.lost
         );
     }
-    let summary = outcome?;
+    let summary = recording.finish(&options.record).and(outcome)?;
     notice!(
         "{} of {} frame sets not used",
         summary.refused,

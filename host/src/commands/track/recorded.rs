@@ -1,10 +1,11 @@
 //! Tracking with a folder of images, complete or growing; the cameras are beside the stage.
 
-use super::Options;
 use super::captures::{Captures, Summary};
+use super::{Estimator, Options};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::doubts;
 use crate::commands::failure::Failure;
+use crate::commands::frames::Rigged;
 use shared::frame::message::Mounting;
 use std::cell::Cell;
 use std::io::Write;
@@ -18,6 +19,10 @@ use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::Folder;
 use trinocular_vision::images::folder::watch::{Settings, Watch};
+
+/// Shortest and longest time between two frame sets of a recording, µs: as --fps allows.
+const LEAST_PERIOD_US: u64 = 5_000;
+const MOST_PERIOD_US: u64 = 1_000_000;
 
 /// Feeds every frame set to the twin at its capture time; prints the path of the stage.
 pub fn run(
@@ -35,8 +40,54 @@ pub fn run(
     }
     let unread = Cell::new(0);
     let captures = readable(captures.frame_sets(), &unread);
-    let summary = station(options, &rig, folder)?.follow(captures, out)?;
+    let summary = follow(options, rig, folder, captures, out)?;
     judged(folder, summary, unread.get())
+}
+
+/// Runs as [`run`] does, for a recording.
+pub fn replay(
+    options: &Options,
+    recording: &Path,
+    rig_path: Option<&Path>,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let rig = rig_path
+        .map(|path| options.method.read_rig(path))
+        .transpose()?;
+    let Rigged { frames, rig } = options.recording.open(recording, rig)?;
+    if options.method == Estimator::ClosedForm {
+        RigFile::parse_in_line(recording, &rig.to_toml())?;
+    }
+    options.recorded_period_us.set(Some(
+        frames.period_us().clamp(LEAST_PERIOD_US, MOST_PERIOD_US),
+    ));
+    let (came, unread) = (Cell::new(0), Cell::new(0));
+    let counted = frames.frame_sets().inspect(|_| came.set(came.get() + 1));
+    let captures = readable(counted, &unread);
+    let summary = follow(options, rig, recording, captures, out)?;
+    if came.get() < 2 {
+        return Err(few(recording, came.get()));
+    }
+    judged(recording, summary, unread.get())
+}
+
+/// Follows the frame sets, and records the run if that was requested.
+fn follow(
+    options: &Options,
+    mut rig: RigFile,
+    source: &Path,
+    captures: impl Iterator<Item = Result<FrameSet, InputError>>,
+    out: &mut impl Write,
+) -> Result<Summary, Failure> {
+    let stage = rig.stage.get_or_insert_with(default_stage);
+    // The stage shall end at the target's last measured position, not at a predicted one.
+    stage.tracking.prediction = false;
+    let stage = (stage.clone(), Mounting::Fixed);
+    let stage = (&stage.0, stage.1);
+    let recording = options.recording(&rig)?;
+    let station = Captures::new(options, &rig, stage, None, source, None, recording.tap());
+    let summary = station.and_then(|station| station.follow(captures, out));
+    recording.finish(&options.record).and(summary)
 }
 
 /// Runs as [`run`] does, for a folder that grows: until Ctrl-C, or until no image has come for
@@ -65,7 +116,7 @@ pub fn watch(
     let (mut came, unread) = (0, Cell::new(0));
     let captures = captures.inspect(|_| came += 1);
     let captures = readable(captures, &unread);
-    let summary = station(options, &rig, folder)?.follow(captures, out)?;
+    let summary = follow(options, rig, folder, captures, out)?;
     if came < 2 {
         return Err(few(folder, came));
     }
@@ -92,18 +143,6 @@ fn readable(
             true
         }
     })
-}
-
-/// Makes the twin, whose stage copies the target's motion.
-fn station<'a>(
-    options: &'a Options,
-    rig: &'a RigFile,
-    folder: &'a Path,
-) -> Result<Captures<'a>, Failure> {
-    let mut stage = rig.stage.clone().unwrap_or_else(default_stage);
-    // The stage shall end at the target's last measured position, not at a predicted one.
-    stage.tracking.prediction = false;
-    Captures::new(options, rig, (&stage, Mounting::Fixed), None, folder, None)
 }
 
 fn few(folder: &Path, count: usize) -> Failure {

@@ -1,20 +1,26 @@
 //! Tracking in closed loop with the simulator.
 
+use super::super::by_hand;
 use super::super::progress::Progress;
 use super::absences::Absences;
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
 use host::servo::path::TargetPath;
+use host::servo::recording::observers;
 use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
 use serde_json::json;
 use shared::frame::message::Command;
 use std::io::Write;
+use std::sync::Arc;
 use trinocular_client::diagnosis;
+use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{default_stage, setpoint};
+use trinocular_recording::recorder::Tap;
+use trinocular_rig::interruption;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::Texture;
@@ -29,23 +35,36 @@ fn default_seconds(path: TargetPath) -> f64 {
 
 /// Runs for the duration, then prints a summary on standard error.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let file = match &options.rig {
+    let mut file = match &options.rig {
         Some(path) => options.method.read_rig(path)?,
         None => RigFile::paper(),
     };
+    file.stage.get_or_insert_with(default_stage);
+    let recording = options.recording(&file)?;
+    let outcome = follow(options, file, recording.tap(), out);
+    recording.close(&options.record, outcome)
+}
+
+fn follow(
+    options: &Options,
+    file: RigFile,
+    tap: Option<Arc<Tap>>,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
     let rig = file.rig;
     let stage = file.stage.unwrap_or_else(default_stage);
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
     let failed = |error| Failure::of_servo(port.as_deref(), error);
-    let world = SimulatedWorld::new(
+    let world = SimulatedWorld::new_observed(
         &rig,
         &stage,
         options.station.place(port.as_deref()),
         &texture,
         settings,
         options.scene.seed,
+        tap.clone().map(|tap| tap as Arc<dyn StationObserver>),
     );
     let mut world = world.map_err(failed)?;
     let timing = ServoTiming {
@@ -53,7 +72,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         latency_us: options.latency_us(),
     };
     introduce(&world.b);
-    let servo = SimulatedServo::start(&mut world, &rig, timing, options.method.into());
+    let observers = observers(tap.clone(), &rig);
+    let estimator = options.method.into();
+    let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
     let mut absences = Absences::new(&file.names);
     let mut progress = Progress::new("following");
@@ -66,7 +87,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         )?;
     }
     let seconds = options.seconds.unwrap_or(default_seconds(options.path));
-    while servo.time_s(&world) + 1.0 / options.fps() <= seconds {
+    if tap.is_some() {
+        // Ctrl-C ends the recording whole.
+        by_hand::on_interrupt()?;
+    }
+    while servo.time_s(&world) + 1.0 / options.fps() <= seconds && !interruption::is_requested() {
         // A gets its setpoint at every picture, one picture ahead.
         let next_mm = options.path.at(servo.time_s(&world));
         world.a.send(setpoint(next_mm));
@@ -90,6 +115,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         .b
         .command("stop", Command::Stop)
         .map_err(|error| failed(error.into()))?;
+    if let Some(tap) = tap {
+        tap.end(world.b.now().micros());
+    }
     let rms = squares.map(|sum| (sum / f64::from(count.max(1))).sqrt());
     if let Some((_, bound_us)) = world.b.serial().and_then(Serial::offset_us) {
         notice!("the station's clock was known to {bound_us} us");

@@ -15,6 +15,8 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
 use super::Image;
 
+pub use panic::caught;
+
 mod jpeg;
 mod panic;
 mod png;

@@ -363,7 +363,7 @@ pub fn listing(camera: &Path) -> Result<Listing, InputError> {
 
 /// Returns the name with every number padded with zeros, so that alphabetic order is the order of
 /// the numbers.
-pub(crate) fn numbers_padded(name: &str) -> String {
+pub fn numbers_padded(name: &str) -> String {
     let mut key = String::new();
     let mut rest = name;
     while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {

@@ -9,8 +9,8 @@ thread_local! {
     static IS_QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `decode`; returns `None` if it panics.
-pub(super) fn caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
+/// Runs a decoder of foreign bytes; returns `None` if it panics. No message is printed.
+pub fn caught<T>(decode: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let others = take_hook();

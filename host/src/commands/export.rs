@@ -1,0 +1,99 @@
+//! `trinocular export`: tables and images of a recording.
+
+use super::frames::{RecordingInput, Rigged};
+use super::progress::Count;
+use crate::commands::failure::Failure;
+use clap::Args;
+use std::io::Write;
+use std::path::PathBuf;
+use trinocular_recording::export;
+use trinocular_recording::read::Source;
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::output::{NewFolders, Output, Replace};
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::folder;
+
+/// Write the measurements of a recording as a table, or its images as a folder
+///
+/// The table has one row per frame set. The folder has the form that `estimate` and `track
+/// --images` read; images of other people's recordings can be written, too. For Parquet, convert
+/// the table: duckdb -c "COPY (FROM 'run.csv') TO 'run.parquet'".
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+#[group(id = "what", required = true, multiple = true, args = ["csv", "images"])]
+pub struct Options {
+    /// The recording: an MCAP file, or the folder of a ROS 2 bag
+    #[arg(value_name = "RUN.mcap")]
+    input: PathBuf,
+
+    /// Write the measurements as CSV; recordings of this program only
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+
+    /// Write the frame sets as PNG files into this folder, which must be new or empty
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+
+    /// The rig file, for recordings that hold none: names and image size of the cameras
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+
+    #[command(flatten)]
+    recording: RecordingInput,
+
+    /// Overwrite the file of --csv if it exists
+    #[arg(long, requires = "csv")]
+    force: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular export run.mcap --csv run.csv
+  trinocular export run.mcap --images captures/
+  trinocular export bag/ --rig rig.toml --topic left=/cam0/image_raw --images captures/";
+
+/// Runs the command.
+pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    let source = Source::open(&options.input)?;
+    if let Some(path) = &options.csv {
+        let output = Output::open(path, Replace::Nothing.or_forced(options.force))?;
+        let table = export::csv(&source)?;
+        if let Some(cut) = &table.cut {
+            notice!("warning: {cut}");
+        }
+        output.write(&table.text)?;
+        writeln!(out, "{} rows in {}", table.rows, path.display())?;
+    }
+    if let Some(dir) = &options.images {
+        images(options, dir, out)?;
+    }
+    Ok(())
+}
+
+fn images(options: &Options, dir: &PathBuf, out: &mut impl Write) -> Result<(), Failure> {
+    let is_empty = |dir: &PathBuf| dir.read_dir().is_ok_and(|mut dir| dir.next().is_none());
+    if dir.exists() && !is_empty(dir) {
+        return Err(InputError::file(dir, "exists and is no empty folder; name a new one").into());
+    }
+    let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
+    let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
+    let mut folders = NewFolders::default();
+    folders.make(dir)?;
+    let mut count = Count::new("frame sets written");
+    let mut written = 0;
+    for set in frames.frame_sets() {
+        let mut set = set?;
+        let mut names = rig.names.clone();
+        // A camera without an image has no file.
+        let mut is_there = set.images.iter().map(|image| !image.is_missing());
+        names.retain(|_| is_there.next().unwrap_or(false));
+        set.images.retain(|image| !image.is_missing());
+        folder::save(dir, &names, written, &set)?;
+        written += 1;
+        count.at(written);
+    }
+    drop(count);
+    writeln!(out, "{written} frame sets in {}", dir.display())?;
+    Ok(())
+}

@@ -1,0 +1,200 @@
+//! `--record`: a recording of the run, for every command that runs the loop.
+
+use crate::commands::failure::Failure;
+use clap::{Args, ValueEnum};
+use shared::frame::{PROTOCOL, SCHEMA_HASH};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
+use trinocular_recording::queue::Pace;
+use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::printable::printable;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::sums::Estimator;
+
+/// Recording of the run.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Recording")]
+pub struct RecordOption {
+    /// Record the run in this MCAP file: images, measurements, all packets, status and events
+    ///
+    /// `trinocular replay` runs it again, `export` writes tables and images; ROS 2, Foxglove and
+    /// Rerun read it, too. It replaces an earlier recording of this program when the run begins,
+    /// but no other file without --force. After a crash, or if the disk is full, the file is read
+    /// up to its last whole chunk, a second at most before the end. In real time the run never
+    /// waits for the disk: what does not fit the memory is dropped and counted.
+    #[arg(long, value_name = "RUN.mcap")]
+    record: Option<PathBuf>,
+
+    /// Form of the recorded images
+    #[arg(
+        long,
+        value_name = "FORM",
+        value_enum,
+        requires = "record",
+        default_value_t = Form::Raw
+    )]
+    record_images: Form,
+}
+
+/// Forms of recorded images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Form {
+    /// Uncompressed: 14 MB/s for 60 frame sets of 3 x 320x240 per second
+    Raw,
+    /// Compressed without loss: smaller, as the noise allows, for 10 % of a core with these images
+    Png,
+    /// No images: a replay runs the station, but not the measurements
+    None,
+}
+
+impl From<Form> for ImageForm {
+    fn from(form: Form) -> Self {
+        match form {
+            Form::Raw => Self::Raw,
+            Form::Png => Self::Png,
+            Form::None => Self::None,
+        }
+    }
+}
+
+/// What a run says about itself.
+pub struct Origin {
+    /// The rig, with the stage that the station moves.
+    pub rig: RigFile,
+    /// Text of the rig file, if the user gave one.
+    pub rig_text: Option<String>,
+    /// The station's estimator.
+    pub estimator: Estimator,
+    /// Name of the twin's board; `None` for a station on a line.
+    pub twin: Option<&'static str>,
+    /// True if time is real: for live images, a folder that grows, or a station on a line.
+    pub is_real: bool,
+    /// Seed of the simulation, if the run is one.
+    pub seed: Option<u64>,
+}
+
+/// Recording under way, if one was requested.
+pub struct Recording(Option<Recorder>);
+
+impl RecordOption {
+    /// Returns true if a recording was requested.
+    pub fn is_given(&self) -> bool {
+        self.record.is_some()
+    }
+
+    /// Opens the file without changing it, so that an unwritable place is refused before the run.
+    pub fn open(&self, force: bool) -> Result<Opened, InputError> {
+        let replace = Replace::Own.or_forced(force);
+        let open = |path: &PathBuf| Output::open(path, replace);
+        Ok(Opened {
+            output: self.record.as_ref().map(open).transpose()?,
+            images: self.record_images.into(),
+        })
+    }
+}
+
+/// File of the recording.
+pub struct Opened {
+    output: Option<Output>,
+    images: ImageForm,
+}
+
+impl Opened {
+    /// Returns true if the file is that of `other`.
+    pub fn is_same_file(&self, other: &Output) -> bool {
+        let output = self.output.as_ref();
+        output.is_some_and(|output| output.is_same_file(other))
+    }
+
+    /// Begins the recording, just before the station is started.
+    pub fn start(self, origin: &Origin) -> Result<Recording, Failure> {
+        let Some(output) = self.output else {
+            return Ok(Recording(None));
+        };
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+        let now_us = since_1970.map_or(0, |since| since.as_micros() as u64);
+        let mut texts = here();
+        texts.insert("command", std::env::args().collect::<Vec<_>>().join(" "));
+        texts.insert("begun_unix_s", (now_us / 1_000_000).to_string());
+        let estimator = match origin.estimator {
+            Estimator::Midpoint => "midpoint",
+            Estimator::ClosedForm => "closed-form",
+        };
+        texts.insert("estimator", estimator.to_owned());
+        texts.insert("cameras", origin.rig.names.join(","));
+        texts.insert("station", origin.twin.map_or("line", |_| "twin").to_owned());
+        let optional = [
+            ("twin", origin.twin.map(str::to_owned)),
+            ("seed", origin.seed.map(|seed| seed.to_string())),
+        ];
+        for (name, text) in optional {
+            texts.extend(text.map(|text| (name, text)));
+        }
+        let texts = texts.into_iter();
+        let settings = Settings {
+            images: self.images,
+            pace: if origin.is_real {
+                Pace::Real
+            } else {
+                Pace::Virtual
+            },
+            cameras: origin.rig.names.clone(),
+            epoch_us: if origin.is_real { now_us } else { 0 },
+            rig: (origin.rig_text.clone()).unwrap_or_else(|| origin.rig.to_toml()),
+            origin: texts.map(|(name, text)| (name.to_owned(), text)).collect(),
+        };
+        Ok(Recording(Some(Recorder::start(output, settings)?)))
+    }
+}
+
+impl Recording {
+    /// Returns the taps of the run.
+    pub fn tap(&self) -> Option<Arc<Tap>> {
+        self.0.as_ref().map(Recorder::tap)
+    }
+
+    /// Ends the file, and prints its size and what was dropped.
+    pub fn finish(self, path: &RecordOption) -> Result<(), Failure> {
+        let (Some(recorder), Some(path)) = (self.0, &path.record) else {
+            return Ok(());
+        };
+        let account = recorder.finish()?;
+        let dropped = account.dropped;
+        let lost = match dropped.frame_sets + dropped.messages {
+            0 => String::new(),
+            _ => format!(
+                "; dropped because the disk was too slow: {} frame sets, {} other messages",
+                dropped.frame_sets, dropped.messages
+            ),
+        };
+        let (messages, kilobytes) = (account.messages, account.bytes >> 10);
+        let path = printable(path.display());
+        notice!("recorded {messages} messages, {kilobytes} kB, in {path}{lost}");
+        Ok(())
+    }
+
+    /// Ends the file after a run: the run's own failure comes first.
+    pub fn close(self, path: &RecordOption, run: Result<(), Failure>) -> Result<(), Failure> {
+        let finished = self.finish(path);
+        run.and(finished)
+    }
+}
+
+/// Returns the program and the machine, by the names that a recording has for them.
+pub fn here() -> BTreeMap<&'static str, String> {
+    let commit = option_env!("TRINOCULAR_COMMIT").unwrap_or("unknown");
+    let machine = [std::env::consts::ARCH, std::env::consts::OS].join(" ");
+    BTreeMap::from([
+        ("program", "trinocular".to_owned()),
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("commit", commit.to_owned()),
+        ("protocol", PROTOCOL.to_string()),
+        ("schema", format!("{SCHEMA_HASH:08x}")),
+        ("machine", machine),
+    ])
+}

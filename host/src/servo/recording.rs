@@ -1,0 +1,102 @@
+//! The observer that passes the turns of a loop to a recording.
+
+use super::observer::{ServoEvent, ServoObserver};
+use super::visual_servo::{Measured, ServoEstimate, ServoOutcome};
+use shared::rig::Rig;
+use std::sync::Arc;
+use trinocular_recording::message::{Measurement, Outcome, absent};
+use trinocular_recording::recorder::Tap;
+use trinocular_vision::measure::MeasureRefusal;
+
+/// Observer of a loop whose run is recorded.
+#[derive(Debug)]
+pub struct RecordingObserver {
+    tap: Arc<Tap>,
+    rig: Rig,
+}
+
+impl RecordingObserver {
+    /// Makes the observer of a loop with the cameras of `rig`.
+    pub fn new(tap: Arc<Tap>, rig: &Rig) -> Self {
+        Self {
+            tap,
+            rig: rig.clone(),
+        }
+    }
+}
+
+/// Returns the observers of a loop: one if its run is recorded, otherwise none.
+pub fn observers(tap: Option<Arc<Tap>>, rig: &Rig) -> Vec<Box<dyn ServoObserver>> {
+    let observer = |tap| Box::new(RecordingObserver::new(tap, rig)) as Box<dyn ServoObserver>;
+    tap.map(observer).into_iter().collect()
+}
+
+/// Converts the result of measuring one frame set to the message of a recording.
+pub fn measurement(rig: &Rig, measured: Result<&Measured, &MeasureRefusal>) -> Measurement {
+    let mut message = Measurement::default();
+    match measured {
+        Ok(measured) => {
+            if let Some(measurement) = &measured.measurement {
+                message.measured(rig, measurement);
+            }
+        }
+        Err(refusal) => {
+            message.outcome = Outcome::Refused;
+            message.reason = refusal.to_string();
+        }
+    }
+    message
+}
+
+impl ServoObserver for RecordingObserver {
+    fn observe(&mut self, event: &ServoEvent<'_>) {
+        match event {
+            ServoEvent::Keyframe { images } => {
+                let message = Measurement {
+                    stamp_us: images.time_us,
+                    outcome: Outcome::Keyframe,
+                    ..Measurement::default()
+                };
+                self.tap.frame_set(Some(images), message);
+            }
+            ServoEvent::Step {
+                images,
+                taken,
+                reference,
+                measured,
+                step,
+                stage_mm,
+                ..
+            } => {
+                let mut message = match (measured, &step.outcome) {
+                    (Some(measured), _) => measurement(&self.rig, Ok(measured)),
+                    (None, ServoOutcome::Refused(refusal)) => measurement(&self.rig, Err(refusal)),
+                    (None, _) => Measurement::default(),
+                };
+                message.stamp_us = images.time_us;
+                message.capture_us = taken.micros();
+                message.reference_us = reference.micros();
+                message.stage_mm = *stage_mm;
+                match &step.outcome {
+                    ServoOutcome::Used(estimate) => used(&mut message, estimate),
+                    ServoOutcome::Refused(_) => {}
+                    ServoOutcome::Unused(refusal) => {
+                        message.outcome = Outcome::Unused;
+                        message.reason = refusal.to_string();
+                    }
+                }
+                if message.absent.is_empty() {
+                    message.absent = absent(&step.absent);
+                }
+                self.tap.frame_set(Some(images), message);
+            }
+        }
+    }
+}
+
+fn used(message: &mut Measurement, estimate: &ServoEstimate) {
+    message.outcome = Outcome::Used;
+    message.station_mm = estimate.displacement_mm;
+    message.station_sigma_mm = estimate.sigma_mm.unwrap_or_default();
+    message.latency_us = estimate.latency_us;
+}

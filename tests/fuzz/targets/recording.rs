@@ -1,0 +1,163 @@
+//! Recordings with any edits, and any bytes behind the magic ones.
+//!
+//! Laws: no panic, bounded memory; an error names the file; a frame set has an image per camera, of
+//! the rig's size or missing.
+#![no_main]
+
+use arbitrary::Arbitrary;
+use libfuzzer_sys::fuzz_target;
+use station_fuzz::law::check_error;
+use std::path::Path;
+use std::sync::OnceLock;
+use trinocular_client::observer::StationObserver as _;
+use trinocular_recording::export;
+use trinocular_recording::message::{Measurement, Outcome};
+use trinocular_recording::queue::Pace;
+use trinocular_recording::read::frames::{FrameSets, Topics};
+use trinocular_recording::read::survey::Survey;
+use trinocular_recording::read::{Source, calibration};
+use trinocular_recording::recorder::{ImageForm, Recorder, Settings};
+use trinocular_recording::replay;
+use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::{FrameSet, Image};
+use trinocular_vision::sums::Estimator;
+
+/// One edit of the bytes of a good recording.
+#[derive(Arbitrary, Debug)]
+enum Edit {
+    /// Sets one byte.
+    Set(u16, u8),
+    /// Cuts the file.
+    Cut(u16),
+    /// Takes bytes out.
+    Remove(u16, u8),
+    /// Puts bytes in.
+    Insert(u16, Vec<u8>),
+    /// Keeps only the magic bytes, and adds these.
+    Any(Vec<u8>),
+}
+
+fn paper(size: u32) -> RigFile {
+    let mut rig = RigFile::paper();
+    rig.rig.image_size_px = [size, size];
+    rig
+}
+
+/// Writes a small recording of every kind of message; returns its bytes.
+fn good(path: &Path) -> Vec<u8> {
+    let rig = paper(8);
+    let output = Output::open(path, Replace::Anything).expect("a writable place");
+    let settings = Settings {
+        images: ImageForm::Raw,
+        pace: Pace::Virtual,
+        cameras: rig.names.clone(),
+        epoch_us: 0,
+        rig: rig.to_toml(),
+        origin: Default::default(),
+    };
+    let recorder = Recorder::start(output, settings).expect("it begins");
+    let tap = recorder.tap();
+    for number in 0..2 {
+        tap.to_station(1_000 * number, &[0, 5, 1, 2, 3, 4, 0]);
+        tap.from_station(1_000 * number, &[0, 9, 0]);
+        let image = Image {
+            width: 8,
+            height: 8,
+            grey: vec![number as u8; 64],
+        };
+        let set = FrameSet {
+            time_us: 33_333 * number,
+            images: vec![image; 3],
+        };
+        let measurement = Measurement {
+            outcome: Outcome::Refused,
+            pixels: vec![1.0; 12],
+            cameras: vec![0, 1, 2],
+            ..Measurement::default()
+        };
+        tap.frame_set(Some(&set), measurement);
+    }
+    tap.event("line", "lost".to_owned());
+    tap.end(3_000);
+    recorder.finish().expect("it is written");
+    std::fs::read(path).expect("it was written")
+}
+
+fn edited(good: &[u8], edits: &[Edit]) -> Vec<u8> {
+    let mut bytes = good.to_vec();
+    for edit in edits {
+        let place = |at: &u16| usize::from(*at) % bytes.len().max(1);
+        match edit {
+            Edit::Set(at, value) => {
+                let place = place(at);
+                if let Some(byte) = bytes.get_mut(place) {
+                    *byte = *value;
+                }
+            }
+            Edit::Cut(at) => bytes.truncate(place(at)),
+            Edit::Remove(at, count) => {
+                let start = place(at);
+                let end = (start + usize::from(*count)).min(bytes.len());
+                bytes.drain(start..end);
+            }
+            Edit::Insert(at, more) => {
+                let start = place(at);
+                bytes.splice(start..start, more.iter().copied());
+            }
+            Edit::Any(more) => {
+                bytes.truncate(8);
+                bytes.extend(more);
+            }
+        }
+    }
+    bytes
+}
+
+fuzz_target!(|edits: Vec<Edit>| {
+    static GOOD: OnceLock<(tempfile::TempDir, Vec<u8>)> = OnceLock::new();
+    let (folder, good) = GOOD.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let bytes = good(&folder.path().join("good.mcap"));
+        (folder, bytes)
+    });
+    let path = folder.path().join("run.mcap");
+    std::fs::write(&path, edited(good, &edits)).expect("a writable folder");
+    let source = Source::open(&path).expect("a file");
+    let survey = match Survey::of(&source) {
+        Ok(survey) => survey,
+        Err(error) => return check_error(&error, &[&path]),
+    };
+    if let Some(cut) = &survey.cut {
+        check_error(cut, &[&path]);
+    }
+    let _ = calibration::rig(&source, &survey);
+    let rig = paper(8);
+    match Topics::find(&path, &survey, &rig.names, &[]) {
+        Err(error) => check_error(&error, &[&path]),
+        Ok(topics) => {
+            for set in FrameSets::new(&source, topics, rig.rig.image_size_px, 5_000) {
+                match set {
+                    Err(error) => check_error(&error, &[&path]),
+                    Ok(set) => {
+                        assert_eq!(set.images.len(), 3);
+                        let is_fit = |i: &Image| i.is_missing() || i.grey.len() == 64;
+                        assert!(set.images.iter().all(is_fit));
+                    }
+                }
+            }
+        }
+    }
+    if let Err(error) = export::csv(&source) {
+        check_error(&error, &[&path]);
+    }
+    let settings = replay::Settings {
+        rig: rig.rig,
+        names: rig.names,
+        estimator: Estimator::Midpoint,
+        twin: Some("twin".to_owned()),
+    };
+    if let Err(error) = replay::replay(&source, &settings, |_| {}) {
+        check_error(&error, &[&path]);
+    }
+});

@@ -1,0 +1,223 @@
+//! The commands that write and read recordings, as a user meets them.
+
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::Duration;
+use trinocular_tests::binary::{Outcome, signal, trinocular};
+#[cfg(unix)]
+use trinocular_tests::far_end::station;
+
+fn run(folder: &Path, arguments: &[&str]) -> Outcome {
+    Outcome::of(trinocular().args(arguments).current_dir(folder))
+}
+
+fn same(folder: &Path, file: &str) -> serde_json::Value {
+    let mut lines = run(folder, &["replay", file, "--json"]).good_json();
+    let summary = lines.pop().expect("one object");
+    assert_eq!(summary["version"], 1);
+    assert_eq!(summary["same"], true, "{summary}");
+    summary
+}
+
+#[test]
+fn simulated_run_is_recorded_and_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let track = ["track", "--sim", "--seconds", "1", "--json"];
+    let plain = run(folder, &track).good_json();
+    let recorded = run(folder, &[&track[..], &["--record", "run.mcap"]].concat());
+    assert_eq!(recorded.good_json(), plain, "a recording changes nothing");
+    assert!(recorded.stderr.contains("recorded "), "{}", recorded.stderr);
+    let summary = same(folder, "run.mcap");
+    assert_eq!(summary["measurements"]["same"], plain.len() + 1);
+    assert_eq!(summary["frames"]["same"], plain.len());
+    assert_eq!(summary["station"], "twin");
+    assert_eq!(summary["cut"], serde_json::Value::Null);
+    assert!(summary["edges"]["same"].as_u64() > Some(100), "{summary}");
+    // The same displacements from the images in the file.
+    let estimated = run(folder, &["estimate", "run.mcap", "--json"]).good_json();
+    assert_eq!(estimated.len(), plain.len());
+    for (estimated, tracked) in estimated.iter().zip(&plain) {
+        let mm = |value: &serde_json::Value| value["displacement_mm"][0].as_f64().unwrap();
+        // The station computes in integers.
+        assert!((mm(estimated) - mm(tracked)).abs() < 1e-4, "{estimated}");
+    }
+    let followed = run(folder, &["track", "--images", "run.mcap", "--json"]).good_json();
+    assert_eq!(followed.len(), plain.len());
+    let bench = run(
+        folder,
+        &["bench", "flow", "run.mcap", "--repeat", "1", "--json"],
+    );
+    assert_eq!(bench.good_json()[0]["captures"], plain.len() + 1);
+    let export = ["export", "run.mcap", "--csv", "run.csv", "--images", "caps"];
+    assert_eq!(run(folder, &export).code, Some(0));
+    let table = fs::read_to_string(folder.join("run.csv")).unwrap();
+    assert_eq!(table.lines().count(), plain.len() + 2);
+    // The images as files give the same as those in the recording.
+    fs::write(
+        folder.join("rig.toml"),
+        trinocular_rig::rig_file::RigFile::paper().to_toml(),
+    )
+    .unwrap();
+    let files = run(folder, &["estimate", "caps", "--rig", "rig.toml", "--json"]);
+    assert_eq!(files.good_json(), estimated);
+}
+
+#[test]
+fn scenario_is_recorded_and_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    let [step, switches] =
+        ["step.toml", "switches.toml"].map(|name| scenarios.join(name).display().to_string());
+    let record = ["--record", "run.mcap"];
+    let recorded = run(folder, &[&["simulate", &step], &record[..]].concat());
+    assert_eq!(recorded.code, Some(0), "{}", recorded.stderr);
+    let summary = same(folder, "run.mcap");
+    let frames = summary["frames"]["same"].as_u64();
+    assert!(frames > Some(100), "{summary}");
+    run(
+        folder,
+        &[&["simulate", &step, &switches], &record[..]].concat(),
+    )
+    .failed(2, &["--record", "one scenario"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn station_on_a_line_replays_its_measurements() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let far_end = station();
+    let line = [
+        "--port",
+        &far_end.path,
+        "--heartbeat",
+        "5000",
+        "--path",
+        "still",
+    ];
+    let record = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    let recorded = run(folder, &[&record[..], &line].concat());
+    assert_eq!(recorded.code, Some(0), "{}", recorded.stderr);
+    let summary = same(folder, "run.mcap");
+    assert_eq!(summary["station"], "line");
+    assert!(
+        summary["measurements"]["same"].as_u64() > Some(5),
+        "{summary}"
+    );
+    assert!(summary["frames"]["same"].as_u64() > Some(5), "{summary}");
+    assert_eq!(summary["segments"]["same"], 0);
+    let text = run(folder, &["replay", "run.mcap"]);
+    assert!(
+        text.stderr.contains("its segments are not recorded"),
+        "{}",
+        text.stderr
+    );
+}
+
+#[test]
+fn killed_run_leaves_a_readable_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (name, has_end) in [("KILL", false), ("INT", true)] {
+        let file = format!("{name}.mcap");
+        let mut program = trinocular()
+            .args(["track", "--sim", "--seconds", "600", "--record", &file])
+            .current_dir(folder)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("it runs");
+        let path = folder.join(&file);
+        let is_long = || path.metadata().is_ok_and(|about| about.len() > 5 << 20);
+        while !is_long() {
+            assert!(program.try_wait().unwrap().is_none(), "it ended early");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        signal(&program, name);
+        let status = program.wait().unwrap();
+        assert_eq!(status.success(), has_end, "{name}");
+        let summary = same(folder, &file);
+        assert_eq!(summary["cut"].is_null(), has_end, "{summary}");
+        let measured = summary["measurements"]["same"].as_u64();
+        assert!(measured >= Some(15), "{summary}");
+        let estimated = run(folder, &["estimate", &file, "--json"]);
+        // The cut may lie between the images of a frame set and its measurement.
+        let sets = estimated.json().len() as u64 + 1;
+        assert!(measured.unwrap().abs_diff(sets) <= 1, "{sets} {summary}");
+    }
+}
+
+/// The limit stands for a full disk; the run goes on, and its exit code says what happened.
+#[cfg(unix)]
+#[test]
+fn full_disk_ends_the_file_not_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let program = trinocular().get_program().to_owned();
+    let line = "ulimit -f 4096; exec \"$0\" track --sim --seconds 1 --json --record run.mcap";
+    let mut shell = std::process::Command::new("bash");
+    let outcome = Outcome::of(shell.args(["-c", line]).arg(program).current_dir(folder));
+    outcome.failed_after_notes(1, &["run.mcap", "cannot write"]);
+    assert_eq!(outcome.json().len(), 29, "the run went on");
+    assert!(
+        outcome.stderr.contains("the run goes on"),
+        "{}",
+        outcome.stderr
+    );
+    let length = folder.join("run.mcap").metadata().unwrap().len();
+    assert!((2 << 20..=4 << 20).contains(&length), "{length} bytes");
+    let summary = same(folder, "run.mcap");
+    // The file was closed, after its last whole chunk.
+    assert!(summary["cut"].is_null(), "{summary}");
+    assert!(
+        summary["measurements"]["same"].as_u64() >= Some(8),
+        "{summary}"
+    );
+}
+
+#[test]
+fn other_files_are_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("a.mcap"), "id,camera\n").unwrap();
+    run(folder, &["replay", "a.mcap"]).failed(1, &["a.mcap", "no MCAP file"]);
+    run(folder, &["estimate", "a.mcap"]).failed(1, &["a.mcap", "no MCAP file"]);
+    run(folder, &["replay", "none.mcap"]).failed(1, &["none.mcap", "cannot read"]);
+    assert_eq!(run(folder, &["export", "a.mcap"]).code, Some(2));
+    let record = ["track", "--sim", "--seconds", "0.2", "--record", "a.mcap"];
+    run(folder, &record).failed(1, &["a.mcap", "did not write it", "--force"]);
+    let forced = run(folder, &[&record[..], &["--force"]].concat());
+    assert_eq!(forced.code, Some(0), "{}", forced.stderr);
+    same(folder, "a.mcap");
+    let alone = run(folder, &["track", "--sim", "--record-images", "none"]);
+    assert_eq!(alone.code, Some(2), "{}", alone.stderr);
+}
+
+#[test]
+fn recording_without_images_replays_the_station() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let record = [
+        "--seconds",
+        "0.5",
+        "--record",
+        "run.mcap",
+        "--record-images",
+    ];
+    let track = |form: &'static str| {
+        let arguments = [&["track", "--sim"], &record[..], &[form]].concat();
+        assert_eq!(run(folder, &arguments).code, Some(0));
+        same(folder, "run.mcap")
+    };
+    let none = track("none");
+    assert_eq!(none["measurements"]["same"], 0);
+    assert!(none["not_measured"].as_u64() > Some(10));
+    assert!(none["segments"]["same"].as_u64() > Some(1_000));
+    run(folder, &["estimate", "run.mcap"]).failed_after_notes(1, &["left", "--topic"]);
+    let png = track("png");
+    assert_eq!(png["not_measured"], 0);
+    assert_eq!(png["segments"], none["segments"]);
+}
