@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::frames::{Frames, RecordingInput, Rigged};
+use super::frames::{Frames, RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
 use serde::Serialize;
@@ -139,8 +139,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
         return Ok((rig.rig.clone(), recorded(options, &frames, &rig)?));
     }
     let Some(RigFile { names, rig, .. }) = rig else {
-        let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
-        return Err(Failure::Usage(reason.to_owned()));
+        return Err(rig_missing("bench flow FOLDER --rig <RIG.toml>"));
     };
     let folder = Folder::open(
         &options.folder,

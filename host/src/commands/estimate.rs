@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::frames::{RecordingInput, Rigged};
+use super::frames::{RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -175,8 +175,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         return run_captures(options, &rig, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
-        let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
-        return Err(Failure::Usage(reason.to_owned()));
+        return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
     };
     if printer.is_folder {
         run_folder(options, &rig, printer)

@@ -47,6 +47,13 @@ fn tolerance(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Returns the failure of a command line without a rig file where no recording can hold it.
+pub fn rig_missing(usage: &str) -> Failure {
+    Failure::Usage(format!(
+        "--rig <RIG.toml> is missing: only a recording may hold the rig. Usage: trinocular {usage}"
+    ))
+}
+
 /// Recording whose frame sets are read.
 pub struct Frames {
     source: Source,

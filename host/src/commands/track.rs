@@ -7,7 +7,7 @@ mod live;
 mod recorded;
 mod simulated;
 
-use super::frames::RecordingInput;
+use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
 use super::record::{Origin, RecordOption, Recording};
 use super::scene::SceneOptions;
@@ -377,10 +377,7 @@ fn follow(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
                 images: Some(_), ..
             },
             None,
-        ) => {
-            let reason = "--rig RIG.toml is missing: only a recording may hold the rig";
-            Err(Failure::Usage(reason.to_owned()))
-        }
+        ) => Err(rig_missing("track --images DIR --rig <RIG.toml>")),
         (
             Source {
                 watch: Some(folder),
