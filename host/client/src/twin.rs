@@ -5,6 +5,12 @@
 //! carry; segments become port words, and the plant counts the edges that these make. Nothing here
 //! looks past the bytes and the pins, except for tests and reports.
 
+#[cfg(unix)]
+mod real_time;
+
+#[cfg(unix)]
+pub use real_time::RealTimeTwin;
+
 use super::StationError;
 use super::conversation::Client;
 use super::observer::StationObserver;

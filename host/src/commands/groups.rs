@@ -17,7 +17,7 @@ pub const TEMPLATE: &str = "\
 
 /// Names of the commands by purpose.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Measure", &["estimate", "track"]),
+    ("Measure", &["estimate", "track", "serve"]),
     (
         "Set up",
         &[

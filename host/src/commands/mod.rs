@@ -24,6 +24,7 @@ mod hello;
 mod home;
 mod init;
 mod jog;
+mod live_page;
 mod man;
 mod motors;
 mod port;
@@ -33,6 +34,7 @@ mod report;
 mod reset;
 mod robustness;
 mod scene;
+mod serve;
 mod simulate;
 mod status;
 mod stop;
@@ -104,6 +106,7 @@ enum Command {
     Motors(motors::Options),
     Ports(ports::Options),
     Reset(reset::Options),
+    Serve(serve::Options),
     Simulate(simulate::Options),
     Status(status::Options),
     Stop(stop::Options),
@@ -152,6 +155,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
+        Some(Command::Serve(options)) => serve::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),
         Some(Command::Status(options)) => status::run(&options, out),
         Some(Command::Stop(options)) => stop::run(&options, out),

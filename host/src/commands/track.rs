@@ -2,8 +2,9 @@
 //! live cameras.
 
 mod absences;
-mod captures;
-mod live;
+pub mod captures;
+pub mod live;
+pub mod page;
 mod recorded;
 mod simulated;
 
@@ -93,6 +94,9 @@ pub struct Options {
 
     #[command(flatten)]
     station: PortOption,
+
+    #[command(flatten)]
+    page: page::PageOptions,
 
     /// Duration of the run, s [default: 8 with --sim, until Ctrl-C with --cameras]
     #[arg(long, value_name = "S", conflicts_with_all = ["images", "watch"])]

@@ -10,9 +10,12 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
-fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
-    let is_real = options.station.is_given();
-    let mounting = match is_real && !options.fixed {
+pub fn stage(
+    (is_real, is_fixed): (bool, bool),
+    rig: &RigFile,
+    rig_path: &Path,
+) -> Result<(Stage, Mounting), Failure> {
+    let mounting = match is_real && !is_fixed {
         true => Mounting::OnStage,
         // The twin's stage carries no cameras.
         false => Mounting::Fixed,
@@ -25,6 +28,20 @@ fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mo
             Err(InputError::file(rig_path, reason).into())
         }
     }
+}
+
+/// Checks that there is one device per camera.
+pub fn check_devices(devices: &[PathBuf], rig: &RigFile, rig_path: &Path) -> Result<(), Failure> {
+    if devices.len() != rig.names.len() {
+        return Err(Failure::Usage(format!(
+            "--cameras names {} devices, but {} has {} cameras: {}, in this order",
+            devices.len(),
+            rig_path.display(),
+            rig.names.len(),
+            rig.names.join(", ")
+        )));
+    }
+    refuse_twins(devices, &rig.names)
 }
 
 /// Refuses one device for two cameras, even if different names or links lead to it.
@@ -53,18 +70,39 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.method.read_rig(rig_path)?;
-    if devices.len() != rig.names.len() {
-        return Err(Failure::Usage(format!(
-            "--cameras names {} devices, but {} has {} cameras: {}, in this order",
-            devices.len(),
-            rig_path.display(),
-            rig.names.len(),
-            rig.names.join(", ")
-        )));
-    }
-    refuse_twins(devices, &rig.names)?;
-    let stage = stage(options, &rig, rig_path)?;
+    check_devices(devices, &rig, rig_path)?;
+    let is_real = options.station.is_given();
+    let stage = stage((is_real, options.fixed), &rig, rig_path)?;
     follow(options, devices, &rig, stage, out)
+}
+
+/// Opens the cameras, and prints their formats.
+#[cfg(all(feature = "camera", target_os = "linux"))]
+pub fn open(
+    devices: &[PathBuf],
+    rig: &RigFile,
+    fps: f64,
+) -> Result<Vec<trinocular_vision::images::cameras::device::V4l2>, Failure> {
+    use trinocular_rig::notice;
+    use trinocular_vision::images::cameras::device::V4l2;
+    use trinocular_vision::images::cameras::stamp::Source;
+
+    let cameras = devices
+        .iter()
+        .zip(&rig.names)
+        .map(|(device, name)| {
+            let who = format!("{name} ({})", device.display());
+            let notice = Box::new(move |source: Source| match source {
+                Source::Driver(_) => notice!("{who}: {source}"),
+                Source::Arrival(_) => notice!("warning: {who}: {source}"),
+            });
+            V4l2::open(device, rig.rig.image_size_px, fps, notice)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
+        notice!("{name} is {}, {:?}", device.display(), camera.format());
+    }
+    Ok(cameras)
 }
 
 #[cfg(all(feature = "camera", target_os = "linux"))]
@@ -80,28 +118,11 @@ fn follow(
     use std::time::Duration;
     use trinocular_rig::notice;
     use trinocular_vision::images::FrameSet;
-    use trinocular_vision::images::cameras::device::V4l2;
     use trinocular_vision::images::cameras::live::LiveCameras;
-    use trinocular_vision::images::cameras::stamp::Source;
 
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let size_px = rig.rig.image_size_px;
-    let cameras = devices
-        .iter()
-        .zip(&rig.names)
-        .map(|(device, name)| {
-            let who = format!("{name} ({})", device.display());
-            let notice = Box::new(move |source: Source| match source {
-                Source::Driver(_) => notice!("{who}: {source}"),
-                Source::Arrival(_) => notice!("warning: {who}: {source}"),
-            });
-            V4l2::open(device, size_px, options.fps, notice)
-        })
-        .collect::<Result<Vec<_>, _>>()?;
-    for ((device, camera), name) in devices.iter().zip(&cameras).zip(&rig.names) {
-        notice!("{name} is {}, {:?}", device.display(), camera.format());
-    }
+    let cameras = open(devices, rig, options.fps)?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
@@ -161,7 +182,13 @@ fn follow(
     _: &mut impl Write,
 ) -> Result<(), Failure> {
     let first = devices.first().cloned().unwrap_or_default();
+    Err(built_without(&first))
+}
+
+/// Returns the failure of a program that was built without live cameras.
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+pub fn built_without(device: &Path) -> Failure {
     let reason = "this program was built without live cameras: build it on Linux with \
                   `cargo build --release --features host/camera`";
-    Err(InputError::file(&first, reason).into())
+    InputError::file(device, reason).into()
 }

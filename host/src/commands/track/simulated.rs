@@ -2,13 +2,14 @@
 
 use super::super::progress::Progress;
 use super::absences::Absences;
+use super::page::{self, TrackPage};
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
 use serde_json::json;
-use shared::frame::message::Command;
+use shared::frame::message::{Command, Mounting};
 use std::io::Write;
 use trinocular_client::diagnosis;
 use trinocular_client::serial::Serial;
@@ -26,8 +27,8 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         Some(path) => options.method.read_rig(path)?,
         None => RigFile::paper(),
     };
-    let rig = file.rig;
-    let stage = file.stage.unwrap_or_else(default_stage);
+    let rig = file.rig.clone();
+    let stage = file.stage.clone().unwrap_or_else(default_stage);
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
@@ -46,7 +47,12 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         latency_us: options.latency_us(),
     };
     introduce(&world.b);
-    let servo = SimulatedServo::start(&mut world, &rig, timing, options.method.into());
+    let page = options
+        .page
+        .open(&file, &stage, Mounting::OnStage, &world.b)?;
+    let observers = page.iter().map(TrackPage::observer).collect();
+    let method = options.method.into();
+    let servo = SimulatedServo::start_observed(&mut world, &rig, timing, method, observers);
     let mut servo = servo.map_err(failed)?;
     let mut absences = Absences::new(&file.names);
     let mut progress = Progress::new("following");
@@ -58,12 +64,22 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
+    let mut is_stopped = false;
     let seconds = options.seconds.unwrap_or(DEFAULT_SECONDS);
     while servo.time_s(&world) + 1.0 / options.fps <= seconds {
         // A gets its setpoint at every picture, one picture ahead.
         let next_mm = options.path.at(servo.time_s(&world));
         world.a.send(setpoint(next_mm));
         let step = servo.step(&mut world).map_err(failed)?;
+        if let Some(page) = &page {
+            if world.b.twin().is_some() {
+                page.pace(step.time_s);
+            }
+            if page.is_stopped() {
+                is_stopped = true;
+                break;
+            }
+        }
         progress.at(step.time_s / seconds);
         let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
         // The first second is for catching up.
@@ -96,7 +112,10 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         }
     };
     notice!("{error}; {unused} pictures not used");
-    Ok(())
+    match is_stopped {
+        true => Err(failed(page::stopped().into())),
+        false => Ok(()),
+    }
 }
 
 fn print(

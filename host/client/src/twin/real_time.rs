@@ -1,0 +1,149 @@
+//! The twin in real time behind a pseudo-terminal, so that every program can use it as a board on a
+//! serial port.
+
+use super::{Hardware, Instant};
+use crate::StationError;
+use serialport::{SerialPort as _, TTYPort};
+use std::io::{Read as _, Write as _};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use trinocular_rig::rig_file::Stage;
+
+/// Longest time between two looks at the line.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// Longest lag behind the clock that is caught up, µs. A host that was suspended for longer goes on
+/// from where it was.
+const LARGEST_LAG_US: u64 = 2_000_000;
+
+/// Station in real time on a thread of this process. It ends with this value.
+#[derive(Debug)]
+pub struct RealTimeTwin {
+    path: String,
+    pins: Arc<Pins>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Edges at the step pins.
+#[derive(Debug, Default)]
+struct Pins {
+    steps: Mutex<[i64; 3]>,
+    /// Instant of the last edge, µs of host time since the start.
+    last_edge_us: AtomicU64,
+    is_over: AtomicBool,
+}
+
+impl RealTimeTwin {
+    /// Switches a station on whose pins drive `stage`. It has no configuration yet.
+    ///
+    /// # Errors
+    /// [`StationError::Port`] if the system gives no pseudo-terminal or no thread.
+    pub fn start(stage: &Stage, name: &'static str) -> Result<Self, StationError> {
+        let failed = |reason: String| StationError::Port {
+            path: "the built-in twin".to_owned(),
+            reason,
+        };
+        let (mut far, near) =
+            TTYPort::pair().map_err(|cause| failed(format!("no pseudo-terminal: {cause}")))?;
+        far.set_timeout(LOOK)
+            .map_err(|cause| failed(cause.to_string()))?;
+        let path = near
+            .name()
+            .ok_or_else(|| failed("its pseudo-terminal has no name".to_owned()))?;
+        let pins = Arc::new(Pins::default());
+        let hardware = Hardware::new(stage, name, 1);
+        let theirs = Arc::clone(&pins);
+        let thread = std::thread::Builder::new()
+            .name("twin".to_owned())
+            .spawn(move || {
+                // The line would end when the other program closes it.
+                let _near = near;
+                live(hardware, far, &theirs);
+            });
+        Ok(Self {
+            path,
+            pins,
+            thread: Some(thread.map_err(|cause| failed(format!("no thread: {cause}")))?),
+        })
+    }
+
+    /// Returns the path of the port that leads to the station.
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// Returns the steps that the pins made since the start, backward ones subtracted.
+    pub fn steps(&self) -> [i64; 3] {
+        let steps = self.pins.steps.lock();
+        *steps.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the time of the last edge at the step pins, to a millisecond or two, since the
+    /// station was switched on.
+    pub fn last_edge(&self) -> Duration {
+        Duration::from_micros(self.pins.last_edge_us.load(Ordering::Relaxed))
+    }
+}
+
+impl Drop for RealTimeTwin {
+    fn drop(&mut self) {
+        self.pins.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Runs the station until the end: its clock follows the host's.
+fn live(mut hardware: Hardware, mut line: TTYPort, pins: &Pins) {
+    let start = std::time::Instant::now();
+    let mut behind_us = 0;
+    let mut buffer = [0; 512];
+    while !pins.is_over.load(Ordering::Relaxed) {
+        let count = line.read(&mut buffer).unwrap_or(0);
+        let host_us = start.elapsed().as_micros() as u64;
+        let before_us = hardware.station.now().micros();
+        let lag_us = host_us.saturating_sub(behind_us + before_us);
+        behind_us += lag_us.saturating_sub(LARGEST_LAG_US);
+        hardware.run_until(Instant::from_micros(host_us - behind_us));
+        if count > 0 {
+            hardware.receive(&buffer[..count]);
+        }
+        let steps = hardware.plant.steps();
+        let mut known = pins.steps.lock().unwrap_or_else(PoisonError::into_inner);
+        if *known != steps {
+            *known = steps;
+            pins.last_edge_us.store(host_us, Ordering::Relaxed);
+        }
+        drop(known);
+        for (_, packet) in hardware.to_host.drain(..) {
+            // A host that does not read loses reports, as on a real line.
+            let _ = line.write_all(&packet);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::serial::Serial;
+    use crate::stage::default_stage;
+    use shared::frame::message::{Command, Mounting};
+
+    #[test]
+    fn station_on_pseudo_terminal_moves() {
+        let stage = default_stage();
+        let twin = RealTimeTwin::start(&stage, "twin").unwrap();
+        let mut serial = Serial::start(twin.path(), &stage, Mounting::OnStage).unwrap();
+        let distance_um = [500, 0, -250];
+        serial.command("jog", Command::Jog { distance_um }).unwrap();
+        let patience = std::time::Instant::now() + Duration::from_secs(60);
+        while twin.steps() != [40, 0, -20] && std::time::Instant::now() < patience {
+            std::thread::sleep(LOOK);
+        }
+        assert_eq!(twin.steps(), [40, 0, -20]);
+        assert!(twin.last_edge() > Duration::ZERO);
+    }
+}
