@@ -14,8 +14,9 @@ function element(tag, className, parent) {
   return made;
 }
 
-function aid(parent, label) {
+function aid(parent, label, help) {
   const line = element("div", "aid", parent);
+  line.title = help;
   element("span", "", line).textContent = label;
   const bar = element("b", "", element("i", "", line));
   return { bar, value: element("span", "", line) };
@@ -49,9 +50,10 @@ export class Cameras {
       canvas.setAttribute("aria-label", `image of camera ${name}`);
       return {
         canvas, remark, best: 0, image: null,
-        sharpness: aid(figure, "sharpness"),
-        clipped: aid(figure, "clipped"),
-        mean: aid(figure, "brightness"),
+        sharpness: aid(figure, "sharpness",
+          "of the sharpest so far: turn the focus ring until it does not rise any more"),
+        clipped: aid(figure, "clipped", "share of black and white pixels: adapt light or exposure"),
+        mean: aid(figure, "brightness", "mean grey level, 0 to 255"),
       };
     });
   }

@@ -89,8 +89,8 @@ export class Path {
     context.font = "12px system-ui, sans-serif";
     ["x", "y", "z"].forEach((name, i) => {
       context.fillStyle = colour(name);
-      const signs = [-1, 1, -1];
-      signs[i] = i === 1 ? -1.25 : 1.25;
+      const signs = i === 1 ? [-1, -1.25, 1] : [-1, 1, -1];
+      if (i !== 1) signs[i] = 1.25;
       const [x, y] = project(corner(signs));
       context.fillText(name, x - 3, y + 4);
     });

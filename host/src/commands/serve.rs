@@ -17,7 +17,6 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use trinocular_client::StationError;
 use trinocular_live::{DEFAULT_ADDRESS, Server, Setup};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
@@ -180,9 +179,4 @@ fn serve<B: Bench>(
     outcome.map_err(|error| Failure::of_servo(port, error))?;
     notice!("the page is closed");
     Ok(())
-}
-
-/// Converts the end of the built-in twin's start into a failure.
-fn twin_failed(error: StationError) -> Failure {
-    Failure::of_station(None, error)
 }

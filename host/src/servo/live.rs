@@ -2,6 +2,7 @@
 
 use super::observer::{ServoEvent, ServoObserver};
 use super::visual_servo::ServoOutcome;
+use shared::frame::message::Denial;
 use std::sync::Arc;
 use trinocular_live::hub::Estimate;
 use trinocular_live::{Hub, Turn};
@@ -63,7 +64,14 @@ fn refusal_name(outcome: &ServoOutcome) -> Option<&'static str> {
         ServoOutcome::Refused(MeasureRefusal::Flow(refusal)) => Some(refusal.name()),
         ServoOutcome::Refused(MeasureRefusal::Sums(_)) => Some("no estimate"),
         ServoOutcome::Refused(MeasureRefusal::NothingSeen) => Some("nothing seen"),
-        ServoOutcome::Unused(FrameRefusal::Denied(_)) => Some("denied by the station"),
+        ServoOutcome::Unused(FrameRefusal::Denied(denial)) => Some(match denial {
+            Denial::Outlier => "denied: outlier",
+            Denial::CaptureTooOld => "denied: too old",
+            Denial::CaptureOutOfOrder => "denied: out of order",
+            Denial::CaptureInFuture => "denied: in the future",
+            Denial::Estimate(_) => "denied: no estimate",
+            _ => "denied: the station does not follow",
+        }),
         ServoOutcome::Unused(FrameRefusal::Unanswered) => Some("not answered"),
         ServoOutcome::Unused(FrameRefusal::Interrupted) => Some("line interrupted"),
         ServoOutcome::Unused(FrameRefusal::Unreported) => Some("not reported"),

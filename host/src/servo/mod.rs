@@ -11,7 +11,8 @@
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
 //! * [`station_link`]: the station, in this process or on a serial line;
 //! * [`observer`]: what sees every turn of the loop and has no part in it; [`live`] is one;
-//! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets.
+//! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
+//!   [`simulated_bench`] has its rendered cameras.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
@@ -21,6 +22,7 @@ pub mod live;
 pub mod observer;
 pub mod path;
 pub mod simulated;
+pub mod simulated_bench;
 pub mod station_link;
 pub mod visual_servo;
 pub mod workbench;

@@ -15,6 +15,7 @@ pub fn run(
     rig: &RigFile,
     devices: &[PathBuf],
 ) -> Result<(), Failure> {
+    use super::simulated::Station;
     use crate::commands::by_hand::on_interrupt;
     use crate::commands::track::captures::offset_us;
     use host::servo::frame_sets::CameraBench;
@@ -26,22 +27,21 @@ pub fn run(
 
     let rig_path = options.rig.clone().unwrap_or_default();
     live::check_devices(devices, rig, &rig_path)?;
-    let port = options.station.resolve()?;
-    let (stage, mounting) = live::stage((port.is_some(), options.fixed), rig, &rig_path)?;
+    let is_real = options.station.is_given();
+    let (stage, mounting) = live::stage((is_real, options.fixed), rig, &rig_path)?;
     // Open all cameras before the station, so that nothing moves if one is missing.
     let cameras = live::open(devices, rig, options.fps)?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
     let window = Duration::from_secs_f64(options.window * 1e-3);
     let delay_us = (options.delay * 1e3).round() as i64;
     let live = LiveCameras::start(cameras, window, delay_us, on_interrupt()?, tell)?;
-    let twin = super::simulated::twin_if_none(port.as_deref(), &stage)?;
-    let path = port.as_deref().or(twin.as_ref().map(|twin| twin.path()));
-    let station = StationLink::start_as(options.station.place(path), &stage, mounting)
-        .map_err(|error| Failure::of_station(port.as_deref(), error))?;
-    let offset_us = offset_us(|| station.now().micros(), || live.now_us());
-    let bench = CameraBench::new(live, station, offset_us);
+    let station = Station::open(options, &stage)?;
+    let link = StationLink::start_as(station.place(options), &stage, mounting)
+        .map_err(|error| Failure::of_station(station.port(), error))?;
+    let offset_us = offset_us(|| link.now().micros(), || live.now_us());
+    let bench = CameraBench::new(live, link, offset_us);
     let facts = (rig, &stage, mounting);
-    super::serve(options, listener, facts, bench, port.as_deref())
+    super::serve(options, listener, facts, bench, station.port())
 }
 
 /// Refuses, because this program was built without live cameras.

@@ -1,81 +1,73 @@
 //! The page of a station with rendered cameras before a moving poster.
 
-use super::{Options, serve, twin_failed};
+use super::{Options, serve};
 use crate::commands::failure::Failure;
-use host::servo::ServoError;
-use host::servo::path::TargetPath;
-use host::servo::station_link::StationLink;
-use host::servo::workbench::{Bench, Shot};
+use host::servo::simulated_bench::SimulatedBench;
+use host::servo::station_link::StationPlace;
 use host::servo::world::SimulatedWorld;
 use shared::frame::message::Mounting;
-use shared::time::Instant;
 use std::net::TcpListener;
-use trinocular_client::stage::{default_stage, setpoint};
+use trinocular_client::stage::default_stage;
 use trinocular_client::twin::RealTimeTwin;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::Texture;
 
-/// Rendered cameras on the stage of a station in real time.
-struct SimulatedBench {
-    world: SimulatedWorld,
-    path: TargetPath,
-    /// Time from the last frame set to the earliest next one, µs.
-    grace_us: u64,
-    start: Option<Instant>,
-    last: Instant,
+/// Heartbeat timeout of the built-in twin, ms. It moves nothing that a silent host could endanger.
+const HEARTBEAT_MS: u16 = 5_000;
+
+/// Station of the page: on a port, or the built-in twin in real time.
+pub enum Station {
+    /// Path of the port.
+    Port(String),
+    /// The twin, which ends with this value.
+    Twin(RealTimeTwin),
 }
 
-impl Bench for SimulatedBench {
-    fn next_shot(&mut self) -> Result<Option<Shot>, ServoError> {
-        let start = *self.start.get_or_insert(self.world.now());
-        let time_s = self.world.now().since(start) as f64 * 1e-6;
-        self.world.a.send(setpoint(self.path.at(time_s)));
-        let due = self.last.plus_micros(self.grace_us);
-        let exposure = self.world.expose(due)?;
-        self.last = exposure.moment.at;
-        Ok(Some(Shot {
-            images: exposure.capture,
-            taken: exposure.moment.station,
-        }))
+impl Station {
+    /// Starts the built-in twin, unless the user has named a port.
+    pub fn open(options: &Options, stage: &Stage) -> Result<Self, Failure> {
+        match options.station.resolve()? {
+            Some(path) => Ok(Self::Port(path)),
+            None => RealTimeTwin::start(stage, "twin")
+                .map(Self::Twin)
+                .map_err(|error| Failure::of_station(None, error)),
+        }
     }
 
-    fn station(&mut self) -> &mut StationLink {
-        &mut self.world.b
+    /// Returns the path of the port, if the user has named one.
+    pub fn port(&self) -> Option<&str> {
+        match self {
+            Self::Port(path) => Some(path),
+            Self::Twin(_) => None,
+        }
     }
-}
 
-/// Starts the built-in twin in real time, unless the station is on a port.
-pub fn twin_if_none(port: Option<&str>, stage: &Stage) -> Result<Option<RealTimeTwin>, Failure> {
-    match port {
-        Some(_) => Ok(None),
-        None => RealTimeTwin::start(stage, "twin")
-            .map(Some)
-            .map_err(twin_failed),
+    /// Returns the place of the station.
+    pub fn place<'a>(&'a self, options: &Options) -> StationPlace<'a> {
+        match self {
+            Self::Port(path) => options.station.place(Some(path)),
+            Self::Twin(twin) => StationPlace::Port {
+                path: twin.path(),
+                heartbeat_ms: HEARTBEAT_MS,
+            },
+        }
     }
 }
 
 /// Runs until Ctrl-C.
 pub fn run(options: &Options, listener: TcpListener, rig: &RigFile) -> Result<(), Failure> {
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
-    let port = options.station.resolve()?;
-    let twin = twin_if_none(port.as_deref(), &stage)?;
-    let path = port.as_deref().or(twin.as_ref().map(RealTimeTwin::path));
+    let station = Station::open(options, &stage)?;
     let world = SimulatedWorld::new(
         &rig.rig,
         &stage,
-        options.station.place(path),
+        station.place(options),
         &Texture::of_kind(options.scene.texture, options.scene.seed),
         options.scene.settings(),
         options.scene.seed,
     );
-    let world = world.map_err(|error| Failure::of_servo(port.as_deref(), error))?;
-    let bench = SimulatedBench {
-        last: world.now(),
-        world,
-        path: options.path,
-        grace_us: (0.5e6 / options.fps) as u64,
-        start: None,
-    };
+    let world = world.map_err(|error| Failure::of_servo(station.port(), error))?;
+    let bench = SimulatedBench::new(world, options.path, options.fps);
     let facts = (rig, &stage, Mounting::OnStage);
-    serve(options, listener, facts, bench, port.as_deref())
+    serve(options, listener, facts, bench, station.port())
 }
