@@ -5,10 +5,10 @@
 //! carry; segments become port words, and the plant counts the edges that these make. Nothing here
 //! looks past the bytes and the pins, except for tests and reports.
 
-#[cfg(unix)]
+#[cfg_attr(unix, path = "twin/real_time.rs")]
+#[cfg_attr(not(unix), path = "twin/no_real_time.rs")]
 mod real_time;
 
-#[cfg(unix)]
 pub use real_time::RealTimeTwin;
 
 use super::StationError;
