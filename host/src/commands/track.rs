@@ -301,6 +301,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "--port goes with --sim and --cameras: images from files are followed by the twin";
         return Err(Failure::Usage(reason.to_owned()));
     }
+    options.page.check()?;
     let outcome = follow(options, out);
     if options.station.is_given()
         && let Err(Failure::Output(cause)) = &outcome

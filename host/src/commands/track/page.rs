@@ -43,6 +43,15 @@ pub struct PageOptions {
 }
 
 impl PageOptions {
+    /// Checks that the page can be served, before anything moves.
+    pub fn check(&self) -> Result<(), Failure> {
+        let Some(address) = self.live else {
+            return Ok(());
+        };
+        let listener = Server::listen(address, self.control);
+        listener.map(drop).map_err(Failure::of_page)
+    }
+
     /// Opens the page of a run, if the user wants one.
     pub fn open(
         &self,
