@@ -3,7 +3,7 @@
 //! The loop writes, the pages read; both hold the lock only to copy. Nothing here waits for a page.
 
 use crate::access;
-use crate::controls::{Controls, Offers};
+use crate::controls::Controls;
 use crate::images::{Encoded, Encoder, Points, RATE_HZ, Shot};
 use crate::telemetry::{Counts, Sample, Samples, count};
 use serde_json::{Value, json};
@@ -312,6 +312,17 @@ impl Hub {
         lock(&self.state).encoded.clone()
     }
 
+    /// Returns the names of the cameras.
+    pub fn cameras(&self) -> &[String] {
+        &self.setup.cameras
+    }
+
+    /// Returns the samples after number `seen`, and the number of the last one.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn samples_since(&self, seen: u64) -> (Vec<Sample>, u64) {
+        lock(&self.state).samples.since(seen)
+    }
+
     /// Copies the images into the slot if they will be sent.
     fn offer_images(&self, turn: &Turn<'_>) {
         if self.clients() == 0 {
@@ -384,7 +395,7 @@ impl Hub {
             "travel_mm": stage.travel_mm,
             "on_stage": *mounting == Mounting::OnStage,
             "has_control": offers.is_some(),
-            "offers": offers.unwrap_or(Offers::default()),
+            "offers": offers.unwrap_or_default(),
         })
     }
 
@@ -404,7 +415,7 @@ impl Hub {
             "notes": notes,
             "following": state.is_following,
             "ended": state.has_ended,
-            "station": state.status.as_ref().map(|status| condition(status)),
+            "station": state.status.as_ref().map(condition),
             "rate_hz": state.samples.rate_hz(),
             "latency_ms": state.samples.latency_ms(),
             "turns": state.turns,

@@ -65,6 +65,10 @@ pub struct Encoded {
     pub number: u64,
     /// Message: length of the header (u32, little endian), header (JSON), JPEG of every camera.
     pub message: Bytes,
+    /// Capture time, s since the first turn.
+    pub at_s: f64,
+    /// JPEG of every camera; empty for a missing image.
+    pub images: Vec<Bytes>,
 }
 
 /// Encodes frame sets of one rig.
@@ -135,9 +139,12 @@ impl Encoder {
         let mut message = (header.len() as u32).to_le_bytes().to_vec();
         message.extend(header);
         message.extend(bodies.concat());
+        let images = bodies.into_iter().map(Bytes::from).collect();
         Encoded {
             number: self.number,
             message: message.into(),
+            at_s: shot.at_s,
+            images,
         }
     }
 }

@@ -13,6 +13,8 @@
 //! A page only shows what happens, unless the run has a control link ([`access`]): then the pages
 //! that were opened by it may send an [`Action`](controls::Action) to the [`Controls`].
 //!
+//! With the feature `foxglove` the same state is also a Foxglove websocket ([`foxglove`]).
+//!
 //! *Invariant:* nothing here opens a connection of its own, and the page loads nothing from
 //! elsewhere; its content security policy forbids it.
 
@@ -20,6 +22,8 @@ pub mod access;
 mod aids;
 mod assets;
 pub mod controls;
+#[cfg(feature = "foxglove")]
+pub mod foxglove;
 pub mod hub;
 mod images;
 mod overlap;
@@ -30,6 +34,9 @@ mod telemetry;
 pub use controls::Controls;
 pub use hub::{Hub, Setup, Turn};
 pub use server::{LiveError, Server};
+
+/// Address of the Foxglove websocket unless the user names another one.
+pub const DEFAULT_FOXGLOVE_ADDRESS: &str = "127.0.0.1:8765";
 
 /// Address of the page unless the user names another one.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:7411";

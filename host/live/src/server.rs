@@ -62,6 +62,12 @@ pub enum LiveError {
          opens the page, or keep 127.0.0.1 and use `ssh -L`"
     )]
     Open(SocketAddr),
+    /// The address of a stream without a key can be reached from other computers.
+    #[error(
+        "{0} can be reached from other computers, and this stream has no key: keep 127.0.0.1 and \
+         use `ssh -L`"
+    )]
+    Reachable(SocketAddr),
     /// The system refuses a thread or random bytes.
     #[error("cannot serve the page: {0}")]
     System(String),

@@ -104,7 +104,7 @@ impl Failure {
     /// line.
     pub fn of_page(error: LiveError) -> Self {
         match error {
-            LiveError::Open(_) => Self::Usage(error.to_string()),
+            LiveError::Open(_) | LiveError::Reachable(_) => Self::Usage(error.to_string()),
             error => Self::Page(error),
         }
     }

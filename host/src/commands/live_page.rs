@@ -12,6 +12,8 @@ pub struct LivePage {
     hub: Arc<Hub>,
     address: SocketAddr,
     _server: Server,
+    #[cfg(feature = "foxglove")]
+    stream: Option<trinocular_live::foxglove::Stream>,
 }
 
 impl LivePage {
@@ -33,12 +35,33 @@ impl LivePage {
             hub,
             address,
             _server: server,
+            #[cfg(feature = "foxglove")]
+            stream: None,
         })
     }
 
     /// Returns the hub, for observers of the loop.
     pub fn hub(&self) -> &Arc<Hub> {
         &self.hub
+    }
+
+    /// Serves the same state as a Foxglove websocket, and prints its URL.
+    #[cfg(feature = "foxglove")]
+    pub fn stream(&mut self, address: SocketAddr) -> Result<(), Failure> {
+        let hub = Arc::clone(&self.hub);
+        let stream =
+            trinocular_live::foxglove::Stream::start(address, hub).map_err(Failure::of_page)?;
+        notice!("Foxglove websocket: ws://{}", stream.address());
+        self.stream = Some(stream);
+        Ok(())
+    }
+
+    /// Refuses, because this program was built without the stream.
+    #[cfg(not(feature = "foxglove"))]
+    pub fn stream(&mut self, _: SocketAddr) -> Result<(), Failure> {
+        let reason = "this program was built without the Foxglove websocket: build it with \
+                      `cargo build --release --features host/foxglove`";
+        Err(Failure::Usage(reason.to_owned()))
     }
 
     /// Gives the page controls, and prints the link that opens them.

@@ -17,7 +17,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use trinocular_live::{DEFAULT_ADDRESS, Server, Setup};
+use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::sums::Estimator;
@@ -44,6 +44,17 @@ pub struct Options {
     /// Print a link that opens the page with its controls; it works once, then the next is printed
     #[arg(long)]
     control: bool,
+
+    /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
+    /// program that was built with `--features host/foxglove`
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        default_missing_value = DEFAULT_FOXGLOVE_ADDRESS,
+        require_equals = true
+    )]
+    foxglove: Option<SocketAddr>,
 
     #[command(flatten)]
     station: PortOption,
@@ -161,6 +172,9 @@ fn serve<B: Bench>(
         mounting,
     };
     let mut page = LivePage::open(listener, setup)?;
+    if let Some(address) = options.foxglove {
+        page.stream(address)?;
+    }
     let hub = Arc::clone(page.hub());
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, Estimator::Midpoint, hub);
     if options.control {

@@ -1,7 +1,7 @@
 //! The twin in real time where there are no pseudo-terminals.
 
 use crate::StationError;
-use std::time::Duration;
+use std::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// Station in real time; this system has none.
@@ -34,7 +34,7 @@ impl RealTimeTwin {
     }
 
     /// Returns the time of the last edge at the step pins.
-    pub fn last_edge(&self) -> Duration {
+    pub fn last_edge(&self) -> Instant {
         match self.never {}
     }
 }

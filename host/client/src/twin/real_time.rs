@@ -1,14 +1,14 @@
 //! The twin in real time behind a pseudo-terminal, so that every program can use it as a board on a
 //! serial port.
 
-use super::{Hardware, Instant};
+use super::{Hardware, Instant as StationInstant};
 use crate::StationError;
 use serialport::{SerialPort as _, TTYPort};
 use std::io::{Read as _, Write as _};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use trinocular_rig::rig_file::Stage;
 
 /// Longest time between two looks at the line.
@@ -22,6 +22,7 @@ const LARGEST_LAG_US: u64 = 2_000_000;
 #[derive(Debug)]
 pub struct RealTimeTwin {
     path: String,
+    started: Instant,
     pins: Arc<Pins>,
     thread: Option<JoinHandle<()>>,
 }
@@ -55,15 +56,17 @@ impl RealTimeTwin {
         let pins = Arc::new(Pins::default());
         let hardware = Hardware::new(stage, name, 1);
         let theirs = Arc::clone(&pins);
+        let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("twin".to_owned())
             .spawn(move || {
                 // The line would end when the other program closes it.
                 let _near = near;
-                live(hardware, far, &theirs);
+                live(hardware, far, started, &theirs);
             });
         Ok(Self {
             path,
+            started,
             pins,
             thread: Some(thread.map_err(|cause| failed(format!("no thread: {cause}")))?),
         })
@@ -80,10 +83,10 @@ impl RealTimeTwin {
         *steps.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the time of the last edge at the step pins, to a millisecond or two, since the
-    /// station was switched on.
-    pub fn last_edge(&self) -> Duration {
-        Duration::from_micros(self.pins.last_edge_us.load(Ordering::Relaxed))
+    /// Returns the time of the last edge at the step pins, to a millisecond or two. It is the start
+    /// of the station before the first edge.
+    pub fn last_edge(&self) -> Instant {
+        self.started + Duration::from_micros(self.pins.last_edge_us.load(Ordering::Relaxed))
     }
 }
 
@@ -97,17 +100,16 @@ impl Drop for RealTimeTwin {
 }
 
 /// Runs the station until the end: its clock follows the host's.
-fn live(mut hardware: Hardware, mut line: TTYPort, pins: &Pins) {
-    let start = std::time::Instant::now();
+fn live(mut hardware: Hardware, mut line: TTYPort, started: Instant, pins: &Pins) {
     let mut behind_us = 0;
     let mut buffer = [0; 512];
     while !pins.is_over.load(Ordering::Relaxed) {
         let count = line.read(&mut buffer).unwrap_or(0);
-        let host_us = start.elapsed().as_micros() as u64;
+        let host_us = started.elapsed().as_micros() as u64;
         let before_us = hardware.station.now().micros();
         let lag_us = host_us.saturating_sub(behind_us + before_us);
         behind_us += lag_us.saturating_sub(LARGEST_LAG_US);
-        hardware.run_until(Instant::from_micros(host_us - behind_us));
+        hardware.run_until(StationInstant::from_micros(host_us - behind_us));
         if count > 0 {
             hardware.receive(&buffer[..count]);
         }
@@ -139,11 +141,11 @@ mod tests {
         let mut serial = Serial::start(twin.path(), &stage, Mounting::OnStage).unwrap();
         let distance_um = [500, 0, -250];
         serial.command("jog", Command::Jog { distance_um }).unwrap();
-        let patience = std::time::Instant::now() + Duration::from_secs(60);
-        while twin.steps() != [40, 0, -20] && std::time::Instant::now() < patience {
+        let patience = Instant::now() + Duration::from_secs(60);
+        while twin.steps() != [40, 0, -20] && Instant::now() < patience {
             std::thread::sleep(LOOK);
         }
         assert_eq!(twin.steps(), [40, 0, -20]);
-        assert!(twin.last_edge() > Duration::ZERO);
+        assert!(twin.last_edge() > twin.started);
     }
 }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
 use trinocular_live::controls::{Action, Offers};
-use trinocular_live::{Controls, DEFAULT_ADDRESS, Hub, Server, Setup};
+use trinocular_live::{Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Hub, Server, Setup};
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 const PAGE: &str = "With --live: the page in a browser";
@@ -36,6 +36,19 @@ pub struct PageOptions {
         help_heading = PAGE
     )]
     live: Option<SocketAddr>,
+
+    /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
+    /// program that was built with `--features host/foxglove`
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        default_missing_value = DEFAULT_FOXGLOVE_ADDRESS,
+        require_equals = true,
+        requires = "live",
+        help_heading = PAGE
+    )]
+    foxglove: Option<SocketAddr>,
 
     /// Print a link that opens the page with a STOP button; it works once, then the next is printed
     #[arg(long, requires = "live", help_heading = PAGE)]
@@ -77,6 +90,9 @@ impl PageOptions {
             hub: std::sync::OnceLock::new(),
         });
         let mut page = LivePage::open(listener, setup)?;
+        if let Some(address) = self.foxglove {
+            page.stream(address)?;
+        }
         let _ = stop.hub.set(Arc::clone(page.hub()));
         if self.control {
             page.control(Arc::clone(&stop) as Arc<dyn Controls>)?;
