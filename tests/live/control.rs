@@ -129,6 +129,27 @@ fn stop_of_the_page_stops_the_pins() {
     lab.wait_for_steps(steps);
 }
 
+/// The end of following resets the station by itself; a stop before that must win.
+#[test]
+fn stop_cancels_reset_before_it() {
+    let lab = Lab::start(TargetPath::Lissajous);
+    let mut page = lab.page();
+    for _ in 0..3 {
+        page.state(is_in("idle"));
+        assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+        page.state(is_in("following"));
+        lab.wait_for_steps(lab.twin.steps());
+        page.say(&json!({"do": {"follow": {"on": false}}, "id": 1001}));
+        page.say(&json!({"do": {"reset": {}}, "id": 1002}));
+        page.say(&json!({"do": {"stop": {}}, "id": 1003}));
+        let turns = |state: &Value| state["turns"].as_u64().unwrap_or(0);
+        let now = turns(&page.state(is_in("stopped")));
+        let later = page.state(|state| turns(state) > now + 5);
+        assert_eq!(later["station"]["state"], "stopped");
+        assert_eq!(page.ask(&json!({"reset": {}})), None);
+    }
+}
+
 #[test]
 fn bench_jogs_zeroes_and_follows_again() {
     let lab = Lab::start(TargetPath::Still);

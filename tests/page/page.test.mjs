@@ -101,8 +101,9 @@ test("jog, zero and mark work from the page", async (t) => {
   const tab = await open(t, await served.link(), 390, 844);
   await tab.until(`${STATE} === "idle"`);
   assert.equal(await tab.evaluate("document.documentElement.scrollWidth"), 390, "fits a phone");
-  const box = await tab.evaluate("document.getElementById('stop-bar').getBoundingClientRect().bottom");
-  assert.ok(box > 780 && box <= 844, "STOP is at the thumb");
+  const bottom = await tab.evaluate(
+    "document.getElementById('stop-bar').getBoundingClientRect().bottom");
+  assert.ok(bottom > 780 && bottom <= 844, "STOP is at the thumb");
   await tab.until("!document.getElementById('zero').disabled");
   await tab.click("#zero");
   await tab.until("document.getElementById('notes').textContent.includes('zero is here')");

@@ -66,8 +66,10 @@ pub struct Encoded {
     /// Message: length of the header (u32, little endian), header (JSON), JPEG of every camera.
     pub message: Bytes,
     /// Capture time, s since the first turn.
+    #[cfg(feature = "foxglove")]
     pub at_s: f64,
     /// JPEG of every camera; empty for a missing image.
+    #[cfg(feature = "foxglove")]
     pub images: Vec<Bytes>,
 }
 
@@ -139,12 +141,13 @@ impl Encoder {
         let mut message = (header.len() as u32).to_le_bytes().to_vec();
         message.extend(header);
         message.extend(bodies.concat());
-        let images = bodies.into_iter().map(Bytes::from).collect();
         Encoded {
             number: self.number,
             message: message.into(),
+            #[cfg(feature = "foxglove")]
             at_s: shot.at_s,
-            images,
+            #[cfg(feature = "foxglove")]
+            images: bodies.into_iter().map(Bytes::from).collect(),
         }
     }
 }

@@ -24,7 +24,7 @@ pub fn distance_mm(rig: &Rig, cameras: &[usize], points: &[Correspondence]) -> O
         }
     }
     let (length, a, b, across) = widest;
-    // A point at distance Z is seen farther left, by the baseline over Z, by a camera farther right.
+    // A camera farther right sees a point at distance Z farther left, by the baseline over Z.
     let distance = |point: &Correspondence| {
         let ends: [[f64; 2]; 2] = [view(point, a)?.end, view(point, b)?.end];
         let shift = [0, 1].map(|i| ends[0][i] - ends[1][i]);

@@ -7,8 +7,8 @@
 //! | `{"key": "..."}` | shows a key from before |
 //! | `{"do": {"stop": {}}, "id": 3}` | does an action; needs a key before |
 //!
-//! To the page go the messages `hello`, `state`, `control` and `done` (JSON) and image sets (binary,
-//! see `images`). The next image set waits until the last one was drawn.
+//! To the page go the messages `hello`, `state`, `control` and `done` (JSON) and image sets
+//! (binary, see `images`). The next image set waits until the last one was drawn.
 
 use crate::access::Access;
 use crate::controls::Action;

@@ -200,6 +200,7 @@ impl<B: Bench> Workbench<B> {
         match error {
             StationError::StoppedByOther { .. } => {
                 self.end_following();
+                self.reset = None;
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();
@@ -244,6 +245,8 @@ impl<B: Bench> Workbench<B> {
     fn act(&mut self, action: Action) -> Result<(), ServoError> {
         match action {
             Action::Stop {} => {
+                // A reset from before the stop must not undo it.
+                self.reset = None;
                 // Stopped already from the thread of the page; this notices it if nothing moves.
                 let station = self.bench.station();
                 match station.serial().map(|serial| serial.check()) {

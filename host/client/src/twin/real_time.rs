@@ -14,8 +14,8 @@ use trinocular_rig::rig_file::Stage;
 /// Longest time between two looks at the line.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Longest lag behind the clock that is caught up, µs. A host that was suspended for longer goes on
-/// from where it was.
+/// Longest lag behind the clock that is caught up, µs. A host that was suspended for longer goes
+/// on from where it was.
 const LARGEST_LAG_US: u64 = 2_000_000;
 
 /// Station in real time on a thread of this process. It ends with this value.
