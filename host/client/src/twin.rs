@@ -6,10 +6,14 @@
 //! looks past the bytes and the pins, except for tests and reports.
 //!
 //! [`real_time`] is the same station on this computer's clock, for other programs to connect to, and
-//! [`far_end`] the line that they use.
+//! [`far_end`] the line that they use. A [`TwinOnPort`] has both on a thread of this process.
 
 pub mod far_end;
+#[cfg_attr(not(unix), path = "twin/no_port.rs")]
+mod on_port;
 pub mod real_time;
+
+pub use on_port::TwinOnPort;
 
 use super::StationError;
 use super::conversation::Client;

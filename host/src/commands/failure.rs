@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 use host::servo::ServoError;
 use trinocular_client::StationError;
+use trinocular_live::LiveError;
 use trinocular_rig::error::InputError;
 use trinocular_rig::printable::{printable, printable_up_to};
 
@@ -53,6 +54,9 @@ pub enum Failure {
     /// The report cannot be made or written.
     #[error(transparent)]
     Report(#[from] host::report::Error),
+    /// The live page cannot be served.
+    #[error(transparent)]
+    Page(LiveError),
     /// The system does not let the program watch for signals.
     #[error("{0}")]
     Signals(io::Error),
@@ -77,6 +81,7 @@ impl Failure {
             | Self::Estimate(_)
             | Self::Claims(_)
             | Self::Report(_)
+            | Self::Page(_)
             | Self::Signals(_)
             | Self::Output(_) => 1,
             Self::Usage(_) => 2,
@@ -101,11 +106,21 @@ impl Failure {
         }
     }
 
+    /// Makes the failure of a live page. An address that needs another option is a wrong command
+    /// line.
+    pub fn of_page(error: LiveError) -> Self {
+        match error {
+            LiveError::Open(_) | LiveError::Reachable(_) => Self::Usage(error.to_string()),
+            error => Self::Page(error),
+        }
+    }
+
     /// Makes the failure of a closed loop: a bad scene is the user's fault, a station has its port.
     pub fn of_servo(port: Option<&str>, error: ServoError) -> Self {
         match error {
             ServoError::Scene(scene) => Self::Usage(super::scene::reason(&scene)),
             ServoError::Station(station) => Self::of_station(port, station),
+            ServoError::Images(error) => error.into(),
             ServoError::Reference(refusal) => Self::Images(refusal.to_string()),
         }
     }

@@ -29,6 +29,7 @@ mod home;
 mod init;
 mod jog;
 mod json;
+mod live_page;
 mod man;
 mod motors;
 mod port;
@@ -40,6 +41,7 @@ mod report;
 mod reset;
 mod robustness;
 mod scene;
+mod serve;
 mod simulate;
 mod status;
 mod stop;
@@ -115,6 +117,7 @@ enum Command {
     Ports(ports::Options),
     Replay(replay::Options),
     Reset(reset::Options),
+    Serve(serve::Options),
     Simulate(simulate::Options),
     Status(status::Options),
     Stop(stop::Options),
@@ -166,6 +169,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Replay(options)) => replay::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
+        Some(Command::Serve(options)) => serve::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),
         Some(Command::Status(options)) => status::run(&options, out),
         Some(Command::Stop(options)) => stop::run(&options, out),

@@ -2,8 +2,9 @@
 //! live cameras.
 
 mod absences;
-mod captures;
-mod live;
+pub mod captures;
+pub mod live;
+pub mod page;
 mod recorded;
 mod simulated;
 
@@ -99,6 +100,9 @@ pub struct Options {
 
     #[command(flatten)]
     station: PortOption,
+
+    #[command(flatten)]
+    page: page::PageOptions,
 
     /// Duration of the run, s [default: 8 with --sim, 16 for the whole Lissajous figure, until
     /// Ctrl-C with --cameras]
@@ -344,6 +348,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
             "--port goes with --sim and --cameras: images from files are followed by the twin";
         return Err(Failure::Usage(reason.to_owned()));
     }
+    options.page.check()?;
     let outcome = follow(options, out);
     if options.station.is_given()
         && let Err(Failure::Output(cause)) = &outcome

@@ -10,22 +10,28 @@
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
 //! * [`station_link`]: the station, in this process or on a serial line;
-//! * [`observer`]: what sees every turn of the loop and has no part in it;
-//! * [`recording`]: the observer whose loop is recorded.
+//! * [`observer`]: what sees every turn of the loop and has no part in it: [`live`] shows it on a
+//!   page, [`recording`] records it;
+//! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
+//!   [`simulated_bench`] has its rendered cameras.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
 
 pub mod frame_sets;
+pub mod live;
 pub mod observer;
 pub mod path;
 pub mod recording;
 pub mod simulated;
+pub mod simulated_bench;
 pub mod station_link;
 pub mod visual_servo;
+pub mod workbench;
 pub mod world;
 
 use trinocular_client::StationError;
+use trinocular_rig::error::InputError;
 use trinocular_vision::flow::FlowRefusal;
 use trinocular_vision::images::SceneError;
 
@@ -38,6 +44,9 @@ pub enum ServoError {
     /// A station refused or faulted.
     #[error(transparent)]
     Station(#[from] StationError),
+    /// The images do not come any more.
+    #[error(transparent)]
+    Images(#[from] InputError),
     /// The first images cannot be used as a keyframe.
     #[error("no usable reference: {0}")]
     Reference(FlowRefusal),

@@ -354,6 +354,14 @@ impl StationLink {
             Self::Live(live) => Some(&live.serial),
         }
     }
+
+    /// Returns the serial line to the station for changes, if there is one.
+    pub fn serial_mut(&mut self) -> Option<&mut Serial> {
+        match self {
+            Self::Twin(_) => None,
+            Self::Live(live) => Some(&mut live.serial),
+        }
+    }
 }
 
 const SILENT: StationError = StationError::Silent {

@@ -109,8 +109,21 @@ impl SimulatedWorld {
     /// # Errors
     /// If B cannot be reached.
     pub fn expose(&mut self, due: Instant) -> Result<Exposure, ServoError> {
+        self.expose_driven(due, Twin::advance)
+    }
+
+    /// Takes a frame set as [`SimulatedWorld::expose`] does; `drive` lets time pass for A until
+    /// then, and may move the poster meanwhile.
+    ///
+    /// # Errors
+    /// As [`SimulatedWorld::expose`].
+    pub fn expose_driven(
+        &mut self,
+        due: Instant,
+        drive: impl FnOnce(&mut Twin, Instant),
+    ) -> Result<Exposure, ServoError> {
         let moment = self.b.moment(due.max(self.now()))?;
-        self.a.advance(moment.at);
+        drive(&mut self.a, moment.at);
         let target_mm = self.a.position_mm();
         let relative_mm = std::array::from_fn(|i| target_mm[i] - moment.camera_mm[i]);
         self.captures += 1;

@@ -1,6 +1,7 @@
 //! Frame sets from outside: follows each and prints its row.
 
 use super::absences::Absences;
+use super::page::{self, TrackPage};
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
@@ -51,6 +52,7 @@ pub struct Captures<'a> {
     is_live: bool,
     absences: Absences,
     tap: Option<Arc<Tap>>,
+    page: Option<TrackPage>,
 }
 
 impl<'a> Captures<'a> {
@@ -80,15 +82,20 @@ impl<'a> Captures<'a> {
                 period_us: options.period_us(),
             },
         };
+        let page = options.page.open(rig, stage, mounting, &station)?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
         for observer in observers(tap.clone(), &rig.rig) {
             servo.add_observer(observer);
         }
+        if let Some(page) = &page {
+            servo.add_observer(page.observer());
+        }
         Ok(Self {
             options,
             rig,
             servo,
+            page,
             port,
             source,
             is_live: now_us.is_some(),
@@ -168,6 +175,9 @@ impl<'a> Captures<'a> {
                 followed => followed.map_err(|error| Failure::of_servo(self.port, error))?,
             };
             dark = None;
+            if self.page.as_ref().is_some_and(TrackPage::is_stopped) {
+                return Err(Failure::of_station(self.port, page::stopped()));
+            }
             if let Some(followed) = followed {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
@@ -197,7 +207,7 @@ impl<'a> Captures<'a> {
 }
 
 /// Returns the lead of one clock over another, µs.
-fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
+pub fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
     quickest(|| {
         let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
         let took_us = after_us.saturating_sub(before_us);

@@ -17,9 +17,12 @@ use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::live::LiveCameras;
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
-fn stage(options: &Options, rig: &RigFile, rig_path: &Path) -> Result<(Stage, Mounting), Failure> {
-    let is_real = options.station.is_given();
-    let mounting = match is_real && !options.fixed {
+pub fn stage(
+    (is_real, is_fixed): (bool, bool),
+    rig: &RigFile,
+    rig_path: &Path,
+) -> Result<(Stage, Mounting), Failure> {
+    let mounting = match is_real && !is_fixed {
         true => Mounting::OnStage,
         // The twin's stage carries no cameras.
         false => Mounting::Fixed,
@@ -43,7 +46,8 @@ pub fn run(
 ) -> Result<(), Failure> {
     let rig = options.method.read_rig(rig_path)?;
     let devices = cameras::per_camera(devices, &rig, rig_path)?;
-    let stage = stage(options, &rig, rig_path)?;
+    let is_real = options.station.is_given();
+    let stage = stage((is_real, options.fixed), &rig, rig_path)?;
     follow(options, &devices, &rig, stage, out)
 }
 

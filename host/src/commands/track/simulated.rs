@@ -3,6 +3,7 @@
 use super::super::by_hand;
 use super::super::progress::Progress;
 use super::absences::Absences;
+use super::page::{self, TrackPage};
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
@@ -12,7 +13,7 @@ use host::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use host::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
 use host::servo::world::SimulatedWorld;
 use serde_json::json;
-use shared::frame::message::Command;
+use shared::frame::message::{Command, Mounting};
 use std::io::Write;
 use std::sync::Arc;
 use trinocular_client::diagnosis;
@@ -51,8 +52,8 @@ fn follow(
     tap: Option<Arc<Tap>>,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let rig = file.rig;
-    let stage = file.stage.unwrap_or_else(default_stage);
+    let rig = file.rig.clone();
+    let stage = file.stage.clone().unwrap_or_else(default_stage);
     let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
     let settings = options.scene.settings();
     let port = options.station.resolve()?;
@@ -72,7 +73,11 @@ fn follow(
         latency_us: options.latency_us(),
     };
     introduce(&world.b);
-    let observers = observers(tap.clone(), &rig);
+    let page = options
+        .page
+        .open(&file, &stage, Mounting::OnStage, &world.b)?;
+    let mut observers = observers(tap.clone(), &rig);
+    observers.extend(page.iter().map(TrackPage::observer));
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
@@ -86,6 +91,7 @@ fn follow(
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
+    let mut is_stopped = false;
     let seconds = options.seconds.unwrap_or(default_seconds(options.path));
     if tap.is_some() {
         // Ctrl-C ends the recording whole.
@@ -96,6 +102,15 @@ fn follow(
         let next_mm = options.path.at(servo.time_s(&world));
         world.a.send(setpoint(next_mm));
         let step = servo.step(&mut world).map_err(failed)?;
+        if let Some(page) = &page {
+            if world.b.twin().is_some() {
+                page.pace(step.time_s);
+            }
+            if page.is_stopped() {
+                is_stopped = true;
+                break;
+            }
+        }
         progress.at(step.time_s / seconds);
         let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
         // The first second is for catching up.
@@ -131,7 +146,10 @@ fn follow(
         }
     };
     notice!("{error}; {unused} images not used");
-    Ok(())
+    match is_stopped {
+        true => Err(failed(page::stopped().into())),
+        false => Ok(()),
+    }
 }
 
 fn print(

@@ -3,6 +3,7 @@
 use super::active_cameras::ActiveCameras;
 use super::consensus::Consensus;
 use super::keyframe::ActiveKeyframe;
+use super::measurement::RejectedPoint;
 use super::rotation::TargetRotation;
 use super::sync::UnsynchronisedCamera;
 use super::temporal::TemporalMatcher;
@@ -46,6 +47,7 @@ impl Flow {
         expected: usize,
         rough_mm: [f64; 3],
         mut rejected: RejectCounts,
+        mut rejected_points: Vec<RejectedPoint>,
     ) -> Tracking {
         let (settings, geometry) = (&self.settings, &active.geometry);
 
@@ -74,8 +76,12 @@ impl Flow {
             let rotated = degrees.map(|degrees| FlowRefusal::Turned { degrees });
             return Tracking::refused(rotated.unwrap_or(refused));
         }
-        for _ in agree..tracked.len() {
+        for outlier in consensus.outliers_of(&tracked) {
             rejected.add(Reject::Outlier);
+            rejected_points.push(RejectedPoint {
+                pixels: outlier.pixels.iter().map(|[_, now]| *now).collect(),
+                reason: Reject::Outlier,
+            });
         }
         let inliers = consensus.inliers_of(tracked);
 
@@ -109,6 +115,7 @@ impl Flow {
             cameras: active.cameras.clone(),
             refused_cameras: Vec::new(),
             rejected,
+            rejected_points,
             displacement_mm,
             variance_inflation: inflation,
         };

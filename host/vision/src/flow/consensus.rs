@@ -93,6 +93,15 @@ impl Consensus {
         f64::from(2 * self.observations)
     }
 
+    /// Returns the outliers of `points`, the points of this consensus.
+    pub fn outliers_of<'a>(
+        &'a self,
+        points: &'a [Correspondence],
+    ) -> impl Iterator<Item = &'a Correspondence> {
+        let points = points.iter().zip(&self.inliers);
+        points.filter_map(|(point, is_inlier)| (!is_inlier).then_some(point))
+    }
+
     /// Keeps the inliers of `points`, the points of this consensus.
     pub fn inliers_of(&self, points: Vec<Correspondence>) -> Vec<Correspondence> {
         let points = points.into_iter().zip(&self.inliers);

@@ -7,6 +7,7 @@ use super::coverage::InlierCoverage;
 use super::displacement_search::DisplacementSearch;
 use super::frozen;
 use super::keyframe::{ActiveKeyframe, Keyframe};
+use super::measurement::RejectedPoint;
 use super::temporal::{RefinedDisplacement, TemporalMatcher};
 use super::{
     Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, PipelineStage, StageObserver,
@@ -145,11 +146,16 @@ impl Flow {
         let mut rejected = keyframe.rejected;
         let mut tracked: Vec<Correspondence> = Vec::with_capacity(keyframe.matches.len());
         let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
-        let track = |matched| matcher.track_point(matched, rough_mm);
-        for point in self.thread_pool.map(matches, track) {
+        let mut rejected_points = Vec::new();
+        let track = |matched| (matched, matcher.track_point(matched, rough_mm));
+        for (matched, point) in self.thread_pool.map(matches, track) {
             match point {
                 Ok(point) => tracked.push(point),
-                Err(reject) => rejected.add(reject),
+                Err(reason) => {
+                    rejected.add(reason);
+                    let pixels = matcher.expected_pixels(matched, rough_mm);
+                    rejected_points.push(RejectedPoint { pixels, reason });
+                }
             }
         }
         observer.stage_done(PipelineStage::Temporal);
@@ -165,7 +171,14 @@ impl Flow {
                 least,
             })
         } else {
-            self.accept(keyframe.active, tracked, expected, rough_mm, rejected)
+            self.accept(
+                keyframe.active,
+                tracked,
+                expected,
+                rough_mm,
+                rejected,
+                rejected_points,
+            )
         };
         match &tracking.result {
             Ok(measurement) => {

@@ -3,7 +3,7 @@
 use super::active_cameras;
 use super::camera_refusal::{self, CameraRefusal};
 use super::variance_inflation::VarianceInflation;
-use crate::matching::RejectCounts;
+use crate::matching::{Reject, RejectCounts};
 use shared::rig::Rig;
 use shared::sums::View;
 
@@ -40,6 +40,16 @@ impl Correspondence {
     }
 }
 
+/// Point of the keyframe that was left out of a measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RejectedPoint {
+    /// Place in each active camera, in the rig's order, px: where an outlier was found, and where
+    /// any other point was expected.
+    pub pixels: Vec<[f64; 2]>,
+    /// Reason to leave it out.
+    pub reason: Reject,
+}
+
 /// Displacement of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
 pub struct Measurement {
@@ -51,6 +61,8 @@ pub struct Measurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
+    /// Matched points of the keyframe that were left out, each with its place and reason.
+    pub rejected_points: Vec<RejectedPoint>,
     /// Displacement of the inliers by the midpoint model, mm.
     pub displacement_mm: [f64; 3],
     /// Inflation of the displacement's variance by correlated errors.

@@ -83,7 +83,7 @@ pub use camera_refusal::{CameraRefusal, remarks};
 pub use filter::FilteredFrameSet;
 use frozen::FrozenCameras;
 use keyframe::Keyframe;
-pub use measurement::{Correspondence, Measurement};
+pub use measurement::{Correspondence, Measurement, RejectedPoint};
 use pyramid_pool::PyramidPool;
 pub use refusal::FlowRefusal;
 pub use settings::FlowSettings;

@@ -156,6 +156,20 @@ impl TemporalMatcher<'_> {
         Ok(Correspondence { pixels, views })
     }
 
+    /// Returns the pixel in each camera at which the displacement puts a point.
+    pub(super) fn expected_pixels(
+        &self,
+        matched: &StereoMatch,
+        displacement_mm: [f64; 3],
+    ) -> Vec<[f64; 2]> {
+        let rho = matched.ray.inverse_depth;
+        let expected = |k: usize| PointFlow::predicted(matched.normalised[k], rho, displacement_mm);
+        let cameras = 0..self.geometry.cameras();
+        cameras
+            .map(|k| self.geometry.pixel(k, expected(k)))
+            .collect()
+    }
+
     /// Tracks an unmatched corner of the reference camera at `level`: from `start` on, looks for
     /// the window that was at `at`. Returns pixel and zncc.
     pub(super) fn track_corner(

@@ -36,6 +36,21 @@ impl Reject {
         Self::TooFar,
         Self::Outlier,
     ];
+
+    /// Returns the name of the reason, in a few words.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OutOfView => "out of view",
+            Self::Dissimilar => "not found",
+            Self::Ambiguous => "ambiguous",
+            Self::LowTexture => "too little texture",
+            Self::NoReturn => "does not track back",
+            Self::Vertical => "off its epipolar line",
+            Self::Disparity => "disparities disagree",
+            Self::TooFar => "too far away",
+            Self::Outlier => "moves otherwise",
+        }
+    }
 }
 
 /// Number of points left out, by reason.

@@ -1,0 +1,97 @@
+// Buttons and keys that control the run, on a page that was opened by the control link.
+
+const byId = (id) => document.getElementById(id);
+
+export class Controls {
+  constructor(link) {
+    this.link = link;
+    this.isOn = false;
+    this.offers = {};
+    this.isFollowing = false;
+    const on = (id, action) => byId(id).addEventListener("click", () => this.ask(action()));
+    byId("stop").addEventListener("click", () => this.stop());
+    byId("stop-bar").addEventListener("click", () => this.stop());
+    on("follow", () => ({ follow: { on: !this.isFollowing } }));
+    on("reset", () => ({ reset: {} }));
+    on("zero", () => ({ zero: {} }));
+    on("home", () => ({ home: {} }));
+    for (const button of document.querySelectorAll("[data-jog]")) {
+      const way = button.dataset.jog.split(",").map(Number);
+      button.addEventListener("click", () => {
+        const step = Number(byId("jog-step").value);
+        this.ask({ jog: { distance_um: way.map((sign) => sign * step) } });
+      });
+    }
+    byId("record").addEventListener("click", () => {
+      const isOn = byId("record").getAttribute("aria-pressed") === "true";
+      this.ask({ record: { on: !isOn } });
+    });
+    byId("mark-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.ask({ mark: { text: byId("mark-text").value || "mark" } });
+      byId("mark-text").value = "";
+    });
+    // Before any other handler, so that no focused button takes the key.
+    addEventListener("keydown", (event) => this.key(event), { capture: true });
+  }
+
+  key(event) {
+    if (!this.isOn) return;
+    const isTyping = event.target instanceof HTMLInputElement && event.target.type !== "checkbox";
+    if (event.key === "Escape" || (event.key === " " && !isTyping)) {
+      event.preventDefault();
+      event.stopPropagation();
+      if (!event.repeat) this.stop();
+    }
+  }
+
+  async stop() {
+    const error = await this.link.do({ stop: {} });
+    byId("answer").textContent = error ? `NOT STOPPED: ${error}` : "Stop was sent.";
+  }
+
+  async ask(action) {
+    const error = await this.link.do(action);
+    byId("answer").textContent = error ?? "";
+  }
+
+  setOffers(offers) {
+    this.offers = offers;
+    this.show(null);
+  }
+
+  setControl(isOn) {
+    this.isOn = isOn;
+    byId("controls-panel").hidden = !isOn;
+    byId("stop-bar").hidden = !isOn;
+    document.body.classList.toggle("control", isOn);
+    byId("mode").textContent = isOn ? "control" : "read-only";
+    byId("mode").classList.toggle("on", isOn);
+  }
+
+  // Enables what the station can do in this state.
+  show(state) {
+    const { offers } = this;
+    const station = state?.station;
+    if (state) this.isFollowing = state.following;
+    const isReady = Boolean(offers.motion && station && station.state === "idle");
+    const enable = (id, is) => {
+      byId(id).disabled = !is;
+    };
+    enable("follow", offers.motion && (this.isFollowing || isReady));
+    byId("follow").textContent = this.isFollowing ? "End following" : "Start following";
+    const isStuck = station?.state === "stopped" || station?.state === "faulted";
+    enable("reset", offers.motion && isStuck);
+    enable("zero", isReady && !this.isFollowing);
+    enable("home", isReady && offers.home && !this.isFollowing);
+    byId("home").title = offers.home ? "" : "the rig file names no home switch";
+    enable("record", offers.record);
+    byId("record").title = offers.record ? "" : "this run cannot be recorded from here";
+    enable("mark", offers.mark);
+    enable("mark-text", offers.mark);
+    const canJog = offers.motion && !this.isFollowing &&
+      (station?.state === "idle" || station?.state === "moving");
+    for (const button of document.querySelectorAll("[data-jog]")) button.disabled = !canJog;
+    byId("stop").disabled = !offers.stop;
+  }
+}

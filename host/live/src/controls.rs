@@ -1,0 +1,133 @@
+//! Actions that a page may ask for, and the part of a run that does them.
+
+use serde::{Deserialize, Serialize};
+
+/// Longest jog of a page, µm.
+pub const LONGEST_JOG_UM: i32 = 50_000;
+
+/// Longest text of a mark, characters.
+pub const LONGEST_MARK: usize = 80;
+
+/// Action that a page asks for.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Action {
+    /// Stops the stage at once; it stays stopped until a reset.
+    Stop {},
+    /// Clears a stop or a fault whose cause is gone.
+    Reset {},
+    /// Starts to follow the target (true), or ends it with the stage at rest (false).
+    Follow {
+        /// True starts.
+        on: bool,
+    },
+    /// Moves the stage by a distance.
+    Jog {
+        /// Distance per axis, µm.
+        distance_um: [i32; 3],
+    },
+    /// Makes the present position zero.
+    Zero {},
+    /// Finds the home switches.
+    Home {},
+    /// Starts or ends a recording.
+    Record {
+        /// True starts.
+        on: bool,
+    },
+    /// Notes an event, in the page's list and in a recording.
+    Mark {
+        /// Text of the mark.
+        text: String,
+    },
+}
+
+impl Action {
+    /// Checks the numbers and texts, which come from outside.
+    ///
+    /// # Errors
+    /// The reason, in words.
+    pub fn check(&self) -> Result<(), String> {
+        match self {
+            Self::Jog { distance_um } => {
+                let is_short = |um: &i32| um.unsigned_abs() <= LONGEST_JOG_UM.unsigned_abs();
+                match distance_um.iter().all(is_short) {
+                    true => Ok(()),
+                    false => Err(format!(
+                        "a jog is at most {} mm per axis",
+                        LONGEST_JOG_UM / 1000
+                    )),
+                }
+            }
+            Self::Mark { text } if text.chars().count() > LONGEST_MARK => {
+                Err(format!("a mark has at most {LONGEST_MARK} characters"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Actions that a run offers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Offers {
+    /// Stop.
+    pub stop: bool,
+    /// Follow, jog, zero and reset: the run owns the station.
+    pub motion: bool,
+    /// Home: an axis has a home switch.
+    pub home: bool,
+    /// Record.
+    pub record: bool,
+    /// Mark.
+    pub mark: bool,
+}
+
+/// Part of a run that does what its pages ask for.
+pub trait Controls: Send + Sync {
+    /// Returns the actions on offer.
+    fn offers(&self) -> Offers;
+
+    /// Stops the stage from the thread of the page, whatever the loop is busy with.
+    fn stop(&self);
+
+    /// Takes in any other action, which has been [checked](Action::check), without waiting for it.
+    ///
+    /// # Errors
+    /// The reason why it cannot be done, in words. A refusal of the station comes later, as a
+    /// [note](crate::Hub::note).
+    fn request(&self, action: Action) -> Result<(), String>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn actions_are_read_strictly() {
+        let read = |text: &str| serde_json::from_str::<Action>(text).ok();
+        assert_eq!(read(r#"{"stop":{}}"#), Some(Action::Stop {}));
+        let jog = read(r#"{"jog":{"distance_um":[100,0,-5]}}"#);
+        let distance_um = [100, 0, -5];
+        assert_eq!(jog, Some(Action::Jog { distance_um }));
+        for bad in [
+            r#"{"stop":{"now":1}}"#,
+            r#"{"jog":{"distance_um":[1,2]}}"#,
+            r#"{"jog":{"distance_um":[1e99,0,0]}}"#,
+            r#"{"reboot":{}}"#,
+        ] {
+            assert_eq!(read(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn long_jog_and_long_mark_are_refused() {
+        let jog = |um| Action::Jog {
+            distance_um: [0, um, 0],
+        };
+        assert!(jog(LONGEST_JOG_UM).check().is_ok());
+        assert!(jog(-LONGEST_JOG_UM - 1).check().is_err());
+        assert!(jog(i32::MIN).check().is_err());
+        let text = "x".repeat(LONGEST_MARK + 1);
+        assert!(Action::Mark { text }.check().is_err());
+    }
+}

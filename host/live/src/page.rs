@@ -1,0 +1,198 @@
+//! Conversation with one page over its websocket.
+//!
+//! | from the page | meaning |
+//! |---|---|
+//! | `{"drawn": 7}` | image set 7 was drawn: the next one may come |
+//! | `{"token": "..."}` | exchanges the token of the control link for a key |
+//! | `{"key": "..."}` | shows a key from before |
+//! | `{"do": {"stop": {}}, "id": 3}` | does an action; needs a key before |
+//!
+//! To the page go the messages `hello`, `state`, `control` and `done` (JSON) and image sets
+//! (binary, see `images`). The next image set waits until the last one was drawn.
+
+use crate::access::Access;
+use crate::controls::Action;
+use crate::hub::{ControlsHandle, Hub};
+use axum::extract::ws::{Message, WebSocket};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until, timeout};
+
+/// Least time between two states: 60 a second.
+const PERIOD: Duration = Duration::from_millis(16);
+
+/// Longest time for a page to take a message, after which it is dropped.
+const SEND_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Longest time without a key on an address that other computers reach.
+const KEY_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Message of a page.
+#[derive(Debug, Deserialize)]
+#[serde(untagged, deny_unknown_fields)]
+enum Request {
+    Drawn { drawn: u64 },
+    Token { token: String },
+    Key { key: String },
+    Do { r#do: Action, id: u64 },
+}
+
+/// A page, and what it has got.
+struct Page {
+    socket: WebSocket,
+    hub: Arc<Hub>,
+    controls: Option<ControlsHandle>,
+    may_control: bool,
+    /// Numbers of the last sample, note and image set that were sent.
+    seen: u64,
+    noted: u64,
+    sent: u64,
+    /// Number of the last image set that was drawn.
+    drawn: u64,
+}
+
+/// End of a conversation: the page left, is too slow, or sent nonsense.
+struct Gone;
+
+/// Serves a page until it leaves. On an address that is not `is_open`, it gets nothing before it
+/// has shown a key.
+pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
+    let mut page = Page {
+        socket,
+        controls: hub.controls(),
+        hub: Arc::clone(&hub),
+        may_control: false,
+        seen: 0,
+        noted: 0,
+        sent: 0,
+        drawn: 0,
+    };
+    if !is_open && timeout(KEY_PATIENCE, page.until_key()).await.is_err() {
+        return;
+    }
+    if !is_open && !page.may_control {
+        return;
+    }
+    hub.client_came();
+    let _ = page.serve().await;
+    hub.client_left();
+}
+
+impl Page {
+    /// Waits until the page has shown a key, or is gone.
+    async fn until_key(&mut self) {
+        while !self.may_control {
+            let message = self.socket.recv().await;
+            if self.take(message).await.is_err() {
+                return;
+            }
+        }
+    }
+
+    async fn serve(&mut self) -> Result<(), Gone> {
+        let hello = self.hub.hello();
+        self.send(Message::text(hello.to_string())).await?;
+        let mut changed = self.hub.subscribe();
+        changed.mark_changed();
+        let mut next = Instant::now();
+        loop {
+            tokio::select! {
+                message = self.socket.recv() => self.take(message).await?,
+                is_alive = async {
+                    sleep_until(next).await;
+                    changed.changed().await
+                } => {
+                    is_alive.map_err(|_| Gone)?;
+                    next = Instant::now() + PERIOD;
+                    self.update().await?;
+                }
+            }
+        }
+    }
+
+    /// Sends what is new.
+    async fn update(&mut self) -> Result<(), Gone> {
+        let (state, seen, noted) = self.hub.state_since(self.seen, self.noted);
+        (self.seen, self.noted) = (seen, noted);
+        self.send(Message::text(state.to_string())).await?;
+        self.send_images().await
+    }
+
+    /// Sends the latest images, if the page has drawn the last ones.
+    async fn send_images(&mut self) -> Result<(), Gone> {
+        if self.drawn < self.sent {
+            return Ok(());
+        }
+        match self.hub.encoded() {
+            Some(encoded) if encoded.number > self.sent => {
+                self.sent = encoded.number;
+                self.send(Message::Binary(encoded.message)).await
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Sends a message; gives up a page that does not take it.
+    async fn send(&mut self, message: Message) -> Result<(), Gone> {
+        match timeout(SEND_PATIENCE, self.socket.send(message)).await {
+            Ok(Ok(())) => Ok(()),
+            _ => Err(Gone),
+        }
+    }
+
+    /// Takes in a message of the page.
+    async fn take(&mut self, message: Option<Result<Message, axum::Error>>) -> Result<(), Gone> {
+        let text = match message {
+            Some(Ok(Message::Text(text))) => text,
+            Some(Ok(Message::Ping(_) | Message::Pong(_))) => return Ok(()),
+            _ => return Err(Gone),
+        };
+        match serde_json::from_str::<Request>(&text).map_err(|_| Gone)? {
+            Request::Drawn { drawn } => {
+                self.drawn = drawn;
+                self.send_images().await
+            }
+            Request::Token { token } => {
+                let key = self.access().and_then(|access| access.exchange(&token));
+                self.admit(key).await
+            }
+            Request::Key { key } => {
+                let is_known = self.access().is_some_and(|access| access.knows(&key));
+                self.admit(is_known.then_some(key)).await
+            }
+            Request::Do { r#do: action, id } => {
+                let error = self.act(action).err();
+                let done = json!({"type": "done", "id": id, "error": error});
+                self.send(Message::text(done.to_string())).await
+            }
+        }
+    }
+
+    fn access(&self) -> Option<&Access> {
+        self.controls.as_ref().map(|handle| &*handle.access)
+    }
+
+    /// Tells the page whether it may control the run.
+    async fn admit(&mut self, key: Option<String>) -> Result<(), Gone> {
+        self.may_control |= key.is_some();
+        let answer: Value = json!({"type": "control", "key": key});
+        self.send(Message::text(answer.to_string())).await
+    }
+
+    fn act(&self, action: Action) -> Result<(), String> {
+        let handle = match &self.controls {
+            Some(handle) if self.may_control => handle,
+            _ => return Err("this page only watches: open the control link".to_owned()),
+        };
+        action.check()?;
+        match action {
+            Action::Stop {} => {
+                handle.controls.stop();
+                Ok(())
+            }
+            action => handle.controls.request(action),
+        }
+    }
+}

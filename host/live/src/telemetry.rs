@@ -1,0 +1,171 @@
+//! Numbers of the last seconds of a run: samples for the plots, rates, latencies and counts.
+
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Samples that a new page gets: half a minute at 60 frame sets per second.
+const HISTORY: usize = 1_800;
+
+/// Frame sets behind rates and latencies.
+const WINDOW: usize = 300;
+
+/// Numbers of one turn of the loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Capture time, s since the first turn.
+    pub at_s: f64,
+    /// Displacement of the target since the keyframe, mm, camera axes.
+    pub displacement_mm: Option<[f64; 3]>,
+    /// Standard deviation of the displacement, mm.
+    pub sigma_mm: Option<[f64; 3]>,
+    /// Following error, µm.
+    pub error_um: Option<[f64; 3]>,
+    /// Position of the stage, mm.
+    pub stage_mm: [f64; 3],
+    /// Position of the target in stage axes, mm.
+    pub target_mm: Option<[f64; 3]>,
+    /// Latency from the images to the first step that they could change, ms.
+    pub latency_ms: Option<f64>,
+    /// Points behind the displacement.
+    pub points: usize,
+}
+
+/// A row of numbers: `[at_s, displacement, sigma, error, stage, target, latency_ms, points]`, with
+/// three numbers for each vector and null for each unknown number.
+impl Serialize for Sample {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let none = [None; 3];
+        let vector = |v: Option<[f64; 3]>| v.map_or(none, |v| v.map(Some));
+        let mut row = vec![Some(self.at_s)];
+        row.extend(vector(self.displacement_mm));
+        row.extend(vector(self.sigma_mm));
+        row.extend(vector(self.error_um));
+        row.extend(self.stage_mm.map(Some));
+        row.extend(vector(self.target_mm));
+        row.push(self.latency_ms);
+        row.push(Some(self.points as f64));
+        // A tenth of a micrometre is enough for a plot.
+        let short = |x: f64| (x * 1e5).round() / 1e5;
+        let short = |x: Option<f64>| x.filter(|x| x.is_finite()).map(short);
+        serializer.collect_seq(row.into_iter().map(short))
+    }
+}
+
+/// Numbered samples of the last seconds.
+#[derive(Debug, Default)]
+pub struct Samples {
+    kept: VecDeque<Sample>,
+    /// Number of samples so far.
+    count: u64,
+}
+
+impl Samples {
+    /// Adds a sample, and forgets the oldest if there are too many.
+    pub fn push(&mut self, sample: Sample) {
+        if self.kept.len() == HISTORY {
+            self.kept.pop_front();
+        }
+        self.kept.push_back(sample);
+        self.count += 1;
+    }
+
+    /// Returns the samples after number `seen` that are still kept, and the number of the last one.
+    pub fn since(&self, seen: u64) -> (Vec<Sample>, u64) {
+        let new = self.count.saturating_sub(seen).min(self.kept.len() as u64) as usize;
+        let first = self.kept.len() - new;
+        (self.kept.range(first..).copied().collect(), self.count)
+    }
+
+    /// Returns the frame sets per second, of the last ones.
+    pub fn rate_hz(&self) -> Option<f64> {
+        let recent = self.recent();
+        let times: Vec<f64> = recent.map(|sample| sample.at_s).collect();
+        let span = times.last()? - times.first()?;
+        (span > 0.0).then(|| (times.len() - 1) as f64 / span)
+    }
+
+    /// Returns the median and the 99th percentile of the latency, ms, of the last frame sets.
+    pub fn latency_ms(&self) -> Option<[f64; 2]> {
+        let mut sorted: Vec<f64> = self.recent().filter_map(|s| s.latency_ms).collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let last = sorted.len().checked_sub(1)?;
+            sorted.get((share * last as f64).round() as usize).copied()
+        };
+        Some([at(0.5)?, at(0.99)?])
+    }
+
+    fn recent(&self) -> impl Iterator<Item = &Sample> {
+        self.kept.range(self.kept.len().saturating_sub(WINDOW)..)
+    }
+}
+
+/// Events by reason.
+pub type Counts = BTreeMap<String, u64>;
+
+/// Counts one more event.
+pub fn count(counts: &mut Counts, reason: &str) {
+    match counts.get_mut(reason) {
+        Some(count) => *count += 1,
+        None => {
+            counts.insert(reason.to_owned(), 1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(at_s: f64) -> Sample {
+        Sample {
+            at_s,
+            latency_ms: Some(at_s),
+            ..Sample::default()
+        }
+    }
+
+    #[test]
+    fn samples_since_last_visit_are_returned() {
+        let mut samples = Samples::default();
+        for at in 0..5 {
+            samples.push(sample(f64::from(at)));
+        }
+        let (new, last) = samples.since(3);
+        assert_eq!(new, [sample(3.0), sample(4.0)]);
+        assert_eq!(last, 5);
+        assert!(samples.since(5).0.is_empty());
+    }
+
+    #[test]
+    fn old_samples_are_forgotten() {
+        let mut samples = Samples::default();
+        for at in 0..2 * HISTORY {
+            samples.push(sample(at as f64));
+        }
+        let (all, last) = samples.since(0);
+        assert_eq!((all.len(), last), (HISTORY, 2 * HISTORY as u64));
+        assert_eq!(all[0], sample(HISTORY as f64));
+    }
+
+    #[test]
+    fn latency_percentiles_match_sorted_list() {
+        let mut samples = Samples::default();
+        assert_eq!(samples.latency_ms(), None);
+        for at in (0..=100).rev() {
+            samples.push(sample(f64::from(at)));
+        }
+        assert_eq!(samples.latency_ms(), Some([50.0, 99.0]));
+    }
+
+    #[test]
+    fn unknown_numbers_become_null() {
+        let bad = Sample {
+            stage_mm: [f64::NAN, 0.123_456_789, -1.0],
+            ..Sample::default()
+        };
+        let text = serde_json::to_string(&bad).unwrap();
+        assert!(text.contains("null,0.12346,-1.0"), "{text}");
+        assert_eq!(text.matches(',').count(), 17, "{text}");
+    }
+}

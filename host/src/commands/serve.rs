@@ -1,0 +1,196 @@
+//! `trinocular serve`: owns a station and shows it on a page in the browser.
+
+mod cameras;
+mod simulated;
+
+use super::live_page::LivePage;
+use super::port::PortOption;
+use super::scene::SceneOptions;
+use crate::commands::by_hand::on_interrupt;
+use crate::commands::failure::Failure;
+use clap::Args;
+use host::servo::path::TargetPath;
+use host::servo::workbench::{Bench, Workbench};
+use shared::frame::message::Mounting;
+use std::io::Write;
+use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::sums::Estimator;
+
+const CAMERAS: &str = "With --cameras";
+const SCENE: &str = "Without --cameras: the simulated target";
+
+/// Show a station on a page in the browser, and control it from there
+///
+/// Without a port the station is a simulated one in real time, whose cameras watch a moving poster:
+/// everything can be tried without hardware. The page shows the images with their points,
+/// displacement, error, stage and state. It only shows, unless --control prints a link that opens
+/// it with STOP, jog, zero, home and following.
+///
+/// Runs until Ctrl-C, which stops the stage.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// Address of the page. One that other computers reach needs --control, and then opens only by
+    /// the control link
+    #[arg(long, value_name = "ADDR:PORT", default_value = DEFAULT_ADDRESS)]
+    listen: SocketAddr,
+
+    /// Print a link that opens the page with its controls; it works once, then the next is printed
+    #[arg(long)]
+    control: bool,
+
+    /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
+    /// program that was built with `--features host/foxglove`
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        default_missing_value = DEFAULT_FOXGLOVE_ADDRESS,
+        require_equals = true
+    )]
+    foxglove: Option<SocketAddr>,
+
+    #[command(flatten)]
+    station: PortOption,
+
+    /// Use the built-in twin, as without --port
+    #[arg(long, conflicts_with = "port")]
+    twin: bool,
+
+    /// The rig file (TOML): its cameras, and its stage
+    ///
+    /// Without it the cameras are the paper's, and the stage is one of 80 steps/mm and 100 mm/s.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+
+    /// Follow the target from the start, not only on request. The twin does so always
+    #[arg(long)]
+    follow: bool,
+
+    /// End after this time, s [default: Ctrl-C ends]
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+
+    /// Frame sets per second
+    #[arg(long, value_name = "HZ", default_value_t = 30.0)]
+    fps: f64,
+
+    /// Live cameras, in the order of the rig file's, as for `track`, or `twin` for those of
+    /// `trinocular twin --with-target`; without it they are rendered
+    #[arg(
+        long,
+        value_name = "DEVICE,...",
+        requires = "rig",
+        value_delimiter = ',',
+        help_heading = CAMERAS
+    )]
+    cameras: Option<Vec<PathBuf>>,
+
+    /// Largest difference of capture times within a frame set, ms
+    #[arg(long, value_name = "MS", default_value_t = 5.0, help_heading = CAMERAS)]
+    window: f64,
+
+    /// Delay from the middle of the exposure to the image's time stamp, ms, as for `track`
+    #[arg(
+        long,
+        value_name = "MS",
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        help_heading = CAMERAS
+    )]
+    delay: f64,
+
+    /// The cameras stand beside the stage, which copies the target's motion
+    #[arg(long, requires = "cameras", help_heading = CAMERAS)]
+    fixed: bool,
+
+    /// Motion of the target: steps, line, circle, lissajous or still
+    #[arg(long, default_value_t = TargetPath::Lissajous, help_heading = SCENE)]
+    path: TargetPath,
+
+    #[command(flatten, next_help_heading = SCENE)]
+    scene: SceneOptions,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  trinocular serve                                    # simulated; open http://127.0.0.1:7411/
+  trinocular serve --control                          # with STOP, jog and following
+  trinocular serve --control --port auto --rig rig.toml
+  trinocular serve --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
+
+/// Runs the command.
+pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
+    let range = |name: &str, value: f64, low: f64, high: f64| match (low..=high).contains(&value) {
+        true => Ok(()),
+        false => Err(Failure::Usage(format!(
+            "--{name} is {value}, must be {low} to {high}"
+        ))),
+    };
+    range("fps", options.fps, 1.0, 200.0)?;
+    range("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
+    range("window", options.window, 0.0, 500.0 / options.fps)?;
+    range("delay", options.delay, -100.0, 300.0)?;
+    // The page's port first, so that nothing moves if it is in use.
+    let listener = Server::listen(options.listen, options.control).map_err(Failure::of_page)?;
+    let rig = match &options.rig {
+        Some(path) => {
+            let rig = RigFile::read(path)?;
+            super::doubts::warn(path, &rig);
+            rig
+        }
+        None => RigFile::paper(),
+    };
+    match &options.cameras {
+        None => simulated::run(options, listener, &rig),
+        Some(devices) => cameras::run(options, listener, &rig, devices),
+    }
+}
+
+/// Serves the page of a bench until Ctrl-C.
+fn serve<B: Bench>(
+    options: &Options,
+    listener: TcpListener,
+    (rig, stage, mounting): (&RigFile, &Stage, Mounting),
+    mut bench: B,
+    port: Option<&str>,
+) -> Result<(), Failure> {
+    let setup = Setup {
+        station: match port {
+            Some(_) => bench.station().name(),
+            None => "simulated station".to_owned(),
+        },
+        cameras: rig.names.clone(),
+        rig: rig.rig.clone(),
+        stage: stage.clone(),
+        mounting,
+    };
+    let mut page = LivePage::open(listener, setup)?;
+    if let Some(address) = options.foxglove {
+        page.stream(address)?;
+    }
+    let hub = Arc::clone(page.hub());
+    let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, Estimator::Midpoint, hub);
+    if options.control {
+        page.control(Arc::new(desk))?;
+    }
+    if options.follow || port.is_none() {
+        bench.follow_at_once();
+    }
+    let stop = on_interrupt()?;
+    let end = options
+        .seconds
+        .map(|seconds| std::time::Instant::now() + std::time::Duration::from_secs_f64(seconds));
+    let is_over =
+        || stop.load(Ordering::Relaxed) || end.is_some_and(|end| std::time::Instant::now() >= end);
+    let outcome = bench.run(is_over);
+    outcome.map_err(|error| Failure::of_servo(port, error))?;
+    notice!("the page is closed");
+    Ok(())
+}

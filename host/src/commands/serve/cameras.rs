@@ -1,0 +1,44 @@
+//! The page of a station with live cameras.
+
+use super::Options;
+use super::simulated::Station;
+use crate::commands::by_hand::on_interrupt;
+use crate::commands::cameras;
+use crate::commands::failure::Failure;
+use crate::commands::track::captures::offset_us;
+use crate::commands::track::live;
+use host::servo::frame_sets::CameraBench;
+use host::servo::station_link::StationLink;
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::time::Duration;
+use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::cameras::live::LiveCameras;
+
+/// Runs until Ctrl-C.
+pub fn run(
+    options: &Options,
+    listener: TcpListener,
+    rig: &RigFile,
+    devices: &[PathBuf],
+) -> Result<(), Failure> {
+    let rig_path = options.rig.clone().unwrap_or_default();
+    let devices = cameras::per_camera(devices, rig, &rig_path)?;
+    let is_real = options.station.is_given();
+    let (stage, mounting) = live::stage((is_real, options.fixed), rig, &rig_path)?;
+    // Open all cameras before the station, so that nothing moves if one is missing.
+    let cameras = cameras::open(&devices, rig, options.fps)?;
+    let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
+    let window = Duration::from_secs_f64(options.window * 1e-3);
+    let delay_us = (options.delay * 1e3).round() as i64;
+    let live = LiveCameras::start(cameras, window, delay_us, on_interrupt()?, tell)?;
+    let station = Station::open(options, &stage)?;
+    let link = StationLink::start_as(station.place(options), &stage, mounting)
+        .map_err(|error| Failure::of_station(station.port(), error))?;
+    let offset_us = offset_us(|| link.now().micros(), || live.now_us());
+    let bench = CameraBench::new(live, link, offset_us);
+    let facts = (rig, &stage, mounting);
+    super::serve(options, listener, facts, bench, station.port())
+}

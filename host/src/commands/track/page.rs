@@ -1,0 +1,179 @@
+//! The live page of a run of `track`.
+
+use crate::commands::failure::Failure;
+use crate::commands::live_page::LivePage;
+use clap::Args;
+use host::servo::live::LiveObserver;
+use host::servo::observer::ServoObserver;
+use host::servo::station_link::StationLink;
+use shared::frame::message::Mounting;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use trinocular_client::StationError;
+use trinocular_client::serial::Stopper;
+use trinocular_live::controls::{Action, Offers};
+use trinocular_live::{Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Hub, Server, Setup};
+use trinocular_rig::rig_file::{RigFile, Stage};
+
+const PAGE: &str = "With --live: the page in a browser";
+
+/// Name of the page in messages.
+const NAME: &str = "the live page";
+
+/// Page of a run.
+#[derive(Clone, Debug, Args)]
+pub struct PageOptions {
+    /// Show the run on a page in the browser, at this address; with the twin and --sim the run then
+    /// takes its real time
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        default_missing_value = DEFAULT_ADDRESS,
+        require_equals = true,
+        help_heading = PAGE
+    )]
+    live: Option<SocketAddr>,
+
+    /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
+    /// program that was built with `--features host/foxglove`
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        default_missing_value = DEFAULT_FOXGLOVE_ADDRESS,
+        require_equals = true,
+        requires = "live",
+        help_heading = PAGE
+    )]
+    foxglove: Option<SocketAddr>,
+
+    /// Print a link that opens the page with a STOP button; it works once, then the next is printed
+    #[arg(long, requires = "live", help_heading = PAGE)]
+    control: bool,
+}
+
+impl PageOptions {
+    /// Checks that the page can be served, before anything moves.
+    pub fn check(&self) -> Result<(), Failure> {
+        let Some(address) = self.live else {
+            return Ok(());
+        };
+        let listener = Server::listen(address, self.control);
+        listener.map(drop).map_err(Failure::of_page)
+    }
+
+    /// Opens the page of a run, if the user wants one.
+    pub fn open(
+        &self,
+        rig: &RigFile,
+        stage: &Stage,
+        mounting: Mounting,
+        station: &StationLink,
+    ) -> Result<Option<TrackPage>, Failure> {
+        let Some(address) = self.live else {
+            return Ok(None);
+        };
+        let listener = Server::listen(address, self.control).map_err(Failure::of_page)?;
+        let setup = Setup {
+            station: station.name(),
+            cameras: rig.names.clone(),
+            rig: rig.rig.clone(),
+            stage: stage.clone(),
+            mounting,
+        };
+        let stop = Arc::new(Stop {
+            stopper: station.serial().map(|serial| serial.stopper()),
+            is_asked: AtomicBool::new(false),
+            hub: std::sync::OnceLock::new(),
+        });
+        let mut page = LivePage::open(listener, setup)?;
+        if let Some(address) = self.foxglove {
+            page.stream(address)?;
+        }
+        let _ = stop.hub.set(Arc::clone(page.hub()));
+        if self.control {
+            page.control(Arc::clone(&stop) as Arc<dyn Controls>)?;
+        }
+        page.hub().set_following(true);
+        let started = Instant::now();
+        Ok(Some(TrackPage {
+            page,
+            stop,
+            started,
+        }))
+    }
+}
+
+/// Open page of a run.
+pub struct TrackPage {
+    page: LivePage,
+    stop: Arc<Stop>,
+    started: Instant,
+}
+
+impl TrackPage {
+    /// Makes the observer that shows the run.
+    pub fn observer(&self) -> Box<dyn ServoObserver> {
+        Box::new(LiveObserver::new(Arc::clone(self.page.hub())))
+    }
+
+    /// Returns true if a page asked for a stop.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.is_asked.load(Ordering::Relaxed)
+    }
+
+    /// Waits until the run has lasted `time_s`, or a page asks for a stop.
+    pub fn pace(&self, time_s: f64) {
+        let end = self.started + Duration::from_secs_f64(time_s.max(0.0));
+        while !self.is_stopped() {
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            std::thread::sleep(left.min(Duration::from_millis(2)));
+        }
+    }
+}
+
+/// Returns the error of a run that a page stopped.
+pub fn stopped() -> StationError {
+    let by = NAME.to_owned();
+    StationError::StoppedByOther { by }
+}
+
+/// Controls of a run that follows from its start to its end: the page may only stop it.
+struct Stop {
+    stopper: Option<Stopper>,
+    is_asked: AtomicBool,
+    hub: std::sync::OnceLock<Arc<Hub>>,
+}
+
+impl Controls for Stop {
+    fn offers(&self) -> Offers {
+        Offers {
+            stop: true,
+            mark: true,
+            ..Offers::default()
+        }
+    }
+
+    fn stop(&self) {
+        if let Some(stopper) = &self.stopper {
+            stopper.stop(NAME);
+        }
+        self.is_asked.store(true, Ordering::Relaxed);
+    }
+
+    fn request(&self, action: Action) -> Result<(), String> {
+        match (action, self.hub.get()) {
+            (Action::Mark { text }, Some(hub)) => {
+                hub.mark(text);
+                Ok(())
+            }
+            _ => Err("this run follows until it is stopped; `trinocular serve` does it".to_owned()),
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! A whole bench behind the page: the built-in twin in real time, rendered cameras, a moving
+//! target.
+
+use super::peer::Peer;
+use super::{PATIENCE, setup};
+use host::servo::path::TargetPath;
+use host::servo::simulated_bench::SimulatedBench;
+use host::servo::station_link::StationPlace;
+use host::servo::workbench::Workbench;
+use host::servo::world::SimulatedWorld;
+use serde_json::{Value, json};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Instant;
+use trinocular_client::twin::TwinOnPort;
+use trinocular_live::access::Access;
+use trinocular_live::{Hub, Server};
+use trinocular_vision::images::{SceneSettings, Texture};
+use trinocular_vision::sums::Estimator;
+
+/// Running bench.
+struct Lab {
+    twin: TwinOnPort,
+    server: Server,
+    token: String,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Lab {
+    fn start(path: TargetPath) -> Self {
+        let setup = setup();
+        let twin = TwinOnPort::start(&setup.stage).expect("a pseudo-terminal");
+        let hub = Hub::start(setup.clone()).expect("a thread");
+        let listener = Server::listen(([127, 0, 0, 1], 0).into(), true).expect("a port");
+        let server = Server::start(listener, Arc::clone(&hub)).expect("a thread");
+        let place = StationPlace::Port {
+            path: twin.path(),
+            heartbeat_ms: 10_000,
+        };
+        let texture = Texture::natural(1);
+        let settings = SceneSettings::default();
+        let world = SimulatedWorld::new(&setup.rig, &setup.stage, place, &texture, settings, 1);
+        let bench = SimulatedBench::new(world.expect("it starts"), path, 30.0);
+        let (rig, stage) = (&setup.rig, &setup.stage);
+        let midpoint = Estimator::Midpoint;
+        let (mut bench, desk) = Workbench::new(bench, rig, stage, midpoint, Arc::clone(&hub));
+        let tokens = Arc::new(Mutex::new(Vec::new()));
+        let theirs = Arc::clone(&tokens);
+        let access = Access::new(move |token| theirs.lock().unwrap().push(token.to_owned()));
+        hub.set_controls(Arc::new(desk), Arc::new(access.expect("random bytes")));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let theirs = Arc::clone(&is_over);
+        let thread = std::thread::spawn(move || {
+            bench
+                .run(|| theirs.load(Ordering::Relaxed))
+                .expect("the station stays in reach");
+        });
+        let token = tokens.lock().unwrap()[0].clone();
+        Self {
+            twin,
+            server,
+            token,
+            is_over,
+            thread: Some(thread),
+        }
+    }
+
+    /// Opens the page by the control link.
+    fn page(&self) -> Peer {
+        let mut page = Peer::open(self.server.address());
+        page.exchange(&self.token).expect("the link is new");
+        page
+    }
+
+    /// Waits until the pins have made a step from `before` on.
+    fn wait_for_steps(&self, before: [i64; 3]) {
+        let end = Instant::now() + PATIENCE;
+        while self.twin.steps() == before {
+            assert!(Instant::now() < end, "no steps");
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+    }
+}
+
+impl Drop for Lab {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let outcome = thread.join();
+            assert!(outcome.is_ok() || std::thread::panicking());
+        }
+    }
+}
+
+fn is_in(state: &str) -> impl Fn(&Value) -> bool + '_ {
+    move |message| message["station"]["state"] == state
+}
+
+#[test]
+fn stop_of_the_page_stops_the_pins() {
+    let lab = Lab::start(TargetPath::Lissajous);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+    page.state(is_in("following"));
+    lab.wait_for_steps(lab.twin.steps());
+    assert_eq!(page.ask(&json!({"stop": {}})), None);
+    page.state(is_in("stopped"));
+    // The target moves on, and the loop still looks: nothing moves the stage any more.
+    let steps = lab.twin.steps();
+    let turns = |state: &Value| state["turns"].as_u64().unwrap_or(0);
+    let now = turns(&page.state(|state| state["following"] == false));
+    page.state(|state| turns(state) > now + 5);
+    assert_eq!(lab.twin.steps(), steps);
+    // Jog and following are refused until the reset.
+    assert_eq!(
+        page.ask(&json!({"jog": {"distance_um": [500, 0, 0]}})),
+        None
+    );
+    let refused = |state: &Value| state["notes"].to_string().contains("refused jog");
+    page.state(refused);
+    assert_eq!(lab.twin.steps(), steps);
+    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+    page.state(is_in("following"));
+    lab.wait_for_steps(steps);
+}
+
+/// The end of following resets the station by itself; a stop before that must win.
+#[test]
+fn stop_cancels_reset_before_it() {
+    let lab = Lab::start(TargetPath::Lissajous);
+    let mut page = lab.page();
+    for _ in 0..3 {
+        page.state(is_in("idle"));
+        assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+        page.state(is_in("following"));
+        lab.wait_for_steps(lab.twin.steps());
+        page.say(&json!({"do": {"follow": {"on": false}}, "id": 1001}));
+        page.say(&json!({"do": {"reset": {}}, "id": 1002}));
+        page.say(&json!({"do": {"stop": {}}, "id": 1003}));
+        let turns = |state: &Value| state["turns"].as_u64().unwrap_or(0);
+        let now = turns(&page.state(is_in("stopped")));
+        let later = page.state(|state| turns(state) > now + 5);
+        assert_eq!(later["station"]["state"], "stopped");
+        assert_eq!(page.ask(&json!({"reset": {}})), None);
+    }
+}
+
+#[test]
+fn bench_jogs_zeroes_and_follows_again() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    assert_eq!(
+        page.ask(&json!({"jog": {"distance_um": [500, -250, 0]}})),
+        None
+    );
+    let end = Instant::now() + PATIENCE;
+    while lab.twin.steps() != [40, -20, 0] {
+        assert!(Instant::now() < end, "{:?}", lab.twin.steps());
+        page.state(|_| true);
+    }
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&json!({"zero": {}})), None);
+    page.state(|state| state["notes"].to_string().contains("zero is here"));
+    let at_zero = |state: &Value| {
+        let samples = state["samples"].as_array();
+        let last = samples.and_then(|samples| samples.last());
+        last.is_some_and(|row| [10, 11, 12].iter().all(|i| row[*i] == 0.0))
+    };
+    page.state(at_zero);
+    for _ in 0..2 {
+        assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+        page.state(is_in("following"));
+        let seen = |state: &Value| state["samples"][0][1].is_number();
+        page.state(seen);
+        // While it follows, a jog is refused by the loop.
+        assert_eq!(
+            page.ask(&json!({"jog": {"distance_um": [500, 0, 0]}})),
+            None
+        );
+        page.state(|state| state["notes"].to_string().contains("end following first"));
+        assert_eq!(page.ask(&json!({"follow": {"on": false}})), None);
+        page.state(is_in("idle"));
+    }
+    assert_eq!(page.ask(&json!({"mark": {"text": "lamp off"}})), None);
+    page.state(|state| state["notes"].to_string().contains("lamp off"));
+}
