@@ -5,6 +5,7 @@
 
 import pathlib
 import sys
+import tomllib
 
 import numpy
 from mcap.reader import make_reader
@@ -34,6 +35,35 @@ def bgr8(grey):
     """Rows with eight bytes of padding."""
     colour = numpy.repeat(grey[:, :, None], 3, axis=2).reshape(grey.shape[0], -1)
     return "bgr8", 0, colour.shape[1] + 8, numpy.pad(colour, ((0, 0), (0, 8)), constant_values=9)
+
+
+def calibrated(path, images, rig):
+    """Writes a bag of /left/image and the like, with camera_info from the text of a rig file."""
+    rig = tomllib.loads(rig)
+    width, height = rig["image_size_px"]
+    connections = {}
+    info = STORE.types["sensor_msgs/msg/CameraInfo"]
+    roi = STORE.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for camera in rig["camera"]:
+            (fx, fy), (cx, cy) = camera["focal_px"], camera["principal_px"]
+            x, y = (mm * 1e-3 for mm in camera["offset_mm"])
+            name = camera["name"]
+            flat = lambda *values: numpy.array(values, numpy.float64)
+            message = info(
+                header=Header(Time(0, 0), name), height=height, width=width,
+                distortion_model="plumb_bob", d=numpy.zeros(5),
+                k=flat(fx, 0, cx, 0, fy, cy, 0, 0, 1), r=flat(1, 0, 0, 0, 1, 0, 0, 0, 1),
+                p=flat(fx, 0, cx, -fx * x, 0, fy, cy, -fy * y, 0, 0, 1, 0),
+                binning_x=0, binning_y=0, roi=roi)
+            connection = writer.add_connection(f"/{name}/camera_info", info.__msgtype__,
+                                               typestore=STORE)
+            writer.write(connection, 0, STORE.serialize_cdr(message, info.__msgtype__))
+            connections[f"/{name}/image_raw"] = writer.add_connection(
+                f"/{name}/image_rect", Image.__msgtype__, typestore=STORE)
+        for topic, at_ns, image in images:
+            writer.write(connections[topic], at_ns,
+                         STORE.serialize_cdr(image, Image.__msgtype__))
 
 
 def write(path, images, encode, skew_ns, compression):
@@ -74,7 +104,9 @@ def main(recording, folder):
     write(folder / "zstd", images, mono8, 0, True)
     with open(recording, "rb") as file:
         attachments = make_reader(file).iter_attachments()
-        (folder / "rig.toml").write_bytes(next(attachments).data)
+        rig = next(attachments).data
+    (folder / "rig.toml").write_bytes(rig)
+    calibrated(folder.parent / "calibrated", images, rig.decode())
 
 
 main(*sys.argv[1:])

@@ -15,6 +15,7 @@ use shared::safety::Inputs;
 use shared::steps::Segment;
 use shared::time::Instant;
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -220,8 +221,16 @@ impl Recorder {
     /// If the file cannot be written.
     pub fn start(output: Output, settings: Settings) -> Result<Self, InputError> {
         let path = output.path().to_owned();
+        Self::start_in(output.stream()?, path, settings)
+    }
+
+    /// Begins a recording in a new, empty file, which errors name `path`.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn start_in(file: File, path: PathBuf, settings: Settings) -> Result<Self, InputError> {
         let unwritten = |cause: io::Error| InputError::io(&path, "write", &cause);
-        let sink = Sink::new(output.stream()?).map_err(unwritten)?;
+        let sink = Sink::new(file).map_err(unwritten)?;
         let tap = Arc::new(Tap {
             queue: Queue::new(settings.pace),
             has_images: settings.images != ImageForm::None,
