@@ -2,10 +2,11 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { FoxgloveClient } from "@foxglove/ws-protocol";
+import protocol from "@foxglove/ws-protocol";
 import { WebSocket } from "ws";
 import { Served } from "./served.mjs";
 
+const { FoxgloveClient } = protocol;
 const { TRINOCULAR } = process.env;
 const TOPICS = ["/camera/left", "/camera/middle", "/camera/right", "/measurement", "/stage",
   "/station", "/target"];

@@ -132,12 +132,12 @@ fn threads() -> BTreeMap<String, u64> {
         let Ok(text) = std::fs::read_to_string(path) else {
             continue;
         };
-        // PID (NAME) STATE ...: user and system time are the 12th and 13th field after the name.
+        // PID (NAME) STATE ...: user and system time are the 12th and 13th field behind the name.
         let Some((head, rest)) = text.rsplit_once(')') else {
             continue;
         };
         let name = head.split_once('(').map_or("", |(_, name)| name);
-        let fields: Vec<u64> = (rest.split_whitespace().skip(12).take(2))
+        let fields: Vec<u64> = (rest.split_whitespace().skip(11).take(2))
             .filter_map(|field| field.parse().ok())
             .collect();
         *all.entry(name.to_owned()).or_default() += fields.iter().sum::<u64>();

@@ -37,6 +37,8 @@ pub struct Stream {
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     handle: Option<WebSocketServerHandle>,
+    /// Server and channels refer to it weakly.
+    _context: Arc<Context>,
 }
 
 impl std::fmt::Debug for Stream {
@@ -83,6 +85,7 @@ impl Stream {
             is_over,
             thread: Some(thread.map_err(failed)?),
             handle: Some(handle),
+            _context: context,
         })
     }
 
