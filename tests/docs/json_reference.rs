@@ -15,8 +15,17 @@ use trinocular_tests::binary::trinocular;
 const PAGE: &str = "docs/json.md";
 const COMMON: &str = "Common keys";
 
-/// Commands without `--json`: their output is a file of another format, or they only group others.
-const WITHOUT: [&str; 4] = ["bench", "completions", "init", "man"];
+/// Commands without `--json`: their output is a file of another format, they serve other programs,
+/// or they only group others.
+const WITHOUT: [&str; 7] = [
+    "bench",
+    "completions",
+    "export",
+    "init",
+    "man",
+    "serve",
+    "twin",
+];
 
 /// Returns all commands of the program, which has one manual page for each.
 fn commands() -> BTreeSet<String> {

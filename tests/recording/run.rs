@@ -101,19 +101,19 @@ fn with_other_sums(bytes: &[u8]) -> Option<Vec<u8>> {
 }
 
 impl StationObserver for Altering {
-    fn to_station(&self, at_us: u64, bytes: &[u8]) {
+    fn sent(&self, at_us: u64, bytes: &[u8]) {
         let other = with_other_sums(bytes);
         let is_due = self.is_due(Alteration::Sums, other.is_some());
         let bytes = other.as_deref().filter(|_| is_due).unwrap_or(bytes);
-        self.tap.to_station(at_us, bytes);
+        self.tap.sent(at_us, bytes);
     }
 
-    fn from_station(&self, at_us: u64, bytes: &[u8]) {
+    fn received(&self, at_us: u64, bytes: &[u8]) {
         let mut bytes = bytes.to_vec();
         if self.is_due(Alteration::Packet, bytes.len() > 8) {
             bytes[5] ^= 0x40;
         }
-        self.tap.from_station(at_us, &bytes);
+        self.tap.received(at_us, &bytes);
     }
 
     fn segment(&self, at: Instant, segment: &Segment, words: &[u32]) {

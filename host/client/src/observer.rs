@@ -11,10 +11,10 @@ use shared::time::Instant;
 /// time.
 pub trait StationObserver: Send + Sync {
     /// Takes in bytes that were written to the station.
-    fn to_station(&self, at_us: u64, bytes: &[u8]);
+    fn sent(&self, at_us: u64, bytes: &[u8]);
 
     /// Takes in bytes that came from the station.
-    fn from_station(&self, at_us: u64, bytes: &[u8]);
+    fn received(&self, at_us: u64, bytes: &[u8]);
 
     /// Takes in a segment of a twin and the port words made of it.
     fn segment(&self, _at: Instant, _segment: &Segment, _words: &[u32]) {}

@@ -116,7 +116,7 @@ impl Hardware {
 
     fn receive(&mut self, bytes: &[u8]) {
         if let Some(observer) = &self.observer {
-            observer.to_station(self.station.now().micros(), bytes);
+            observer.sent(self.station.now().micros(), bytes);
         }
         if let Some(tape) = &mut self.tape {
             tape.received(self.station.now(), bytes);
@@ -134,7 +134,7 @@ impl Hardware {
                 Event::Idle(_) => return,
                 Event::Sent(bytes) => {
                     if let Some(observer) = &self.observer {
-                        observer.from_station(now.micros(), &bytes);
+                        observer.received(now.micros(), &bytes);
                     }
                     if let Some(tape) = &mut self.tape {
                         tape.sent(now, &bytes);

@@ -167,12 +167,12 @@ impl Tap {
 }
 
 impl StationObserver for Tap {
-    fn to_station(&self, at_us: u64, bytes: &[u8]) {
+    fn sent(&self, at_us: u64, bytes: &[u8]) {
         self.pass(at_us);
         self.push(at_us, Content::ToStation(bytes.to_vec()));
     }
 
-    fn from_station(&self, at_us: u64, bytes: &[u8]) {
+    fn received(&self, at_us: u64, bytes: &[u8]) {
         self.pass(at_us);
         self.push(at_us, Content::FromStation(bytes.to_vec()));
     }

@@ -51,7 +51,7 @@ fn record(path: &Path, images: ImageForm, frames: u64) -> Account {
         if number % 5 == 3 {
             set.images[1] = Image::missing();
         }
-        tap.to_station(number * 33_333, &[1, 2, 3, 0]);
+        tap.sent(number * 33_333, &[1, 2, 3, 0]);
         let message = Measurement {
             stamp_us: set.time_us,
             outcome: Outcome::Refused,

@@ -90,9 +90,9 @@ mod tests {
     use clap::CommandFactory as _;
     use serde_json::json;
 
-    /// Commands whose output is a file or a page of its own kind.
-    // `twin` runs until it is ended, and its results are those of the commands that connect to it.
-    const WITHOUT: [&str; 4] = ["completions", "init", "man", "twin"];
+    /// Commands whose output is a file or a page of its own kind, and those that run until they are
+    /// ended: their results are those of the programs that connect to them.
+    const WITHOUT: [&str; 6] = ["completions", "export", "init", "man", "serve", "twin"];
 
     #[track_caller]
     fn written(object: &Value) -> String {

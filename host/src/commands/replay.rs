@@ -1,5 +1,6 @@
 //! `trinocular replay`: runs a recording again and compares.
 
+use super::json;
 use super::progress::Count;
 use super::record::here;
 use crate::commands::failure::Failure;
@@ -34,7 +35,7 @@ pub struct Options {
 
     /// Print one JSON object
     ///
-    /// version (1), file, same (true or false), station (twin or line), the counts `same` and
+    /// file, same (true or false), station (twin or line), the counts `same` and
     /// `different` of measurements, frames, packets, segments and edges, not_measured (frame sets
     /// whose images are not in the file, and those that depend on them), first_difference (at_us,
     /// message, field, recorded, replayed), origin (what differs between the recording's program
@@ -76,7 +77,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     match options.json {
         true => {
             let object = object(options, &settings, &replayed, &differences);
-            writeln!(out, "{object}")?;
+            json::line(out, &object)?;
         }
         false => print(&settings, &replayed, out)?,
     }
@@ -158,7 +159,6 @@ fn object(
         .iter()
         .map(|(name, recorded, here)| json!({"name": name, "recorded": recorded, "here": here}));
     let mut object = json!({
-        "version": 1,
         "file": options.file.display().to_string(),
         "same": difference.is_none(),
         "station": if settings.twin.is_some() { "twin" } else { "line" },

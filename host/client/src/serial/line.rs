@@ -256,7 +256,7 @@ impl Line {
                     self.heard = Instant::now();
                     let now_us = self.sender.now_us();
                     if let Some(observer) = &self.observer {
-                        observer.from_station(now_us, &buffer[..count]);
+                        observer.received(now_us, &buffer[..count]);
                     }
                     self.client.feed(now_us, &buffer[..count]);
                 }

@@ -44,7 +44,7 @@ impl Writer {
     fn write(&mut self, bytes: &[u8]) {
         let Some(port) = &mut self.port else { return };
         if let Some(observer) = &self.observer {
-            observer.to_station(micros_since(self.epoch), bytes);
+            observer.sent(micros_since(self.epoch), bytes);
         }
         if let Err(cause) = port.write_all(bytes) {
             self.port = None;
