@@ -62,9 +62,9 @@ pub struct Source {
     /// `twin`, those of `trinocular twin --with-target`
     ///
     /// Until Ctrl-C, or for --seconds. Cameras other than `twin` need Linux and a program that was
-    /// built with `--features host/camera`; `twin:LINK` names the link of a twin that has its own. At the end a line per camera counts its images: used, overtaken,
-    /// damaged, lost by its driver. If a camera is unplugged or falls silent, the others carry on,
-    /// as long as two are left.
+    /// built with `--features host/camera`; `twin:LINK` names the link of a twin that has its own.
+    /// At the end a line per camera counts its images: used, overtaken, damaged, lost by its driver.
+    /// If a camera is unplugged or falls silent, the others carry on, as long as two are left.
     #[arg(
         long,
         value_name = "DEVICE,...",
