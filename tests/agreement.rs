@@ -5,13 +5,13 @@
 mod life;
 
 use life::{Life, ROUNDS};
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Frame, Packet, Report, Status, Sums};
-use shared::frame::receive::Receiver;
-use shared::replay::{Entry, Log, Record, Writer};
-use shared::safety::State;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, Frame, Packet, Report, Status, Sums};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::replay::{Entry, Log, Record, Writer};
+use trinocular_core::safety::State;
 use trinocular_tests::replaying::{BOARD, Recording, difference, replay, report};
 
 /// Returns the recording and the number of frames written in it.

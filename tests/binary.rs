@@ -117,7 +117,7 @@ fn build() -> PathBuf {
         // Building the test has already fetched all dependencies.
         cargo.args(["--offline", "--bin", "trinocular"]);
         match cfg!(feature = "camera") {
-            true => cargo.args(["--features", "host/camera"]),
+            true => cargo.args(["--features", "trinocular/camera"]),
             false => cargo,
         }
     });

@@ -2,12 +2,12 @@
 //! built program, its messages and exit codes.
 
 use serde_json::{Value, json};
-use shared::frame::message::{End, LastRun, ResetCause, Side};
-use shared::safety::{Fault, State};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::{End, LastRun, ResetCause, Side};
+use trinocular_core::safety::{Fault, State};
 use trinocular_rig::rig_file::{HomeSwitch, RigFile};
 use trinocular_tests::binary::{interrupt, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};

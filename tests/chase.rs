@@ -1,19 +1,19 @@
 //! A station and a moving target, joined by simulated measurements of the cameras with delay and
 //! noise.
 
-use shared::frame::encode::encode;
-use shared::frame::message::{
-    Command, Denial, Frame, LastRun, Mounting, Outcome, Packet, Report, ResetCause, Status, Sums,
-};
-use shared::frame::receive::Receiver;
-use shared::machine::{Board, Machine, Output, SEGMENT_US};
-use shared::safety::Inputs;
-use shared::steps::WordRate;
-use shared::sums::centred::FixedCentredSums;
-use shared::time::Instant;
-use shared::track::pursuit::Settings;
 use std::collections::VecDeque;
 use trinocular_client::stage::{configuration, default_stage};
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{
+    Command, Denial, Frame, LastRun, Mounting, Outcome, Packet, Report, ResetCause, Status, Sums,
+};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Board, Machine, Output, SEGMENT_US};
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::WordRate;
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::time::Instant;
+use trinocular_core::track::pursuit::Settings;
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::{Care, Stage};
 

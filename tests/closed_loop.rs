@@ -1,13 +1,13 @@
 //! The paper's closed loop with station B on a serial line in real time: images on this side,
 //! everything from frame to step pins on the other.
 
-use host::paper::tracking::{self, BOUND_MM, MOVES, Run, Settings};
-use host::servo::station_link::StationPlace;
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
+use trinocular::paper::tracking::{self, BOUND_MM, MOVES, Run, Settings};
+use trinocular::servo::station_link::StationPlace;
 use trinocular_client::stage::default_stage;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_tests::binary::trinocular;

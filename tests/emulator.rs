@@ -1,12 +1,12 @@
 //! The station in QEMU: builds the image, starts the emulator, and ends it in every case.
 
-use shared::replay::Record;
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
+use trinocular_core::replay::Record;
 
 const QEMU: &str = "qemu-system-arm";
 

@@ -12,9 +12,6 @@ mod signals;
 #[path = "ending/station.rs"]
 mod station_says;
 
-use shared::frame::message::{Command as StationCommand, Packet, Report};
-use shared::frame::receive::Receiver;
-use shared::safety::State;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -22,6 +19,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
+use trinocular_core::frame::message::{Command as StationCommand, Packet, Report};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::safety::State;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, signal, trinocular};
 use trinocular_tests::emulator::{Emulator, pins};
@@ -65,7 +65,7 @@ impl Desk {
             stage.max_speed_mm_s = [5.0; 3];
             stage.care.home = [None; 3];
             stage.care.home[0] = Some(trinocular_rig::rig_file::HomeSwitch {
-                side: shared::frame::message::Side::Negative,
+                side: trinocular_core::frame::message::Side::Negative,
                 position_mm: -61.0,
             });
         });

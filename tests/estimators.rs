@@ -1,10 +1,10 @@
 //! The three estimators: signs, the paper's identities, and fixed point against floating point.
 
 use proptest::prelude::*;
-use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
-use shared::rig::Rig;
-use shared::sums::centred::FixedCentredSums;
-use shared::sums::pair::FixedPairSums;
+use trinocular_core::estimate::{Refusal, closed_form, least_squares, midpoint};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::sums::pair::FixedPairSums;
 use trinocular_rig::random::Random;
 use trinocular_tests::points::{Cloud, centred, ideal_rig, pairs};
 
@@ -193,7 +193,7 @@ fn degenerate_input_is_refused() {
 }
 
 fn pairs_of_two(rig: &Rig) -> Result<(), Refusal> {
-    shared::sums::pair::PairSums::new(rig).map(|_| ())
+    trinocular_core::sums::pair::PairSums::new(rig).map(|_| ())
 }
 
 #[derive(Clone, Debug)]

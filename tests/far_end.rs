@@ -5,14 +5,6 @@
 //! in again under the same name.
 
 use serialport::{SerialPort as _, TTYPort};
-use shared::frame::encode::encode;
-use shared::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};
-use shared::frame::receive::Receiver;
-use shared::machine::Board;
-use shared::replay::{Event, Station};
-use shared::safety::Inputs;
-use shared::steps::WordRate;
-use shared::time::Instant as StationInstant;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -23,6 +15,14 @@ use tempfile::TempDir;
 use trinocular_client::plant::Plant;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::{PORT, RING_WORDS};
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::Board;
+use trinocular_core::replay::{Event, Station};
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::WordRate;
+use trinocular_core::time::Instant as StationInstant;
 
 /// A device at the far end of a line.
 pub struct FarEnd {

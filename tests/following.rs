@@ -7,9 +7,9 @@
 #[path = "following/consistency.rs"]
 mod consistency;
 
-use shared::frame::message::Denial;
-use shared::track::pursuit::Sight;
 use std::f64::consts::TAU;
+use trinocular_core::frame::message::Denial;
+use trinocular_core::track::pursuit::Sight;
 use trinocular_tests::chase::{Chase, Run, STEPS_PER_MM, lissajous, smooth};
 
 /// Seeds of the noise.
@@ -141,7 +141,7 @@ fn lost_target_is_reacquired_from_rest() {
     let run = chase.follow(lissajous, 8.0);
     let lost = run.statuses.iter().find(|s| s.sight == Sight::Lost);
     let lost = lost.expect("it was lost");
-    assert_eq!(lost.state, shared::safety::State::Following);
+    assert_eq!(lost.state, trinocular_core::safety::State::Following);
     // 800 ms after the last frame, and a ramp from 20 mm/s.
     let resting = run
         .samples

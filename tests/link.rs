@@ -8,17 +8,17 @@ mod samples;
 
 use proptest::prelude::*;
 use samples::{centred_sums, commands, pair_sums, reports};
-use shared::estimate::Gate;
-use shared::frame::encode::encode;
-use shared::frame::message::*;
-use shared::frame::receive::{Receiver, Reject, Rejects};
-use shared::frame::{MAX_PACKET, SCHEMA};
-use shared::motion::AxisConfig;
-use shared::safety::Fault;
-use shared::steps::DriverTiming;
-use shared::time::Instant;
-use shared::track::pursuit::Settings;
 use std::fmt::Write as _;
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::*;
+use trinocular_core::frame::receive::{Receiver, Reject, Rejects};
+use trinocular_core::frame::{MAX_PACKET, SCHEMA};
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::safety::Fault;
+use trinocular_core::steps::DriverTiming;
+use trinocular_core::time::Instant;
+use trinocular_core::track::pursuit::Settings;
 
 #[test]
 fn golden_bytes_of_every_message() {

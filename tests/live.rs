@@ -14,13 +14,13 @@ mod peer;
 #[path = "live/slow.rs"]
 mod slow;
 
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
 use trinocular_live::access::Access;
 use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{Controls, Hub, Server, Setup, Turn};

@@ -1,17 +1,17 @@
 //! The host on a line that loses chosen packets, and with a station that sends impossible numbers.
 
-use host::servo::station_link::{StationLink, StationPlace};
-use shared::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
-use shared::frame::receive::Receiver;
-use shared::safety::State;
-use shared::time::Instant as StationInstant;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use trinocular::servo::station_link::{StationLink, StationPlace};
 use trinocular_client::StationError;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::safety::State;
+use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::rig_file::Stage;
 use trinocular_tests::far_end::{FarEnd, station, station_behind};
 

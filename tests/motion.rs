@@ -5,9 +5,9 @@
 mod edges;
 
 use edges::{Bounds, Edges};
-use shared::motion::{AxisConfig, Limits, Planner};
-use shared::replay::Probe;
-use shared::steps::{AXES, Generator, PortMap, Position, WordRate};
+use trinocular_core::motion::{AxisConfig, Limits, Planner};
+use trinocular_core::replay::Probe;
+use trinocular_core::steps::{AXES, Generator, PortMap, Position, WordRate};
 use trinocular_rig::random::Random;
 
 const MAP: PortMap = PortMap {

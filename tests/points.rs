@@ -1,9 +1,9 @@
 //! Random point sets seen by a rig before and after a displacement, with optional pixel noise.
 
-use shared::rig::{Camera, Rig};
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
+use trinocular_core::rig::{Camera, Rig};
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
 use trinocular_rig::random::Random;
 
 /// Returns a rig of ideal cameras with one focal length and the principal point at the origin.

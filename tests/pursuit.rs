@@ -1,13 +1,13 @@
 //! Frame sets from outside, followed by a station whose stage carries the cameras: `track
 //! --cameras` without cameras. The twin is the station, so the tests wait for no real time.
 
-use host::servo::frame_sets::{CaptureClock, FrameSetServo};
-use host::servo::station_link::{StationLink, StationPlace};
-use host::servo::visual_servo::ServoOutcome;
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
-use shared::safety::Trust;
+use trinocular::servo::frame_sets::{CaptureClock, FrameSetServo};
+use trinocular::servo::station_link::{StationLink, StationPlace};
+use trinocular::servo::visual_servo::ServoOutcome;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
+use trinocular_core::safety::Trust;
 use trinocular_vision::flow::CameraRefusal;
 use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Estimator;

@@ -2,16 +2,16 @@
 //! twin record by record.
 
 use crate::emulator::Emulator;
-use shared::frame::message::{LastRun, Report, ResetCause};
-use shared::frame::receive::Receiver;
-use shared::machine::Board;
-use shared::replay::{Edge, Event, Log, Record, Replay, Station, Trace};
-use shared::steps::{Segment, WordRate};
-use shared::time::Instant;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 use trinocular_client::twin::{PORT, RING_WORDS, Twin};
+use trinocular_core::frame::message::{LastRun, Report, ResetCause};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::Board;
+use trinocular_core::replay::{Edge, Event, Log, Record, Replay, Station, Trace};
+use trinocular_core::steps::{Segment, WordRate};
+use trinocular_core::time::Instant;
 
 /// Board of the twin, as in `qemu/src/board.rs`.
 pub const BOARD: Board = Board {

@@ -1,11 +1,11 @@
 //! Delay from a new setpoint to the first port word that it changes, in the step generator's own
 //! time.
 
-use shared::frame::message::{Command, Mounting};
-use shared::replay::Record;
-use shared::time::Instant;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Mounting};
+use trinocular_core::replay::Record;
+use trinocular_core::time::Instant;
 use trinocular_rig::random::Random;
 
 /// Largest delay, µs, that users of a stage may rely on.

@@ -1,7 +1,7 @@
 //! A small part of `trinocular bench robustness`, which asserts more with more measurements.
 
-use host::accuracy_study::tally::{Tally, failures_of_all};
-use host::accuracy_study::{condition, phase, sweep};
+use trinocular::accuracy_study::tally::{Tally, failures_of_all};
+use trinocular::accuracy_study::{condition, phase, sweep};
 
 /// Every condition with one poster: measured or refused as expected, no gross error, and sigma near
 /// the truth. Some 330 measurements share a poster, so the limits are 1.5 times those of the full

@@ -1,14 +1,16 @@
 //! The host's end of a serial line, against stations behind a pseudo-terminal: the station on this
 //! computer's clock, other devices, and QEMU.
 
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Denial, Hello, Mounting, Report, ResetCause, Status};
-use shared::frame::{PROTOCOL, SCHEMA_HASH};
-use shared::safety::{Fault, State, Trust};
 use std::time::{Duration, Instant};
 use trinocular_client::StationError;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{
+    Command, Denial, Hello, Mounting, Report, ResetCause, Status,
+};
+use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_tests::binary::trinocular;
 use trinocular_tests::emulator::{Emulator, pins};
 use trinocular_tests::far_end::{self, FarEnd, mute, saying, station};

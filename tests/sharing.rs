@@ -1,7 +1,5 @@
 //! One owner, many hands: other programs reach a station through the one that has its port.
 
-use shared::frame::message::{Command, Denial, Mounting};
-use shared::safety::State;
 use std::io::Write as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
@@ -10,6 +8,8 @@ use trinocular_client::StationError;
 use trinocular_client::owner;
 use trinocular_client::serial::{Access, Serial};
 use trinocular_client::stage::{configuration, default_stage};
+use trinocular_core::frame::message::{Command, Denial, Mounting};
+use trinocular_core::safety::State;
 use trinocular_tests::far_end::{FarEnd, station};
 
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.

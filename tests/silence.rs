@@ -1,9 +1,9 @@
 //! Loss of the host: stopping distance at the pins, from any instant of any motion.
 
-use shared::frame::message::{Command, Mounting};
-use shared::safety::{Fault, State, Trust};
 use trinocular_client::stage::{HEARTBEAT_MS, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Mounting};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::Stage;
 

@@ -4,10 +4,10 @@
 #[path = "simulate/command.rs"]
 mod command;
 
-use host::scenario::figures::Figures;
-use host::scenario::file::{Scenario, Sight};
-use host::scenario::run::{Options, Run, run};
 use std::path::{Path, PathBuf};
+use trinocular::scenario::figures::Figures;
+use trinocular::scenario::file::{Scenario, Sight};
+use trinocular::scenario::run::{Options, Run, run};
 use trinocular_tests::replaying::{BOARD, Recording};
 
 fn folder() -> PathBuf {
@@ -128,7 +128,7 @@ fn each_bound_is_judged() {
         ),
         (
             "faults",
-            judged(&|s| s.expect.faults = vec![shared::safety::Fault::Limit]),
+            judged(&|s| s.expect.faults = vec![trinocular_core::safety::Fault::Limit]),
         ),
         ("states", judged(&|s| s.expect.states = Some(Vec::new()))),
         (

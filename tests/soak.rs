@@ -4,14 +4,14 @@
 //! emergency stops, limit switches, noise on the line, occlusions. Each fault is cleared as an
 //! operator would clear it. `SOAK_MINUTES` sets the duration; `tests/run` runs an hour.
 
-use shared::frame::message::{Command, Frame, Mounting, Sums};
-use shared::safety::{Inputs, State};
-use shared::sums::centred::FixedCentredSums;
-use shared::time::Instant;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Frame, Mounting, Sums};
+use trinocular_core::safety::{Inputs, State};
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::time::Instant;
 use trinocular_rig::random::Random;
 
 /// Delay from a capture to the arrival of its sums, µs.

@@ -1,8 +1,8 @@
 //! Stalled motors, and targets that only look like them: the station's handling of commanded motion
 //! that the cameras do not see.
 
-use shared::frame::message::Denial;
-use shared::safety::{Fault, State, Trust};
+use trinocular_core::frame::message::Denial;
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::rig_file::Care;
 use trinocular_tests::chase::{Chase, Run, Target, lissajous, smooth};
 

@@ -12,16 +12,16 @@ mod moves;
 #[path = "station/stops.rs"]
 mod stops;
 
-use shared::frame::encode::encode;
-use shared::frame::message::{
-    Command, Config, ConfigField, Denial, Frame, Mounting, Packet, Status, Sums,
-};
-use shared::safety::{Fault, Inputs, State, Trust};
-use shared::sums::centred::FixedCentredSums;
-use shared::time::Instant;
 use trinocular_client::StationError;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{
+    Command, Config, ConfigField, Denial, Frame, Mounting, Packet, Status, Sums,
+};
+use trinocular_core::safety::{Fault, Inputs, State, Trust};
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::{Driver, Stage};
 
 fn twin() -> Twin {
@@ -85,10 +85,10 @@ fn setpoint_takes_exact_pulses() {
         );
         assert_eq!(status.position_steps.map(i64::from), twin.steps_from_zero());
     }
-    let timing = shared::steps::DriverTiming::TMC2209;
+    let timing = trinocular_core::steps::DriverTiming::TMC2209;
     assert_eq!(
         twin.plant()
-            .violations(&timing, shared::steps::WordRate::MHZ_1),
+            .violations(&timing, trinocular_core::steps::WordRate::MHZ_1),
         vec![]
     );
 }
@@ -172,7 +172,7 @@ fn impossible_config_is_refused_whole() {
             "the matrix is singular",
         ),
         (
-            with(|c| c.driver = shared::steps::DriverTiming::DRV8825),
+            with(|c| c.driver = trinocular_core::steps::DriverTiming::DRV8825),
             "the driver does not support this board's word rate",
         ),
         (

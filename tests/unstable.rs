@@ -4,7 +4,7 @@
 #[path = "unstable/wrong.rs"]
 mod wrong;
 
-use shared::safety::{Fault, State, Trust};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_tests::chase::{Chase, Run, Target};
 use wrong::{Wrong, signs, turned};
 

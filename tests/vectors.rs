@@ -2,9 +2,9 @@
 //! point.
 
 use serde_json::Value;
-use shared::estimate::{closed_form, least_squares, midpoint};
-use shared::rig::Rig;
-use shared::sums::View;
+use trinocular_core::estimate::{closed_form, least_squares, midpoint};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
 use trinocular_tests::points::{centred, ideal_rig, pairs};
 
 fn numbers<const N: usize>(value: &Value) -> [f64; N] {

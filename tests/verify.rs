@@ -1,8 +1,8 @@
 //! Predictions of `verify` against images that are rendered, tracked and estimated like any others.
 
-use host::budget::sigma::{MARGIN_PX, Predictor};
-use shared::estimate::midpoint;
-use shared::rig::Rig;
+use trinocular::budget::sigma::{MARGIN_PX, Predictor};
+use trinocular_core::estimate::midpoint;
+use trinocular_core::rig::Rig;
 use trinocular_vision::field_of_view::FieldOfView;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::{Scene, SceneSettings, Texture};

@@ -34,7 +34,7 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, IWDG, PA11, PA12, RNG, TIM8, USB_OTG_FS};
 use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{Config, Peri};
-use shared::steps::WordRate;
+use trinocular_core::steps::WordRate;
 
 /// Port words per second: at most 500,000 steps/s on every axis.
 pub const WORD_RATE: WordRate = WordRate::MHZ_1;

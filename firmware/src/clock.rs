@@ -3,6 +3,6 @@
 use embassy_time::Instant;
 
 /// Returns the present instant.
-pub fn now() -> shared::time::Instant {
-    shared::time::Instant::from_micros(Instant::now().as_micros())
+pub fn now() -> trinocular_core::time::Instant {
+    trinocular_core::time::Instant::from_micros(Instant::now().as_micros())
 }

@@ -3,9 +3,9 @@
 use crate::{board, clock, crash, engine, link, pins, switches, watch};
 use embassy_futures::select::select3;
 use embassy_time::{Instant, Timer};
-use shared::frame::message::{LastRun, ResetCause};
-use shared::machine::{Board, Machine, Output};
 use static_cell::StaticCell;
+use trinocular_core::frame::message::{LastRun, ResetCause};
+use trinocular_core::machine::{Board, Machine, Output};
 
 /// Waiting time when a segment is due and the engine has no room, µs.
 const NO_ROOM_US: u64 = 50;

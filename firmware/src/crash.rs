@@ -16,8 +16,8 @@ use crate::vectors::{RETAINED, RETAINED_WORDS};
 use crate::{engine, pins};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embassy_stm32::pac;
-use shared::frame::message::{End, LastRun, PLACES, ResetCause};
-use shared::safety::Fault;
+use trinocular_core::frame::message::{End, LastRun, PLACES, ResetCause};
+use trinocular_core::safety::Fault;
 
 /// Words of memory in this module: seal, starts, cause, fault, places.
 const _: () = assert!(RETAINED_WORDS == 4 + PLACES);

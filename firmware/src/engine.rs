@@ -54,8 +54,8 @@ use embassy_stm32::pac::timer::vals::{Ckd, Etp, FilterValue, Sms, Ts};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::Instant;
-use shared::machine::SEGMENT_US;
-use shared::steps::{AxisMotion, Generator, Segment};
+use trinocular_core::machine::SEGMENT_US;
+use trinocular_core::steps::{AxisMotion, Generator, Segment};
 
 /// Clock of TIM8, Hz: twice APB2.
 const TIMER_HZ: u32 = 168_000_000;

@@ -22,10 +22,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
-use shared::frame::MAX_PACKET;
-use shared::frame::encode::Bytes;
-use shared::frame::message::Packet;
-use shared::frame::receive::{Receiver, Reject};
+use trinocular_core::frame::MAX_PACKET;
+use trinocular_core::frame::encode::Bytes;
+use trinocular_core::frame::message::Packet;
+use trinocular_core::frame::receive::{Receiver, Reject};
 
 /// Time limit of a write.
 const WRITE_LIMIT: Duration = Duration::from_millis(50);
@@ -51,7 +51,7 @@ pub enum Port {
 /// Outcome of bytes from a link, with the time of the last byte.
 pub struct Arrival {
     /// Instant at which the packet was complete.
-    pub at: shared::time::Instant,
+    pub at: trinocular_core::time::Instant,
     /// Packet, or the reason for a reject.
     pub outcome: Result<Packet, Reject>,
 }

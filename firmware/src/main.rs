@@ -1,8 +1,8 @@
 //! The station on an STM32F405 or F407: clocks, links, pins, watchdog, and the loop that moves
 //! bytes and words.
 //!
-//! The crate `shared` makes all decisions of the station; see its
-//! [`Machine`](shared::machine::Machine). This program gives the machine its clock and its
+//! The crate `trinocular-core` makes all decisions of the station; see its
+//! [`Machine`](trinocular_core::machine::Machine). This program gives the machine its clock and its
 //! connections:
 //!
 //! | module | purpose | runs |

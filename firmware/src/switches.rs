@@ -22,7 +22,7 @@ use embassy_stm32::mode::Async;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
-use shared::safety::Inputs;
+use trinocular_core::safety::Inputs;
 
 /// Least duration of a level, µs.
 const SPARK_US: u64 = 20;

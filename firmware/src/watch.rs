@@ -9,7 +9,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker};
-use shared::safety::State;
+use trinocular_core::safety::State;
 
 /// Nominal timeout of the watchdog, µs. Its oscillator runs at 17 to 47 kHz instead of 32 (data
 /// sheet), so the real timeout is 34 to 94 ms.

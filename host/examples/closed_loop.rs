@@ -4,14 +4,14 @@
 //! serial line, take `StationPlace::Port` and the images of real cameras; the loop stays the same.
 //!
 //! ```sh
-//! cargo run --release -p host --example closed_loop
+//! cargo run --release -p trinocular --example closed_loop
 //! ```
 
-use host::servo::station_link::{StationLink, StationPlace};
-use host::servo::visual_servo::VisualServo;
-use shared::rig::Rig;
 use std::error::Error;
+use trinocular::servo::station_link::{StationLink, StationPlace};
+use trinocular::servo::visual_servo::VisualServo;
 use trinocular_client::stage::default_stage;
+use trinocular_core::rig::Rig;
 use trinocular_vision::images::{Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Estimator;
 

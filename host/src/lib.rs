@@ -3,15 +3,15 @@
 //!
 //! Images and calibration are in [`trinocular_vision`], the client of the station and the
 //! twin in [`trinocular_client`], rig files in [`trinocular_rig`], and the station's
-//! logic in [`shared`]. The command line is the program alone, not a part of this
+//! logic in [`trinocular_core`]. The command line is the program alone, not a part of this
 //! library.
 //!
 //! ```
-//! use host::servo::simulated::{ServoTiming, SimulatedServo};
-//! use host::servo::station_link::StationPlace;
-//! use host::servo::world::SimulatedWorld;
-//! use shared::rig::Rig;
+//! use trinocular::servo::simulated::{ServoTiming, SimulatedServo};
+//! use trinocular::servo::station_link::StationPlace;
+//! use trinocular::servo::world::SimulatedWorld;
 //! use trinocular_client::stage::{default_stage, setpoint};
+//! use trinocular_core::rig::Rig;
 //! use trinocular_vision::images::{SceneSettings, Texture};
 //! use trinocular_vision::sums::Estimator;
 //!

@@ -1,14 +1,14 @@
 //! Displacement of a target from your own matched points, without images and without a station.
 //!
 //! ```sh
-//! cargo run -p shared --example displacement
+//! cargo run -p trinocular-core --example displacement
 //! ```
 
-use shared::estimate::{Refusal, closed_form, midpoint};
-use shared::rig::{Camera, Rig};
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
+use trinocular_core::estimate::{Refusal, closed_form, midpoint};
+use trinocular_core::rig::{Camera, Rig};
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
 
 /// Pixels of each point at the keyframe and now, in the left, middle and right camera. These were
 /// made from a target that moved by (2, -1, 5) mm, and rounded to a tenth of a pixel.

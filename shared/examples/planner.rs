@@ -4,12 +4,12 @@
 //! DMA or in an interrupt. Here a loop takes the place of both and counts the STEP edges.
 //!
 //! ```sh
-//! cargo run -p shared --example planner
+//! cargo run -p trinocular-core --example planner
 //! ```
 
-use shared::motion::{AxisConfig, Limits, Planner};
-use shared::steps::{Generator, PortMap, Position, WordRate};
 use std::error::Error;
+use trinocular_core::motion::{AxisConfig, Limits, Planner};
+use trinocular_core::steps::{Generator, PortMap, Position, WordRate};
 
 fn main() -> Result<(), Box<dyn Error>> {
     // 80 steps/mm, 100 mm/s, 1 m/s², 50 m/s³, travel ±150 mm.

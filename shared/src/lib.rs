@@ -37,9 +37,9 @@
 //! predicts where the target is now:
 //!
 //! ```
-//! use shared::time::Instant;
-//! use shared::track::filter::Reach;
-//! use shared::track::pursuit::{Measurement, Pursuit, Settings};
+//! use trinocular_core::time::Instant;
+//! use trinocular_core::track::filter::Reach;
+//! use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 //!
 //! // A target at 2 steps/ms, measured every 20 ms with a variance of 0.1 steps².
 //! let limits = [Reach { speed: 8.0, acceleration: 0.16 }; 3];

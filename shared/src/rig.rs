@@ -108,7 +108,7 @@ impl Camera {
 /// Cameras in one plane, parallel or rectified by their rotations, in the order of their views.
 ///
 /// ```
-/// use shared::rig::Rig;
+/// use trinocular_core::rig::Rig;
 ///
 /// let rig = Rig::paper();
 /// let point_mm = [20.0, -10.0, 890.0];

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Activity of the station.
 ///
 /// ```
-/// use shared::safety::State;
+/// use trinocular_core::safety::State;
 ///
 /// assert!(State::Stopping.is_moving() && !State::Stopping.is_commanded());
 /// assert_eq!(State::ALL[State::Homing.number() as usize], State::Homing);

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Later instants saturate there.
 ///
 /// ```
-/// use shared::time::Instant;
+/// use trinocular_core::time::Instant;
 ///
 /// let start = Instant::from_micros(1_000);
 /// let later = start.plus_micros(250);

@@ -1,15 +1,15 @@
 //! An eventful life of a station: a few thousand flow frames with every kind of fault and
 //! disturbance.
 
-use shared::frame::message::{Command, Frame, Mounting, Side, Sums};
-use shared::rig::Rig;
-use shared::safety::{Inputs, State};
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
-use shared::time::Instant;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Frame, Mounting, Side, Sums};
+use trinocular_core::rig::Rig;
+use trinocular_core::safety::{Inputs, State};
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
+use trinocular_core::time::Instant;
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::HomeSwitch;
 

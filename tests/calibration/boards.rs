@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use shared::rig::{Camera, Rig, Rotation};
+use trinocular_core::rig::{Camera, Rig, Rotation};
 use trinocular_rig::random::Random;
 use trinocular_vision::images::{Image, folder};
 

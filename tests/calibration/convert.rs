@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use shared::rig::Rotation;
 use tempfile::TempDir;
+use trinocular_core::rig::Rotation;
 use trinocular_rig::rig_file::RigFile;
 
 use super::run;

@@ -3,7 +3,7 @@
 use std::fs;
 
 use serde_json::Value;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
 use trinocular_vision::calibration::board::Board;
 use trinocular_vision::calibration::find::{NotFound, find};
@@ -32,7 +32,7 @@ fn corners_are_within_hundredths_of_px() {
         for (index, seen) in found.corners.iter().enumerate() {
             let [u, v] = BOARD.point_mm(index);
             let (u, v) = (u - 4.0 * SQUARE_MM, v - 2.5 * SQUARE_MM);
-            let rows = shared::rig::Rotation::from_degrees(pose.turn_deg).rows();
+            let rows = trinocular_core::rig::Rotation::from_degrees(pose.turn_deg).rows();
             let point = [0, 1, 2].map(|i| pose.middle_mm[i] + rows[i][0] * u + rows[i][1] * v);
             let expected = camera.project(point);
             let error = (seen[0] - expected[0]).hypot(seen[1] - expected[1]);

@@ -1,7 +1,7 @@
 //! A rig whose cameras are rotated by a degree or two measures like a parallel one if its file
 //! states the rotations.
 
-use shared::rig::{Rig, Rotation};
+use trinocular_core::rig::{Rig, Rotation};
 use trinocular_vision::flow::{Correspondence, Flow, FlowSettings};
 use trinocular_vision::images::{Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Sums;

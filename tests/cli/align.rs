@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::folder;
 use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};

@@ -17,7 +17,7 @@ fn track(desk: &Desk, more: &[&str]) -> super::Outcome {
 fn missing_device_is_named_with_remedy() {
     let advice = match cfg!(feature = "camera") {
         true => "no such camera: plug it in",
-        false => "cargo build --release --features host/camera",
+        false => "cargo build --release --features trinocular/camera",
     };
     let desk = Desk::new();
     track(&desk, &["--rig", "rig.toml"]).failed(1, &["/dev/no-left: ", advice]);

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 use trinocular_rig::random::Random;
 
 use super::{Desk, Outcome, run};

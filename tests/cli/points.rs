@@ -223,7 +223,7 @@ fn two_cameras_need_midpoint() {
     let rig = RigFile::read(&desk.path("rig.toml")).expect("the rig just written");
     let two = RigFile {
         names: vec!["upper".to_owned(), "lower".to_owned()],
-        rig: shared::rig::Rig {
+        rig: trinocular_core::rig::Rig {
             image_size_px: rig.rig.image_size_px,
             cameras: rig.rig.cameras.iter().take(2).copied().collect(),
         },

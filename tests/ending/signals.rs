@@ -1,10 +1,10 @@
 //! Every signal that ends or suspends a program leaves the stage at rest.
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
-use shared::safety::{Fault, State};
 use std::fs::File;
 use std::process::{Command, Stdio};
 use trinocular_client::serial::Serial;
+use trinocular_core::safety::{Fault, State};
 use trinocular_tests::binary::{signal, trinocular};
 use trinocular_tests::far_end::station;
 

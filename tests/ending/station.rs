@@ -1,11 +1,11 @@
 //! Runs end with any report of the station, and without one.
 
 use super::{Desk, alone, ended, moving, stands_stopped};
-use shared::frame::message::{Command as StationCommand, Packet, Report};
-use shared::frame::receive::Receiver;
-use shared::safety::State;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use trinocular_core::frame::message::{Command as StationCommand, Packet, Report};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::safety::State;
 use trinocular_tests::far_end::{FarEnd, mute, station_behind};
 
 /// Returns a station that reports endless motion after the first command for which `starts` returns

@@ -2,9 +2,9 @@
 //! bit.
 
 use nalgebra::{Matrix2, RowVector2, Vector2};
-use shared::time::Instant;
-use shared::track::filter::{Filter, Reach};
-use shared::track::pursuit::{Measurement, Pursuit, Settings};
+use trinocular_core::time::Instant;
+use trinocular_core::track::filter::{Filter, Reach};
+use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 use trinocular_rig::random::Random;
 
 /// Limits of the stage of the experiments, steps and ms: 100 mm/s, 2,000 mm/s² at 80 steps/mm.

@@ -1,15 +1,15 @@
 //! Messages of every kind, with all fields of a message different.
 
-use shared::estimate::{Gate, Refusal};
-use shared::frame::message::*;
-use shared::frame::receive::Rejects;
-use shared::motion::AxisConfig;
-use shared::safety::{Fault, State, Trust};
-use shared::steps::DriverTiming;
-use shared::sums::centred::FixedCentredSums;
-use shared::sums::pair::FixedPairSums;
-use shared::time::Instant;
-use shared::track::pursuit::{Settings, Sight};
+use trinocular_core::estimate::{Gate, Refusal};
+use trinocular_core::frame::message::*;
+use trinocular_core::frame::receive::Rejects;
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::safety::{Fault, State, Trust};
+use trinocular_core::steps::DriverTiming;
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::sums::pair::FixedPairSums;
+use trinocular_core::time::Instant;
+use trinocular_core::track::pursuit::{Settings, Sight};
 
 fn axis() -> AxisConfig {
     AxisConfig {

@@ -3,16 +3,16 @@
 
 use super::peer::Peer;
 use super::{PATIENCE, setup};
-use host::servo::path::TargetPath;
-use host::servo::simulated_bench::SimulatedBench;
-use host::servo::station_link::StationPlace;
-use host::servo::workbench::Workbench;
-use host::servo::world::SimulatedWorld;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Instant;
+use trinocular::servo::path::TargetPath;
+use trinocular::servo::simulated_bench::SimulatedBench;
+use trinocular::servo::station_link::StationPlace;
+use trinocular::servo::workbench::Workbench;
+use trinocular::servo::world::SimulatedWorld;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_live::access::Access;
 use trinocular_live::{Hub, Server};

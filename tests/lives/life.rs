@@ -1,6 +1,6 @@
 //! One random life: a target, images of it, and a stage that makes every commanded step.
 
-use shared::safety::Fault;
+use trinocular_core::safety::Fault;
 use trinocular_rig::random::Random;
 use trinocular_tests::chase::{Chase, RIGHT, Shot};
 

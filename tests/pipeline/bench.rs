@@ -1,7 +1,7 @@
 //! A poster in front of a rig, rendered and measured as `estimate` measures it.
 
-use host::paper::moves;
-use shared::rig::Rig;
+use trinocular::paper::moves;
+use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, Measurement};
 use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Sums;

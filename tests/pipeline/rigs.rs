@@ -1,6 +1,6 @@
 //! Rigs other than the paper's: the midpoint takes any cameras in a plane.
 
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 use trinocular_vision::images::{SceneSettings, Texture};
 
 use super::bench::{Bench, TOLERANCE_MM};

@@ -1,6 +1,6 @@
 //! The stated sigma against true errors: errors of many frame sets, each divided by its own sigma.
 
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_rig::random::Random;
 use trinocular_vision::images::{SceneSettings, Texture, TextureKind};
 
@@ -70,7 +70,7 @@ fn sigma_is_true_for_interpolation() {
 /// computes.
 #[test]
 fn station_gets_same_sigma() {
-    use shared::estimate::midpoint;
+    use trinocular_core::estimate::midpoint;
     use trinocular_vision::flow::{Flow, FlowSettings};
     use trinocular_vision::sums::Sums;
 

@@ -1,25 +1,25 @@
 //! A run of the loop with rendered images, refusals, faults and changes of the configuration,
 //! recorded as the commands do it.
 
-use host::servo::frame_sets::{CaptureClock, FrameSetServo};
-use host::servo::observer::{ServoEvent, ServoObserver};
-use host::servo::recording::RecordingObserver;
-use host::servo::station_link::StationLink;
-use host::servo::visual_servo::ServoOutcome;
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Frame, Mounting, Packet, Sums};
-use shared::frame::receive::Receiver;
-use shared::rig::Rig;
-use shared::safety::Inputs;
-use shared::steps::Segment;
-use shared::time::Instant;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use trinocular::servo::frame_sets::{CaptureClock, FrameSetServo};
+use trinocular::servo::observer::{ServoEvent, ServoObserver};
+use trinocular::servo::recording::RecordingObserver;
+use trinocular::servo::station_link::StationLink;
+use trinocular::servo::visual_servo::ServoOutcome;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, Frame, Mounting, Packet, Sums};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::rig::Rig;
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::Segment;
+use trinocular_core::time::Instant;
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
 use trinocular_recording::replay;

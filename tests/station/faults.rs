@@ -1,9 +1,9 @@
 //! Faults are complete, ranked, and named before they can be cleared.
 
 use super::{denial, setpoint, status, twin, wait};
-use shared::frame::message::{Command, Denial};
-use shared::safety::{Fault, Faults, Inputs, State, Trust};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Denial};
+use trinocular_core::safety::{Fault, Faults, Inputs, State, Trust};
 
 const RELEASED: Inputs = Inputs {
     limits: [[false; 2]; 3],

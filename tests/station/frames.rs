@@ -1,11 +1,11 @@
 //! The station's handling of a frame: its capture time, the gate, and the direction of the motors.
 
 use super::{denial, frame, status, twin, wait};
-use shared::frame::message::{Command, Denial, Mounting, Sums};
-use shared::sums::centred::FixedCentredSums;
-use shared::time::Instant;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Denial, Mounting, Sums};
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// Returns true if the positions agree within a step, mm.
@@ -41,7 +41,7 @@ fn untimed_frames_are_refused_by_name() {
 
 #[test]
 fn gate_refuses_by_name() {
-    use shared::estimate::Refusal;
+    use trinocular_core::estimate::Refusal;
     let mut twin = twin();
     wait(&mut twin, 500);
     let now = twin.now();

@@ -1,11 +1,11 @@
 //! Motors are switched on and off by command, and never while the stage moves.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use shared::frame::message::{Command, Denial, Mounting};
-use shared::safety::{Inputs, State, Trust};
-use shared::time::Instant;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Denial, Mounting};
+use trinocular_core::safety::{Inputs, State, Trust};
+use trinocular_core::time::Instant;
 
 const OFF: Command = Command::Motors { on: false };
 const ON: Command = Command::Motors { on: true };

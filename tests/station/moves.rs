@@ -1,11 +1,11 @@
 //! Only the commanded axes move, in the commanded direction, within the window and the travel.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use shared::frame::message::{Command, Denial, Mounting, Side};
-use shared::safety::{Inputs, State, Trust};
-use shared::time::Instant;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Denial, Mounting, Side};
+use trinocular_core::safety::{Inputs, State, Trust};
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::{HomeSwitch, Stage};
 
 fn jog(mm: [f64; 3]) -> Command {

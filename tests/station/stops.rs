@@ -1,17 +1,17 @@
 //! A stop cancels everything before it, and every command is answered.
 
 use super::{denial, frame, setpoint, status, twin, wait};
-use shared::frame::encode::encode;
-use shared::frame::message::{
-    Command, Denial, LastRun, Mounting, Outcome, Packet, Report, ResetCause,
-};
-use shared::frame::receive::Receiver;
-use shared::machine::{Board, Machine, Output};
-use shared::safety::State;
-use shared::steps::WordRate;
-use shared::time::Instant;
 use trinocular_client::stage::{configuration, default_stage};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{
+    Command, Denial, LastRun, Mounting, Outcome, Packet, Report, ResetCause,
+};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Board, Machine, Output};
+use trinocular_core::safety::State;
+use trinocular_core::steps::WordRate;
+use trinocular_core::time::Instant;
 
 fn jog(mm: i32) -> Command {
     Command::Jog {
@@ -166,7 +166,10 @@ fn only_pings_are_a_heartbeat() {
             wait(&mut twin, 50);
         }
         let status = status(&mut twin);
-        assert_eq!(status.fault, Some(shared::safety::Fault::Heartbeat));
+        assert_eq!(
+            status.fault,
+            Some(trinocular_core::safety::Fault::Heartbeat)
+        );
         assert!(twin.position_mm()[0] < 25.0, "{:?}", twin.position_mm());
     }
 }

@@ -4,7 +4,7 @@
 pub use super::plain_f405::{DRIVERS, STEP_PORT, assign};
 use super::{Gate, Line};
 use embassy_stm32::pac;
-use shared::steps::PortMap;
+use trinocular_core::steps::PortMap;
 
 /// Name of the board in hello.
 pub const NAME: &str = "feather-f405";

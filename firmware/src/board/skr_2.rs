@@ -13,7 +13,7 @@ use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::usart::{BufferedUart, Config, ConfigError};
 use embassy_stm32::{Peripherals, pac};
-use shared::steps::PortMap;
+use trinocular_core::steps::PortMap;
 
 /// Name of the board in hello.
 pub const NAME: &str = "skr-2";

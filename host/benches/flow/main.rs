@@ -1,7 +1,7 @@
 //! Speed and accuracy of the flow beside those of optical-flow-lk, imageproc and OpenCV, on images
 //! whose true flow is known.
 //!
-//! `cargo bench -p host [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has
+//! `cargo bench -p trinocular [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has
 //! `cv2`. All programs take turns, round by round, so that other load of the machine
 //! affects all of them alike. Compare the least times.
 

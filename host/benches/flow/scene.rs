@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 use trinocular_rig::random::Random;
 use trinocular_vision::images::{FrameSet, Image};
 

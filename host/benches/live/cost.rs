@@ -1,12 +1,12 @@
 //! Processor time of hub, encoder and server at 60 updates a second.
 
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
 use trinocular_live::hub::Estimate;
 use trinocular_live::{Hub, Server, Setup, Turn};
 use trinocular_vision::flow::{Flow, FlowSettings};

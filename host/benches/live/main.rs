@@ -1,6 +1,6 @@
 //! Cost of the live page, and the time from its STOP to the last step edge.
 //!
-//! `cargo bench -p host --bench live` prints the tables of `host/benches/live/README.md`. Linux
+//! `cargo bench -p trinocular --bench live` prints the tables of `host/benches/live/README.md`. Linux
 //! only: the processor time of the threads comes from `/proc`.
 
 mod cost;

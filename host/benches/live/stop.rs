@@ -1,19 +1,19 @@
 //! Time from STOP on the page to the last edge at the step pins, while the loop is busy.
 
-use host::servo::path::TargetPath;
-use host::servo::simulated_bench::SimulatedBench;
-use host::servo::station_link::StationPlace;
-use host::servo::workbench::Workbench;
-use host::servo::world::SimulatedWorld;
 use serde_json::{Value, json};
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use trinocular::servo::path::TargetPath;
+use trinocular::servo::simulated_bench::SimulatedBench;
+use trinocular::servo::station_link::StationPlace;
+use trinocular::servo::workbench::Workbench;
+use trinocular::servo::world::SimulatedWorld;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::TwinOnPort;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
 use trinocular_live::access::Access;
 use trinocular_live::{Hub, Server, Setup};
 use trinocular_vision::images::{SceneSettings, Texture};

@@ -1,13 +1,13 @@
 //! Cost of a recording: 60 frame sets of 3 x 320 x 240 px per second in real time, with and without
 //! one.
 //!
-//! `cargo bench -p host --bench recording -- SECONDS` prints the table of `benches/RECORDING.md`.
+//! `cargo bench -p trinocular --bench recording -- SECONDS` prints the table of `benches/RECORDING.md`.
 
-use host::servo::recording::measurement;
-use host::servo::visual_servo::VisualServo;
-use shared::rig::Rig;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
+use trinocular::servo::recording::measurement;
+use trinocular::servo::visual_servo::VisualServo;
+use trinocular_core::rig::Rig;
 use trinocular_recording::message::Measurement;
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings};

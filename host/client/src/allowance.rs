@@ -4,8 +4,8 @@
 //! motion up when it takes longer than its profile can take, or when its position no longer
 //! changes.
 
-use shared::frame::message::Status;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::Status;
 use trinocular_rig::rig_file::Stage;
 
 /// Longest motion of a stage whose rig file the host does not have.

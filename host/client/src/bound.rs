@@ -1,7 +1,7 @@
 //! A refused configuration in the terms of the rig file: its field, and the value allowed there.
 
-use shared::frame::message::{ConfigField, Denial, Setting};
-use shared::motion::Bound;
+use trinocular_core::frame::message::{ConfigField, Denial, Setting};
+use trinocular_core::motion::Bound;
 
 /// A field of a rig file's `[stage]`, or an option of the command line, and its allowed values.
 #[derive(Clone, Debug, PartialEq, Eq)]

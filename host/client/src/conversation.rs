@@ -4,10 +4,12 @@
 use super::clock::Clock;
 use super::motion::Motion;
 use super::plausible::{self, Implausible, Known};
-use shared::frame::encode::{Bytes, encode};
-use shared::frame::message::{Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status};
-use shared::frame::receive::{Receiver, Rejects};
 use std::collections::VecDeque;
+use trinocular_core::frame::encode::{Bytes, encode};
+use trinocular_core::frame::message::{
+    Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status,
+};
+use trinocular_core::frame::receive::{Receiver, Rejects};
 use trinocular_rig::printable::is_printable;
 
 /// Number of answers kept until the caller takes them.
@@ -37,9 +39,9 @@ impl Numbering {
 /// A conversation with one station.
 ///
 /// ```
-/// use shared::frame::encode::encode;
-/// use shared::frame::message::{Command, Denial, Outcome, Report};
 /// use trinocular_client::conversation::Client;
+/// use trinocular_core::frame::encode::encode;
+/// use trinocular_core::frame::message::{Command, Denial, Outcome, Report};
 ///
 /// let mut client = Client::default();
 /// let (sequence, bytes) = client.packet(Command::Zero);
@@ -257,7 +259,7 @@ mod tests {
     use super::*;
     use crate::stage::default_stage;
     use crate::twin::Twin;
-    use shared::frame::message::Mounting;
+    use trinocular_core::frame::message::Mounting;
 
     fn feed(client: &mut Client, report: Report) {
         client.feed(0, &encode(&report).expect("it fits"));

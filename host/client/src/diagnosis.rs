@@ -1,9 +1,9 @@
 //! Meaning of the station's states, faults and denials for the operator: one table, which
 //! `trinocular diagnose` prints and every message quotes.
 
-use shared::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
-use shared::safety::{Fault, State, Trust};
-use shared::track::pursuit::Sight;
+use trinocular_core::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
+use trinocular_core::safety::{Fault, State, Trust};
+use trinocular_core::track::pursuit::Sight;
 
 /// Row of the table of states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -192,8 +192,8 @@ pub fn table() -> String {
 /// Returns cause and action of a fault in one sentence.
 ///
 /// ```
-/// use shared::safety::Fault;
 /// use trinocular_client::diagnosis::{explain, fault};
+/// use trinocular_core::safety::Fault;
 ///
 /// assert_eq!(fault(Fault::Heartbeat).position, "good");
 /// assert!(explain(Fault::Heartbeat).contains(fault(Fault::Heartbeat).action));
@@ -335,8 +335,8 @@ pub fn places(last: &LastRun) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::frame::SCHEMA;
-    use shared::frame::message::PLACES;
+    use trinocular_core::frame::SCHEMA;
+    use trinocular_core::frame::message::PLACES;
 
     /// Names of states, faults and sights are those of the protocol.
     #[test]

@@ -26,9 +26,9 @@ pub mod stage;
 pub mod tape;
 pub mod twin;
 
-use shared::frame::message::{Denial, Mismatch, ResetCause};
-use shared::frame::receive::Rejects;
-use shared::safety::Fault;
+use trinocular_core::frame::message::{Denial, Mismatch, ResetCause};
+use trinocular_core::frame::receive::Rejects;
+use trinocular_core::safety::Fault;
 
 /// Errors between host and station.
 #[derive(Debug, thiserror::Error)]

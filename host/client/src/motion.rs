@@ -6,7 +6,7 @@
 //! answered; until then it goes on. After the answer to a stop the stage is on its ramp
 //! ([`Motion::is_on_its_ramp`]) until a status says that it stands.
 
-use shared::frame::message::{Command, Status};
+use trinocular_core::frame::message::{Command, Status};
 
 /// Number of stops whose answers are recognised: more than are sent before the patience ends.
 const STOPS: usize = 256;

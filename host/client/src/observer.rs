@@ -1,8 +1,8 @@
 //! Observers of a station: recorders and whatever else must see every byte on the line.
 
-use shared::safety::Inputs;
-use shared::steps::Segment;
-use shared::time::Instant;
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::Segment;
+use trinocular_core::time::Instant;
 
 /// Observer of one station.
 ///

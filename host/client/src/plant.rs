@@ -5,7 +5,7 @@
 //! Every time is counted in words, so edges always lie on word borders. The shortest times are kept
 //! for comparison with a driver's data sheet.
 
-use shared::steps::{AXES, DriverTiming, PortMap, Requirement, WordRate};
+use trinocular_core::steps::{AXES, DriverTiming, PortMap, Requirement, WordRate};
 
 /// Shortest times on any axis, in words; `None` until the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,8 +54,8 @@ struct Driver {
 /// Counts the steps in a stream of port words and watches their timing.
 ///
 /// ```
-/// use shared::steps::PortMap;
 /// use trinocular_client::plant::Plant;
+/// use trinocular_core::steps::PortMap;
 ///
 /// let map = PortMap { step: [0, 1, 2], dir: [3, 4, 5], invert: [false; 3] };
 /// let mut plant = Plant::new(map, [80.0; 3]);

@@ -18,9 +18,9 @@
 //!
 //! All values of the remaining fields are possible.
 
-use shared::frame::message::{Hello, Report, Status};
-use shared::time::Instant;
 use std::ops::RangeInclusive;
+use trinocular_core::frame::message::{Hello, Report, Status};
+use trinocular_core::time::Instant;
 
 /// Longest uptime of a station, µs: 1,000 days.
 const LONGEST_UPTIME_US: u64 = 1_000 * 24 * 3_600 * 1_000_000;

@@ -30,11 +30,11 @@ use super::owner::Purpose;
 use super::stage::configuration;
 use line::Line;
 use sender::Sender;
-use shared::frame::message::{Command, Config, Denial, Hello, LastRun, Mounting, Status};
-use shared::safety::Fault;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::{Command, Config, Denial, Hello, LastRun, Mounting, Status};
+use trinocular_core::safety::Fault;
 use trinocular_rig::interruption;
 use trinocular_rig::rig_file::Stage;
 
@@ -97,10 +97,10 @@ impl std::ops::Deref for ClientRef<'_> {
 /// the heartbeat and closes the line.
 ///
 /// ```no_run
-/// use shared::frame::message::{Command, Mounting};
 /// use trinocular_client::ports::{AUTO, resolve};
 /// use trinocular_client::serial::Serial;
 /// use trinocular_client::stage::default_stage;
+/// use trinocular_core::frame::message::{Command, Mounting};
 ///
 /// let port = resolve(AUTO)?;
 /// // Configures the station, zeroes its position and keeps the heartbeat.

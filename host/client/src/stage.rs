@@ -1,11 +1,13 @@
 //! Conversion of a stage in physical units to the station's configuration.
 
 use super::StationError;
-use shared::estimate::Gate;
-use shared::frame::message::{Command, Config, HomeSwitch, MATRIX_BITS, Mounting, StageConfig};
-use shared::motion::AxisConfig;
-use shared::steps::DriverTiming;
-use shared::track::pursuit::Settings;
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::message::{
+    Command, Config, HomeSwitch, MATRIX_BITS, Mounting, StageConfig,
+};
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::steps::DriverTiming;
+use trinocular_core::track::pursuit::Settings;
 use trinocular_rig::rig_file::{Care, Driver, Stage};
 
 /// Default heartbeat timeout, ms: longest silence of the host while the stage moves.
@@ -31,8 +33,8 @@ pub fn default_stage() -> Stage {
 /// Returns the command to go to a position, mm from zero.
 ///
 /// ```
-/// use shared::frame::message::Command;
 /// use trinocular_client::stage::setpoint;
+/// use trinocular_core::frame::message::Command;
 ///
 /// let position_um = [1_500, 0, -20];
 /// assert_eq!(setpoint([1.5, 0.0, -0.02]), Command::Setpoint { position_um });
@@ -50,8 +52,8 @@ pub fn setpoint(position_mm: [f64; 3]) -> Command {
 ///
 /// # Example
 /// ```
-/// use shared::frame::message::Mounting;
 /// use trinocular_client::stage::{configuration, default_stage};
+/// use trinocular_core::frame::message::Mounting;
 ///
 /// let mut stage = default_stage();
 /// let config = configuration(&stage, Mounting::OnStage)?;
@@ -104,11 +106,9 @@ pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, Statio
     let mut matrix = [[0; 3]; 3];
     for (row, values) in stage.matrix.iter().enumerate() {
         for (column, value) in values.iter().enumerate() {
-            matrix[row][column] =
-                shared::fixed::quantise(*value, MATRIX_BITS as i32).ok_or_else(|| {
-                    StationError::Stage {
-                        field: format!("matrix[{row}][{column}]"),
-                    }
+            matrix[row][column] = trinocular_core::fixed::quantise(*value, MATRIX_BITS as i32)
+                .ok_or_else(|| StationError::Stage {
+                    field: format!("matrix[{row}][{column}]"),
                 })?;
         }
     }

@@ -1,11 +1,11 @@
 //! Recording of a station's inputs and outputs from its first instant, complete enough to replay
 //! and compare the run elsewhere.
 
-use shared::frame::encode::Bytes;
-use shared::replay::{Entry, Record, Trace, Writer};
-use shared::safety::Inputs;
-use shared::steps::{PortMap, Segment};
-use shared::time::Instant;
+use trinocular_core::frame::encode::Bytes;
+use trinocular_core::replay::{Entry, Record, Trace, Writer};
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::{PortMap, Segment};
+use trinocular_core::time::Instant;
 
 /// Log of a station's inputs, and records of its outputs.
 #[derive(Clone, Debug)]
@@ -45,7 +45,7 @@ impl Tape {
         self.records.push(Record::Digest(at, digest));
     }
 
-    /// Returns the log so far in the format of [`shared::replay::Log`], with time passing
+    /// Returns the log so far in the format of [`trinocular_core::replay::Log`], with time passing
     /// up to `end`.
     pub fn log(&self, end: Instant) -> Vec<u8> {
         let mut log = self.log.clone();

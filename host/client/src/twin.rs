@@ -21,15 +21,15 @@ use super::observer::StationObserver;
 use super::stage::configuration;
 use super::tape::Tape;
 use crate::plant::Plant;
-use shared::frame::encode::Bytes;
-use shared::frame::message::{Command, Denial, LastRun, Mounting, ResetCause, Status};
-use shared::machine::Board;
-use shared::replay::{EmulatedStation, Event};
-use shared::safety::Inputs;
-use shared::steps::{PortMap, WordRate};
-use shared::time::Instant;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use trinocular_core::frame::encode::Bytes;
+use trinocular_core::frame::message::{Command, Denial, LastRun, Mounting, ResetCause, Status};
+use trinocular_core::machine::Board;
+use trinocular_core::replay::{EmulatedStation, Event};
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::{PortMap, WordRate};
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// STEP and DIR pins of the twin's port.
@@ -191,10 +191,10 @@ impl Hardware {
 /// A station on virtual time and the host's conversation with it.
 ///
 /// ```
-/// use shared::frame::message::{Command, Mounting};
-/// use shared::safety::State;
 /// use trinocular_client::stage::default_stage;
 /// use trinocular_client::twin::Twin;
+/// use trinocular_core::frame::message::{Command, Mounting};
+/// use trinocular_core::safety::State;
 ///
 /// let mut twin = Twin::start(&default_stage(), "example", Mounting::OnStage)?;
 /// twin.command("jog", Command::Jog { distance_um: [1_500, 0, 0] })?;

@@ -9,7 +9,7 @@ use axum::body::Bytes;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use serde_json::{Value, json};
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{Correspondence, Measurement};
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::matching::Reject;

@@ -1,7 +1,7 @@
 //! Working overlap: the part of each image that all cameras see, at the distance of the target.
 
-use shared::rig::Rig;
-use shared::sums::View;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
 use trinocular_vision::field_of_view::FieldOfView;
 use trinocular_vision::flow::Correspondence;
 

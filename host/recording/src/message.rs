@@ -1,8 +1,8 @@
 //! Messages of a recording, and their CDR encoding.
 
 use crate::cdr::{CdrFault, Reader, Writer};
-use shared::frame::message::Status;
-use shared::rig::Rig;
+use trinocular_core::frame::message::Status;
+use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{self, CameraRefusal};
 use trinocular_vision::images::Image;
 use trinocular_vision::matching::Reject;

@@ -7,8 +7,8 @@
 //! Use it wherever a message or a table quotes foreign text:
 //!
 //! ```
-//! use trinocular_rig::printable::printable;
 //! use std::path::Path;
+//! use trinocular_rig::printable::printable;
 //!
 //! assert_eq!(printable(Path::new("a\nb.png").display()), r"a\nb.png");
 //! assert_eq!(printable("\u{1b}[2J"), r"\u{1b}[2J");

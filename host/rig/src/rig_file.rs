@@ -28,8 +28,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use shared::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotation};
 use toml::de::{DeTable, DeValue};
+use trinocular_core::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotation};
 
 use crate::error::InputError;
 use crate::input::{self, Limit};

@@ -1,6 +1,6 @@
 //! Conditions of the accuracy study as data: scene, disturbance, and required result.
 
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_vision::images::TextureKind;
 
 /// Disturbance between the keyframe and the measured frame set, or during either.

@@ -7,8 +7,8 @@
 //! with hardly any noise.
 
 use super::trial::Posters;
-use shared::estimate::midpoint;
-use shared::rig::Rig;
+use trinocular_core::estimate::midpoint;
+use trinocular_core::rig::Rig;
 use trinocular_rig::random::Random;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::{Exposure, Pose, Scene, SceneError, SceneSettings, TextureKind};

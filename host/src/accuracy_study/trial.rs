@@ -1,8 +1,8 @@
 //! One trial: a keyframe, a motion, and a measurement.
 
 use super::condition::{Change, Condition, Failure};
-use shared::estimate::midpoint;
-use shared::rig::Rig;
+use trinocular_core::estimate::midpoint;
+use trinocular_core::rig::Rig;
 use trinocular_rig::random::Random;
 use trinocular_vision::flow::CameraRefusal;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, Measurement};

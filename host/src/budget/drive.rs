@@ -3,7 +3,7 @@
 //! With the limits `v`, `a`, `j` of an axis, a ramp from full speed takes `(v/2)(v/a + a/j)`. The
 //! worst moment for a stop is the one in which the axis still accelerates at `a` and will be at
 //! full speed once the acceleration has ended: that adds `v a/j - a³/6j²`. The planner's grid adds
-//! `(v + a·1 ms)·1 ms`. These are the terms of the stop bound of [`shared::motion::Planner`] at
+//! `(v + a·1 ms)·1 ms`. These are the terms of the stop bound of [`trinocular_core::motion::Planner`] at
 //! its largest.
 //!
 //! When the host falls silent, the axis goes on for a time `T`: the heartbeat time and the ticks
@@ -14,10 +14,10 @@
 //! acceleration, `v T + v a/j + a³/3j² + (v/2)(v/a + a/j)`.
 
 use serde::Serialize;
-use shared::frame::message::{Config, ConfigField, Mounting};
-use shared::machine::{check, limit_field};
-use shared::motion::{AxisConfig, AxisLimits, ConfigFault, Limits};
-use shared::steps::{DriverTiming, WordRate};
+use trinocular_core::frame::message::{Config, ConfigField, Mounting};
+use trinocular_core::machine::{check, limit_field};
+use trinocular_core::motion::{AxisConfig, AxisLimits, ConfigFault, Limits};
+use trinocular_core::steps::{DriverTiming, WordRate};
 
 use trinocular_client::bound::{Refused, refused};
 use trinocular_client::stage::{HEARTBEAT_MS, configuration, timing};
@@ -214,11 +214,11 @@ fn highest_word_rate(driver: &DriverTiming) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::frame::message::Command;
-    use shared::motion::Planner;
-    use shared::steps::Position;
     use trinocular_client::stage::default_stage;
     use trinocular_client::twin::Twin;
+    use trinocular_core::frame::message::Command;
+    use trinocular_core::motion::Planner;
+    use trinocular_core::steps::Position;
     use trinocular_rig::rig_file::Driver;
 
     fn stages() -> [Stage; 3] {

@@ -10,12 +10,12 @@
 //! the search finds the depth at which the station's own estimators refuse.
 
 use serde::Serialize;
-use shared::estimate::{Gate, closed_form, midpoint};
-use shared::frame::message::MATRIX_BITS;
-use shared::rig::Rig;
-use shared::sums::View as PointView;
-use shared::sums::centred::{CentredSums, FixedCentredSums};
-use shared::sums::pair::{FixedPairSums, PairSums};
+use trinocular_core::estimate::{Gate, closed_form, midpoint};
+use trinocular_core::frame::message::MATRIX_BITS;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View as PointView;
+use trinocular_core::sums::centred::{CentredSums, FixedCentredSums};
+use trinocular_core::sums::pair::{FixedPairSums, PairSums};
 
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::field_of_view::FieldOfView;
@@ -238,7 +238,7 @@ fn moves() -> impl Iterator<Item = [f64; 3]> {
 }
 
 fn views(rig: &Rig, from: [f64; 3], to: [f64; 3]) -> Vec<PointView> {
-    let seen = |camera: &shared::rig::Camera, at: [f64; 3]| {
+    let seen = |camera: &trinocular_core::rig::Camera, at: [f64; 3]| {
         [0, 1].map(|i| (at[i] - camera.offset_mm[i]) / at[2])
     };
     rig.cameras

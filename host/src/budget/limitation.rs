@@ -1,8 +1,8 @@
 //! Limits of a rig, each under the name of the field or number that sets it.
 
 use serde::Serialize;
-use shared::estimate::Gate;
-use shared::frame::message::Side;
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::message::Side;
 
 use super::drive::AXES;
 use super::headroom::RATED_MOVE_MM;

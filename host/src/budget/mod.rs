@@ -89,7 +89,7 @@ pub struct Volume {
 /// All predictions.
 ///
 /// ```
-/// use host::budget::{Settings, Verification};
+/// use trinocular::budget::{Settings, Verification};
 /// use trinocular_rig::rig_file::RigFile;
 ///
 /// let predicted = Verification::of(&RigFile::paper(), Settings::default());

@@ -22,7 +22,7 @@
 //! ([`trinocular_vision::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 use trinocular_vision::field_of_view::{FieldOfView, Rectangle};
 use trinocular_vision::flow::variance_inflation::with_common_error;
@@ -168,9 +168,9 @@ fn covered(length_px: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::paper::validation::bound;
-    use shared::estimate::midpoint;
-    use shared::sums::View as PointView;
-    use shared::sums::centred::CentredSums;
+    use trinocular_core::estimate::midpoint;
+    use trinocular_core::sums::View as PointView;
+    use trinocular_core::sums::centred::CentredSums;
     use trinocular_rig::random::Random;
 
     fn predictor(rig: &Rig, depth_mm: f64, noise_px: f64) -> (Predictor, Rectangle) {
@@ -199,7 +199,7 @@ mod tests {
                 let at = place(&common, depth_mm, &mut random);
                 let now = std::array::from_fn(|i| at[i] + moved[i]);
                 // Half of the flow's variance is in each of its two ends.
-                let mut seen = |camera: &shared::rig::Camera, at: [f64; 3]| {
+                let mut seen = |camera: &trinocular_core::rig::Camera, at: [f64; 3]| {
                     let pixel = camera.project(at);
                     pixel.map(|p| p + noise_px / 2f64.sqrt() * random.gaussian())
                 };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::report::{Cell, Table};
+use trinocular::report::{Cell, Table};
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;

@@ -9,7 +9,7 @@ use crate::commands::failure::Failure;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;

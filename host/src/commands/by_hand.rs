@@ -4,8 +4,6 @@
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
-use shared::frame::message::{Command, Denial, Mounting, Status};
-use shared::safety::{Fault, State};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -15,6 +13,8 @@ use trinocular_client::diagnosis::{self, remedy};
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{HEARTBEAT_MS, configuration};
 use trinocular_client::{StationError, ports};
+use trinocular_core::frame::message::{Command, Denial, Mounting, Status};
+use trinocular_core::safety::{Fault, State};
 use trinocular_rig::error::InputError;
 use trinocular_rig::interruption;
 use trinocular_rig::rig_file::{RigFile, Stage};
@@ -204,7 +204,7 @@ impl Hand {
         let config = configuration(stage, Mounting::OnStage)
             .map_err(|error| InputError::file(path, error.to_string()))?;
         let heartbeat_ms = argument.heartbeat;
-        let config = Command::Config(shared::frame::message::Config {
+        let config = Command::Config(trinocular_core::frame::message::Config {
             heartbeat_ms,
             ..config
         });

@@ -135,6 +135,6 @@ fn real(
 #[cfg(not(all(feature = "camera", target_os = "linux")))]
 fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
     let reason = "this program was built without live cameras: build it on Linux with \
-                  `cargo build --release --features host/camera`";
+                  `cargo build --release --features trinocular/camera`";
     Err(InputError::file(device, reason).into())
 }

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::{Value, json};
-use shared::rig::{Camera, MAX_CAMERAS};
+use trinocular_core::rig::{Camera, MAX_CAMERAS};
 use trinocular_rig::notice;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;

@@ -7,8 +7,8 @@ use super::{json, status};
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::{Value, json};
-use shared::safety::{Fault, State};
 use trinocular_client::diagnosis;
+use trinocular_core::safety::{Fault, State};
 
 /// Explain the station's states and numbered faults; with --port also find the problem of a
 /// station

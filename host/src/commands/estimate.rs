@@ -7,7 +7,7 @@ use super::frames::{RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use shared::estimate::Refusal;
+use trinocular_core::estimate::Refusal;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;

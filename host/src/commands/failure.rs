@@ -13,7 +13,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use host::servo::ServoError;
+use trinocular::servo::ServoError;
 use trinocular_client::StationError;
 use trinocular_live::LiveError;
 use trinocular_rig::error::InputError;
@@ -47,13 +47,13 @@ pub enum Failure {
     Images(String),
     /// An estimator refused its numbers.
     #[error(transparent)]
-    Estimate(#[from] shared::estimate::Refusal),
+    Estimate(#[from] trinocular_core::estimate::Refusal),
     /// A study found claims of the documentation that do not hold.
     #[error("claims that do not hold: {}", .0.join("; "))]
     Claims(Vec<String>),
     /// The report cannot be made or written.
     #[error(transparent)]
-    Report(#[from] host::report::Error),
+    Report(#[from] trinocular::report::Error),
     /// The live page cannot be served.
     #[error(transparent)]
     Page(LiveError),
@@ -207,7 +207,7 @@ impl fmt::Display for StationFailure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::estimate::Refusal;
+    use trinocular_core::estimate::Refusal;
 
     #[test]
     fn chain_is_one_line() {

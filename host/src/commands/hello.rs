@@ -5,10 +5,10 @@ use std::io::Write;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
-use shared::frame::message::{End, Hello, LastRun, Mismatch};
 use std::path::{Path, PathBuf};
 use trinocular_client::serial::Serial;
 use trinocular_client::{StationError, diagnosis, ports, reset_cause};
+use trinocular_core::frame::message::{End, Hello, LastRun, Mismatch};
 
 /// Ask the station on a serial port who it is
 ///

@@ -10,10 +10,10 @@ use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
-use shared::frame::message::{Command, Status};
-use shared::safety::{State, Trust};
 use trinocular_client::allowance::Allowance;
 use trinocular_client::diagnosis;
+use trinocular_core::frame::message::{Command, Status};
+use trinocular_core::safety::{State, Trust};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::Stage;
 

@@ -60,7 +60,7 @@ impl LivePage {
     #[cfg(not(feature = "foxglove"))]
     pub fn stream(&mut self, _: SocketAddr) -> Result<(), Failure> {
         let reason = "this program was built without the Foxglove websocket: build it with \
-                      `cargo build --release --features host/foxglove`";
+                      `cargo build --release --features trinocular/foxglove`";
         Err(Failure::Usage(reason.to_owned()))
     }
 

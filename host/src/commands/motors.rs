@@ -7,8 +7,8 @@ use super::json;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use shared::frame::message::Command;
 use trinocular_client::diagnosis;
+use trinocular_core::frame::message::Command;
 
 /// Switch the motors of the stage on or off
 ///

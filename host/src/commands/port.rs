@@ -2,7 +2,7 @@
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::servo::station_link::StationPlace;
+use trinocular::servo::station_link::StationPlace;
 use trinocular_client::ports;
 use trinocular_client::stage::HEARTBEAT_MS;
 

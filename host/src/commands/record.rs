@@ -2,11 +2,11 @@
 
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use shared::frame::{PROTOCOL, SCHEMA_HASH};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
+use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
 use trinocular_rig::error::InputError;

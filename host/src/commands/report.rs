@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::report::Page;
+use trinocular::report::Page;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 

@@ -7,8 +7,8 @@ use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
-use shared::frame::message::Command;
 use trinocular_client::diagnosis::{self, next_step};
+use trinocular_core::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone
 ///

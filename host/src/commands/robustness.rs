@@ -4,11 +4,11 @@ use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::accuracy_study::condition::{self, Condition};
-use host::accuracy_study::tally::{Tally, failures_of_all};
-use host::accuracy_study::{phase, present, sweep};
 use std::io::Write;
 use std::sync::Mutex;
+use trinocular::accuracy_study::condition::{self, Condition};
+use trinocular::accuracy_study::tally::{Tally, failures_of_all};
+use trinocular::accuracy_study::{phase, present, sweep};
 use trinocular_vision::images::SceneError;
 
 /// Measure rendered posters under bad conditions, and compare errors with the stated sigma

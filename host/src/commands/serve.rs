@@ -9,14 +9,14 @@ use super::scene::SceneOptions;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::servo::path::TargetPath;
-use host::servo::workbench::{Bench, Workbench};
-use shared::frame::message::Mounting;
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use trinocular::servo::path::TargetPath;
+use trinocular::servo::workbench::{Bench, Workbench};
+use trinocular_core::frame::message::Mounting;
 use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
@@ -46,7 +46,7 @@ pub struct Options {
     control: bool,
 
     /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
-    /// program that was built with `--features host/foxglove`
+    /// program that was built with `--features trinocular/foxglove`
     #[arg(
         long,
         value_name = "ADDR:PORT",

@@ -6,11 +6,11 @@ use super::by_hand::{Hand, PortArgument, condition};
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
-use shared::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
-use shared::track::pursuit::Sight;
 use trinocular_client::diagnosis::{self, next_step};
 use trinocular_client::serial::Holder;
 use trinocular_client::{StationError, reset_cause};
+use trinocular_core::frame::message::{Drops, EstimateReport, Hello, LastRun, Status};
+use trinocular_core::track::pursuit::Sight;
 
 /// Show the station's state, fault and position
 ///

@@ -5,8 +5,8 @@ use super::report::ReportOption;
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::paper::tables::{PaperTables, TablesError};
 use std::io::Write;
+use trinocular::paper::tables::{PaperTables, TablesError};
 
 /// Print the paper's Tables 1, 2, 5 and 6, ours beside the printed values
 ///

@@ -14,11 +14,11 @@ use super::record::{Origin, RecordOption, Recording};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use host::servo::path::TargetPath;
-use host::servo::station_link::{StationLink, TWIN_B};
 use std::cell::Cell;
 use std::io::Write;
 use std::path::PathBuf;
+use trinocular::servo::path::TargetPath;
+use trinocular::servo::station_link::{StationLink, TWIN_B};
 use trinocular_client::diagnosis::explain;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
@@ -62,7 +62,7 @@ pub struct Source {
     /// `twin`, those of `trinocular twin --with-target`
     ///
     /// Until Ctrl-C, or for --seconds. Cameras other than `twin` need Linux and a program that was
-    /// built with `--features host/camera`; `twin:LINK` names the link of a twin that has its own.
+    /// built with `--features trinocular/camera`; `twin:LINK` names the link of a twin that has its own.
     /// At the end a line per camera counts its images: used, overtaken, damaged, lost by its driver.
     /// If a camera is unplugged or falls silent, the others carry on, as long as two are left.
     #[arg(

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use crate::commands::failure::Failure;
 use clap::Args;
-use host::budget::limitation::Severity;
-use host::budget::{Settings, Verification, present};
+use trinocular::budget::limitation::Severity;
+use trinocular::budget::{Settings, Verification, present};
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 

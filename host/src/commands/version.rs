@@ -1,6 +1,6 @@
 //! Text of `trinocular --version`.
 
-use shared::frame::{PROTOCOL, SCHEMA_HASH};
+use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
 
 /// Returns the version, the commit that it was built from, the protocol that it speaks, and the
 /// features that it was built with.

@@ -7,7 +7,7 @@ use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
-use shared::frame::message::Command;
+use trinocular_core::frame::message::Command;
 
 /// Make the present position zero on all axes
 ///

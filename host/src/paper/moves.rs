@@ -3,7 +3,7 @@
 
 use crate::servo::ServoError;
 use serde::Serialize;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings};
 use trinocular_vision::images::{Scene, SceneSettings, Texture, TextureKind};
 use trinocular_vision::sums::Sums;

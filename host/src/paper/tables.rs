@@ -8,8 +8,8 @@ use crate::report::{Page, Table};
 use crate::servo::ServoError;
 use crate::servo::station_link::StationPlace;
 use serde_json::{Value, json};
-use shared::estimate::Refusal;
 use trinocular_client::stage::default_stage;
+use trinocular_core::estimate::Refusal;
 use trinocular_vision::images::{SceneSettings, TextureKind};
 use trinocular_vision::sums::Estimator;
 

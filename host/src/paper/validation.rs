@@ -16,11 +16,11 @@ pub mod recovery;
 pub mod scene;
 
 use serde::Serialize;
-use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
-use shared::rig::Rig;
-use shared::sums::View;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
+use trinocular_core::estimate::{Refusal, closed_form, least_squares, midpoint};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
 
 /// Names of the estimators, in the order of every array of three in this module.
 pub const ESTIMATORS: [&str; 3] = ["closed form", "least squares", "midpoint"];

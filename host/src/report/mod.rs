@@ -13,7 +13,7 @@
 //! *Invariant:* nothing here measures or decides; a figure shows exactly the numbers it was given.
 //!
 //! ```
-//! use host::report::{Cell, LinePlot, Page, Style, Table};
+//! use trinocular::report::{Cell, LinePlot, Page, Style, Table};
 //!
 //! let table = Table::new("Two moves", ["move", "error, mm"])
 //!     .row([Cell::text("first"), Cell::number(0.0123, 3)])

@@ -4,10 +4,10 @@ use super::file::{Cameras, Sight};
 use crate::servo::ServoError;
 use crate::servo::recording::{measurement, observers};
 use crate::servo::visual_servo::{Measured, VisualServo};
-use shared::frame::message::Sums as FrameSums;
-use shared::rig::Rig;
-use shared::time::Instant;
 use std::sync::Arc;
+use trinocular_core::frame::message::Sums as FrameSums;
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_recording::message::Measurement;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::random::Random;
@@ -241,7 +241,7 @@ fn capture_seed(seed: u64, number: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::estimate::midpoint;
+    use trinocular_core::estimate::midpoint;
     use trinocular_vision::images::TextureKind;
 
     fn cameras(sight: Sight) -> Cameras {

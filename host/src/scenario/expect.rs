@@ -1,7 +1,7 @@
 //! Expectations of a scenario file; [`judge`](super::judge) compares them with a run.
 
-use shared::safety::{Fault, State};
-use shared::track::pursuit::Sight;
+use trinocular_core::safety::{Fault, State};
+use trinocular_core::track::pursuit::Sight;
 
 /// The `[expect]` section. Figures are those of [`Figures`](super::figures::Figures), over the
 /// scenario's measured time; each is an upper bound.

@@ -4,9 +4,9 @@ use super::expect::Checkpoint;
 use super::figures::{Figures, resolution};
 use super::file::Scenario;
 use super::trace::{SAMPLE_S, Trace};
-use shared::safety::{Fault, State};
-use shared::track::pursuit::Sight;
 use trinocular_client::diagnosis;
+use trinocular_core::safety::{Fault, State};
+use trinocular_core::track::pursuit::Sight;
 
 /// Time without a step after which the stage counts as standing, s: 20 samples.
 const STANDING: f64 = 20.0 * SAMPLE_S;

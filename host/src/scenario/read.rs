@@ -3,12 +3,12 @@
 use super::expect::{Checkpoint, Expect};
 use super::file::{self, Cameras, Event, Happening, Measure, Scenario};
 use super::motion::{Leg, Motion};
-use shared::safety::{Fault, State};
-use shared::track::pursuit::Sight;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 use trinocular_client::diagnosis;
 use trinocular_client::stage::default_stage;
+use trinocular_core::safety::{Fault, State};
+use trinocular_core::track::pursuit::Sight;
 use trinocular_rig::error::InputError;
 use trinocular_rig::input::{self, Limit};
 use trinocular_rig::rig_file::Stage;

@@ -13,14 +13,14 @@ use super::motion::Way;
 use super::trace::{Sample, Trace};
 use crate::servo::ServoError;
 use look::Look;
-use shared::frame::message::{Command, Frame, Mounting, Status};
-use shared::safety::{Fault, State};
-use shared::time::Instant;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use trinocular_client::StationError;
 use trinocular_client::stage::configuration;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::{Command, Frame, Mounting, Status};
+use trinocular_core::safety::{Fault, State};
+use trinocular_core::time::Instant;
 use trinocular_recording::recorder::Tap;
 
 /// Time between two samples, µs.
@@ -126,10 +126,10 @@ struct RunningScenario<'a> {
 ///
 /// # Example
 /// ```
-/// use host::scenario::figures::Figures;
-/// use host::scenario::file::Scenario;
-/// use host::scenario::run::{Options, run};
 /// use std::path::Path;
+/// use trinocular::scenario::figures::Figures;
+/// use trinocular::scenario::file::Scenario;
+/// use trinocular::scenario::run::{Options, run};
 ///
 /// let text = r#"
 /// title = "A line"

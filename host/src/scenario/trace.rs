@@ -1,11 +1,11 @@
 //! Trace of a scenario: true positions at every millisecond, and the station's reports.
 
 use serde::Serialize;
-use shared::frame::message::Denial;
-use shared::safety::{Fault, State};
-use shared::track::pursuit::Sight;
 use std::collections::BTreeMap;
 use std::fmt::Display;
+use trinocular_core::frame::message::Denial;
+use trinocular_core::safety::{Fault, State};
+use trinocular_core::track::pursuit::Sight;
 
 /// Time between two samples, s.
 pub const SAMPLE_S: f64 = 1e-3;

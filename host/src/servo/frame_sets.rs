@@ -5,10 +5,10 @@ use super::observer::ServoObserver;
 use super::station_link::StationLink;
 use super::visual_servo::{ServoStep, VisualServo};
 use super::workbench::{Bench, Shot};
-use shared::frame::message::Command;
-use shared::rig::Rig;
-use shared::time::Instant;
 use trinocular_client::StationError;
+use trinocular_core::frame::message::Command;
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_rig::error::InputError;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -85,11 +85,11 @@ pub struct Followed {
 /// A [`VisualServo`] on frame sets from outside, one after another.
 ///
 /// ```
-/// use host::servo::frame_sets::{CaptureClock, FrameSetServo};
-/// use host::servo::station_link::{StationLink, StationPlace};
-/// use shared::frame::message::Mounting;
-/// use shared::rig::Rig;
+/// use trinocular::servo::frame_sets::{CaptureClock, FrameSetServo};
+/// use trinocular::servo::station_link::{StationLink, StationPlace};
 /// use trinocular_client::stage::default_stage;
+/// use trinocular_core::frame::message::Mounting;
+/// use trinocular_core::rig::Rig;
 /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
 /// use trinocular_vision::sums::Estimator;
 ///

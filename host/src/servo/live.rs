@@ -2,8 +2,8 @@
 
 use super::observer::{ServoEvent, ServoObserver};
 use super::visual_servo::ServoOutcome;
-use shared::frame::message::Denial;
 use std::sync::Arc;
+use trinocular_core::frame::message::Denial;
 use trinocular_live::hub::Estimate;
 use trinocular_live::{Hub, Turn};
 use trinocular_vision::measure::MeasureRefusal;

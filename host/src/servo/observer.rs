@@ -2,8 +2,8 @@
 //! and did, without a part in it.
 
 use super::visual_servo::{Measured, ServoStep};
-use shared::frame::message::Status;
-use shared::time::Instant;
+use trinocular_core::frame::message::Status;
+use trinocular_core::time::Instant;
 use trinocular_vision::images::FrameSet;
 
 /// One event of a running loop.

@@ -7,11 +7,11 @@ use std::str::FromStr;
 /// Motion of the target over time, from zero.
 ///
 /// ```
-/// use host::servo::path::TargetPath;
+/// use trinocular::servo::path::TargetPath;
 ///
 /// let path: TargetPath = "steps".parse()?;
 /// assert_eq!(path.at(2.5), [8.0, 8.0, 2.0]);
-/// # Ok::<(), host::servo::path::UnknownTargetPath>(())
+/// # Ok::<(), trinocular::servo::path::UnknownTargetPath>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TargetPath {

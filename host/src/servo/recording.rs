@@ -2,8 +2,8 @@
 
 use super::observer::{ServoEvent, ServoObserver};
 use super::visual_servo::{Measured, ServoEstimate, ServoOutcome};
-use shared::rig::Rig;
 use std::sync::Arc;
+use trinocular_core::rig::Rig;
 use trinocular_recording::message::{Measurement, Outcome, absent};
 use trinocular_recording::recorder::Tap;
 use trinocular_vision::measure::MeasureRefusal;

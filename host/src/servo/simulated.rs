@@ -5,8 +5,8 @@ use super::ServoError;
 use super::observer::ServoObserver;
 use super::visual_servo::{ServoOutcome, ServoStep, VisualServo};
 use super::world::{Exposure, SimulatedWorld};
-use shared::rig::Rig;
-use shared::time::Instant;
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_vision::sums::Estimator;
 
 /// Rate and latency of the loop.

@@ -5,8 +5,8 @@ use super::path::TargetPath;
 use super::station_link::StationLink;
 use super::workbench::{Bench, Shot};
 use super::world::SimulatedWorld;
-use shared::time::Instant;
 use trinocular_client::stage::setpoint;
+use trinocular_core::time::Instant;
 
 /// Time between two setpoints of the target, µs.
 const SETPOINT_US: u64 = 10_000;

@@ -6,8 +6,6 @@
 //! report names a position, and the images are taken at the instant, in the station's own time, at
 //! which the pins stand there. Positions are neither interpolated nor guessed.
 
-use shared::frame::message::{Command, Config, Denial, EstimateReport, Frame, Mounting, Status};
-use shared::time::Instant;
 use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
@@ -16,6 +14,10 @@ use trinocular_client::serial::Serial;
 use trinocular_client::stage::configuration;
 use trinocular_client::twin::Twin;
 use trinocular_client::{StationError, plausible};
+use trinocular_core::frame::message::{
+    Command, Config, Denial, EstimateReport, Frame, Mounting, Status,
+};
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent

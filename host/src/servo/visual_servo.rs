@@ -3,11 +3,11 @@
 
 use super::observer::{ServoEvent, ServoObserver};
 use super::station_link::{FrameRefusal, StationLink};
-use shared::frame::message::{EstimateReport, Frame, Sums as FrameSums};
-use shared::rig::Rig;
-use shared::safety::Trust;
-use shared::time::Instant;
 use trinocular_client::StationError;
+use trinocular_core::frame::message::{EstimateReport, Frame, Sums as FrameSums};
+use trinocular_core::rig::Rig;
+use trinocular_core::safety::Trust;
+use trinocular_core::time::Instant;
 use trinocular_vision::flow::CameraRefusal;
 use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement};
 use trinocular_vision::images::FrameSet;
@@ -103,10 +103,10 @@ pub struct Measured {
 /// it apart: [`VisualServo::measure`], then [`VisualServo::frame`], which it sends by itself.
 ///
 /// ```
-/// use host::servo::station_link::{StationLink, StationPlace};
-/// use host::servo::visual_servo::VisualServo;
-/// use shared::rig::Rig;
+/// use trinocular::servo::station_link::{StationLink, StationPlace};
+/// use trinocular::servo::visual_servo::VisualServo;
 /// use trinocular_client::stage::default_stage;
+/// use trinocular_core::rig::Rig;
 /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
 /// use trinocular_vision::sums::Estimator;
 ///

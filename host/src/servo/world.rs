@@ -2,13 +2,13 @@
 
 use super::ServoError;
 use super::station_link::{Moment, StationLink, StationPlace};
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
-use shared::time::Instant;
 use std::sync::Arc;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
 

@@ -7,9 +7,9 @@
 //! cargo run -p trinocular-vision --example frame_sets -- RIG.toml FOLDER
 //! ```
 
-use shared::estimate::midpoint;
 use std::error::Error;
 use std::path::{Path, PathBuf};
+use trinocular_core::estimate::midpoint;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};

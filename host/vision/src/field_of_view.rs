@@ -5,7 +5,7 @@
 //! field of view a little. All cameras are parallel, so the common fields of view are intersections
 //! of rectangles with parallel sides.
 
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 
 /// Upright rectangle at one depth, in mm right and down of the rig's origin, or of dimensionless
 /// directions.
@@ -44,7 +44,7 @@ impl Rectangle {
 /// Fields of view of a rig's cameras.
 ///
 /// ```
-/// use shared::rig::Rig;
+/// use trinocular_core::rig::Rig;
 /// use trinocular_vision::field_of_view::FieldOfView;
 ///
 /// let view = FieldOfView::new(&Rig::paper(), 0.0);

@@ -3,8 +3,8 @@
 use crate::flow::{self, Flow, Measurement};
 use crate::images::FrameSet;
 use crate::sums::Sums;
-use shared::estimate;
-use shared::rig::Rig;
+use trinocular_core::estimate;
+use trinocular_core::rig::Rig;
 
 /// Reason why images give no flow sums.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -28,8 +28,8 @@ pub enum MeasureRefusal {
 ///
 /// # Example
 /// ```
-/// use shared::estimate::midpoint;
-/// use shared::rig::Rig;
+/// use trinocular_core::estimate::midpoint;
+/// use trinocular_core::rig::Rig;
 /// use trinocular_vision::flow::{Flow, FlowSettings};
 /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
 /// use trinocular_vision::measure::measure;

@@ -1,11 +1,11 @@
 //! Flow sums of correspondences.
 
 use crate::flow::{Correspondence, Measurement};
-use shared::estimate::{Refusal, closed_form, least_squares, midpoint};
-use shared::frame::message::Sums as FrameSums;
-use shared::rig::Rig;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
+use trinocular_core::estimate::{Refusal, closed_form, least_squares, midpoint};
+use trinocular_core::frame::message::Sums as FrameSums;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
 
 /// Estimator of the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum Estimator {
 /// Both kinds of flow sums over the same points.
 ///
 /// ```
-/// use shared::rig::Rig;
+/// use trinocular_core::rig::Rig;
 /// use trinocular_vision::flow::Correspondence;
 /// use trinocular_vision::sums::Sums;
 ///
@@ -33,7 +33,7 @@ pub enum Estimator {
 /// let estimates = Sums::new(&rig, &seen)?.estimates();
 /// assert!((estimates.midpoint?.displacement_mm[0] - 1.0).abs() < 1e-9);
 /// assert!((estimates.closed_form?[0] - 1.0).abs() < 1e-9);
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Sums {

@@ -33,8 +33,8 @@ const MIN_FIXED_Q: i64 = 1 << 44;
 ///
 /// # Example
 /// ```
-/// use shared::estimate::closed_form;
-/// use shared::{rig::Rig, sums::{View, pair::PairSums}};
+/// use trinocular_core::estimate::closed_form;
+/// use trinocular_core::{rig::Rig, sums::{View, pair::PairSums}};
 ///
 /// let rig = Rig::paper();
 /// let mut sums = PairSums::new(&rig)?;
@@ -48,7 +48,7 @@ const MIN_FIXED_Q: i64 = 1 << 44;
 /// }
 /// let [x, y, z] = closed_form::solve(&sums)?;
 /// assert!((x - 1.0).abs() < 1e-9 && (y + 2.0).abs() < 1e-9 && z.abs() < 1e-9);
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     if sums.points == 0 {

@@ -24,18 +24,18 @@ use nalgebra::{Matrix3, Matrix4x3, Vector4};
 ///
 /// # Example
 /// ```
-/// use shared::estimate::{closed_form, least_squares};
-/// use shared::sums::pair::PairSums;
+/// use trinocular_core::estimate::{closed_form, least_squares};
+/// use trinocular_core::sums::pair::PairSums;
 ///
 /// // The sums of one point on the axis at 900 mm, cameras at ±60 mm, displaced by (9, 0, 0) mm.
-/// let mut sums = PairSums::new(&shared::rig::Rig::paper())?;
+/// let mut sums = PairSums::new(&trinocular_core::rig::Rig::paper())?;
 /// (sums.points, sums.a1, sums.b1) = (1, 60.0 / 900.0, 60.0 / 900.0);
 /// (sums.a2, sums.b2) = (-0.5 * sums.a1.powi(2), 0.5 * sums.b1.powi(2));
 /// (sums.d1, sums.d3) = (60.0 * 0.01, 60.0 * 0.01);
 /// let [x, y, z] = least_squares::solve(&sums)?;
 /// assert!((x - 9.0).abs() < 1e-6 && y.abs() < 1e-6 && z.abs() < 1e-4);
 /// assert!((closed_form::solve(&sums)?[0] - x).abs() < 1e-6);
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 pub fn solve(sums: &PairSums) -> Result<[f64; 3], Refusal> {
     if sums.points == 0 {

@@ -57,8 +57,8 @@ impl Estimate {
 ///
 /// # Example
 /// ```
-/// use shared::estimate::midpoint;
-/// use shared::{rig::Rig, sums::centred::CentredSums};
+/// use trinocular_core::estimate::midpoint;
+/// use trinocular_core::{rig::Rig, sums::centred::CentredSums};
 ///
 /// // Sums as accumulated from two points 0.1 left and right of the axis, seen by two cameras
 /// // without noise: displaced by 3 mm to the right and 10 mm towards the cameras.
@@ -71,7 +71,7 @@ impl Estimate {
 /// let estimate = midpoint::solve(&sums)?;
 /// assert_eq!(estimate.displacement_mm, [3.0, 0.0, -10.0]);
 /// assert!(estimate.sigma_mm().iter().all(|sigma| *sigma < 1e-6));
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 pub fn solve(sums: &CentredSums) -> Result<Estimate, Refusal> {
     let freedom = sums.freedom();

@@ -40,7 +40,7 @@ impl core::error::Error for Refusal {}
 /// configuration.
 ///
 /// ```
-/// use shared::estimate::{Gate, Refusal};
+/// use trinocular_core::estimate::{Gate, Refusal};
 ///
 /// let gate = Gate::DEFAULT;
 /// assert_eq!(gate.points(7), Err(Refusal::TooFewPoints));

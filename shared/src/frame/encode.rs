@@ -15,14 +15,14 @@ pub type Bytes = heapless::Vec<u8, MAX_PACKET>;
 ///
 /// # Example
 /// ```
-/// use shared::frame::encode::encode;
-/// use shared::frame::message::{Command, Packet};
+/// use trinocular_core::frame::encode::encode;
+/// use trinocular_core::frame::message::{Command, Packet};
 ///
 /// let packet = Packet { sequence: 7, command: Command::Hello };
 /// let bytes = encode(&packet)?;
 /// assert_eq!((bytes.first(), bytes.last()), (Some(&0), Some(&0)));
 /// assert!(!bytes[1..bytes.len() - 1].contains(&0));
-/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// # Ok::<(), trinocular_core::frame::encode::TooLong>(())
 /// ```
 pub fn encode<T: Serialize>(message: &T) -> Result<Bytes, TooLong> {
     let mut bytes = Bytes::new();

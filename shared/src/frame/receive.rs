@@ -61,9 +61,9 @@ impl Rejects {
 /// the receiver skips the rest of the packet.
 ///
 /// ```
-/// use shared::frame::encode::encode;
-/// use shared::frame::message::{Command, Packet};
-/// use shared::frame::receive::{Receiver, Reject};
+/// use trinocular_core::frame::encode::encode;
+/// use trinocular_core::frame::message::{Command, Packet};
+/// use trinocular_core::frame::receive::{Receiver, Reject};
 ///
 /// let packet = Packet { sequence: 7, command: Command::Ping { host_us: 1_000 } };
 /// let mut bytes = encode(&packet)?;
@@ -76,7 +76,7 @@ impl Rejects {
 /// bytes[2] ^= 1;
 /// let damaged = receiver.next(&mut &bytes[..]);
 /// assert_eq!(damaged, Some(Err(Reject::Checksum)));
-/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// # Ok::<(), trinocular_core::frame::encode::TooLong>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Receiver<T> {

@@ -6,10 +6,10 @@ use crate::steps::WordRate;
 /// Properties of the board, as its shell states them.
 ///
 /// ```
-/// use shared::frame::message::{LastRun, ResetCause};
-/// use shared::machine::{Board, Machine, Output};
-/// use shared::safety::State;
-/// use shared::{steps::WordRate, time::Instant};
+/// use trinocular_core::frame::message::{LastRun, ResetCause};
+/// use trinocular_core::machine::{Board, Machine, Output};
+/// use trinocular_core::safety::State;
+/// use trinocular_core::{steps::WordRate, time::Instant};
 ///
 /// let mut machine = Machine::new(Board {
 ///     name: "example",

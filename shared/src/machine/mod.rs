@@ -89,11 +89,11 @@ struct LatchedInputs {
 /// [`Machine::poll`].
 ///
 /// ```
-/// use shared::frame::encode::encode;
-/// use shared::frame::message::{Command, LastRun, Packet, Report, ResetCause};
-/// use shared::frame::receive::Receiver;
-/// use shared::machine::{Board, Machine, Output};
-/// use shared::{steps::WordRate, time::Instant};
+/// use trinocular_core::frame::encode::encode;
+/// use trinocular_core::frame::message::{Command, LastRun, Packet, Report, ResetCause};
+/// use trinocular_core::frame::receive::Receiver;
+/// use trinocular_core::machine::{Board, Machine, Output};
+/// use trinocular_core::{steps::WordRate, time::Instant};
 ///
 /// let mut machine = Machine::new(Board {
 ///     name: "example",
@@ -113,7 +113,7 @@ struct LatchedInputs {
 ///     _ => None,
 /// });
 /// assert!(matches!(sent, Some(Ok(Report::Hello(hello))) if hello.board == "example"));
-/// # Ok::<(), shared::frame::encode::TooLong>(())
+/// # Ok::<(), trinocular_core::frame::encode::TooLong>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Machine {

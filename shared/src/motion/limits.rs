@@ -265,8 +265,8 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
 /// Limits of all axes, and the word rate that belongs to them.
 ///
 /// ```
-/// use shared::motion::{AxisConfig, Limits};
-/// use shared::steps::WordRate;
+/// use trinocular_core::motion::{AxisConfig, Limits};
+/// use trinocular_core::steps::WordRate;
 ///
 /// let axis = AxisConfig {
 ///     steps_per_m: 80_000,
@@ -281,7 +281,7 @@ fn travel_steps(config: &AxisConfig) -> Result<[i32; 2], LimitFault> {
 ///
 /// let refused = Limits::new(&[AxisConfig { max_speed_um_s: 0, ..axis }; 3], WordRate::MHZ_1);
 /// assert_eq!(refused.unwrap_err().to_string(), "axis 0: max_speed_um_s must be at least 2");
-/// # Ok::<(), shared::motion::ConfigFault>(())
+/// # Ok::<(), trinocular_core::motion::ConfigFault>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {

@@ -39,8 +39,8 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 ///
 /// # Example
 /// ```
-/// use shared::motion::{AxisConfig, Limits, Planner};
-/// use shared::steps::{Position, WordRate};
+/// use trinocular_core::motion::{AxisConfig, Limits, Planner};
+/// use trinocular_core::steps::{Position, WordRate};
 ///
 /// let axis = AxisConfig {
 ///     steps_per_m: 80_000,
@@ -60,7 +60,7 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 /// }
 /// assert_eq!(planner.positions().map(Position::whole_steps), [800, 0, -400]);
 /// assert!((200..260).contains(&ticks)); // d/v + v/a + a/j is 0.22 s
-/// # Ok::<(), shared::motion::ConfigFault>(())
+/// # Ok::<(), trinocular_core::motion::ConfigFault>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Planner {

@@ -23,12 +23,12 @@ pub enum Event {
 /// rate, by the caller's clock.
 ///
 /// ```
-/// use shared::frame::encode::encode;
-/// use shared::frame::message::{Command, LastRun, Packet, Report, ResetCause};
-/// use shared::frame::receive::Receiver;
-/// use shared::machine::Board;
-/// use shared::replay::{Event, Station};
-/// use shared::{steps::{PortMap, WordRate}, time::Instant};
+/// use trinocular_core::frame::encode::encode;
+/// use trinocular_core::frame::message::{Command, LastRun, Packet, Report, ResetCause};
+/// use trinocular_core::frame::receive::Receiver;
+/// use trinocular_core::machine::Board;
+/// use trinocular_core::replay::{Event, Station};
+/// use trinocular_core::{steps::{PortMap, WordRate}, time::Instant};
 ///
 /// let board = Board {
 ///     name: "example",

@@ -165,7 +165,7 @@ impl Axis {
 /// instructions per word at opt-level s, loading the segments included (`tests/qemu/bench`).
 ///
 /// ```
-/// use shared::steps::{AxisMotion, Generator, PortMap, Segment};
+/// use trinocular_core::steps::{AxisMotion, Generator, PortMap, Segment};
 ///
 /// let map = PortMap { step: [0, 1, 2], dir: [3, 4, 5], invert: [false; 3] };
 /// let mut generator = Generator::new(map)?;

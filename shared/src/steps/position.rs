@@ -4,7 +4,7 @@
 /// [`Position::centre`] of its step, half a step from either neighbour.
 ///
 /// ```
-/// use shared::steps::Position;
+/// use trinocular_core::steps::Position;
 ///
 /// let middle = Position::centre(-3);
 /// assert_eq!((middle.whole_steps(), middle.phase()), (-3, 1 << 31));

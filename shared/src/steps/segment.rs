@@ -48,13 +48,13 @@ impl AxisMotion {
 /// that an axis makes at most one step per slot.
 ///
 /// ```
-/// use shared::steps::{AxisMotion, Segment};
+/// use trinocular_core::steps::{AxisMotion, Segment};
 ///
 /// // A quarter of a step per slot on the first axis: 100 slots make 25 steps.
 /// let quarter = AxisMotion { first: 1 << 30, change: 0, backward: false };
 /// let segment = Segment::new(100, [quarter, AxisMotion::REST, AxisMotion::REST])?;
 /// assert_eq!(segment.displacement()[0], 25 << 32);
-/// # Ok::<(), shared::steps::SegmentFault>(())
+/// # Ok::<(), trinocular_core::steps::SegmentFault>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment {

@@ -6,7 +6,7 @@ use core::fmt;
 /// a whole number of slots, from 4 to 2,000.
 ///
 /// ```
-/// use shared::steps::{WordRate, WordRateFault};
+/// use trinocular_core::steps::{WordRate, WordRateFault};
 ///
 /// assert_eq!(WordRate::MHZ_1.slots_per_segment(), 125);
 /// assert_eq!(WordRate::from_hz(100_001), Err(WordRateFault::Uneven { hz: 100_001 }));

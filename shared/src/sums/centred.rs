@@ -144,8 +144,8 @@ impl Geometry {
 /// Centred sums in floating point.
 ///
 /// ```
-/// use shared::estimate::midpoint;
-/// use shared::{rig::Rig, sums::{View, centred::CentredSums}};
+/// use trinocular_core::estimate::midpoint;
+/// use trinocular_core::{rig::Rig, sums::{View, centred::CentredSums}};
 ///
 /// let rig = Rig::paper();
 /// let mut sums = CentredSums::new(&rig)?;
@@ -159,7 +159,7 @@ impl Geometry {
 /// }
 /// let [x, y, z] = midpoint::solve(&sums)?.displacement_mm;
 /// assert!((x - 4.0).abs() < 1e-9 && (y + 2.0).abs() < 1e-9 && (z - 20.0).abs() < 1e-9);
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct CentredSums {

@@ -19,8 +19,8 @@ pub mod pair;
 /// (dimensionless, x right, y down; see [`crate::rig`]).
 ///
 /// ```
-/// use shared::rig::Rig;
-/// use shared::sums::View;
+/// use trinocular_core::rig::Rig;
+/// use trinocular_core::sums::View;
 ///
 /// let camera = &Rig::paper().cameras[1];
 /// let [start_px, end_px] = [[0.0, 0.0, 850.0], [4.0, 0.0, 850.0]].map(|mm| camera.project(mm));

@@ -23,8 +23,8 @@ use serde::{Deserialize, Serialize};
 /// The paper's ten sums in floating point, over `points` points.
 ///
 /// ```
-/// use shared::rig::Rig;
-/// use shared::sums::{View, pair::PairSums};
+/// use trinocular_core::rig::Rig;
+/// use trinocular_core::sums::{View, pair::PairSums};
 ///
 /// let rig = Rig::paper();
 /// let mut sums = PairSums::new(&rig)?;
@@ -37,7 +37,7 @@ use serde::{Deserialize, Serialize};
 /// sums.add([view(0), view(1), view(2)]);
 /// assert_eq!((sums.points, sums.baselines_mm), (1, [70.0, 68.0]));
 /// assert!((sums.a1 - 70.0 / 850.0).abs() < 1e-12);
-/// # Ok::<(), shared::estimate::Refusal>(())
+/// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names are the paper's, defined above

@@ -1,7 +1,7 @@
 //! Orders of tests to the station.
 
-use shared::frame::message::{Command, Config, Mounting};
 use trinocular_client::stage::{configuration, default_stage};
+use trinocular_core::frame::message::{Command, Config, Mounting};
 use trinocular_rig::rig_file::Driver;
 
 /// Returns the default stage with these drivers, the cameras on it.

@@ -8,12 +8,12 @@
 use crate::station::{Sent, Station};
 use crate::time::{Beats, MS, US};
 use crate::wiring::{STEPPER_MASK, STEPPERS};
-use shared::frame::message::{Command, Report};
-use shared::frame::receive::Receiver;
-use shared::machine::{Board, TICK_US};
-use shared::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
-use shared::steps::WordRate;
-use shared::time::Instant;
+use trinocular_core::frame::message::{Command, Report};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Board, TICK_US};
+use trinocular_core::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
+use trinocular_core::steps::WordRate;
+use trinocular_core::time::Instant;
 
 /// Run of the twin.
 #[derive(Debug, Default)]

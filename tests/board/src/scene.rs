@@ -4,9 +4,9 @@
 use crate::station::Station;
 use crate::time::MS;
 use crate::wiring::steps;
-use shared::frame::message::{Command, Frame};
-use shared::rig::Rig;
-use shared::time::Instant;
+use trinocular_core::frame::message::{Command, Frame};
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_rig::random::Random;
 use trinocular_vision::flow::Correspondence;
 use trinocular_vision::sums::{Estimator, Sums};

@@ -5,9 +5,9 @@ use crate::image::Image;
 use crate::order::config;
 use crate::time::{Beats, MS, US};
 use crate::wiring;
-use shared::frame::message::{Command, Denial, Report, Status};
-use shared::frame::receive::Receiver;
 use trinocular_client::conversation::Client;
+use trinocular_core::frame::message::{Command, Denial, Report, Status};
+use trinocular_core::frame::receive::Receiver;
 use trinocular_rig::rig_file::Driver;
 
 /// Period of the host's heartbeat.

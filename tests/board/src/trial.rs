@@ -7,8 +7,8 @@ use crate::order::{config, jog};
 use crate::station::Station;
 use crate::time::{Beats, MS, US};
 use crate::wiring::{self, B, C, Pin};
-use shared::frame::message::{Command, Denial, LastRun, ResetCause, Status};
-use shared::safety::{Fault, State, Trust};
+use trinocular_core::frame::message::{Command, Denial, LastRun, ResetCause, Status};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::rig_file::Driver;
 
 /// Length of the ring of words, µs: nothing older can be played.

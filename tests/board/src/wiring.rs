@@ -1,7 +1,7 @@
 //! Wiring of the Olimex STM32-H405, as firmware/README.md describes it.
 
 use crate::chip::fabric::{Fabric, PinChange};
-use shared::steps::PortMap;
+use trinocular_core::steps::PortMap;
 
 /// Port A.
 pub const A: usize = 0;

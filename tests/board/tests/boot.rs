@@ -2,13 +2,13 @@
 //!
 //! The required register values are derived here from RM0090, not from the firmware's source.
 
-use shared::frame::message::{End, ResetCause};
 use station_board::board::{Board, Make};
 use station_board::chip::rcc::Clocks;
 use station_board::image::Image;
 use station_board::station::Station;
 use station_board::time::MS;
 use station_board::wiring::{self, A, B, C};
+use trinocular_core::frame::message::{End, ResetCause};
 use trinocular_rig::rig_file::Driver;
 
 /// Accesses of the HAL that the manual does not list. Each is harmless; remove the line here

@@ -1,8 +1,6 @@
 //! The host's link code talks to the flashed image over the UART; replies, and edges at the pins,
 //! equal the twin's.
 
-use shared::frame::message::{Command, Denial};
-use shared::safety::State;
 use station_board::board::Make;
 use station_board::image::Image;
 use station_board::order::{config, jog};
@@ -12,6 +10,8 @@ use station_board::station::Station;
 use station_board::time::{Beats, MS, US};
 use station_board::wiring::{STEPPERS, steps};
 use trinocular_client::stage::timing;
+use trinocular_core::frame::message::{Command, Denial};
+use trinocular_core::safety::State;
 use trinocular_rig::rig_file::Driver;
 
 fn greeted(make: Make) -> Station {

@@ -4,8 +4,6 @@
 //! Each test ends with a look-up of its line in FAULTS.md, so that the table holds observations. A
 //! missing line is printed.
 
-use shared::frame::message::{Command, Denial, End, ResetCause};
-use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
 use station_board::fault_table::observed;
 use station_board::image::{FLASH_BASE, Image};
@@ -17,6 +15,8 @@ use station_board::trial::{
     restarted, rises_after, switch,
 };
 use station_board::wiring::{self, C};
+use trinocular_core::frame::message::{Command, Denial, End, ResetCause};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::rig_file::Driver;
 
 #[test]

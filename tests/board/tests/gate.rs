@@ -1,7 +1,5 @@
 //! Second contact of the emergency stop, which gates the step timer in hardware.
 
-use shared::frame::message::{Command, Denial};
-use shared::safety::{Fault, State, Trust};
 use station_board::board::{Board, Make};
 use station_board::fault_table::observed;
 use station_board::image::Image;
@@ -12,6 +10,8 @@ use station_board::trial::{
     configure, drivers_are_on, faulted, last_step, moving, recovers, rises_after, switch,
 };
 use station_board::wiring::{self, C};
+use trinocular_core::frame::message::{Command, Denial};
+use trinocular_core::safety::{Fault, State, Trust};
 
 /// Opens or closes the contact between the pin and the supply.
 fn gate(station: &mut Station, open: bool) {

@@ -3,8 +3,6 @@
 //! Noise is bytes that are no packet: single bytes as from a floating receiver, bursts, zeros,
 //! halves of packets, and packets with a wrong checksum.
 
-use shared::frame::message::Command;
-use shared::safety::State;
 use station_board::board::Make;
 use station_board::image::Image;
 use station_board::order::jog;
@@ -12,6 +10,8 @@ use station_board::reference::agreement;
 use station_board::station::{Link, Station};
 use station_board::time::{Beats, MS};
 use station_board::wiring::steps;
+use trinocular_core::frame::message::Command;
+use trinocular_core::safety::State;
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::Driver;
 

@@ -4,7 +4,6 @@
 //! REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load
 //! ```
 
-use shared::frame::message::Command;
 use station_board::board::Make;
 use station_board::image::Image;
 use station_board::order::jog;
@@ -14,6 +13,7 @@ use station_board::station::Station;
 use station_board::time::{MS, US};
 use std::fmt::Write as _;
 use std::path::Path;
+use trinocular_core::frame::message::Command;
 use trinocular_rig::rig_file::Driver;
 
 /// Largest share of time that the processor may be busy while following 200 frames per second with

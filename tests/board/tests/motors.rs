@@ -1,7 +1,5 @@
 //! Motors off and on, and the status LED.
 
-use shared::frame::message::{Command, StageConfig};
-use shared::safety::{State, Trust};
 use station_board::board::Make;
 use station_board::image::Image;
 use station_board::order::{config, jog};
@@ -10,6 +8,8 @@ use station_board::station::Station;
 use station_board::time::{Beats, MS};
 use station_board::trial::{drivers_are_on, switch};
 use station_board::wiring::{self, C};
+use trinocular_core::frame::message::{Command, StageConfig};
+use trinocular_core::safety::{State, Trust};
 use trinocular_rig::rig_file::Driver;
 
 fn configured(motors_off_after_s: u16) -> Station {

@@ -1,7 +1,5 @@
 //! Dips of the supply, and the report of the next start.
 
-use shared::frame::message::{End, ResetCause};
-use shared::safety::{Fault, State};
 use station_board::board::{Board, Make};
 use station_board::fault_table::observed;
 use station_board::image::Image;
@@ -9,6 +7,8 @@ use station_board::station::Station;
 use station_board::time::{MS, US};
 use station_board::trial::{drivers_are_on, last_step, moving, restarted, rises_after};
 use station_board::wiring;
+use trinocular_core::frame::message::{End, ResetCause};
+use trinocular_core::safety::{Fault, State};
 
 #[test]
 fn dip_ends_pulses_as_brown_out() {

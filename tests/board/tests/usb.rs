@@ -1,7 +1,5 @@
 //! USB: the flashed image as a CDC-ACM device, from the plug to the last step.
 
-use shared::frame::message::Command;
-use shared::safety::{Fault, State, Trust};
 use station_board::board::Make;
 use station_board::fault_table::observed;
 use station_board::image::Image;
@@ -11,6 +9,8 @@ use station_board::scene;
 use station_board::station::{Link, Station};
 use station_board::time::MS;
 use station_board::wiring::steps;
+use trinocular_core::frame::message::Command;
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::rig_file::Driver;
 
 fn plugged() -> Station {

@@ -1,7 +1,5 @@
 //! The watchdog checks every task: when one is dead, the chip restarts.
 
-use shared::frame::message::ResetCause;
-use shared::safety::{Fault, Trust};
 use station_board::board::Make;
 use station_board::fault_table::observed;
 use station_board::image::Image;
@@ -9,6 +7,8 @@ use station_board::station::Station;
 use station_board::time::MS;
 use station_board::trial::{faulted, last_step, moving, restarted, switch};
 use station_board::wiring;
+use trinocular_core::frame::message::ResetCause;
+use trinocular_core::safety::{Fault, Trust};
 
 /// Kills a task, by part of the name of its memory and its number there, in the middle of a move:
 /// it is never polled again.
@@ -112,5 +112,5 @@ fn task_without_a_slot_panics() {
     station.run(20 * MS);
     station.greet();
     let last_run = *station.client.last_run().expect("last run");
-    assert_eq!(last_run.end, shared::frame::message::End::Panic);
+    assert_eq!(last_run.end, trinocular_core::frame::message::End::Panic);
 }

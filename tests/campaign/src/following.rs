@@ -9,12 +9,12 @@ use crate::random::Random;
 use crate::scene::{Cameras, Mm, Plant, Sickness, Target, each};
 use crate::shell::{Deed, Shell};
 use crate::stages;
-use shared::frame::message::{Command, Config, Frame, Report, Status};
-use shared::safety::State;
-use shared::steps::WordRate;
-use shared::time::Instant;
 use std::collections::VecDeque;
 use std::io::Write as _;
+use trinocular_core::frame::message::{Command, Config, Frame, Report, Status};
+use trinocular_core::safety::State;
+use trinocular_core::steps::WordRate;
+use trinocular_core::time::Instant;
 
 /// Limit of motion that the cameras do not see, mm: the host's default.
 const UNSEEN_MM: f64 = 10.0;

@@ -1,10 +1,10 @@
 //! Flow frames: valid ones, and some that no camera sends.
 
 use crate::random::Random;
-use shared::frame::message::{Frame, Sums};
-use shared::sums::centred::FixedCentredSums;
-use shared::sums::pair::FixedPairSums;
-use shared::time::Instant;
+use trinocular_core::frame::message::{Frame, Sums};
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::sums::pair::FixedPairSums;
+use trinocular_core::time::Instant;
 
 /// Returns the flow sums of a target displaced by `mm`, with standard deviations of about
 /// `sigma_mm` in x and y and 5.7 times that in z.

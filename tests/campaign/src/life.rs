@@ -9,8 +9,8 @@ use crate::random::Random;
 use crate::sabotage::Sabotage;
 use crate::shell::{Deed, Shell};
 use crate::stages;
-use shared::frame::message::{Command, Config, Report};
-use shared::safety::{Inputs, State, Trust};
+use trinocular_core::frame::message::{Command, Config, Report};
+use trinocular_core::safety::{Inputs, State, Trust};
 
 /// Interval of the host's pings, µs.
 const PING_US: u64 = 20_000;
@@ -43,7 +43,7 @@ pub struct Life {
     origin_us: u64,
     /// Packets sent before, for repetition.
     last: Vec<u8>,
-    rate: shared::steps::WordRate,
+    rate: trinocular_core::steps::WordRate,
     delay_us: u32,
     /// True after the first hello; before it the station accepts no other command.
     greeted: bool,

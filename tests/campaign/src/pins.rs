@@ -1,6 +1,6 @@
 //! Reads port words as a logic analyser does: levels, edges, pulse widths.
 
-use shared::steps::{DriverTiming, PortMap};
+use trinocular_core::steps::{DriverTiming, PortMap};
 
 /// Wiring of the six signals in every life.
 pub const WIRING: PortMap = PortMap {

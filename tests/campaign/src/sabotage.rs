@@ -4,8 +4,8 @@
 //! This module changes the judge's input as such a station would.
 
 use crate::pins::WIRING;
-use shared::frame::message::{Denial, Outcome, Report};
-use shared::safety::Trust;
+use trinocular_core::frame::message::{Denial, Outcome, Report};
+use trinocular_core::safety::Trust;
 
 /// Kind of sabotage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,14 +1,14 @@
 //! A shell around the station: clock, link, switches and step engine.
 
 use crate::pins::WIRING;
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, LastRun, Packet, Report, ResetCause};
-use shared::frame::receive::Receiver;
-use shared::machine::{Board, Machine, Output};
-use shared::safety::Inputs;
-use shared::steps::{Generator, LoadFault, WordRate};
-use shared::time::Instant;
 use std::collections::VecDeque;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, LastRun, Packet, Report, ResetCause};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Board, Machine, Output};
+use trinocular_core::safety::Inputs;
+use trinocular_core::steps::{Generator, LoadFault, WordRate};
+use trinocular_core::time::Instant;
 
 /// Output of the station.
 pub enum Deed {

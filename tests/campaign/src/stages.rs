@@ -1,11 +1,13 @@
 //! Random configurations, from usual ones to invalid ones.
 
 use crate::random::Random;
-use shared::estimate::Gate;
-use shared::frame::message::{Config, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig};
-use shared::motion::AxisConfig;
-use shared::steps::{DriverTiming, WordRate};
-use shared::track::pursuit::Settings;
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::message::{
+    Config, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig,
+};
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::steps::{DriverTiming, WordRate};
+use trinocular_core::track::pursuit::Settings;
 
 /// The value 1 in the fixed-point format of the matrix.
 pub const ONE: i32 = 1 << MATRIX_BITS;

@@ -2,16 +2,16 @@
 //! hardly ever form behind their checksum.
 
 use arbitrary::Arbitrary;
-use shared::estimate::Gate;
-use shared::frame::message::{
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::message::{
     Command, Config, Frame, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig, Sums,
 };
-use shared::motion::AxisConfig;
-use shared::steps::DriverTiming;
-use shared::sums::centred::FixedCentredSums;
-use shared::sums::pair::FixedPairSums;
-use shared::time::Instant;
-use shared::track::pursuit;
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::steps::DriverTiming;
+use trinocular_core::sums::centred::FixedCentredSums;
+use trinocular_core::sums::pair::FixedPairSums;
+use trinocular_core::time::Instant;
+use trinocular_core::track::pursuit;
 
 /// A [`Command`].
 #[derive(Arbitrary, Clone, Copy, Debug)]

@@ -2,14 +2,16 @@
 
 use crate::command::{Order, Settings};
 use arbitrary::Arbitrary;
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Config, LastRun, Outcome, Packet, Report, ResetCause};
-use shared::frame::receive::Receiver;
-use shared::machine::{Board, SEGMENT_US};
-use shared::replay::{Event as Did, Probe, Station};
-use shared::safety::{Fault, Inputs, State};
-use shared::steps::{PortMap, WordRate};
-use shared::time::Instant;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{
+    Command, Config, LastRun, Outcome, Packet, Report, ResetCause,
+};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Board, SEGMENT_US};
+use trinocular_core::replay::{Event as Did, Probe, Station};
+use trinocular_core::safety::{Fault, Inputs, State};
+use trinocular_core::steps::{PortMap, WordRate};
+use trinocular_core::time::Instant;
 
 /// State of the station at the start.
 #[derive(Arbitrary, Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,10 +5,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shared::rig::Rig;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;
 use std::path::{Path, PathBuf};
+use trinocular_core::rig::Rig;
 use trinocular_vision::calibration::exchange::{CameraFile, Member, assemble, opencv, ros};
 
 fuzz_target!(|input: (bool, Vec<Edit>, Vec<Edit>, Option<[f64; 2]>)| {

@@ -3,11 +3,11 @@
 //! Laws: no panic; an error names the file; a scenario ends within an hour.
 #![no_main]
 
-use host::scenario::file::Scenario;
 use libfuzzer_sys::fuzz_target;
 use station_fuzz::edit::{Edit, edited};
 use station_fuzz::law::check_error;
 use std::path::Path;
+use trinocular::scenario::file::Scenario;
 
 const GOOD: [&str; 4] = [
     include_str!("../../scenarios/switches.toml"),

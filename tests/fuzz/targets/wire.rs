@@ -5,11 +5,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Packet, Report};
-use shared::frame::receive::{Receiver, Reject};
-use shared::time::Instant;
 use station_fuzz::command::Order;
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, Packet, Report};
+use trinocular_core::frame::receive::{Receiver, Reject};
+use trinocular_core::time::Instant;
 
 /// Packet with a change of one of its bytes.
 type Damaged = (Order, u8, u8);

@@ -12,17 +12,17 @@ use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use sample::Host;
 use semihosting::println;
-use shared::estimate::{closed_form, midpoint};
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Packet, Report};
-use shared::frame::receive::Receiver;
-use shared::machine::{Machine, Output, TICK_US};
-use shared::motion::{Limits, Planner};
-use shared::steps::{AxisMotion, Generator, Position, Segment};
-use shared::time::Instant;
-use shared::track::filter::Reach;
-use shared::track::pursuit::{Measurement, Pursuit, Settings};
-use shared::track::watch::{Bounds, Sample, Watch};
+use trinocular_core::estimate::{closed_form, midpoint};
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, Packet, Report};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Machine, Output, TICK_US};
+use trinocular_core::motion::{Limits, Planner};
+use trinocular_core::steps::{AxisMotion, Generator, Position, Segment};
+use trinocular_core::time::Instant;
+use trinocular_core::track::filter::Reach;
+use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
+use trinocular_core::track::watch::{Bounds, Sample, Watch};
 
 /// Number of control ticks over which each kind of tick is measured.
 const TICKS: u64 = 100;

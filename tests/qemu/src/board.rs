@@ -1,8 +1,8 @@
 //! Properties of this board: the twin's figures, so that the same log has the same meaning on both.
 
-use shared::frame::message::{LastRun, ResetCause};
-use shared::machine::Board;
-use shared::steps::{PortMap, WordRate};
+use trinocular_core::frame::message::{LastRun, ResetCause};
+use trinocular_core::machine::Board;
+use trinocular_core::steps::{PortMap, WordRate};
 
 /// STEP and DIR pins of the port.
 pub const PORT: PortMap = PortMap {

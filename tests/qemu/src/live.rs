@@ -9,9 +9,9 @@ use crate::port_log::PortLog;
 use crate::{Failure, Path, executor, time, uart};
 use embassy_futures::select::{Either, select};
 use embassy_time::Timer;
-use shared::machine::TICK_US;
-use shared::replay::{Event, Station};
-use shared::time::Instant;
+use trinocular_core::machine::TICK_US;
+use trinocular_core::replay::{Event, Station};
+use trinocular_core::time::Instant;
 
 /// Interval at which the trace goes to its file, µs.
 const FLUSH_US: u64 = 100_000;

@@ -3,8 +3,8 @@
 use crate::{Failure, Path, board};
 use semihosting::fs::File;
 use semihosting::io::Write;
-use shared::replay::{Edge, Event, Record, Trace};
-use shared::time::Instant;
+use trinocular_core::replay::{Edge, Event, Record, Trace};
+use trinocular_core::time::Instant;
 
 /// A trace that grows in memory and goes to the file in large pieces.
 pub struct PortLog {

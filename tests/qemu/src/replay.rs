@@ -6,8 +6,8 @@ use crate::{Failure, Path};
 use semihosting::fs::File;
 use semihosting::io::Read;
 use semihosting::println;
-use shared::replay::{Event, Log, Replay, Station};
 use static_cell::ConstStaticCell;
+use trinocular_core::replay::{Event, Log, Replay, Station};
 
 /// Length of the longest log, bytes: about 20,000 frames.
 const LOG_BYTES: usize = 2 << 20;

@@ -7,7 +7,7 @@ use core::task::Poll;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::waitqueue::AtomicWaker;
-use shared::frame::MAX_PACKET;
+use trinocular_core::frame::MAX_PACKET;
 
 // Register offsets of a CMSDK UART.
 const DATA: usize = 0x0;

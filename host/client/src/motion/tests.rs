@@ -1,8 +1,8 @@
 use super::*;
 use crate::stage::default_stage;
 use crate::twin::Twin;
-use shared::frame::message::Mounting;
-use shared::safety::State;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::safety::State;
 
 const JOG: Command = Command::Jog {
     distance_um: [1_000, 0, 0],

@@ -2,8 +2,8 @@
 //! that their drivers accept.
 
 use super::*;
-use shared::motion::{AxisConfig, Limits, Planner};
-use shared::steps::{Generator, Position};
+use trinocular_core::motion::{AxisConfig, Limits, Planner};
+use trinocular_core::steps::{Generator, Position};
 use trinocular_rig::random::Random;
 
 const MAP: PortMap = PortMap {
@@ -96,7 +96,7 @@ fn random_retargets_match_plan() {
 /// Worst case for a driver: random valid segments at every speed, which turn wherever they may.
 #[test]
 fn random_segments_keep_dir_times() {
-    use shared::steps::{AxisMotion, Segment};
+    use trinocular_core::steps::{AxisMotion, Segment};
     let mut generator = Generator::new(MAP).unwrap();
     let mut plant = Plant::new(MAP, [1.0; AXES]);
     let mut words = [0; 512];

@@ -1,5 +1,5 @@
 use super::*;
-use shared::frame::message::Outcome;
+use trinocular_core::frame::message::Outcome;
 
 const KNOWN: Known = Known {
     host_us: 5_000_000,

@@ -17,11 +17,11 @@ use super::port::{self, Half, Halves};
 use super::sender::Sender;
 use super::sharing::Guests;
 use super::stop::{STOP_PATIENCE, Stop};
-use shared::frame::message::{Command, Hello, Mismatch};
-use shared::safety::State;
 use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::{Command, Hello, Mismatch};
+use trinocular_core::safety::State;
 use trinocular_rig::interruption;
 
 /// Silence after which a pinged station counts as lost.

@@ -14,9 +14,9 @@
 
 use super::super::{StationError, diagnosis};
 use super::{PATIENCE, Serial};
-use shared::frame::message::{Command, Status};
-use shared::safety::{Fault, State};
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::{Command, Status};
+use trinocular_core::safety::{Fault, State};
 
 /// Time from a command to its repetition. An answer comes within a few ms.
 const REPEAT: Duration = Duration::from_millis(200);

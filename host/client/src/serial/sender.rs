@@ -8,10 +8,10 @@
 use super::super::conversation::Numbering;
 use super::super::observer::StationObserver;
 use super::port::Half;
-use shared::frame::message::Command;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::Command;
 
 /// Time between two pings.
 const PING: Duration = Duration::from_millis(20);

@@ -16,14 +16,14 @@ use super::super::motion::moves;
 use super::super::owner::{self, Guest, Listener, Purpose, Stream};
 use super::stop::Stop;
 use super::{Holder, LOOK, Shared};
-use shared::frame::encode::encode;
-use shared::frame::message::{Command, Outcome, Packet, Report};
-use shared::frame::receive::Receiver;
-use shared::time::Instant as StationInstant;
 use std::io::{self, Read as _, Write as _};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::encode::encode;
+use trinocular_core::frame::message::{Command, Outcome, Packet, Report};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::time::Instant as StationInstant;
 
 /// Largest number of guests at once.
 const MOST_GUESTS: usize = 16;

@@ -11,9 +11,9 @@
 use super::super::StationError;
 use super::super::allowance::Allowance;
 use super::Serial;
-use shared::safety::State;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use trinocular_core::safety::State;
 use trinocular_rig::notice;
 
 /// Time for which a stop is repeated.

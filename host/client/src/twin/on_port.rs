@@ -118,7 +118,7 @@ mod tests {
     use super::*;
     use crate::serial::Serial;
     use crate::stage::default_stage;
-    use shared::frame::message::{Command, Mounting};
+    use trinocular_core::frame::message::{Command, Mounting};
 
     #[test]
     fn station_on_pseudo_terminal_moves() {

@@ -2,10 +2,10 @@
 //! simulated stage on rails at its pins, switches at the rails' ends, and a button.
 
 use super::Hardware;
-use shared::frame::message::Side;
-use shared::safety::Inputs;
-use shared::time::Instant as StationInstant;
 use std::time::{Duration, Instant};
+use trinocular_core::frame::message::Side;
+use trinocular_core::safety::Inputs;
+use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::rig_file::Stage;
 
 /// Name that the simulated board reports.

@@ -3,12 +3,12 @@
 use super::Settings;
 use super::difference::{Comparison, Difference, first_field};
 use crate::message::{Measurement, Outcome};
-use shared::frame::message::{Command, Frame, Packet, Sums};
-use shared::frame::receive::Receiver;
-use shared::replay::{Entry, Log, LogFault};
-use shared::rig::Rig;
-use shared::time::Instant;
 use std::collections::BTreeMap;
+use trinocular_core::frame::message::{Command, Frame, Packet, Sums};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::replay::{Entry, Log, LogFault};
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings};
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::measure::{MeasureRefusal, measure};

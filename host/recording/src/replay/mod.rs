@@ -19,8 +19,8 @@ use crate::read::records::Record;
 use crate::read::survey::Channels;
 use crate::topic::{self, Topic};
 use measuring::Measuring;
-use shared::rig::Rig;
 use station::StationReplay;
+use trinocular_core::rig::Rig;
 use trinocular_rig::error::InputError;
 use trinocular_vision::sums::Estimator;
 
@@ -81,7 +81,7 @@ impl Replayed {
 ///
 /// # Errors
 /// [`InputError`] if the file is damaged, or holds no outputs of a twin.
-pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<shared::replay::Record>), InputError> {
+pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<trinocular_core::replay::Record>), InputError> {
     let bad = |what: String| InputError::file(source.path(), what);
     let (mut log, mut outputs) = (Vec::new(), Vec::new());
     let mut channels = Channels::default();
@@ -100,7 +100,7 @@ pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<shared::replay::Record>), In
         match is_input {
             true => log.extend_from_slice(entry),
             false => {
-                let output = shared::replay::Record::read(&mut entry);
+                let output = trinocular_core::replay::Record::read(&mut entry);
                 outputs.push(output.ok_or_else(|| bad("an output is no record".to_owned()))?);
             }
         }

@@ -2,13 +2,13 @@
 
 use super::difference::{Comparison, Difference, first_field};
 use crate::topic::Topic;
-use shared::frame::message::Report;
-use shared::frame::receive::Receiver;
-use shared::replay::{EmulatedStation, Entry, Event, Record, Trace};
-use shared::steps::WordRate;
-use shared::time::Instant;
 use std::collections::VecDeque;
 use trinocular_client::twin::{self, PORT};
+use trinocular_core::frame::message::Report;
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::replay::{EmulatedStation, Entry, Event, Record, Trace};
+use trinocular_core::steps::WordRate;
+use trinocular_core::time::Instant;
 
 /// Outputs of one side that wait for the other's. A recording writes them within a moment.
 const MOST_WAITING: usize = 1 << 20;

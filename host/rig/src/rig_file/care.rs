@@ -17,7 +17,7 @@
 
 use std::fmt::Write as _;
 
-use shared::frame::message::Side;
+use trinocular_core::frame::message::Side;
 
 use super::field::Field;
 use crate::error::InputError;

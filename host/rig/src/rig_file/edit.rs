@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use shared::rig::Rotation;
 use toml_edit::{Array, DocumentMut, Item, TableLike, Value};
+use trinocular_core::rig::Rotation;
 
 use super::RigFile;
 use crate::error::InputError;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::care::Care;
 use super::field::Field;
 use crate::error::InputError;
-use shared::track::pursuit::Settings;
+use trinocular_core::track::pursuit::Settings;
 
 /// Step drivers whose pulse timing is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 use std::fs;
 
 use super::*;
-use shared::track::pursuit::Settings;
+use trinocular_core::track::pursuit::Settings;
 
 const STAGE: &str = r#"
 [stage]

@@ -1,5 +1,5 @@
 use super::*;
-use shared::rig::Camera;
+use trinocular_core::rig::Camera;
 use trinocular_rig::random::Random;
 
 const RANGE_MM: [f64; 2] = [300.0, 2000.0];
@@ -99,8 +99,8 @@ fn extreme_rigs_exceed_formats() {
 /// distance.
 #[test]
 fn distance_limits_match_station() {
-    use shared::frame::message::{Mounting, Side};
     use trinocular_client::stage::{configuration, default_stage};
+    use trinocular_core::frame::message::{Mounting, Side};
     use trinocular_rig::rig_file::HomeSwitch;
     let base = || {
         let mut stage = default_stage();
@@ -136,7 +136,8 @@ fn distance_limits_match_station() {
             let mut stage = base();
             set(&mut stage, mm);
             let config = configuration(&stage, Mounting::OnStage).unwrap();
-            let taken = shared::machine::check(&config, shared::steps::WordRate::MHZ_1);
+            let taken =
+                trinocular_core::machine::check(&config, trinocular_core::steps::WordRate::MHZ_1);
             let rig = Rig::paper();
             let view = FieldOfView::new(&rig, 0.0);
             let headroom = Headroom::of(&rig, Some(&stage), &view, RANGE_MM).unwrap();

@@ -3,10 +3,10 @@
 use super::{Bench, Options, Pass};
 use crate::commands::failure::Failure;
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use shared::frame::message::Mounting;
-use shared::safety::State;
 use trinocular_client::stage::setpoint;
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::safety::State;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::{FrameSet, Scene, Texture};
 

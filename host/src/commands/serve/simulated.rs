@@ -2,13 +2,13 @@
 
 use super::{Options, serve};
 use crate::commands::failure::Failure;
-use host::servo::simulated_bench::SimulatedBench;
-use host::servo::station_link::StationPlace;
-use host::servo::world::SimulatedWorld;
-use shared::frame::message::Mounting;
 use std::net::TcpListener;
+use trinocular::servo::simulated_bench::SimulatedBench;
+use trinocular::servo::station_link::StationPlace;
+use trinocular::servo::world::SimulatedWorld;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::TwinOnPort;
+use trinocular_core::frame::message::Mounting;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::Texture;
 

@@ -3,16 +3,16 @@
 use crate::commands::failure::Failure;
 use crate::commands::live_page::LivePage;
 use clap::Args;
-use host::servo::live::LiveObserver;
-use host::servo::observer::ServoObserver;
-use host::servo::station_link::StationLink;
-use shared::frame::message::Mounting;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use trinocular::servo::live::LiveObserver;
+use trinocular::servo::observer::ServoObserver;
+use trinocular::servo::station_link::StationLink;
 use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
+use trinocular_core::frame::message::Mounting;
 use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Hub, Server, Setup};
 use trinocular_rig::rig_file::{RigFile, Stage};
@@ -38,7 +38,7 @@ pub struct PageOptions {
     live: Option<SocketAddr>,
 
     /// Serve the same as a Foxglove websocket, for Foxglove, Lichtblick and PlotJuggler. Needs a
-    /// program that was built with `--features host/foxglove`
+    /// program that was built with `--features trinocular/foxglove`
     #[arg(
         long,
         value_name = "ADDR:PORT",

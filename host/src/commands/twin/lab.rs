@@ -2,18 +2,18 @@
 //! simulated stage, which other programs read as `--cameras twin`.
 
 use crate::commands::failure::Failure;
-use host::servo::path::TargetPath;
 use rustix::time::{ClockId, clock_gettime};
-use shared::frame::message::Mounting;
-use shared::rig::Rig;
-use shared::time::Instant as StationInstant;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
+use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_client::twin::Twin;
+use trinocular_core::frame::message::Mounting;
+use trinocular_core::rig::Rig;
+use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
 use trinocular_vision::images::cameras::stream::StreamHeader;
 use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};

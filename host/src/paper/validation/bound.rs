@@ -21,7 +21,7 @@
 //! `s² (Σ_i (A_i^-1 + B_i^-1)^-1)^-1`.
 
 use nalgebra::{Matrix2x3, Matrix3};
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 
 /// Returns the least variance of each component of the displacement, mm², for points at `points_mm`
 /// that move by `move_mm`, with noise of `noise_px` in every pixel coordinate. Assumes cameras

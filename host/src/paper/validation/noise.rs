@@ -7,9 +7,9 @@
 use super::scene::{point, rig, views};
 use super::{bound, estimates, in_parallel};
 use serde::Serialize;
-use shared::estimate::Refusal;
-use shared::rig::Rig;
-use shared::sums::View;
+use trinocular_core::estimate::Refusal;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
 use trinocular_rig::random::Random;
 
 /// Number of points in a trial.

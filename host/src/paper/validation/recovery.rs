@@ -7,7 +7,7 @@
 use super::scene::{SEED, point, section_3_rig, views};
 use super::{estimates, in_parallel};
 use serde::Serialize;
-use shared::estimate::Refusal;
+use trinocular_core::estimate::Refusal;
 use trinocular_rig::random::Random;
 
 /// Number of points in a set, as in the paper.

@@ -1,8 +1,8 @@
 //! Random points that all three cameras see, before and after a move.
 
 use serde::Serialize;
-use shared::rig::{Camera, Rig};
-use shared::sums::View;
+use trinocular_core::rig::{Camera, Rig};
+use trinocular_core::sums::View;
 use trinocular_rig::random::Random;
 
 /// Seed of all sets; the number of the set is the stream.

@@ -1,8 +1,8 @@
 use super::*;
 use crate::scenario::file::{Cameras, Sight};
 use crate::scenario::motion::{Leg, Motion};
-use shared::safety::State;
 use trinocular_client::stage::default_stage;
+use trinocular_core::safety::State;
 
 fn scenario(legs: Vec<Leg>) -> Scenario {
     let seconds = legs.iter().map(|leg| leg.seconds).sum();

@@ -2,9 +2,9 @@
 
 use super::{Asked, RunningScenario};
 use crate::scenario::file::{Event, Happening};
-use shared::frame::message::Command;
-use shared::safety::Inputs;
 use trinocular_client::stage::HEARTBEAT_MS;
+use trinocular_core::frame::message::Command;
+use trinocular_core::safety::Inputs;
 
 impl RunningScenario<'_> {
     pub(super) fn begin(&mut self, at_us: u64, index: usize) {

@@ -7,7 +7,7 @@
 //! Tukey, 1974) of the worst component of a point, in scatters (median absolute deviation).
 
 use nalgebra::{Matrix3, Vector3};
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 use super::AlignmentRefusal;
 use crate::matching::geometry::RigGeometry;

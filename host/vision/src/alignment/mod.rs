@@ -32,7 +32,7 @@ pub mod roll;
 pub mod rough;
 
 use serde::Serialize;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 use crate::flow::{self, Flow};
 use crate::images::FrameSet;

@@ -5,11 +5,11 @@
 //! ones. The lateral part of the move leaks into the closed form's Z.
 
 use serde::Serialize;
-use shared::estimate::{closed_form, midpoint};
-use shared::rig::Rig;
-use shared::sums::View as PointView;
-use shared::sums::centred::CentredSums;
-use shared::sums::pair::PairSums;
+use trinocular_core::estimate::{closed_form, midpoint};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View as PointView;
+use trinocular_core::sums::centred::CentredSums;
+use trinocular_core::sums::pair::PairSums;
 
 use super::fit::{Point, Sample, corrected};
 use crate::field_of_view::FieldOfView;

@@ -9,7 +9,7 @@
 //! the rig's axes, but no camera against another.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use shared::rig::{Camera, Rig, Rotation};
+use trinocular_core::rig::{Camera, Rig, Rotation};
 
 use super::fit::RollFit;
 

@@ -1,7 +1,7 @@
 //! Rough offsets of many pixels, to about one pixel: corners are searched in a wide band around
 //! their epipolar lines, and the offset with the most votes wins.
 
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 use super::AlignmentRefusal;
 use super::fit::{Point, Sample, corrected};

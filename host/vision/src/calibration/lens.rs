@@ -1,7 +1,7 @@
 //! Lens: the nine parameters of one camera, and the derivatives of a pixel by them.
 
 use nalgebra::{Matrix2x3, SMatrix, Vector3};
-use shared::rig::{Camera, Rotation};
+use trinocular_core::rig::{Camera, Rotation};
 
 /// Number of lens parameters.
 pub const PARAMETERS: usize = 9;

@@ -14,7 +14,7 @@
 //! The result is expressed in axes of its own ([`super::stand`]).
 
 use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
-use shared::rig::{MAX_CAMERAS, Rig};
+use trinocular_core::rig::{MAX_CAMERAS, Rig};
 
 use super::adjust::{BoardImage, BoardView, Bundle, PER_CAMERA, Unsolved, moved};
 use super::blur::median;

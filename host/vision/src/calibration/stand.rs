@@ -5,11 +5,11 @@
 //! or, if they are not in line, along the mean of their x axes. Its z axis is the mean of
 //! their optical axes, put at right angles to the line or, for cameras that spread in two
 //! directions, the plane's normal. The rest is a rotation per camera, which
-//! [`shared::rig::Camera`] undoes exactly, and an offset along z, which is reported
+//! [`trinocular_core::rig::Camera`] undoes exactly, and an offset along z, which is reported
 //! because nothing undoes it.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
-use shared::rig::{Camera, Rotation};
+use trinocular_core::rig::{Camera, Rotation};
 
 use super::lens::Lens;
 

@@ -11,7 +11,7 @@ use super::variance_inflation::{VarianceInflation, with_common_error};
 use super::{Correspondence, Flow, FlowRefusal, Measurement};
 use crate::matching::stereo::StereoMatch;
 use crate::matching::{Reject, RejectCounts};
-use shared::estimate::midpoint::Estimate;
+use trinocular_core::estimate::midpoint::Estimate;
 
 /// A rotation is refused when `ω' C^-1 ω` is beyond this limit. With three degrees of freedom,
 /// noise reaches it once in 65,000 cases.

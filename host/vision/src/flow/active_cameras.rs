@@ -1,7 +1,7 @@
 //! Active cameras: those cameras of a rig that take part in a measurement.
 
 use crate::matching::geometry::RigGeometry;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 /// Cameras that take part, in the rig's order.
 #[derive(Clone, Debug)]

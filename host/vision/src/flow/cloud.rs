@@ -2,7 +2,7 @@
 
 use super::Correspondence;
 use crate::matching::geometry::RigGeometry;
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 use trinocular_rig::random::Random;
 
 /// Points on a poster 850 mm in front of the paper's rig.

@@ -1,6 +1,6 @@
 //! Consensus: the displacement on which most points agree, and its inliers.
 //!
-//! Every point must obey the midpoint model (`shared::sums::centred`): with `g` the
+//! Every point must obey the midpoint model (`trinocular_core::sums::centred`): with `g` the
 //! harmonic mean of its inverse depths at both instants,
 //!
 //! ```text
@@ -15,10 +15,10 @@
 //! squares (P. J. Rousseeuw, *Least Median of Squares Regression*, JASA 79, 1984), then weights of
 //! Tukey's biweight (1974).
 
-use shared::estimate::midpoint::{self, Estimate};
-use shared::rig::Rig;
-use shared::sums::View;
-use shared::sums::centred::{CentredSums, PointFit};
+use trinocular_core::estimate::midpoint::{self, Estimate};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::{CentredSums, PointFit};
 
 use super::Correspondence;
 use crate::matching::geometry::RigGeometry;

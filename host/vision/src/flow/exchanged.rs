@@ -2,7 +2,7 @@
 
 use super::{Flow, FlowRefusal, FlowSettings};
 use crate::images::FrameSet;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 /// Returns two cameras whose images make `frame_set` a usable keyframe when they are exchanged.
 ///

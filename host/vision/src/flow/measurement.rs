@@ -4,8 +4,8 @@ use super::active_cameras;
 use super::camera_refusal::{self, CameraRefusal};
 use super::variance_inflation::VarianceInflation;
 use crate::matching::{Reject, RejectCounts};
-use shared::rig::Rig;
-use shared::sums::View;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
 
 /// One scene point, matched in all active cameras at the keyframe and now.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,8 +21,8 @@ impl Correspondence {
     /// Normalises the pixels of one point, given per camera of `rig`: at the keyframe and now.
     ///
     /// ```
+    /// use trinocular_core::rig::Rig;
     /// use trinocular_vision::flow::Correspondence;
-    /// use shared::rig::Rig;
     ///
     /// let rig = Rig::paper();
     /// let (before, now) = ([10.0, 5.0, 850.0], [14.0, 5.0, 850.0]);

@@ -36,9 +36,9 @@
 //! A rendered poster moves by 4 mm to the right of the paper's three cameras:
 //!
 //! ```
+//! use trinocular_core::rig::Rig;
 //! use trinocular_vision::flow::{Flow, FlowSettings};
 //! use trinocular_vision::images::{Scene, SceneSettings, Texture};
-//! use shared::rig::Rig;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let rig = Rig::paper();
@@ -54,7 +54,7 @@
 use crate::images::FrameSet;
 use crate::matching::geometry::RigGeometry;
 use crate::thread_pool::ThreadPool;
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 mod accept;
 pub mod active_cameras;
@@ -146,7 +146,7 @@ impl Flow {
     ///
     /// # Example
     /// ```
-    /// use shared::rig::Rig;
+    /// use trinocular_core::rig::Rig;
     /// use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings};
     /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
     ///

@@ -121,9 +121,9 @@ impl TargetRotation {
 mod tests {
     use super::*;
     use crate::flow::cloud::{Cloud, independent};
-    use shared::estimate::midpoint;
-    use shared::rig::Rotation;
-    use shared::sums::centred::CentredSums;
+    use trinocular_core::estimate::midpoint;
+    use trinocular_core::rig::Rotation;
+    use trinocular_core::sums::centred::CentredSums;
 
     /// Measures the rotation of a poster, and the displacement as if it did not rotate.
     fn seen(degrees: [f64; 3], moved: [f64; 3], seed: u64) -> (TargetRotation, [f64; 3]) {

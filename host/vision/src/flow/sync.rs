@@ -115,8 +115,8 @@ impl UnsynchronisedCamera {
 mod tests {
     use super::*;
     use crate::flow::cloud::{Cloud, independent};
-    use shared::estimate::midpoint;
-    use shared::sums::centred::CentredSums;
+    use trinocular_core::estimate::midpoint;
+    use trinocular_core::sums::centred::CentredSums;
 
     const MOVED: [f64; 3] = [9.0, -6.0, 2.0];
 

@@ -4,7 +4,7 @@
 //! a fraction of a pixel and needs no pyramid of its own. A point that comes nearer is seen larger;
 //! its template is warped accordingly.
 
-use shared::sums::View;
+use trinocular_core::sums::View;
 
 use super::consensus::{self, PointFlow};
 use super::{Correspondence, FlowSettings};

@@ -3,10 +3,10 @@
 use super::*;
 use crate::images::{Folder, Scene, SceneSettings, Texture, TextureKind};
 use crate::matching::Reject;
-use shared::estimate::midpoint::{self, Estimate};
-use shared::rig::Camera;
-use shared::sums::centred::CentredSums;
 use std::path::Path;
+use trinocular_core::estimate::midpoint::{self, Estimate};
+use trinocular_core::rig::Camera;
+use trinocular_core::sums::centred::CentredSums;
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::RigFile;
 

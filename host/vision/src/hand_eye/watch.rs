@@ -4,8 +4,8 @@ use super::fit::Sample;
 use crate::flow::{Flow, FlowRefusal, FlowSettings};
 use crate::images::FrameSet;
 use crate::measure::{MeasureRefusal, measure};
-use shared::estimate::midpoint;
-use shared::rig::Rig;
+use trinocular_core::estimate::midpoint;
+use trinocular_core::rig::Rig;
 
 /// Measures frame sets against a keyframe.
 #[derive(Debug)]

@@ -102,7 +102,7 @@ impl Folder {
     ///
     /// # Example
     /// ```
-    /// use shared::rig::Rig;
+    /// use trinocular_core::rig::Rig;
     /// use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder, save};
     /// use trinocular_vision::images::{Scene, SceneSettings, Texture};
     ///

@@ -6,8 +6,8 @@
 //! Two frame sets of a rendered poster that moves by 5 mm to the right:
 //!
 //! ```
+//! use trinocular_core::rig::Rig;
 //! use trinocular_vision::images::{Scene, SceneSettings, Texture};
-//! use shared::rig::Rig;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let rig = Rig::paper();

@@ -16,7 +16,7 @@ mod blur;
 
 use std::thread;
 
-use shared::rig::{Camera, Rig, Rotation};
+use trinocular_core::rig::{Camera, Rig, Rotation};
 
 use super::spline::{self, Surface};
 use super::{FrameSet, Image, Texture};

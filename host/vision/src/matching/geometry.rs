@@ -12,8 +12,8 @@
 //! ratio of two disparities is that of the baselines, for every point). Its part across the
 //! baseline is the paper's vertical test (2).
 
-use shared::rig::Rig;
-use shared::sums::centred;
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::centred;
 
 /// Rig with the figures that matching needs.
 #[derive(Clone, Debug)]
@@ -173,7 +173,7 @@ fn length([x, y]: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::rig::Camera;
+    use trinocular_core::rig::Camera;
 
     fn views(geometry: &RigGeometry, point: [f64; 3]) -> Vec<[f64; 2]> {
         (0..geometry.cameras())

@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
-use shared::rig::Camera;
+use trinocular_core::rig::Camera;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 

@@ -2,8 +2,8 @@
 
 use super::{Bounds, Judge, Request, Sent, Stop, Ways, accepted, kind};
 use crate::laws::Law;
-use shared::frame::message::{Command, Config, Outcome};
-use shared::safety::{Fault, State, Trust};
+use trinocular_core::frame::message::{Command, Config, Outcome};
+use trinocular_core::safety::{Fault, State, Trust};
 
 /// Longest delay from a command to the start of its ramp, µs: one control tick, and the delay that
 /// a shell may add.

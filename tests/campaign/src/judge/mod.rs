@@ -12,11 +12,11 @@ use crate::laws::{Law, Violation};
 use crate::pins::Pins;
 use kinematics::Bounds;
 use kinematics::Trail;
-use shared::frame::message::{Command, Config, Outcome, Report, Side, Status};
-use shared::safety::{Fault, Inputs, State, Trust};
 pub use statuses::hide_faults;
 use std::collections::HashMap;
 use std::io::Write as _;
+use trinocular_core::frame::message::{Command, Config, Outcome, Report, Side, Status};
+use trinocular_core::safety::{Fault, Inputs, State, Trust};
 
 /// A command in flight.
 #[derive(Clone, Copy, Debug)]

@@ -4,9 +4,9 @@ use super::kinematics::Excess;
 use super::{Bounds, Judge, SEGMENTS};
 use crate::laws::Law;
 use crate::pins::Edge;
-use shared::frame::message::Side;
-use shared::safety::{Inputs, State, Trust};
-use shared::steps::DriverTiming;
+use trinocular_core::frame::message::Side;
+use trinocular_core::safety::{Inputs, State, Trust};
+use trinocular_core::steps::DriverTiming;
 
 /// Longest delay from a heartbeat timeout to its notice, µs: one check per control tick, and the
 /// delay that a shell may add.

@@ -2,8 +2,8 @@
 
 use super::Judge;
 use crate::laws::Law;
-use shared::frame::message::{Command, Status};
-use shared::safety::{Fault, Faults, State, Trust};
+use trinocular_core::frame::message::{Command, Status};
+use trinocular_core::safety::{Fault, Faults, State, Trust};
 
 /// Every fault in order of rank: faults that forbid motion, faults that may have lost steps, faults
 /// that leave the position valid.

@@ -3,8 +3,8 @@
 use super::Life;
 use crate::sabotage::Sabotage;
 use crate::stages;
-use shared::frame::message::{Command, Config, Outcome, Report};
-use shared::safety::{Inputs, State};
+use trinocular_core::frame::message::{Command, Config, Outcome, Report};
+use trinocular_core::safety::{Inputs, State};
 
 impl Life {
     /// Begins a life, mostly with a hello, a configuration and a zero.

@@ -2,23 +2,23 @@
 
 use crate::board::SEGMENT_WORDS;
 use nalgebra::{Matrix3, Matrix4x3, Vector4};
-use shared::estimate::Gate;
-use shared::frame::encode::{Bytes, encode};
-use shared::frame::message::{
+use trinocular_core::estimate::Gate;
+use trinocular_core::frame::encode::{Bytes, encode};
+use trinocular_core::frame::message::{
     Command, Config, Drops, EstimateReport, Frame, Mounting, Outcome, Packet, Report, StageConfig,
     Status, Sums,
 };
-use shared::frame::receive::Receiver;
-use shared::machine::{Machine, Output, TICK_US};
-use shared::motion::AxisConfig;
-use shared::rig::Rig;
-use shared::safety::{Fault, Inputs, State, Trust};
-use shared::steps::DriverTiming;
-use shared::sums::View;
-use shared::sums::centred::{CentredSums, FixedCentredSums};
-use shared::sums::pair::PairSums;
-use shared::time::Instant;
-use shared::track::pursuit::{Settings, Sight};
+use trinocular_core::frame::receive::Receiver;
+use trinocular_core::machine::{Machine, Output, TICK_US};
+use trinocular_core::motion::AxisConfig;
+use trinocular_core::rig::Rig;
+use trinocular_core::safety::{Fault, Inputs, State, Trust};
+use trinocular_core::steps::DriverTiming;
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::{CentredSums, FixedCentredSums};
+use trinocular_core::sums::pair::PairSums;
+use trinocular_core::time::Instant;
+use trinocular_core::track::pursuit::{Settings, Sight};
 
 /// Returns the sums of fifty points in front of the paper's cameras, moved by (4, 4, 1) mm.
 pub fn sums() -> (PairSums, CentredSums) {

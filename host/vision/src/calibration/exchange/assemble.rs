@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
-use shared::rig::Rig;
+use trinocular_core::rig::Rig;
 
 use super::CameraFile;
 use super::yaml::Place;

@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 
 use super::lens::Lens;
 use trinocular_rig::error::InputError;

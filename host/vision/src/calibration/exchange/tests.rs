@@ -1,5 +1,5 @@
 use super::*;
-use shared::rig::Rotation;
+use trinocular_core::rig::Rotation;
 
 const OPENCV: &str = "%YAML:1.0
 ---

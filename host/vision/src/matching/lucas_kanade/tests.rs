@@ -3,7 +3,7 @@ use crate::images::{Image, Scene, SceneSettings, Texture, TextureKind};
 use crate::matching::corner::corners;
 use crate::matching::pyramid::Pyramid;
 use crate::thread_pool::ThreadPool;
-use shared::rig::{Camera, Rig};
+use trinocular_core::rig::{Camera, Rig};
 
 const STILL: [[f32; 2]; 2] = [[1.0, 0.0], [0.0, 1.0]];
 
