@@ -344,7 +344,7 @@ fn second_host_learns_port_owner() {
     let end = station();
     let first = desk.start(&end, RUNS[0]);
     moving(&end);
-    let status = Outcome::of(&mut desk.command(&end, "status").stdout(Stdio::piped()));
+    let status = Outcome::of(desk.command(&end, "status").stdout(Stdio::piped()));
     assert_eq!(status.code, Some(0), "{}", status.stderr);
     let (code, err) = ended(desk.start(&end, "zero"));
     assert_eq!(code, Some(3), "{err}");

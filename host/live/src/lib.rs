@@ -5,7 +5,7 @@
 //! [`hub`] keeps the latest state, [`server`] sends it, [`controls`] are what a page may ask for, and
 //! [`access`] decides who may. A page that takes nothing for some seconds is dropped.
 //!
-//! With the feature `foxglove` the same state is also a Foxglove websocket ([`foxglove`]).
+//! With the feature `foxglove` the same state is also a Foxglove websocket.
 //!
 //! *Invariant:* nothing here opens a connection of its own, and the page loads nothing from
 //! elsewhere; its content security policy forbids it.
