@@ -169,6 +169,26 @@ fn idle_owner_lets_one_guest_drive() {
 }
 
 #[test]
+fn owner_takes_its_configuration_back() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open);
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    let mut fine = default_stage();
+    fine.steps_per_mm = [160.0; 3];
+    let theirs = configuration(&fine, Mounting::OnStage).expect("it fits");
+    let command = Command::Config(theirs);
+    guest.command("config", command).expect("it is passed on");
+    drop(guest);
+    owner.restore_configuration().expect("the stage rests");
+    let millimetre = Command::Jog {
+        distance_um: [1_000, 0, 0],
+    };
+    owner.command("jog", millimetre).expect("it is allowed");
+    wait("it arrives", || end.steps() == [80, 0, 0]);
+}
+
+#[test]
 fn guest_that_vanishes_stops_its_motion() {
     let end = station();
     let mut owner = start(&end);

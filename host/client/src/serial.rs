@@ -353,7 +353,11 @@ impl Serial {
         serial.start_heartbeat()?;
         serial.command("config", Command::Config(configuration))?;
         serial.command("zero", Command::Zero)?;
-        serial.shared.line().configured = true;
+        {
+            let mut line = serial.shared.line();
+            line.configured = true;
+            line.configuration = Some(configuration);
+        }
         Ok(serial)
     }
 
@@ -468,6 +472,22 @@ impl Serial {
     /// Sets the access of guests that want to drive.
     pub fn set_access(&mut self, access: Access) {
         self.shared.line().guests.access = access;
+    }
+
+    /// Gives the station this program's configuration again if a guest has changed it.
+    ///
+    /// # Errors
+    /// As [`Serial::command`]; [`StationError::Denied`] if the stage moves.
+    pub fn restore_configuration(&mut self) -> Result<(), StationError> {
+        let configuration = {
+            let line = self.shared.line();
+            line.configuration.filter(|_| line.guests.has_reconfigured)
+        };
+        if let Some(configuration) = configuration {
+            self.command("config", Command::Config(configuration))?;
+            self.shared.line().guests.has_reconfigured = false;
+        }
+        Ok(())
     }
 
     /// Lets commands move the stage again after a [`Stopper`] has stopped it. The station itself

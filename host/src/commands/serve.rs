@@ -5,6 +5,7 @@ mod simulated;
 
 use super::live_page::LivePage;
 use super::port::PortOption;
+use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
@@ -16,11 +17,16 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::workbench::{Bench, Workbench};
+use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::sums::Estimator;
+
+/// The station's estimator.
+const ESTIMATOR: Estimator = Estimator::Midpoint;
 
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "Without --cameras: the simulated target";
@@ -116,12 +122,20 @@ pub struct Options {
 
     #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
+
+    #[command(flatten)]
+    record: RecordOption,
+
+    /// Replace the file of --record even if this program did not write it
+    #[arg(long, requires = "record")]
+    force: bool,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   trinocular serve                                    # simulated; open http://127.0.0.1:7411/
   trinocular serve --control                          # with STOP, jog and following
+  trinocular serve --control --record run.mcap        # what is followed, for `replay`
   trinocular serve --control --port auto --rig rig.toml
   trinocular serve --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
@@ -147,10 +161,25 @@ pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
         }
         None => RigFile::paper(),
     };
-    match &options.cameras {
-        None => simulated::run(options, listener, &rig),
-        Some(devices) => cameras::run(options, listener, &rig, devices),
-    }
+    let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
+    let recording = options.record.open(options.force)?.start(&Origin {
+        rig: RigFile {
+            stage: Some(rig.stage.clone().unwrap_or_else(default_stage)),
+            ..rig.clone()
+        },
+        rig_text: options.rig.as_ref().map(read).transpose()?,
+        estimator: ESTIMATOR,
+        // The simulated station is on a pseudo-terminal, in real time.
+        twin: None,
+        is_real: true,
+        seed: options.cameras.is_none().then_some(options.scene.seed),
+    })?;
+    let tap = recording.tap();
+    let outcome = match &options.cameras {
+        None => simulated::run(options, listener, &rig, tap),
+        Some(devices) => cameras::run(options, listener, &rig, devices, tap),
+    };
+    recording.close(&options.record, outcome)
 }
 
 /// Serves the page of a bench until Ctrl-C.
@@ -160,6 +189,7 @@ fn serve<B: Bench>(
     (rig, stage, mounting): (&RigFile, &Stage, Mounting),
     mut bench: B,
     port: Option<&str>,
+    tap: Option<Arc<Tap>>,
 ) -> Result<(), Failure> {
     let setup = Setup {
         station: match port {
@@ -176,7 +206,8 @@ fn serve<B: Bench>(
         page.stream(address)?;
     }
     let hub = Arc::clone(page.hub());
-    let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, Estimator::Midpoint, hub);
+    let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub);
+    bench.record(tap);
     if options.control {
         page.control(Arc::new(desk))?;
     }

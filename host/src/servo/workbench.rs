@@ -3,9 +3,13 @@
 //!
 //! The loop owns the station. Requests wait in a bounded queue that the loop empties between two
 //! frame sets; only a stop does not wait: it goes to the station from the thread of the page.
+//!
+//! While nothing is followed, other runs of the program may drive the station through this one
+//! ([`Access::Open`]).
 
 use super::ServoError;
 use super::live::LiveObserver;
+use super::recording::observers;
 use super::station_link::StationLink;
 use super::visual_servo::VisualServo;
 use std::sync::Arc;
@@ -13,13 +17,14 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant as HostInstant};
 use trinocular_client::StationError;
 use trinocular_client::diagnosis;
-use trinocular_client::serial::Stopper;
+use trinocular_client::serial::{Access, Stopper};
 use trinocular_core::frame::message::{Command, Denial, Status};
 use trinocular_core::rig::Rig;
 use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
 use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{Controls, Hub};
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -95,6 +100,7 @@ pub struct Workbench<B> {
     servo: Option<VisualServo>,
     /// Deadline of a reset that waits for the stage to stand.
     reset: Option<HostInstant>,
+    tap: Option<Arc<Tap>>,
 }
 
 impl<B: Bench> Workbench<B> {
@@ -119,7 +125,7 @@ impl<B: Bench> Workbench<B> {
             stopper,
             requests: sender,
         };
-        let bench = Self {
+        let mut bench = Self {
             bench,
             rig: rig.clone(),
             stage: stage.clone(),
@@ -128,8 +134,21 @@ impl<B: Bench> Workbench<B> {
             requests,
             servo: None,
             reset: None,
+            tap: None,
         };
+        bench.share(Access::Open);
         (bench, desk)
+    }
+
+    /// Passes what is followed from now on to a recording.
+    pub fn record(&mut self, tap: Option<Arc<Tap>>) {
+        self.tap = tap;
+    }
+
+    fn share(&mut self, access: Access) {
+        if let Some(serial) = self.bench.station().serial_mut() {
+            serial.set_access(access);
+        }
     }
 
     /// Starts to follow with the next images, without a request.
@@ -198,14 +217,14 @@ impl<B: Bench> Workbench<B> {
     /// Goes on after an error that leaves the station in reach.
     fn forgive(&mut self, error: StationError) -> Result<(), ServoError> {
         match error {
-            StationError::StoppedByOther { .. } => {
+            StationError::StoppedByOther { by } => {
                 self.end_following();
                 self.reset = None;
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();
                 }
-                self.hub.warn(format!("stopped by {PAGE}"));
+                self.hub.warn(format!("stopped by {by}"));
                 Ok(())
             }
             StationError::Faulted(fault) => {
@@ -228,17 +247,32 @@ impl<B: Bench> Workbench<B> {
 
     fn end_following(&mut self) {
         self.servo = None;
+        self.share(Access::Open);
         self.hub.set_following(false);
     }
 
     fn begin(&mut self) {
+        self.share(Access::Busy);
+        // Another run may have given the station its own stage meanwhile.
+        let serial = self.bench.station().serial_mut();
+        let restored = serial.map_or(Ok(()), |serial| serial.restore_configuration());
+        if let Err(error) = restored {
+            self.hub.warn(error.to_string());
+            return self.share(Access::Open);
+        }
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
                 servo.add_observer(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
+                for observer in observers(self.tap.clone(), &self.rig) {
+                    servo.add_observer(observer);
+                }
                 self.servo = Some(servo);
                 self.hub.set_following(true);
             }
-            Err(refusal) => self.hub.warn(refusal.to_string()),
+            Err(refusal) => {
+                self.hub.warn(refusal.to_string());
+                self.share(Access::Open);
+            }
         }
     }
 

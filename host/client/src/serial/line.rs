@@ -20,7 +20,7 @@ use super::stop::{STOP_PATIENCE, Stop};
 use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use trinocular_core::frame::message::{Command, Hello, Mismatch};
+use trinocular_core::frame::message::{Command, Config, Hello, Mismatch};
 use trinocular_core::safety::State;
 use trinocular_rig::interruption;
 
@@ -89,6 +89,8 @@ pub(super) struct Line {
     /// Program through which the line leads, because it has the port.
     pub owner: Option<Holder>,
     pub guests: Guests,
+    /// Configuration that this program gave the station.
+    pub configuration: Option<Config>,
 }
 
 impl Line {
@@ -131,6 +133,7 @@ impl Line {
             observer: None,
             owner,
             guests: Guests::default(),
+            configuration: None,
         })
     }
 

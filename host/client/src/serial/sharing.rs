@@ -51,6 +51,8 @@ pub(super) struct Guests {
     pub access: Access,
     count: usize,
     driver: Option<Holder>,
+    /// True if a guest has configured the station since this program did.
+    pub has_reconfigured: bool,
 }
 
 /// Starts the thread that receives guests of the line on `port`, until the line is closed.
@@ -242,6 +244,7 @@ impl Service {
                     if moves(&command) || matches!(command, Command::Reset) {
                         line.stopped_by = None;
                     }
+                    line.guests.has_reconfigured |= matches!(command, Command::Config(_));
                     let sequence = line.send(command);
                     self.pending.push((sequence, packet.sequence));
                 }

@@ -3,12 +3,15 @@
 use super::{Options, serve};
 use crate::commands::failure::Failure;
 use std::net::TcpListener;
+use std::sync::Arc;
 use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::world::SimulatedWorld;
+use trinocular_client::observer::StationObserver;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_core::frame::message::Mounting;
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::Texture;
 
@@ -55,19 +58,25 @@ impl Station {
 }
 
 /// Runs until Ctrl-C.
-pub fn run(options: &Options, listener: TcpListener, rig: &RigFile) -> Result<(), Failure> {
+pub fn run(
+    options: &Options,
+    listener: TcpListener,
+    rig: &RigFile,
+    tap: Option<Arc<Tap>>,
+) -> Result<(), Failure> {
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let station = Station::open(options, &stage)?;
-    let world = SimulatedWorld::new(
+    let world = SimulatedWorld::new_observed(
         &rig.rig,
         &stage,
         station.place(options),
         &Texture::of_kind(options.scene.texture, options.scene.seed),
         options.scene.settings(),
         options.scene.seed,
+        tap.clone().map(|tap| tap as Arc<dyn StationObserver>),
     );
     let world = world.map_err(|error| Failure::of_servo(station.port(), error))?;
     let bench = SimulatedBench::new(world, options.path, options.fps);
     let facts = (rig, &stage, Mounting::OnStage);
-    serve(options, listener, facts, bench, station.port())
+    serve(options, listener, facts, bench, station.port(), tap)
 }
