@@ -2,7 +2,11 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal as _;
+use std::time::{Duration, Instant};
 use trinocular_rig::notice;
+
+/// Period of the status line.
+const RENEWED: Duration = Duration::from_millis(100);
 
 /// Progress as a bar on a terminal; elsewhere as a line at every tenth.
 pub struct Progress {
@@ -25,6 +29,15 @@ impl Progress {
         Self { bar, what, told: 0 }
     }
 
+    /// Makes a progress that is not shown, because something else shows it.
+    pub fn hidden() -> Self {
+        Self {
+            bar: Some(ProgressBar::hidden()),
+            what: "",
+            told: 0,
+        }
+    }
+
     /// Shows the share that is done, 0 to 1.
     pub fn at(&mut self, share: f64) {
         match &self.bar {
@@ -45,6 +58,52 @@ impl Drop for Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// State of a run in one line that is renewed, where rows would scroll by too fast to be read.
+pub struct StatusLine {
+    bar: ProgressBar,
+    shown: Instant,
+    /// Frame sets since the line was shown last.
+    frames: u32,
+}
+
+impl StatusLine {
+    /// Makes the line if rows of text would go to a terminal; otherwise the caller prints rows.
+    pub fn new(as_json: bool) -> Option<Self> {
+        let is_terminal = std::io::stdout().is_terminal() && std::io::stderr().is_terminal();
+        (is_terminal && !as_json).then(|| {
+            let bar = ProgressBar::new_spinner();
+            let bar = match ProgressStyle::with_template("{wide_msg}") {
+                Ok(style) => bar.with_style(style),
+                Err(_) => bar,
+            };
+            Self {
+                bar,
+                shown: Instant::now(),
+                frames: 0,
+            }
+        })
+    }
+
+    /// Takes in a frame set; renews the line ten times a second, with the text that `text` makes of
+    /// the frame sets per second.
+    pub fn show(&mut self, text: impl FnOnce(f64) -> String) {
+        self.frames += 1;
+        let passed = self.shown.elapsed();
+        if passed >= RENEWED {
+            let rate = f64::from(self.frames) / passed.as_secs_f64();
+            self.bar.set_message(text(rate));
+            self.bar.tick();
+            (self.shown, self.frames) = (Instant::now(), 0);
+        }
+    }
+}
+
+impl Drop for StatusLine {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }
 

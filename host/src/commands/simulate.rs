@@ -9,6 +9,7 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use trinocular::scenario::csv;
 use trinocular::scenario::figures::Figures;
 use trinocular::scenario::file::{Scenario, Sight};
 use trinocular::scenario::present::{self, Outcome};
@@ -16,6 +17,7 @@ use trinocular::scenario::run::{self, Options as RunOptions};
 use trinocular::scenario::trace::Trace;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
+use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::sums::Estimator;
@@ -44,6 +46,12 @@ pub struct Options {
     #[arg(long)]
     json: bool,
 
+    /// Also write true positions, error and state at every millisecond as a CSV table
+    ///
+    /// An existing file is only replaced with --force.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+
     #[command(flatten)]
     report: ReportOption,
 
@@ -62,6 +70,7 @@ Figures, of the scenario's measured time:
 Examples:
   trinocular simulate tests/scenarios/step.toml
   trinocular simulate tests/scenarios/*.toml --report scenarios.html
+  trinocular simulate tests/scenarios/step.toml --csv step.csv
   trinocular simulate tests/scenarios/lissajous.toml --no-prediction --json
 
 The exit code is 1 if anything that a scenario expects was missed.";
@@ -78,6 +87,9 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     });
     let scenarios: Vec<Scenario> = read.collect::<Result<_, InputError>>()?;
     let report = options.report.open()?;
+    let replace = Replace::Nothing.or_forced(options.report.is_forced());
+    let open = |path: &PathBuf| Output::open(path, replace);
+    let table = options.csv.as_ref().map(open).transpose()?;
     if options.record.is_given() && scenarios.len() > 1 {
         let reason = "--record goes with one scenario: a recording holds one run";
         return Err(Failure::Usage(reason.to_owned()));
@@ -98,6 +110,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         print(&outcomes, out)?;
     }
     report.write(|| present::page(&outcomes))?;
+    if let Some(table) = table {
+        let runs = outcomes.iter();
+        let runs = runs.map(|outcome| (outcome.name.as_str(), &outcome.trace));
+        table.write(&csv::table(runs))?;
+    }
     out.flush()?;
     let failed = options.scenarios.iter().zip(&outcomes);
     let mut failed = failed.filter(|(_, outcome)| !outcome.missed.is_empty());

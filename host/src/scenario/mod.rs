@@ -15,6 +15,7 @@
 //! edges in every run, and so does its tape when replayed on another machine.
 
 pub mod cameras;
+pub mod csv;
 pub mod expect;
 pub mod figures;
 pub mod file;

@@ -5,7 +5,7 @@ use super::page::{self, TrackPage};
 use super::{Options, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
-use crate::commands::progress::Count;
+use crate::commands::progress::{Count, StatusLine};
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
@@ -151,6 +151,7 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
         let mut count = Count::new("frame sets followed");
+        let mut line = StatusLine::new(self.options.json);
         // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
@@ -182,13 +183,16 @@ impl<'a> Captures<'a> {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
                 self.absences.warn(&followed.turn.absent);
-                print(
-                    self.options.json,
-                    summary.frames,
-                    &followed,
-                    &self.absences,
-                    out,
-                )?;
+                match &mut line {
+                    Some(line) if self.is_live => line.show(|rate| status(&followed, rate)),
+                    _ => print(
+                        self.options.json,
+                        summary.frames,
+                        &followed,
+                        &self.absences,
+                        out,
+                    )?,
+                }
                 count.at(summary.frames);
             }
         }
@@ -213,6 +217,32 @@ pub fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
         let took_us = after_us.saturating_sub(before_us);
         (took_us, at_us as i64 - (before_us + took_us / 2) as i64)
     })
+}
+
+/// Returns the state of a live run in one line.
+fn status(followed: &Followed, rate: f64) -> String {
+    let Followed {
+        time_s,
+        stage_mm,
+        turn,
+    } = followed;
+    let seen = match turn.outcome.estimate() {
+        Some(estimate) => {
+            let um = estimate
+                .displacement_mm
+                .map(|mm| format!("{:>7.1}", mm * 1e3));
+            let sigma = estimate.sigma_mm.map_or(String::new(), |sigma| {
+                let sigma = sigma.map(|mm| format!("{:.1}", mm * 1e3)).join(" ");
+                format!("  sigma {sigma} um")
+            });
+            format!("target off by {} um{sigma}", um.join(" "))
+        }
+        None => turn.outcome.refusal().unwrap_or_default(),
+    };
+    format!(
+        "{time_s:>6.1} s  stage {} mm  {seen}  {rate:.0}/s",
+        vector(stage_mm)
+    )
 }
 
 fn print(

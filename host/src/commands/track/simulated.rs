@@ -1,7 +1,7 @@
 //! Tracking in closed loop with the simulator.
 
 use super::super::by_hand;
-use super::super::progress::Progress;
+use super::super::progress::{Progress, StatusLine};
 use super::absences::Absences;
 use super::page::{self, TrackPage};
 use super::{Options, introduce, vector};
@@ -82,9 +82,13 @@ fn follow(
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
     let mut absences = Absences::new(&file.names);
-    let mut progress = Progress::new("following");
+    let mut line = StatusLine::new(options.json);
+    let mut progress = match line {
+        Some(_) => Progress::hidden(),
+        None => Progress::new("following"),
+    };
     let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
-    if !options.json {
+    if !options.json && line.is_none() {
         writeln!(
             out,
             "{:>8}  {:>26}  {:>26}  {:>26}  position  outcome",
@@ -93,10 +97,8 @@ fn follow(
     }
     let mut is_stopped = false;
     let seconds = options.seconds.unwrap_or(default_seconds(options.path));
-    if tap.is_some() {
-        // Ctrl-C ends the recording whole.
-        by_hand::on_interrupt()?;
-    }
+    // Ctrl-C ends the run with its summary, and a recording whole.
+    by_hand::on_interrupt()?;
     while servo.time_s(&world) + 1.0 / options.fps() <= seconds && !interruption::is_requested() {
         // A gets its setpoint at every picture, one picture ahead.
         let next_mm = options.path.at(servo.time_s(&world));
@@ -123,9 +125,12 @@ fn follow(
         }
         unused += u32::from(!step.turn.outcome.is_used());
         absences.warn(&step.turn.absent);
-        print(options.json, &step, error, &absences, out)?;
+        match &mut line {
+            Some(line) => line.show(|rate| status(&step, error, rate)),
+            None => print(options.json, &step, error, &absences, out)?,
+        }
     }
-    drop(progress);
+    drop((line, progress));
     world
         .b
         .command("stop", Command::Stop)
@@ -148,8 +153,24 @@ fn follow(
     notice!("{error}; {unused} images not used");
     match is_stopped {
         true => Err(failed(page::stopped().into())),
-        false => Ok(()),
+        false => interruption::signal().map_or(Ok(()), |signal| Err(Failure::Interrupted(signal))),
     }
+}
+
+/// Returns the state of the run in one line.
+fn status(step: &SimulatedStep, error: [f64; 3], rate: f64) -> String {
+    let um = error.map(|mm| format!("{:>7.1}", mm * 1e3)).join(" ");
+    let sigma = step.turn.outcome.estimate().and_then(|seen| seen.sigma_mm);
+    let sigma = sigma.map_or(String::new(), |sigma| {
+        let sigma = sigma.map(|mm| format!("{:.1}", mm * 1e3)).join(" ");
+        format!("  sigma {sigma} um")
+    });
+    format!(
+        "{:>6.1} s  stage {} mm  error {um} um{sigma}  {rate:.0}/s  {}",
+        step.time_s,
+        vector(&step.camera_mm),
+        reason(&step.turn.outcome)
+    )
 }
 
 fn print(
