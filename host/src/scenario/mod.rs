@@ -9,7 +9,7 @@
 //! * [`run`] is the loop, with [`cameras`] that render images or project points;
 //! * [`trace`] is the true position at every millisecond, [`figures`] computes figures from it;
 //! * [`expect`] holds the expected result, [`judge`] lists the missed expectations;
-//! * [`present`] shows the results.
+//! * [`present`] shows the results, [`csv`] writes the trace as a table.
 //!
 //! *Invariant:* no result depends on the speed of this machine. A scenario gives the same step
 //! edges in every run, and so does its tape when replayed on another machine.
