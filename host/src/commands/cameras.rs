@@ -5,6 +5,7 @@ use crate::commands::failure::Failure;
 use std::path::{Path, PathBuf};
 use trinocular_client::ports;
 use trinocular_rig::error::InputError;
+use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::cameras::live::Camera;
 
@@ -54,17 +55,26 @@ fn refuse_doubles(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Opens the cameras, in the rig's order.
+/// Opens the cameras, in the rig's order, and then prints the formats of V4L2 cameras.
 ///
 /// `fps` is the rate that V4L2 cameras are set to.
 pub fn open(devices: &[PathBuf], rig: &RigFile, fps: f64) -> Result<Vec<Box<dyn Camera>>, Failure> {
-    let cameras = devices.iter().zip(&rig.names).enumerate();
-    cameras
-        .map(|(index, (device, name))| match simulated_station(device) {
-            Some(link) => simulated(&link, device, index, rig.rig.image_size_px),
-            None => real(fps, device, name, rig.rig.image_size_px),
-        })
-        .collect()
+    let size_px = rig.rig.image_size_px;
+    let opened = devices.iter().zip(&rig.names).enumerate();
+    let opened = opened.map(|(index, (device, name))| match simulated_station(device) {
+        Some(link) => Ok((simulated(&link, device, index, size_px)?, None)),
+        None => real(fps, device, name, size_px).map(|(camera, format)| (camera, Some(format))),
+    });
+    let opened: Vec<_> = opened.collect::<Result<_, Failure>>()?;
+    let mut cameras = Vec::new();
+    for ((camera, format), (device, name)) in opened.into_iter().zip(devices.iter().zip(&rig.names))
+    {
+        if let Some(format) = format {
+            notice!("{name} is {}, {format}", device.display());
+        }
+        cameras.push(camera);
+    }
+    Ok(cameras)
 }
 
 /// Returns the link of the simulated station whose cameras `device` stands for.
@@ -111,14 +121,14 @@ fn simulated(_: &Path, device: &Path, _: usize, _: [u32; 2]) -> Result<Box<dyn C
     Err(InputError::file(device, reason).into())
 }
 
+/// Opens a V4L2 camera; returns it with its format.
 #[cfg(all(feature = "camera", target_os = "linux"))]
 fn real(
     fps: f64,
     device: &Path,
     name: &str,
     size_px: [u32; 2],
-) -> Result<Box<dyn Camera>, Failure> {
-    use trinocular_rig::notice;
+) -> Result<(Box<dyn Camera>, String), Failure> {
     use trinocular_vision::images::cameras::device::V4l2;
     use trinocular_vision::images::cameras::stamp::Source;
 
@@ -128,12 +138,12 @@ fn real(
         Source::Arrival(_) => notice!("warning: {who}: {source}"),
     });
     let camera = V4l2::open(device, size_px, fps, notice)?;
-    notice!("{name} is {}, {:?}", device.display(), camera.format());
-    Ok(Box::new(camera))
+    let format = format!("{:?}", camera.format());
+    Ok((Box::new(camera), format))
 }
 
 #[cfg(not(all(feature = "camera", target_os = "linux")))]
-fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<Box<dyn Camera>, Failure> {
+fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<(Box<dyn Camera>, String), Failure> {
     let reason = "this program was built without live cameras: build it on Linux with \
                   `cargo build --release --features trinocular/camera`";
     Err(InputError::file(device, reason).into())
