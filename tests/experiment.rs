@@ -192,7 +192,7 @@ fn closed_loop_follows_circle() {
             .split(|b| *b == b'\n')
             .filter_map(|line| serde_json::from_slice(line).ok())
             .collect();
-        assert_eq!(lines.len(), 59, "{method}");
+        assert_eq!(lines.len(), 119, "{method}");
         assert!(
             lines
                 .iter()
