@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use trinocular_recording::export;
 use trinocular_recording::read::Source;
 use trinocular_rig::error::InputError;
+use trinocular_rig::interruption;
 use trinocular_rig::notice;
 use trinocular_rig::output::{NewFolders, Output, Replace};
 use trinocular_rig::rig_file::RigFile;
@@ -78,11 +79,16 @@ fn images(options: &Options, dir: &PathBuf, out: &mut impl Write) -> Result<(), 
     }
     let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
     let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
+    // A limit of the file size is an error of the write then, and a signal ends between two files.
+    interruption::watch().map_err(Failure::Signals)?;
     let mut folders = NewFolders::default();
     folders.make(dir)?;
     let mut count = Count::new("frame sets written");
     let mut written = 0;
     for set in frames.frame_sets() {
+        if let Some(signal) = interruption::signal() {
+            return Err(Failure::Interrupted(signal));
+        }
         let mut set = set?;
         let mut names = rig.names.clone();
         // A camera without an image has no file.

@@ -11,7 +11,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use trinocular_recording::read::survey::Survey;
 use trinocular_recording::read::{Source, calibration};
-use trinocular_recording::replay::{self, Difference, Replayed, Settings};
+use trinocular_recording::replay::{self, Comparison, Difference, Replayed, Settings};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::printable::printable_up_to;
@@ -82,6 +82,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         false => print(&settings, &replayed, out)?,
     }
     out.flush()?;
+    let is_empty = |(_, comparison): (_, &Comparison)| comparison.same + comparison.different == 0;
+    if replayed.comparisons().into_iter().all(is_empty) {
+        let reason = "holds nothing to compare: it was cut off before its first frame set";
+        return Err(InputError::file(&options.file, reason).into());
+    }
     match replayed.first_difference() {
         None => Ok(()),
         Some(difference) => {
