@@ -223,6 +223,24 @@ fn crashed_owner_leaves_no_lock() {
     guest.stop().expect("it is answered");
 }
 
+/// A name of a port goes to the next device that comes.
+#[test]
+fn owner_of_lost_line_receives_no_guests() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_reconnect_patience(PATIENCE);
+    let socket = sockets(&end).pop().expect("a socket");
+    end.unplug();
+    wait("the loss is noticed", || owner.check().is_err());
+    let mut stranger = UnixStream::connect(&socket).expect("it is there");
+    stranger
+        .write_all(b"trinocular 1 stop 1 x\n")
+        .expect("it is open");
+    let mut reply = String::new();
+    let read = std::io::Read::read_to_string(&mut stranger, &mut reply);
+    assert_eq!((read.is_ok(), reply.as_str()), (true, ""));
+}
+
 #[test]
 fn strangers_at_the_socket_do_no_harm() {
     let end = station();

@@ -152,6 +152,35 @@ fn restart_is_noticed() {
 }
 
 #[test]
+fn restart_in_motion_is_no_success() {
+    let mut twin = Twin::on_link();
+    let heartbeat = HEARTBEAT.join(" ");
+    twin.good(&format!("zero --rig rig.toml {heartbeat}"));
+    let words = format!("jog x=40 --rig rig.toml {heartbeat} --port {}", twin.port);
+    let mut jog = trinocular();
+    jog.args(words.split_whitespace())
+        .current_dir(twin.folder.path());
+    let mut jog = jog
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    loop {
+        twin.order("where");
+        if !twin.says().starts_with("stage at 0.0000") {
+            break;
+        }
+    }
+    twin.order("restart");
+    let code = jog.wait().expect("it ends").code();
+    let text = std::io::read_to_string(jog.stderr.take().expect("it is piped")).expect("UTF-8");
+    assert_eq!(code, Some(3), "{text}");
+    assert!(text.contains("restarted"), "{text}");
+    // A stop reaches the restarted station.
+    twin.good("stop");
+}
+
+#[test]
 fn tcp_serves_one_program_after_another() {
     let twin = Twin::start(|_| vec!["--tcp".to_owned(), "127.0.0.1:0".to_owned()]);
     assert!(twin.port.starts_with("tcp://127.0.0.1:"), "{}", twin.port);

@@ -305,6 +305,12 @@ pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(),
     if let Some(fault) = end.fault {
         return Err(hand.failed(StationError::Faulted(fault)));
     }
+    if end.state == State::Unconfigured {
+        // No command takes a configuration away.
+        let path = hand.port().to_owned();
+        let cause = "in motion";
+        return Err(hand.failed(StationError::Restarted { path, cause }));
+    }
     if end.state == State::Stopped {
         let who = if interrupted {
             "interrupted"

@@ -1,6 +1,7 @@
 //! `trinocular stop`: stops the stage until a reset.
 
 use std::io::Write;
+use std::time::{Duration, Instant};
 
 use super::by_hand::{Hand, PortArgument, condition, position};
 use super::json;
@@ -25,22 +26,32 @@ pub struct Options {
     json: bool,
 }
 
+/// Time for which a stop is tried again when the owner of the port leaves it or does not answer.
+const OWNER_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Pause between two tries.
+const LOOK: Duration = Duration::from_millis(50);
+
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let path =
         ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
-    let mut hand = match Hand::connect_and_stop(&options.port) {
-        Ok(hand) => hand,
-        Err(failure) => {
-            // Another program may have the port without letting others in.
-            let Some(other) = end_other_host(&path) else {
-                return Err(failure);
-            };
-            told(&path, other)?;
-            Hand::connect_and_stop(&options.port)?
+    // The owner of the port may be about to leave it, or to open its socket.
+    let patience = Instant::now() + OWNER_PATIENCE;
+    let hand = loop {
+        match stop(&options.port) {
+            Ok(hand) => break hand,
+            Err(_) if Instant::now() < patience => std::thread::sleep(LOOK),
+            Err(failure) => {
+                // Another program may have the port without letting others in.
+                let Some(other) = end_other_host(&path) else {
+                    return Err(failure);
+                };
+                told(&path, other)?;
+                break stop(&options.port)?;
+            }
         }
     };
-    hand.stop()?;
     if let Some(Holder { pid, command }) = hand.serial().owner() {
         notice!("the stop went through `{command}` (process {pid}), which has the port");
     }
@@ -56,6 +67,13 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         diagnosis::position(status.trust)
     )?;
     Ok(())
+}
+
+/// Connects, and stops the stage.
+fn stop(port: &PortArgument) -> Result<Hand, Failure> {
+    let mut hand = Hand::connect_and_stop(port)?;
+    hand.stop()?;
+    Ok(hand)
 }
 
 /// Reports the end of the program that had the port.

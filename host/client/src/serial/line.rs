@@ -36,6 +36,9 @@ pub(super) const RECONNECT_PATIENCE: Duration = Duration::from_secs(10);
 /// Time between two stops, until one is answered. An answer comes within a few ms.
 const STOP_PERIOD: Duration = Duration::from_millis(30);
 
+/// Number of unanswered stops after which a hello goes before the next one.
+const STOPS_PER_HELLO: u32 = 4;
+
 /// Condition of the line.
 enum Link {
     Up,
@@ -239,6 +242,10 @@ impl Line {
         } else if now >= *next {
             *next = now + STOP_PERIOD;
             *sent += 1;
+            if sent.is_multiple_of(STOPS_PER_HELLO) {
+                // A station that has restarted takes nothing before a hello.
+                self.sender.greet();
+            }
             let sequence = self.sender.send(Command::Stop);
             self.client.sent(sequence, &Command::Stop);
         }

@@ -88,8 +88,17 @@ fn receive_guests(listener: &Listener, shared: &Arc<Shared>) {
 /// Lets a guest in, serves it, and ends the motion that it leaves behind.
 fn receive(stream: &mut Stream, shared: &Shared) -> io::Result<()> {
     let guest = owner::introduction(stream)?;
-    if let Some(holder) = shared.line().guests.admit(&guest) {
-        return owner::refuse(stream, &holder);
+    {
+        let mut line = shared.line();
+        if !line.is_up() {
+            // The line is lost, and its name may belong to another device by now: without a reply
+            // the guest opens the port itself.
+            return Ok(());
+        }
+        if let Some(holder) = line.guests.admit(&guest) {
+            drop(line);
+            return owner::refuse(stream, &holder);
+        }
     }
     let mut service = Service {
         by: format!("`{}` (process {})", guest.holder.command, guest.holder.pid),

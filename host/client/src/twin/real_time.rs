@@ -2,7 +2,7 @@
 //! simulated stage on rails at its pins, switches at the rails' ends, and a button.
 
 use super::Hardware;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use trinocular_core::frame::message::Side;
 use trinocular_core::safety::Inputs;
 use trinocular_core::time::Instant as StationInstant;
@@ -43,6 +43,9 @@ impl RealTimeTwin {
     /// Switches a station on, with its stage at zero. The limit switches stand 5 mm beyond the
     /// stage's travel; one that is a home switch stands where the rig file says.
     pub fn power_on(stage: &Stage) -> Self {
+        // Differs from that of a twin before, as the board's does.
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+        let session = since_1970.map_or(1, |since| since.as_micros() as u32);
         let end_steps = |axis: usize, end: usize| {
             let side = [Side::Negative, Side::Positive][end];
             let home = stage.care.home[axis].filter(|home| home.side == side);
@@ -51,11 +54,11 @@ impl RealTimeTwin {
             (mm * stage.steps_per_mm[axis]).round() as i64
         };
         Self {
-            hardware: Hardware::new(stage, NAME, 1),
+            hardware: Hardware::new(stage, NAME, session),
             stage: stage.clone(),
             ends_steps: std::array::from_fn(|axis| [end_steps(axis, 0), end_steps(axis, 1)]),
             bench: Bench::default(),
-            session: 1,
+            session,
             last: Instant::now(),
         }
     }
@@ -103,7 +106,7 @@ impl RealTimeTwin {
     /// Cuts the power and switches it on again. The stage stays where it is, and the switches as
     /// they are.
     pub fn power_cycle(&mut self) {
-        self.session += 1;
+        self.session = self.session.wrapping_add(1);
         let mut hardware = Hardware::new(&self.stage, NAME, self.session);
         hardware.plant.put(self.hardware.plant.steps());
         self.hardware = hardware;
