@@ -108,11 +108,17 @@ impl Sender {
         self.writer().broken.take()
     }
 
-    /// Starts or ends the heartbeat.
+    /// Starts or ends the heartbeat. The first ping goes out at once, so that it is ahead of a
+    /// command that follows.
     pub fn set_pings(&self, on: bool) {
         let mut writer = self.writer();
         writer.pings = on;
         writer.next_ping = Instant::now();
+        if on {
+            let host_us = self.now_us();
+            writer.send(Command::Ping { host_us });
+            writer.next_ping += PING;
+        }
         self.changed.notify_all();
     }
 
