@@ -11,6 +11,7 @@
 //! whatever ends the run (`stop`).
 
 mod busy;
+mod connecting;
 mod line;
 mod port;
 mod repetition;
@@ -18,38 +19,26 @@ mod sender;
 mod sharing;
 mod stop;
 
-pub use sharing::Access;
-
 pub use busy::{Holder, OtherHost, end_other_host};
-pub use stop::{Ending, ending};
+pub use sharing::Access;
+pub use stop::{Ending, Stopper, ending};
 
 use super::StationError;
 use super::conversation::Client;
-use super::observer::StationObserver;
-use super::owner::Purpose;
-use super::stage::configuration;
 use line::Line;
 use sender::Sender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use trinocular_core::frame::message::{Command, Config, Denial, Hello, LastRun, Mounting, Status};
+use trinocular_core::frame::message::{Command, Denial, Hello, LastRun, Status};
 use trinocular_core::safety::Fault;
 use trinocular_rig::interruption;
-use trinocular_rig::rig_file::Stage;
 
 /// Polling period of the line.
 const LOOK: Duration = Duration::from_millis(1);
 
 /// Timeout for an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
-
-/// Timeout for the first answer: some boards restart when their port is opened, and a
-/// pseudo-terminal takes a second to notice it.
-const HELLO_PATIENCE: Duration = Duration::from_secs(3);
-
-/// Period of hello until the first answer.
-const HELLO_PERIOD: Duration = Duration::from_millis(250);
 
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
@@ -121,32 +110,6 @@ pub struct Serial {
     stops: bool,
 }
 
-/// Handle that stops the stage of a [`Serial`] from any thread.
-#[derive(Clone)]
-pub struct Stopper {
-    shared: Arc<Shared>,
-}
-
-impl std::fmt::Debug for Stopper {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Stopper").finish_non_exhaustive()
-    }
-}
-
-impl Stopper {
-    /// Stops the stage at once, in the name of `by`. The stop is repeated until it is answered, and
-    /// from now on every call of the [`Serial`] that waits or moves fails with
-    /// [`StationError::StoppedByOther`].
-    pub fn stop(&self, by: &str) {
-        self.shared.line().stop_for(by.to_owned());
-    }
-
-    /// Returns true once the station has answered the stop.
-    pub fn is_answered(&self) -> bool {
-        matches!(self.shared.line().stop, stop::Stop::Answered)
-    }
-}
-
 impl std::fmt::Debug for Serial {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Serial")
@@ -163,125 +126,6 @@ impl Drop for Serial {
 }
 
 impl Serial {
-    /// Opens the line and identifies the station. Sends nothing but hello; no heartbeat yet. From
-    /// then on the program watches for Ctrl-C and other [signals](interruption).
-    ///
-    /// # Errors
-    /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
-    /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
-    /// station with other firmware is no error here: see [`Hello::mismatches`].
-    ///
-    /// # Example
-    /// ```
-    /// use trinocular_client::StationError;
-    /// use trinocular_client::serial::Serial;
-    ///
-    /// let error = Serial::connect("/no/such/port").unwrap_err();
-    /// assert!(matches!(&error, StationError::Port { .. }));
-    /// assert_eq!(error.port(), Some("/no/such/port"));
-    /// ```
-    pub fn connect(path: &str) -> Result<Self, StationError> {
-        Self::connect_observed(path, None)
-    }
-
-    /// Connects as [`Serial::connect`] does; `observer` sees every byte on the line.
-    ///
-    /// # Errors
-    /// As [`Serial::connect`].
-    pub fn connect_observed(
-        path: &str,
-        observer: Option<Arc<dyn StationObserver>>,
-    ) -> Result<Self, StationError> {
-        Self::connect_as(path, Purpose::Drive, observer)
-    }
-
-    /// Connects as [`Serial::connect`] does, only to read the station's reports: also while another
-    /// program has the port.
-    ///
-    /// # Errors
-    /// As [`Serial::connect`].
-    pub fn connect_to_watch(path: &str) -> Result<Self, StationError> {
-        Self::connect_as(path, Purpose::Watch, None)
-    }
-
-    fn connect_as(
-        path: &str,
-        purpose: Purpose,
-        observer: Option<Arc<dyn StationObserver>>,
-    ) -> Result<Self, StationError> {
-        let serial = Self::open(path, purpose)?;
-        serial.shared.line().set_observer(observer);
-        serial.hello()?;
-        serial.shared.line().begin_session();
-        Ok(serial)
-    }
-
-    /// Connects as [`Serial::connect`] does, and stops the stage. The first stop goes out right
-    /// behind the first hello, because a station may receive although its replies are lost. A
-    /// station with an implausible hello is stopped all the same.
-    ///
-    /// # Errors
-    /// As [`Serial::connect`]; [`StationError::StoppedDoubtful`] if the stop was answered, but the
-    /// hello is implausible.
-    pub fn connect_and_stop(path: &str) -> Result<Self, StationError> {
-        let mut serial = Self::open(path, Purpose::Stop)?;
-        serial.stops = true;
-        {
-            let mut line = serial.shared.line();
-            line.greet();
-            line.begin_stop();
-            // Sends it, before hello is repeated.
-            line.attend();
-        }
-        match serial.hello() {
-            Err(StationError::Implausible(cause)) => {
-                serial.until_stopped()?;
-                return Err(StationError::StoppedDoubtful(cause));
-            }
-            said => said?,
-        }
-        serial.shared.line().begin_session();
-        Ok(serial)
-    }
-
-    /// Opens the line and starts its threads; sends nothing.
-    fn open(path: &str, purpose: Purpose) -> Result<Self, StationError> {
-        let failed = |what: &str, cause: std::io::Error| StationError::Port {
-            path: path.to_owned(),
-            reason: format!("{what}: {cause}"),
-        };
-        interruption::watch().map_err(|cause| failed("signals", cause))?;
-        let sender = Arc::new(Sender::new(Instant::now()));
-        let line = Line::open(path, purpose, Arc::clone(&sender))?;
-        let shared = Arc::new(Shared {
-            line: Mutex::new(line),
-            ending: Condvar::new(),
-        });
-        let mut serial = Self {
-            shared,
-            sender,
-            threads: Vec::new(),
-            cleared: None,
-            _awake: interruption::Awake::begin(),
-            stops: false,
-        };
-        let attendant = Arc::clone(&serial.shared);
-        let attendant = std::thread::Builder::new()
-            .name("station".to_owned())
-            .spawn(move || attendant.attend());
-        for thread in [attendant, serial.sender.start_heartbeat()] {
-            let thread = thread.map_err(|cause| failed("cannot start its threads", cause))?;
-            serial.threads.push(thread);
-        }
-        if serial.owner().is_none() {
-            // Without a place for the socket, other programs cannot reach the station while this
-            // one has the port.
-            let guests = sharing::open_door(path, Arc::clone(&serial.shared));
-            serial.threads.extend(guests);
-        }
-        Ok(serial)
-    }
-
     /// Closes the line without sending anything, as a crash does: a stage in motion goes on until
     /// its station misses the heartbeat.
     pub fn abandon(mut self) {
@@ -298,86 +142,9 @@ impl Serial {
         }
     }
 
-    /// Connects to the station, brings it to rest whatever the last host left behind, starts the
-    /// heartbeat, configures the stage and declares its present position to be zero.
-    ///
-    /// # Errors
-    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware;
-    /// [`StationError::Faulted`] with [`Fault::Restart`], which must be acknowledged by hand;
-    /// if the stage does not fit the configuration or the station refuses it.
-    pub fn start(path: &str, stage: &Stage, mounting: Mounting) -> Result<Self, StationError> {
-        Self::start_as(path, configuration(stage, mounting)?)
-    }
-
-    /// Starts the station as [`Serial::start`] does, with a configuration of the caller's.
-    ///
-    /// # Errors
-    /// As [`Serial::start`].
-    pub fn start_as(path: &str, configuration: Config) -> Result<Self, StationError> {
-        Self::start_observed(path, configuration, None)
-    }
-
-    /// Starts the station as [`Serial::start_as`] does; `observer` sees every byte on the line.
-    ///
-    /// # Errors
-    /// As [`Serial::start`].
-    pub fn start_observed(
-        path: &str,
-        configuration: Config,
-        observer: Option<Arc<dyn StationObserver>>,
-    ) -> Result<Self, StationError> {
-        let mut serial = Self::connect_observed(path, observer)?;
-        let mismatches = serial.who().map(|hello| hello.mismatches());
-        let mismatches = mismatches.unwrap_or_default();
-        if !mismatches.is_empty() {
-            return Err(StationError::Mismatch(mismatches.to_vec()));
-        }
-        // Without the heartbeat, which would keep a motion of a crashed host alive.
-        serial.stop()?;
-        serial.stops = false;
-        serial.cleared = serial.fresh_status(true)?.fault;
-        if let Some(fault @ Fault::Restart) = serial.cleared {
-            // The operator has to look at the stage first.
-            return Err(StationError::Faulted(fault));
-        }
-        let end = Instant::now() + REST_PATIENCE;
-        loop {
-            match serial.command("reset", Command::Reset) {
-                Err(StationError::Denied {
-                    denial: Denial::Moving | Denial::FaultUnread,
-                    ..
-                }) if Instant::now() < end => std::thread::sleep(10 * LOOK),
-                outcome => break outcome?,
-            }
-        }
-        serial.start_heartbeat()?;
-        serial.command("config", Command::Config(configuration))?;
-        serial.command("zero", Command::Zero)?;
-        {
-            let mut line = serial.shared.line();
-            line.configured = true;
-            line.configuration = Some(configuration);
-        }
-        Ok(serial)
-    }
-
     /// Returns the fault that was latched before [`Serial::start`] and cleared by it.
     pub fn cleared(&self) -> Option<Fault> {
         self.cleared
-    }
-
-    fn hello(&self) -> Result<(), StationError> {
-        let end = Instant::now() + HELLO_PATIENCE;
-        loop {
-            self.shared.line().greet();
-            let again = (Instant::now() + HELLO_PERIOD).min(end);
-            if self.wait_until(again, |client| client.hello().map(|_| ()))? == Some(()) {
-                return Ok(());
-            }
-            if Instant::now() >= end {
-                return Err(self.silence("hello", HELLO_PATIENCE));
-            }
-        }
     }
 
     /// Waits until `got` returns a value from the client, at most until `end`; on a lost line,
@@ -455,45 +222,6 @@ impl Serial {
             false => client.status_since_hello().copied(),
         })?;
         status.ok_or_else(|| self.silence("status", PATIENCE))
-    }
-
-    /// Returns a handle that stops the stage from any thread.
-    pub fn stopper(&self) -> Stopper {
-        Stopper {
-            shared: Arc::clone(&self.shared),
-        }
-    }
-
-    /// Returns the program through which the station is reached, if another one has the port.
-    pub fn owner(&self) -> Option<Holder> {
-        self.shared.line().owner.clone()
-    }
-
-    /// Sets the access of guests that want to drive.
-    pub fn set_access(&mut self, access: Access) {
-        self.shared.line().guests.access = access;
-    }
-
-    /// Gives the station this program's configuration again if a guest has changed it.
-    ///
-    /// # Errors
-    /// As [`Serial::command`]; [`StationError::Denied`] if the stage moves.
-    pub fn restore_configuration(&mut self) -> Result<(), StationError> {
-        let configuration = {
-            let line = self.shared.line();
-            line.configuration.filter(|_| line.guests.has_reconfigured)
-        };
-        if let Some(configuration) = configuration {
-            self.command("config", Command::Config(configuration))?;
-            self.shared.line().guests.has_reconfigured = false;
-        }
-        Ok(())
-    }
-
-    /// Lets commands move the stage again after a [`Stopper`] has stopped it. The station itself
-    /// stays stopped until a reset.
-    pub fn forgive_stop(&mut self) {
-        self.shared.line().stopped_by = None;
     }
 
     /// Returns the path of the port.

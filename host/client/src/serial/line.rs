@@ -79,8 +79,6 @@ pub(super) struct Line {
     interruption: Option<Interruption>,
     /// Session that commands belong to; `None` before the first hello.
     session: Option<u32>,
-    /// True if the station was configured in this session.
-    pub configured: bool,
     /// Time for reconnecting a lost line.
     pub patience: Duration,
     /// True once the owner is gone.
@@ -92,7 +90,7 @@ pub(super) struct Line {
     /// Program through which the line leads, because it has the port.
     pub owner: Option<Holder>,
     pub guests: Guests,
-    /// Configuration that this program gave the station.
+    /// Configuration that this program gave the station in this session.
     pub configuration: Option<Config>,
 }
 
@@ -125,7 +123,6 @@ impl Line {
             link: Link::Up,
             interruption: None,
             session: None,
-            configured: false,
             patience: match owner {
                 // When the owner is gone, so is the knowledge of what it did.
                 Some(_) => Duration::ZERO,
@@ -351,7 +348,7 @@ impl Line {
             return Some(Interruption::Mismatch(mismatches.to_vec()));
         }
         let state = self.client.status()?.state;
-        let forgot = self.configured && state == State::Unconfigured;
+        let forgot = self.configuration.is_some() && state == State::Unconfigured;
         if self.session != Some(hello.session) || forgot {
             let cause = super::super::reset_cause(hello.reset_cause);
             self.client.forget_clock();

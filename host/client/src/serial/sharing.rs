@@ -12,10 +12,11 @@
 //! Pings are answered here, by this program's knowledge of the station's clock. A guest that leaves
 //! while the stage moves because of it stops the stage.
 
+use super::super::StationError;
 use super::super::motion::moves;
 use super::super::owner::{self, Guest, Listener, Purpose, Stream};
 use super::stop::Stop;
-use super::{Holder, LOOK, Shared};
+use super::{Holder, LOOK, Serial, Shared};
 use std::io::{self, Read as _, Write as _};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -136,6 +137,34 @@ fn leave(shared: &Shared) {
             }
         }
         std::thread::sleep(LOOK);
+    }
+}
+
+impl Serial {
+    /// Returns the program through which the station is reached, if another one has the port.
+    pub fn owner(&self) -> Option<Holder> {
+        self.shared.line().owner.clone()
+    }
+
+    /// Sets the access of guests that want to drive.
+    pub fn set_access(&mut self, access: Access) {
+        self.shared.line().guests.access = access;
+    }
+
+    /// Gives the station this program's configuration again if a guest has changed it.
+    ///
+    /// # Errors
+    /// As [`Serial::command`]; [`StationError::Denied`] if the stage moves.
+    pub fn restore_configuration(&mut self) -> Result<(), StationError> {
+        let configuration = {
+            let line = self.shared.line();
+            line.configuration.filter(|_| line.guests.has_reconfigured)
+        };
+        if let Some(configuration) = configuration {
+            self.command("config", Command::Config(configuration))?;
+            self.shared.line().guests.has_reconfigured = false;
+        }
+        Ok(())
     }
 }
 

@@ -10,7 +10,8 @@
 
 use super::super::StationError;
 use super::super::allowance::Allowance;
-use super::Serial;
+use super::{Serial, Shared};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use trinocular_core::safety::State;
@@ -67,7 +68,46 @@ pub(super) enum Stop {
     Unanswered { sent: u32 },
 }
 
+/// Handle that stops the stage of a [`Serial`] from any thread.
+#[derive(Clone)]
+pub struct Stopper {
+    shared: Arc<Shared>,
+}
+
+impl std::fmt::Debug for Stopper {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stopper").finish_non_exhaustive()
+    }
+}
+
+impl Stopper {
+    /// Stops the stage at once, in the name of `by`. The stop is repeated until it is answered, and
+    /// from now on every call of the [`Serial`] that waits or moves fails with
+    /// [`StationError::StoppedByOther`].
+    pub fn stop(&self, by: &str) {
+        self.shared.line().stop_for(by.to_owned());
+    }
+
+    /// Returns true once the station has answered the stop.
+    pub fn is_answered(&self) -> bool {
+        matches!(self.shared.line().stop, Stop::Answered)
+    }
+}
+
 impl Serial {
+    /// Returns a handle that stops the stage from any thread.
+    pub fn stopper(&self) -> Stopper {
+        Stopper {
+            shared: Arc::clone(&self.shared),
+        }
+    }
+
+    /// Lets commands move the stage again after a [`Stopper`] has stopped it. The station itself
+    /// stays stopped until a reset.
+    pub fn forgive_stop(&mut self) {
+        self.shared.line().stopped_by = None;
+    }
+
     /// Stops the stage: sends stop every 30 ms until one is answered. From then on the calls that
     /// wait report no signals.
     ///
