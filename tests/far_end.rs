@@ -4,7 +4,6 @@
 //! The port is a symbolic link to the pseudo-terminal, so that a line can be unplugged and plugged
 //! in again under the same name.
 
-use serialport::{SerialPort as _, TTYPort};
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -14,6 +13,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_client::plant::Plant;
 use trinocular_client::stage::{configuration, default_stage};
+use trinocular_client::twin::far_end::{FarEnd as _, Terminal};
 use trinocular_client::twin::{PORT, RING_WORDS};
 use trinocular_core::frame::encode::encode;
 use trinocular_core::frame::message::{Config, LastRun, Mounting, Packet, Report, ResetCause};
@@ -103,22 +103,11 @@ impl FarEnd {
     }
 }
 
-/// A pseudo-terminal under a link's name.
-struct Line {
-    far: TTYPort,
-    /// Near end, kept open because the line would end when the other program closes it.
-    _near: TTYPort,
-}
-
-impl Line {
-    fn new(path: &Path) -> Self {
-        let (mut far, near) = TTYPort::pair().expect("a pseudo-terminal");
-        far.set_timeout(Duration::from_millis(1))
-            .expect("a timeout");
-        let name = near.name().expect("it has a name");
-        std::os::unix::fs::symlink(name, path).expect("a link");
-        Self { far, _near: near }
-    }
+/// Opens a pseudo-terminal under a link's name.
+fn line(path: &Path) -> Terminal {
+    let terminal = Terminal::open().expect("a pseudo-terminal");
+    std::os::unix::fs::symlink(terminal.name(), path).expect("a link");
+    terminal
 }
 
 /// Calls `live` every millisecond with the bytes received, and sends back the bytes it returns.
@@ -126,20 +115,20 @@ fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> 
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("port");
     let shared = Arc::new(Shared::default());
-    let mut line = Some(Line::new(&path));
+    let mut end = Some(line(&path));
     let (theirs, link) = (Arc::clone(&shared), path.clone());
     let thread = std::thread::spawn(move || {
         let mut buffer = [0; 256];
         while !theirs.over.load(Ordering::Relaxed) {
             let unplugged = theirs.unplugged.load(Ordering::Relaxed);
-            if unplugged && line.take().is_some() {
+            if unplugged && end.take().is_some() {
                 std::fs::remove_file(&link).expect("the link was there");
             }
-            if !unplugged && line.is_none() {
-                line = Some(Line::new(&link));
+            if !unplugged && end.is_none() {
+                end = Some(line(&link));
             }
-            let count = match &mut line {
-                Some(line) => line.far.read(&mut buffer).unwrap_or(0),
+            let count = match &mut end {
+                Some(end) => end.read(&mut buffer).unwrap_or(0),
                 None => {
                     std::thread::sleep(Duration::from_millis(1));
                     0
@@ -151,9 +140,8 @@ fn far_end(mut live: impl FnMut(&Shared, &[u8]) -> Vec<u8> + Send + 'static) -> 
                 .expect("no thread panics")
                 .extend_from_slice(&buffer[..count]);
             let answer = live(&theirs, &buffer[..count]);
-            if let Some(line) = &mut line {
-                // A full line loses unread bytes.
-                let _ = line.far.write_all(&answer);
+            if let Some(end) = &mut end {
+                end.write(&answer);
             }
         }
     });

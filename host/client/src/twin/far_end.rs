@@ -25,15 +25,61 @@ pub trait FarEnd: Send {
     fn write(&mut self, bytes: &[u8]);
 }
 
+/// Pseudo-terminal by its own name.
+#[cfg(unix)]
+#[derive(Debug)]
+pub struct Terminal {
+    far: serialport::TTYPort,
+    /// Near end, kept open because the line would end when the other program closes it.
+    _near: serialport::TTYPort,
+    name: String,
+}
+
+#[cfg(unix)]
+impl Terminal {
+    /// Opens a pseudo-terminal.
+    ///
+    /// # Errors
+    /// If the system has none.
+    pub fn open() -> io::Result<Self> {
+        use serialport::SerialPort as _;
+        let (mut far, near) = serialport::TTYPort::pair()?;
+        far.set_timeout(WAIT)?;
+        let name = near.name().ok_or(io::ErrorKind::NotFound)?;
+        Ok(Self {
+            far,
+            _near: near,
+            name,
+        })
+    }
+
+    /// Returns the path of the end that other programs open.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+#[cfg(unix)]
+impl FarEnd for Terminal {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self.far.read(buffer) {
+            Err(cause) if is_pause(&cause) => Ok(0),
+            outcome => outcome,
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        let _ = self.far.write_all(bytes);
+    }
+}
+
 /// Pseudo-terminal under the name of a symbolic link, which is removed when this is dropped.
 ///
 /// A lock on a file beside the link tells a link in use from one that a crash has left: the system
 /// gives its pseudo-terminal to another program later.
 #[cfg(unix)]
 pub struct PseudoTerminal {
-    far: serialport::TTYPort,
-    /// Near end, kept open because the line would end when the other program closes it.
-    _near: serialport::TTYPort,
+    terminal: Terminal,
     link: PathBuf,
     _lock: File,
 }
@@ -48,7 +94,6 @@ impl PseudoTerminal {
     /// [`io::ErrorKind::AlreadyExists`] if something else is there; if the system has no
     /// pseudo-terminal.
     pub fn open(link: &Path) -> io::Result<Self> {
-        use serialport::SerialPort as _;
         let lock = File::options()
             .create(true)
             .truncate(false)
@@ -63,13 +108,10 @@ impl PseudoTerminal {
         {
             std::fs::remove_file(link)?;
         }
-        let (mut far, near) = serialport::TTYPort::pair()?;
-        far.set_timeout(WAIT)?;
-        let name = near.name().ok_or(io::ErrorKind::NotFound)?;
-        std::os::unix::fs::symlink(&name, link)?;
+        let terminal = Terminal::open()?;
+        std::os::unix::fs::symlink(terminal.name(), link)?;
         Ok(Self {
-            far,
-            _near: near,
+            terminal,
             link: link.to_owned(),
             _lock: lock,
         })
@@ -101,14 +143,11 @@ impl Drop for PseudoTerminal {
 #[cfg(unix)]
 impl FarEnd for PseudoTerminal {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        match self.far.read(buffer) {
-            Err(cause) if is_pause(&cause) => Ok(0),
-            outcome => outcome,
-        }
+        self.terminal.read(buffer)
     }
 
     fn write(&mut self, bytes: &[u8]) {
-        let _ = self.far.write_all(bytes);
+        self.terminal.write(bytes);
     }
 }
 

@@ -1,17 +1,13 @@
 //! A [real-time twin](super::real_time) on a thread of this process, behind a pseudo-terminal.
 
+use super::far_end::{FarEnd as _, Terminal};
 use super::real_time::RealTimeTwin;
 use crate::StationError;
-use serialport::{SerialPort as _, TTYPort};
-use std::io::{Read as _, Write as _};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use trinocular_rig::rig_file::Stage;
-
-/// Longest time between two looks at the line.
-const LOOK: Duration = Duration::from_millis(1);
 
 /// Station in real time on a thread of this process. It ends with this value.
 #[derive(Debug)]
@@ -41,24 +37,16 @@ impl TwinOnPort {
             path: "the built-in twin".to_owned(),
             reason,
         };
-        let (mut far, near) =
-            TTYPort::pair().map_err(|cause| failed(format!("no pseudo-terminal: {cause}")))?;
-        far.set_timeout(LOOK)
-            .map_err(|cause| failed(cause.to_string()))?;
-        let path = near
-            .name()
-            .ok_or_else(|| failed("its pseudo-terminal has no name".to_owned()))?;
+        let terminal =
+            Terminal::open().map_err(|cause| failed(format!("no pseudo-terminal: {cause}")))?;
+        let path = terminal.name().to_owned();
         let pins = Arc::new(Pins::default());
         let twin = RealTimeTwin::power_on(stage);
         let theirs = Arc::clone(&pins);
         let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("twin".to_owned())
-            .spawn(move || {
-                // The line would end when the other program closes it.
-                let _near = near;
-                live(twin, far, started, &theirs);
-            });
+            .spawn(move || live(twin, terminal, started, &theirs));
         Ok(Self {
             path,
             started,
@@ -95,7 +83,7 @@ impl Drop for TwinOnPort {
 }
 
 /// Runs the station until the end.
-fn live(mut twin: RealTimeTwin, mut line: TTYPort, started: Instant, pins: &Pins) {
+fn live(mut twin: RealTimeTwin, mut line: Terminal, started: Instant, pins: &Pins) {
     let mut buffer = [0; 512];
     while !pins.is_over.load(Ordering::Relaxed) {
         let count = line.read(&mut buffer).unwrap_or(0);
@@ -108,8 +96,7 @@ fn live(mut twin: RealTimeTwin, mut line: TTYPort, started: Instant, pins: &Pins
             pins.last_edge_us.store(since_us as u64, Ordering::Relaxed);
         }
         drop(known);
-        // A host that does not read loses reports, as on a real line.
-        let _ = line.write_all(&answer);
+        line.write(&answer);
     }
 }
 
@@ -129,7 +116,7 @@ mod tests {
         serial.command("jog", Command::Jog { distance_um }).unwrap();
         let patience = Instant::now() + Duration::from_secs(60);
         while twin.steps() != [40, 0, -20] && Instant::now() < patience {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(Duration::from_millis(1));
         }
         assert_eq!(twin.steps(), [40, 0, -20]);
         assert!(twin.last_edge() > twin.started);
