@@ -20,7 +20,7 @@ use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::live::LiveCameras;
-use trinocular_vision::images::cameras::stamp::quickest;
+use trinocular_vision::images::cameras::stamp::offset_us;
 
 /// Rate that V4L2 cameras are set to, per second.
 const FPS: f64 = 30.0;
@@ -105,16 +105,6 @@ impl Live {
         Ok(path)
     }
 
-    /// Returns the lead of the host's clock of the line over the cameras' clock, µs.
-    fn lead_us(&self) -> i64 {
-        let serial = self.driven.hand.serial();
-        quickest(|| {
-            let (before_us, line_us) = (self.cameras.now_us(), serial.now_us());
-            let took_us = self.cameras.now_us().saturating_sub(before_us);
-            (took_us, line_us as i64 - (before_us + took_us / 2) as i64)
-        })
-    }
-
     fn next(&mut self) -> Result<FrameSet, Failure> {
         let line = self.driven.hand.serial().check();
         line.map_err(|error| self.driven.hand.failed(error))?;
@@ -160,26 +150,19 @@ impl Bench for Live {
             pass.captures.push(self.next()?);
         }
         self.driven.arrive()?;
-        let lead_us = self.lead_us();
         let serial = self.driven.hand.serial();
-        let clock = serial.client();
-        let now_us = serial_now_us(&self.cameras, lead_us);
         let unknown = || InputError::file(&self.source, "the station's clock is not known yet");
-        let now = clock.clock().station_us(now_us).ok_or_else(unknown)?;
-        let start_us = instant_of_tick(tick.ok_or_else(unknown)?, now);
+        let (station_us, _) = serial.offset_us().ok_or_else(unknown)?;
+        let now_us = serial.now_us().saturating_add_signed(station_us);
+        let start_us = instant_of_tick(tick.ok_or_else(unknown)?, now_us);
         // From the station's clock to the cameras', by way of the line's.
-        let ahead_us = now as i64 - (now_us as i64 - lead_us);
+        let ahead_us = station_us + offset_us(|| serial.now_us(), || self.cameras.now_us());
         for (since_us, at_mm) in path {
             let time_us = start_us as i64 + since_us - ahead_us;
             pass.path.push((time_us as f64 * 1e-6, at_mm));
         }
         Ok(Some(pass))
     }
-}
-
-/// Returns the present time on the line's clock, µs.
-fn serial_now_us(cameras: &LiveCameras, lead_us: i64) -> u64 {
-    cameras.now_us().saturating_add_signed(lead_us)
 }
 
 /// Returns the instant of a control tick, which is known modulo 2³², µs of the station's clock.

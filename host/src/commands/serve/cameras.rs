@@ -5,7 +5,6 @@ use super::simulated::Station;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
-use crate::commands::track::captures::offset_us;
 use crate::commands::track::live;
 use std::net::TcpListener;
 use std::path::PathBuf;
@@ -19,6 +18,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::cameras::live::LiveCameras;
+use trinocular_vision::images::cameras::stamp::offset_us;
 
 /// Runs until Ctrl-C.
 pub fn run(

@@ -25,7 +25,7 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::flow::FlowRefusal;
 use trinocular_vision::flow::exchanged::explain_keyframe;
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::cameras::stamp::quickest;
+use trinocular_vision::images::cameras::stamp::offset_us;
 
 /// Longest time of live cameras without a usable keyframe, µs: their automatic exposure settles
 /// within a second or two after they are opened.
@@ -210,15 +210,6 @@ impl<'a> Captures<'a> {
     }
 }
 
-/// Returns the lead of one clock over another, µs.
-pub fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
-    quickest(|| {
-        let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
-        let took_us = after_us.saturating_sub(before_us);
-        (took_us, at_us as i64 - (before_us + took_us / 2) as i64)
-    })
-}
-
 /// Returns the state of a live run in one line.
 fn status(followed: &Followed, rate: f64) -> String {
     let Followed {
@@ -293,34 +284,4 @@ fn print(
     // Flush, so that a reader gets each line at once.
     out.flush()?;
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::cell::Cell;
-    use trinocular_vision::images::cameras::stamp::READINGS;
-
-    /// The clock is five seconds ahead. Each reading takes a microsecond, but in most pairs the
-    /// processor is away for 20 ms, before or after.
-    #[test]
-    fn quickest_reading_compares_clocks() {
-        for quick in 0..READINGS as u64 {
-            let (now_us, calls) = (Cell::new(1_000_000), Cell::new(0));
-            let read = |place: u64, ahead_us: u64| {
-                let pair = calls.get() / 3;
-                let is_held_up = pair != quick && (calls.get() % 3 == 1 + pair % 2);
-                assert_eq!(calls.get() % 3, place, "in the order of one reading");
-                calls.set(calls.get() + 1);
-                now_us.set(now_us.get() + if is_held_up { 20_000 } else { 1 });
-                now_us.get() + ahead_us
-            };
-            let of_us = || read(calls.get() % 3, 0);
-            assert_eq!(
-                offset_us(|| read(1, 5_000_000), of_us),
-                5_000_000,
-                "{quick}"
-            );
-        }
-    }
 }

@@ -22,7 +22,7 @@ const AHEAD: Duration = Duration::from_millis(1);
 const OLDEST: Duration = Duration::from_secs(3);
 
 /// Number of readings of two clocks, of which the quickest is used.
-pub const READINGS: usize = 8;
+const READINGS: usize = 8;
 
 /// Returns the quickest of several readings of two clocks, each given with its duration. A reading
 /// during which the scheduler took the processor away is a bad pair.
@@ -33,6 +33,15 @@ pub fn quickest<O: Ord, T>(reading: impl Fn() -> (O, T)) -> T {
         false => best,
     };
     others.fold(reading(), quicker).1
+}
+
+/// Returns the lead of one clock over another, µs.
+pub fn offset_us(ahead_us: impl Fn() -> u64, of_us: impl Fn() -> u64) -> i64 {
+    quickest(|| {
+        let (before_us, at_us, after_us) = (of_us(), ahead_us(), of_us());
+        let took_us = after_us.saturating_sub(before_us);
+        (took_us, at_us as i64 - (before_us + took_us / 2) as i64)
+    })
 }
 
 /// Readings of both clocks at one moment.

@@ -1,6 +1,7 @@
 //! Time stamps, with a drivers' clock that reads 1000 s at the tests' instant.
 
 use super::*;
+use std::cell::Cell;
 
 const NOW: Duration = Duration::from_secs(1000);
 
@@ -95,5 +96,28 @@ fn source_is_described_in_words() {
     assert!(text(Source::Driver(Point::Start)).ends_with("of their start"));
     for doubt in [Doubt::OtherClock, Doubt::Ahead, Doubt::Behind] {
         assert!(text(Source::Arrival(doubt)).contains("arrival"));
+    }
+}
+
+/// The clock is five seconds ahead. Each reading takes a microsecond, but in most pairs the
+/// processor is away for 20 ms, before or after.
+#[test]
+fn quickest_reading_compares_clocks() {
+    for quick in 0..READINGS as u64 {
+        let (now_us, calls) = (Cell::new(1_000_000), Cell::new(0));
+        let read = |place: u64, ahead_us: u64| {
+            let pair = calls.get() / 3;
+            let is_held_up = pair != quick && (calls.get() % 3 == 1 + pair % 2);
+            assert_eq!(calls.get() % 3, place, "in the order of one reading");
+            calls.set(calls.get() + 1);
+            now_us.set(now_us.get() + if is_held_up { 20_000 } else { 1 });
+            now_us.get() + ahead_us
+        };
+        let of_us = || read(calls.get() % 3, 0);
+        assert_eq!(
+            offset_us(|| read(1, 5_000_000), of_us),
+            5_000_000,
+            "{quick}"
+        );
     }
 }
