@@ -35,6 +35,7 @@ mod motors;
 mod port;
 mod ports;
 mod progress;
+mod range;
 mod record;
 mod replay;
 mod report;

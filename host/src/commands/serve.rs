@@ -5,6 +5,7 @@ mod simulated;
 
 use super::live_page::LivePage;
 use super::port::PortOption;
+use super::range;
 use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
 use crate::commands::by_hand::on_interrupt;
@@ -141,16 +142,10 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
-    let range = |name: &str, value: f64, low: f64, high: f64| match (low..=high).contains(&value) {
-        true => Ok(()),
-        false => Err(Failure::Usage(format!(
-            "--{name} is {value}, must be {low} to {high}"
-        ))),
-    };
-    range("fps", options.fps, 1.0, 200.0)?;
-    range("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
-    range("window", options.window, 0.0, 500.0 / options.fps)?;
-    range("delay", options.delay, -100.0, 300.0)?;
+    range::check("fps", options.fps, 1.0, 200.0)?;
+    range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
+    range::check("window", options.window, 0.0, 500.0 / options.fps)?;
+    range::check("delay", options.delay, -100.0, 300.0)?;
     // The page's port first, so that nothing moves if it is in use.
     let listener = Server::listen(options.listen, options.control).map_err(Failure::of_page)?;
     let rig = match &options.rig {

@@ -10,6 +10,7 @@ mod simulated;
 
 use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
+use super::range;
 use super::record::{Origin, RecordOption, Recording};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
@@ -301,24 +302,18 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
-    let range = |name: &str, value: f64, low: f64, high: f64| match (low..=high).contains(&value) {
-        true => Ok(()),
-        false => Err(Failure::Usage(format!(
-            "--{name} is {value}, must be {low} to {high}"
-        ))),
-    };
-    range("fps", options.fps(), 1.0, 200.0)?;
-    range("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
-    range("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
-    range(
+    range::check("fps", options.fps(), 1.0, 200.0)?;
+    range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
+    range::check("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
+    range::check(
         "window",
         options.window_ms(),
         0.0,
         options.widest_window_ms(),
     )?;
     // The station remembers where the stage was for half a second.
-    range("delay", options.delay, -100.0, 300.0)?;
-    range(
+    range::check("delay", options.delay, -100.0, 300.0)?;
+    range::check(
         "latency",
         options.latency.unwrap_or(0) as f64,
         0.0,

@@ -5,6 +5,7 @@ mod console;
 pub mod lab;
 
 use crate::commands::failure::Failure;
+use crate::commands::range;
 use crate::commands::scene::SceneOptions;
 use clap::Args;
 use console::{Console, Order};
@@ -86,10 +87,7 @@ Examples, the first in one terminal and the others in another:
 
 /// Runs until a signal or `quit`.
 pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
-    if !(1.0..=200.0).contains(&options.fps) {
-        let reason = format!("--fps is {}, must be 1 to 200", options.fps);
-        return Err(Failure::Usage(reason));
-    }
+    range::check("fps", options.fps, 1.0, 200.0)?;
     let rig = rig(options.rig.as_deref())?;
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let stop = super::by_hand::on_interrupt()?;
