@@ -1,7 +1,7 @@
 //! Speed and accuracy of the flow beside those of optical-flow-lk, imageproc and OpenCV, on images
 //! whose true flow is known.
 //!
-//! `cargo bench -p trinocular [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has
+//! `cargo bench -p trinocular --bench flow [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has
 //! `cv2`. All programs take turns, round by round, so that other load of the machine
 //! affects all of them alike. Compare the least times.
 
@@ -38,14 +38,11 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 ];
 
 fn main() {
-    let arguments = std::env::args().skip(1);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
     // `cargo test --benches` does not pass `--bench`; then one round shows that everything runs.
-    let mut rounds = 1;
-    for argument in arguments {
-        rounds = argument
-            .parse()
-            .unwrap_or(if argument == "--bench" { 7 } else { rounds });
-    }
+    let is_bench = arguments.iter().any(|argument| argument == "--bench");
+    let given = arguments.iter().find_map(|argument| argument.parse().ok());
+    let rounds = given.unwrap_or(if is_bench { 7 } else { 1 });
     let small = |name, disparity_px| Scene {
         name,
         size_px: [320, 240],

@@ -113,7 +113,8 @@ fn read(address: SocketAddr) -> [u32; 2] {
             Message::Text(_) => counts[0] += 1,
             Message::Binary(_) => {
                 counts[1] += 1;
-                let drawn = format!(r#"{{"drawn":{}}}"#, counts[1]);
+                // Every image so far, whatever was left out in between.
+                let drawn = r#"{"drawn":4294967295}"#;
                 if socket.send(Message::text(drawn)).is_err() {
                     break;
                 }

@@ -22,13 +22,11 @@ const PERIOD: Duration = Duration::from_micros(16_667);
 const SETS: usize = 30;
 
 fn main() {
-    let arguments = std::env::args().skip(1);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
     // `cargo test --benches` does not pass `--bench`; then a moment shows that everything runs.
-    let mut seconds = 0.3;
-    for argument in arguments {
-        let default = if argument == "--bench" { 20.0 } else { seconds };
-        seconds = argument.parse().unwrap_or(default);
-    }
+    let is_bench = arguments.iter().any(|argument| argument == "--bench");
+    let given = arguments.iter().find_map(|argument| argument.parse().ok());
+    let seconds: f64 = given.unwrap_or(if is_bench { 20.0 } else { 0.3 });
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default());
     let scene = scene.expect("a scene");

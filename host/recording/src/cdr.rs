@@ -329,11 +329,11 @@ mod tests {
 
         #[test]
         fn any_bytes_read_without_panic(bytes: Vec<u8>) {
-            if let Ok(reader) = Reader::new(&bytes) {
-                let _ = reader.clone().texts();
-                let _ = reader.clone().f64s();
-                let _ = reader.clone().array::<9>();
-            }
+            let bytes = [&[0, 1, 0, 0][..], &bytes].concat();
+            let reader = Reader::new(&bytes).unwrap();
+            let _ = reader.clone().texts();
+            let _ = reader.clone().f64s();
+            let _ = reader.clone().array::<9>();
         }
     }
 }

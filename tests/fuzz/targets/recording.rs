@@ -60,8 +60,8 @@ fn good(path: &Path) -> Vec<u8> {
     let recorder = Recorder::start_in(file, path.to_owned(), settings).expect("it begins");
     let tap = recorder.tap();
     for number in 0..2 {
-        tap.to_station(1_000 * number, &[0, 5, 1, 2, 3, 4, 0]);
-        tap.from_station(1_000 * number, &[0, 9, 0]);
+        tap.sent(1_000 * number, &[0, 5, 1, 2, 3, 4, 0]);
+        tap.received(1_000 * number, &[0, 9, 0]);
         let image = Image {
             width: 8,
             height: 8,
