@@ -1,4 +1,4 @@
-//! One owner, many hands: other programs reach a station through the one that has its port.
+//! Programs reach a station through the program that has its port.
 
 use std::io::Write as _;
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -140,7 +140,7 @@ fn second_program_cannot_drive() {
 fn idle_owner_lets_one_guest_drive() {
     let end = station();
     let mut owner = start(&end);
-    owner.set_access(Access::Open);
+    owner.set_access(Access::Open).expect("opening never fails");
     let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
     assert!(guest.owner().is_some());
     assert!(is_busy(Serial::connect(&end.path)));
@@ -172,7 +172,7 @@ fn idle_owner_lets_one_guest_drive() {
 fn owner_takes_its_configuration_back() {
     let end = station();
     let mut owner = start(&end);
-    owner.set_access(Access::Open);
+    owner.set_access(Access::Open).expect("opening never fails");
     let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
     let mut fine = default_stage();
     fine.steps_per_mm = [160.0; 3];
@@ -192,7 +192,7 @@ fn owner_takes_its_configuration_back() {
 fn guest_that_vanishes_stops_its_motion() {
     let end = station();
     let mut owner = start(&end);
-    owner.set_access(Access::Open);
+    owner.set_access(Access::Open).expect("opening never fails");
     let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
     guest.start_heartbeat().expect("it is answered");
     guest.command("jog", FAR).expect("it is passed on");

@@ -62,7 +62,8 @@ pub struct Client {
     status: Option<Status>,
     /// True if `status` came after the last hello.
     status_is_fresh: bool,
-    answers: VecDeque<(u16, Result<(), Denial>)>,
+    /// Sequence number, control tick and outcome.
+    answers: VecDeque<(u16, u32, Result<(), Denial>)>,
     answered_tick: Option<u32>,
     clock: Clock,
     rejects: Rejects,
@@ -158,7 +159,7 @@ impl Client {
                     Outcome::Accepted => Ok(()),
                     Outcome::Denied(denial) => Err(denial),
                 };
-                self.answers.push_back((sequence, outcome));
+                self.answers.push_back((sequence, tick, outcome));
             }
         }
     }
@@ -217,11 +218,19 @@ impl Client {
 
     /// Takes the answer to the packet with this sequence number.
     pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
+        self.answer_with_tick(sequence).map(|(_, outcome)| outcome)
+    }
+
+    /// Takes the answer to the packet with this sequence number, and the control tick at which the
+    /// command took effect.
+    pub(super) fn answer_with_tick(&mut self, sequence: u16) -> Option<(u32, Result<(), Denial>)> {
         let at = self
             .answers
             .iter()
-            .position(|(number, _)| *number == sequence)?;
-        self.answers.remove(at).map(|(_, outcome)| outcome)
+            .position(|(number, ..)| *number == sequence)?;
+        self.answers
+            .remove(at)
+            .map(|(_, tick, outcome)| (tick, outcome))
     }
 
     /// Returns the latest status, if it came after the station's hello.

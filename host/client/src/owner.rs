@@ -1,4 +1,4 @@
-//! One owner, many hands: the program that has a port lets others reach its station.
+//! Sharing of a station: the program that has the port lets others reach it.
 //!
 //! The owner of a port listens on a local socket that belongs to this port. A guest connects,
 //! introduces itself in one line, and is let in or refused in one line:
@@ -85,7 +85,7 @@ pub(crate) enum Reception {
 
 /// Asks the owner of `port` to let this program in. Returns `None` if the port has no owner that
 /// answers.
-pub(crate) fn knock(port: &str, purpose: Purpose) -> Option<Reception> {
+pub(crate) fn connect_to_owner(port: &str, purpose: Purpose) -> Option<Reception> {
     let mut stream = system::connect(&socket(port).ok()?).ok()?;
     stream.set_nonblocking(true).ok()?;
     let this = this_program();
@@ -110,8 +110,9 @@ pub(crate) fn knock(port: &str, purpose: Purpose) -> Option<Reception> {
     }
 }
 
-/// Reads the introduction of a guest.
-pub(crate) fn introduction(stream: &mut Stream) -> io::Result<Guest> {
+/// Reads the introduction of a guest of `listener`.
+pub(crate) fn introduction(listener: &Listener, stream: &mut Stream) -> io::Result<Guest> {
+    listener.check(stream)?;
     stream.set_nonblocking(true)?;
     let line = read_line(stream)?;
     let mut words = line.splitn(5, ' ');
@@ -147,7 +148,7 @@ pub(crate) fn refuse(stream: &mut Stream, holder: &Holder) -> io::Result<()> {
 }
 
 /// Returns this program.
-pub(crate) fn this_program() -> Holder {
+pub fn this_program() -> Holder {
     let command: Vec<String> = std::env::args_os()
         .map(|word| word.to_string_lossy().into_owned())
         .collect();

@@ -136,7 +136,7 @@ impl<B: Bench> Workbench<B> {
             reset: None,
             tap: None,
         };
-        bench.share(Access::Open);
+        bench.share();
         (bench, desk)
     }
 
@@ -145,9 +145,11 @@ impl<B: Bench> Workbench<B> {
         self.tap = tap;
     }
 
-    fn share(&mut self, access: Access) {
+    /// Lets other runs drive the station.
+    fn share(&mut self) {
         if let Some(serial) = self.bench.station().serial_mut() {
-            serial.set_access(access);
+            // Only taking it back can fail.
+            let _ = serial.set_access(Access::Open);
         }
     }
 
@@ -156,8 +158,8 @@ impl<B: Bench> Workbench<B> {
         self.begin();
     }
 
-    /// Runs until `is_over` returns true, the images end or the station is lost. The stage is at
-    /// rest then, or the error says otherwise.
+    /// Runs until `is_over` returns true, the images end or the station is lost. A stage that still
+    /// moves stops when the workbench is dropped.
     ///
     /// # Errors
     /// If the station cannot be reached, restarted, or does not stop.
@@ -218,6 +220,8 @@ impl<B: Bench> Workbench<B> {
     fn forgive(&mut self, error: StationError) -> Result<(), ServoError> {
         match error {
             StationError::StoppedByOther { by } => {
+                // Requests from before the stop must not undo it.
+                while self.requests.try_recv().is_ok() {}
                 self.end_following();
                 self.reset = None;
                 // The station itself stays stopped until a reset.
@@ -247,18 +251,29 @@ impl<B: Bench> Workbench<B> {
 
     fn end_following(&mut self) {
         self.servo = None;
-        self.share(Access::Open);
+        self.share();
         self.hub.set_following(false);
     }
 
-    fn begin(&mut self) {
-        self.share(Access::Busy);
-        // Another run may have given the station its own stage meanwhile.
-        let serial = self.bench.station().serial_mut();
-        let restored = serial.map_or(Ok(()), |serial| serial.restore_configuration());
-        if let Err(error) = restored {
+    /// Makes sure that no other run drives the station and that it has this run's configuration;
+    /// a warning on the page says why not.
+    fn take_over(&mut self) -> bool {
+        let Some(serial) = self.bench.station().serial_mut() else {
+            return true;
+        };
+        let taken = serial
+            .set_access(Access::Busy)
+            .and_then(|()| serial.restore_configuration());
+        if let Err(error) = &taken {
             self.hub.warn(error.to_string());
-            return self.share(Access::Open);
+            self.share();
+        }
+        taken.is_ok()
+    }
+
+    fn begin(&mut self) {
+        if !self.take_over() {
+            return;
         }
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
@@ -271,7 +286,7 @@ impl<B: Bench> Workbench<B> {
             }
             Err(refusal) => {
                 self.hub.warn(refusal.to_string());
-                self.share(Access::Open);
+                self.share();
             }
         }
     }
@@ -285,7 +300,9 @@ impl<B: Bench> Workbench<B> {
                 let station = self.bench.station();
                 match station.serial().map(|serial| serial.check()) {
                     Some(Err(error)) => self.forgive(error)?,
-                    _ => self.send("stop", Command::Stop)?,
+                    _ => {
+                        self.send("stop", Command::Stop)?;
+                    }
                 }
             }
             Action::Reset {} => self.reset = Some(HostInstant::now() + REST_PATIENCE),
@@ -306,32 +323,44 @@ impl<B: Bench> Workbench<B> {
             Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
                 self.hub.warn("end following first");
             }
-            Action::Jog { distance_um } => self.send("jog", Command::Jog { distance_um })?,
+            Action::Jog { distance_um } => {
+                self.drive("jog", Command::Jog { distance_um })?;
+            }
             Action::Zero {} => {
-                self.send("zero", Command::Zero)?;
-                self.hub.note("zero is here");
+                if self.drive("zero", Command::Zero)? {
+                    self.hub.note("zero is here");
+                }
             }
             Action::Home {} => {
                 let axes = self.stage.care.home.map(|home| home.is_some());
-                self.send("home", Command::Home { axes })?;
+                self.drive("home", Command::Home { axes })?;
             }
         }
         Ok(())
     }
 
-    /// Sends a command; a refusal becomes a warning on the page.
-    fn send(&mut self, name: &'static str, command: Command) -> Result<(), ServoError> {
+    /// Sends a command that needs the station for this run; returns true if it was accepted.
+    fn drive(&mut self, name: &'static str, command: Command) -> Result<bool, ServoError> {
+        let is_accepted = self.take_over() && self.send(name, command)?;
+        self.share();
+        Ok(is_accepted)
+    }
+
+    /// Sends a command; a refusal becomes a warning on the page. Returns true if it was accepted.
+    fn send(&mut self, name: &'static str, command: Command) -> Result<bool, ServoError> {
         match self.bench.station().command(name, command) {
-            Ok(()) => Ok(()),
-            Err(error @ StationError::Denied { denial, .. }) => {
-                let remedy = diagnosis::remedy(denial);
-                let remedy = remedy.map(|remedy| format!("; {remedy}"));
-                self.hub
-                    .warn(format!("{error}{}", remedy.unwrap_or_default()));
-                Ok(())
-            }
-            Err(error) => self.forgive(error),
+            Ok(()) => return Ok(true),
+            Err(error @ StationError::Denied { denial, .. }) => self.refused(&error, denial),
+            Err(error) => self.forgive(error)?,
         }
+        Ok(false)
+    }
+
+    /// Warns of a refusal, with its remedy.
+    fn refused(&self, error: &StationError, denial: Denial) {
+        let remedy = diagnosis::remedy(denial).map(|remedy| format!("; {remedy}"));
+        self.hub
+            .warn(format!("{error}{}", remedy.unwrap_or_default()));
     }
 
     /// Resets the station once its stage stands.
@@ -354,8 +383,7 @@ impl<B: Bench> Workbench<B> {
             }) if HostInstant::now() < end => {}
             Err(error @ StationError::Denied { denial, .. }) => {
                 self.reset = None;
-                let remedy = diagnosis::remedy(denial).unwrap_or_default();
-                self.hub.warn(format!("{error}; {remedy}"));
+                self.refused(&error, denial);
             }
             Err(error) => {
                 self.reset = None;

@@ -43,24 +43,25 @@ impl Listener {
         })
     }
 
-    /// Returns the next guest that knows the token, or [`io::ErrorKind::WouldBlock`] at once if
-    /// there is none.
+    /// Returns the next guest, or [`io::ErrorKind::WouldBlock`] at once if there is none.
     pub fn accept(&self) -> io::Result<Stream> {
-        loop {
-            let (mut stream, _) = self.listener.accept()?;
-            stream.set_nonblocking(false)?;
-            stream.set_read_timeout(Some(PATIENCE))?;
-            let mut token = [0; TOKEN];
-            let is_known = stream.read_exact(&mut token).is_ok()
-                && token
-                    .iter()
-                    .zip(self.token.as_bytes())
-                    .fold(0, |d, (a, b)| d | (a ^ b))
-                    == 0;
-            if is_known {
-                stream.set_nodelay(true)?;
-                return Ok(stream);
-            }
+        self.listener.accept().map(|(stream, _)| stream)
+    }
+
+    /// Reads the guest's token.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::PermissionDenied`] for a wrong one.
+    pub fn check(&self, stream: &mut Stream) -> io::Result<()> {
+        stream.set_nonblocking(false)?;
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        let mut token = [0; TOKEN];
+        stream.read_exact(&mut token)?;
+        let pairs = token.iter().zip(self.token.as_bytes());
+        match pairs.fold(0, |differences, (a, b)| differences | (a ^ b)) {
+            0 => Ok(()),
+            _ => Err(io::ErrorKind::PermissionDenied.into()),
         }
     }
 }

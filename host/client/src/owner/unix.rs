@@ -38,6 +38,11 @@ impl Listener {
     pub fn accept(&self) -> io::Result<Stream> {
         self.listener.accept().map(|(stream, _)| stream)
     }
+
+    /// Checks nothing: only this user can enter the folder of the socket.
+    pub fn check(&self, _: &mut Stream) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 impl Drop for Listener {

@@ -135,7 +135,7 @@ impl Serial {
         if serial.owner().is_none() {
             // Without a place for the socket, other programs cannot reach the station while this
             // one has the port.
-            let guests = sharing::open_door(path, Arc::clone(&serial.shared));
+            let guests = sharing::start_listener(path, Arc::clone(&serial.shared));
             serial.threads.extend(guests);
         }
         Ok(serial)

@@ -97,7 +97,7 @@ pub(super) struct Line {
 impl Line {
     /// Opens the port; if another program has it and lets others in, connects to that program.
     pub fn open(path: &str, purpose: Purpose, sender: Arc<Sender>) -> Result<Self, StationError> {
-        let (halves, owner) = match owner::knock(path, purpose) {
+        let (halves, owner) = match owner::connect_to_owner(path, purpose) {
             Some(Reception::Welcome(stream, owner)) => {
                 let halves = port::through(stream).map_err(serialport::Error::from);
                 (halves, Some(owner))
@@ -143,11 +143,31 @@ impl Line {
         self.observer = observer;
     }
 
-    /// Begins to stop the stage for another program.
+    /// Begins to stop the stage for another program, in whatever state the line's own stop is.
     pub fn stop_for(&mut self, by: String) {
-        self.begin_stop();
+        self.stop_again();
         self.stopped_by = Some(by);
+    }
+
+    /// Stops the stage now, whether or not an earlier stop was answered.
+    pub fn stop_again(&mut self) {
+        // The answer to an earlier stop counts only while no command came after it.
+        let is_known = self.client.motion().stopped_tick().is_some();
+        let is_over = match self.stop {
+            Stop::Unanswered { .. } => true,
+            Stop::Answered => !is_known,
+            Stop::None | Stop::Asked { .. } => false,
+        };
+        if is_over {
+            self.stop = Stop::None;
+        }
+        self.begin_stop();
         self.repeat_stop();
+    }
+
+    /// Returns true if the heartbeat is on.
+    pub fn is_pinging(&self) -> bool {
+        self.pings
     }
 
     pub fn set_pings(&mut self, on: bool) {
@@ -190,11 +210,13 @@ impl Line {
         }
     }
 
-    /// Numbers and writes a command. Writes nothing if the line is interrupted or the program is
-    /// about to end; the number is then never answered.
+    /// Numbers and writes a command. Writes nothing if the line is interrupted, or if the command
+    /// might undo a stop that is not answered yet or that ends the program; the number is then
+    /// never answered.
     pub fn send(&mut self, command: Command) -> u16 {
-        let is_ending = interruption::is_requested() && may_undo_a_stop(&command);
-        if self.check().is_err() || is_ending {
+        // A stop is repeated until it is answered; nothing overtakes it.
+        let is_stopping = interruption::is_requested() || matches!(self.stop, Stop::Asked { .. });
+        if self.check().is_err() || is_stopping && may_undo_a_stop(&command) {
             return self.sender.skip();
         }
         if may_undo_a_stop(&command) {

@@ -112,7 +112,7 @@ fn received(outcome: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-fn send_all(stream: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
+pub(super) fn send_all(stream: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
     let end = Instant::now() + WRITE_PATIENCE;
     while !bytes.is_empty() {
         match stream.write(bytes) {

@@ -5,32 +5,37 @@
 //!
 //! | purpose | passed on to the station |
 //! |---|---|
-//! | stop | stops, repeated until they are answered; this program's own run ends by them |
+//! | stop | stops, repeated until they are answered; this program's own motion ends by them |
 //! | watch | nothing; the guest gets the station's reports |
 //! | drive | every command, if this program allows it and no other guest drives |
 //!
-//! Pings are answered here, by this program's knowledge of the station's clock. A guest that leaves
-//! while the stage moves because of it stops the stage.
+//! Pings are answered here, by this program's knowledge of the station's clock. A guest that drives
+//! and leaves, or sends no ping for the heartbeat timeout, has its motion stopped.
 
 use super::super::StationError;
-use super::super::motion::moves;
 use super::super::owner::{self, Guest, Listener, Purpose, Stream};
+use super::super::stage::HEARTBEAT_MS;
+use super::port::send_all;
 use super::stop::Stop;
 use super::{Holder, LOOK, Serial, Shared};
-use std::io::{self, Read as _, Write as _};
+use std::collections::VecDeque;
+use std::io::{self, Read as _};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use trinocular_core::frame::encode::encode;
-use trinocular_core::frame::message::{Command, Outcome, Packet, Report};
+use trinocular_core::frame::message::{Command, Config, Denial, Outcome, Packet, Report};
 use trinocular_core::frame::receive::Receiver;
 use trinocular_core::time::Instant as StationInstant;
 
 /// Largest number of guests at once.
 const MOST_GUESTS: usize = 16;
 
+/// Largest number of commands of one guest that wait for their answers.
+const MOST_PENDING: usize = 64;
+
 /// Polling period of the socket for guests.
-const KNOCKS: Duration = Duration::from_millis(5);
+const ACCEPT_PERIOD: Duration = Duration::from_millis(5);
 
 /// Time for which guests are served on after this program has closed its line, so that the reports
 /// of a stop reach the guest that asked for it.
@@ -57,27 +62,27 @@ pub(super) struct Guests {
 }
 
 /// Starts the thread that receives guests of the line on `port`, until the line is closed.
-pub(super) fn open_door(port: &str, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
+pub(super) fn start_listener(port: &str, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
     let listener = Listener::bind(&owner::socket(port)?)?;
     std::thread::Builder::new()
         .name("guests".to_owned())
-        .spawn(move || receive_guests(&listener, &shared))
+        .spawn(move || receive_guests(&Arc::new(listener), &shared))
 }
 
-fn receive_guests(listener: &Listener, shared: &Arc<Shared>) {
+fn receive_guests(listener: &Arc<Listener>, shared: &Arc<Shared>) {
     let mut threads: Vec<JoinHandle<()>> = Vec::new();
     while !shared.line().closed {
         let Ok(mut stream) = listener.accept() else {
-            std::thread::sleep(KNOCKS);
+            std::thread::sleep(ACCEPT_PERIOD);
             continue;
         };
         threads.retain(|thread| !thread.is_finished());
-        let shared = Arc::clone(shared);
+        let (listener, shared) = (Arc::clone(listener), Arc::clone(shared));
         let thread = std::thread::Builder::new()
             .name("guest".to_owned())
             .spawn(move || {
                 // A guest that breaks off has its own error to report.
-                let _ = receive(&mut stream, &shared);
+                let _ = receive(&listener, &mut stream, &shared);
             });
         threads.extend(thread);
     }
@@ -87,53 +92,57 @@ fn receive_guests(listener: &Listener, shared: &Arc<Shared>) {
 }
 
 /// Lets a guest in, serves it, and ends the motion that it leaves behind.
-fn receive(stream: &mut Stream, shared: &Shared) -> io::Result<()> {
-    let guest = owner::introduction(stream)?;
-    {
+fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Result<()> {
+    let guest = owner::introduction(listener, stream)?;
+    let was_pinging = {
         let mut line = shared.line();
-        if !line.is_up() {
-            // The line is lost, and its name may belong to another device by now: without a reply
-            // the guest opens the port itself.
+        if line.closed || !line.is_up() {
+            // Without a reply the guest opens the port itself: a lost line's name may belong to
+            // another device by now, and a closed line's port is about to be free.
             return Ok(());
         }
         if let Some(holder) = line.guests.admit(&guest) {
             drop(line);
             return owner::refuse(stream, &holder);
         }
-    }
+        line.is_pinging()
+    };
     let mut service = Service {
         by: format!("`{}` (process {})", guest.holder.command, guest.holder.pid),
         purpose: guest.purpose,
         receiver: Receiver::default(),
         wants_hello: false,
-        told_tick: None,
+        reported_tick: None,
         stops: Vec::new(),
-        pending: Vec::new(),
+        pending: VecDeque::new(),
+        pinged: None,
+        configured_silence: None,
     };
     let outcome = owner::welcome(stream).and_then(|()| service.serve(stream, shared));
     if guest.purpose == Purpose::Drive {
-        leave(shared);
+        leave(shared, was_pinging);
     }
     shared.line().guests.dismiss(&guest);
     outcome
 }
 
-/// Stops the stage if it moves because of a guest that has left, and ends the heartbeat.
-fn leave(shared: &Shared) {
+/// Stops the stage if it moves because of a guest that has left. Then the heartbeat is as it was
+/// before the guest came: on if `was_pinging`.
+fn leave(shared: &Shared, was_pinging: bool) {
     let mut is_first = true;
     loop {
         {
             let mut line = shared.line();
-            if line.guests.access == Access::Busy || line.closed {
-                // The line belongs to this program's own run again.
-                return;
-            }
             if is_first && line.client.motion().may_go_on() {
-                line.begin_stop();
+                line.stop_again();
             }
             is_first = false;
-            if !matches!(line.stop, Stop::Asked { .. }) || line.is_over() {
-                return line.set_pings(false);
+            if line.is_over() {
+                return;
+            }
+            if !matches!(line.stop, Stop::Asked { .. }) {
+                let is_unanswered = matches!(line.stop, Stop::Unanswered { .. });
+                return line.set_pings(was_pinging && !is_unanswered);
             }
         }
         std::thread::sleep(LOOK);
@@ -147,8 +156,24 @@ impl Serial {
     }
 
     /// Sets the access of guests that want to drive.
-    pub fn set_access(&mut self, access: Access) {
-        self.shared.line().guests.access = access;
+    ///
+    /// # Errors
+    /// [`StationError::Busy`] for [`Access::Busy`] while a guest drives.
+    pub fn set_access(&mut self, access: Access) -> Result<(), StationError> {
+        let mut line = self.shared.line();
+        if let (Access::Busy, Some(driver)) = (access, &line.guests.driver) {
+            return Err(StationError::Busy {
+                path: line.path.clone(),
+                holder: Some(driver.clone()),
+            });
+        }
+        line.guests.access = access;
+        Ok(())
+    }
+
+    /// Returns the guest that drives the station, if there is one.
+    pub fn driver(&self) -> Option<Holder> {
+        self.shared.line().guests.driver.clone()
     }
 
     /// Gives the station this program's configuration again if a guest has changed it.
@@ -203,11 +228,15 @@ struct Service {
     receiver: Receiver<Packet>,
     wants_hello: bool,
     /// Control tick of the last status that the guest got.
-    told_tick: Option<u32>,
+    reported_tick: Option<u32>,
     /// Sequence numbers of the guest's stops that are not answered.
     stops: Vec<u16>,
     /// Commands that are not answered: sequence numbers on the line and of the guest.
-    pending: Vec<(u16, u16)>,
+    pending: VecDeque<(u16, u16)>,
+    /// Arrival of the guest's last ping, once it has driven.
+    pinged: Option<Instant>,
+    /// Heartbeat timeout of the configuration that the guest has given.
+    configured_silence: Option<Duration>,
 }
 
 impl Service {
@@ -228,14 +257,25 @@ impl Service {
                     self.take(packet, shared, &mut replies);
                 }
             }
+            if self.is_silent(shared) {
+                // As the station does with a host that is suspended or hangs.
+                return Ok(());
+            }
             self.forward(shared, &mut replies);
             for report in &replies {
                 // A report that came from a station fits a packet.
                 if let Ok(bytes) = encode(report) {
-                    stream.write_all(&bytes)?;
+                    send_all(stream, &bytes)?;
                 }
             }
-            if shared.line().is_over() {
+            let mut line = shared.line();
+            if line.closed {
+                // The line's own thread has ended, but a stop may not be answered yet.
+                line.attend();
+            }
+            let is_over = line.is_over();
+            drop(line);
+            if is_over {
                 let since = *closed.get_or_insert_with(Instant::now);
                 if since.elapsed() > FAREWELL {
                     return Ok(());
@@ -247,6 +287,19 @@ impl Service {
         }
     }
 
+    /// Returns true if a guest that drives has sent no ping for the heartbeat timeout.
+    fn is_silent(&self, shared: &Shared) -> bool {
+        let Some(pinged) = self.pinged else {
+            return false;
+        };
+        let of = |config: Config| Duration::from_millis(config.heartbeat_ms.into());
+        let timeout = self.configured_silence.or_else(|| {
+            let configuration = shared.line().configuration;
+            configuration.map(of)
+        });
+        pinged.elapsed() > timeout.unwrap_or(Duration::from_millis(HEARTBEAT_MS.into()))
+    }
+
     /// Does what a packet of the guest asks for.
     fn take(&mut self, packet: Packet, shared: &Shared, replies: &mut Vec<Report>) {
         let mut line = shared.line();
@@ -255,6 +308,7 @@ impl Service {
             (Command::Hello, _) => self.wants_hello = true,
             (Command::Ping { host_us }, purpose) => {
                 if purpose == Purpose::Drive {
+                    self.pinged = Some(Instant::now());
                     line.keep_pinging();
                 }
                 let now_us = line.now_us();
@@ -270,22 +324,35 @@ impl Service {
             (Command::Stop, Purpose::Watch) => {}
             (Command::Stop, purpose) => {
                 match purpose {
-                    Purpose::Drive => line.begin_stop(),
+                    Purpose::Drive => line.stop_again(),
                     _ => line.stop_for(self.by.clone()),
                 }
                 self.stops.push(packet.sequence);
             }
             (_, Purpose::Stop | Purpose::Watch) => {}
             (command, Purpose::Drive) => {
-                // Between admission and now this program may have begun a run of its own.
-                if line.guests.access == Access::Open {
-                    if moves(&command) || matches!(command, Command::Reset) {
-                        line.stopped_by = None;
-                    }
-                    line.guests.has_reconfigured |= matches!(command, Command::Config(_));
-                    let sequence = line.send(command);
-                    self.pending.push((sequence, packet.sequence));
+                if matches!(command, Command::Reset) && !matches!(line.stop, Stop::Asked { .. }) {
+                    line.stopped_by = None;
                 }
+                if line.stopped_by.is_some() {
+                    replies.push(Report::Answer {
+                        sequence: packet.sequence,
+                        tick: line.client.answered_tick().unwrap_or_default(),
+                        outcome: Outcome::Denied(Denial::Stopped),
+                    });
+                    return;
+                }
+                if let Command::Config(config) = &command {
+                    line.guests.has_reconfigured = true;
+                    let silence = Duration::from_millis(config.heartbeat_ms.into());
+                    self.configured_silence = Some(silence);
+                }
+                let sequence = line.send(command);
+                if self.pending.len() == MOST_PENDING {
+                    // Some are never answered.
+                    self.pending.pop_front();
+                }
+                self.pending.push_back((sequence, packet.sequence));
             }
         }
     }
@@ -297,7 +364,7 @@ impl Service {
             replies.push(Report::Hello(hello.clone()));
             replies.extend(line.client.last_run().copied().map(Report::LastRun));
             self.wants_hello = false;
-            self.told_tick = None;
+            self.reported_tick = None;
         }
         let stopped = match line.stop {
             Stop::Answered => line.client.motion().stopped_tick(),
@@ -313,9 +380,8 @@ impl Service {
             }
         }
         let client = &mut line.client;
-        let tick = client.answered_tick().unwrap_or_default();
         self.pending.retain(|(sequence, theirs)| {
-            let Some(answer) = client.answer(*sequence) else {
+            let Some((tick, answer)) = client.answer_with_tick(*sequence) else {
                 return true;
             };
             replies.push(Report::Answer {
@@ -330,9 +396,9 @@ impl Service {
         });
         let status = client
             .status()
-            .filter(|status| self.told_tick != Some(status.tick));
+            .filter(|status| self.reported_tick != Some(status.tick));
         if let Some(status) = status {
-            self.told_tick = Some(status.tick);
+            self.reported_tick = Some(status.tick);
             replies.push(Report::Status(*status));
         }
     }

@@ -87,11 +87,6 @@ impl Stopper {
     pub fn stop(&self, by: &str) {
         self.shared.line().stop_for(by.to_owned());
     }
-
-    /// Returns true once the station has answered the stop.
-    pub fn is_answered(&self) -> bool {
-        matches!(self.shared.line().stop, Stop::Answered)
-    }
 }
 
 impl Serial {
