@@ -3,28 +3,39 @@
 use std::io::Write as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use trinocular_client::StationError;
 use trinocular_client::owner;
 use trinocular_client::serial::{Access, Serial};
 use trinocular_client::stage::{configuration, default_stage};
-use trinocular_core::frame::message::{Command, Denial, Mounting};
+use trinocular_core::frame::message::{Command, Denial, Mounting, Packet};
+use trinocular_core::frame::receive::Receiver;
 use trinocular_core::safety::State;
-use trinocular_tests::far_end::{FarEnd, station};
+use trinocular_rig::rig_file::Stage;
+use trinocular_tests::far_end::{FarEnd, station, station_behind};
 
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Heartbeat timeout that a busy test machine does not exceed, ms.
-const HEARTBEAT_MS: u16 = 5_000;
+const HEARTBEAT_MS: u16 = 3_000;
+
+/// A stage on which a long jog takes ten seconds, so that whatever shall end it comes in time.
+fn slow_stage() -> Stage {
+    let mut stage = default_stage();
+    stage.max_speed_mm_s = [5.0; 3];
+    stage
+}
 
 fn start(end: &FarEnd) -> Serial {
-    let mut config = configuration(&default_stage(), Mounting::OnStage).expect("it fits");
+    let mut config = configuration(&slow_stage(), Mounting::OnStage).expect("it fits");
     config.heartbeat_ms = HEARTBEAT_MS;
     Serial::start_as(&end.path, config).expect("the station starts")
 }
 
-/// A jog along X that takes a second or more.
+/// A jog along X that takes ten seconds.
 const FAR: Command = Command::Jog {
     distance_um: [50_000, 0, 0],
 };
@@ -112,14 +123,17 @@ fn watcher_sees_reports_and_moves_nothing() {
     assert_eq!(guest.who(), owner.who());
     guest.send(FAR);
     guest.send(Command::Stop);
-    owner.command("jog", FAR).expect("it is allowed");
+    let near = Command::Jog {
+        distance_um: [5_000, 0, 0],
+    };
+    owner.command("jog", near).expect("it is allowed");
     moving(&end);
     wait("the guest sees the motion", || {
         let status = guest.fresh_status(false).expect("a status comes");
         status.state == State::Moving && status.position_steps[0] > 0
     });
     assert!(owner.check().is_ok());
-    wait("it arrives", || end.steps() == [4_000, 0, 0]);
+    wait("it arrives", || end.steps() == [400, 0, 0]);
 }
 
 #[test]
@@ -174,7 +188,7 @@ fn owner_takes_its_configuration_back() {
     let mut owner = start(&end);
     owner.set_access(Access::Open).expect("opening never fails");
     let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
-    let mut fine = default_stage();
+    let mut fine = slow_stage();
     fine.steps_per_mm = [160.0; 3];
     let theirs = configuration(&fine, Mounting::OnStage).expect("it fits");
     let command = Command::Config(theirs);
@@ -202,6 +216,114 @@ fn guest_that_vanishes_stops_its_motion() {
     assert!(stood[0] < 4_000, "{stood:?}");
     let status = owner.status().expect("it tells");
     assert_eq!((status.state, status.fault), (State::Stopped, None));
+}
+
+/// The line loses the first stops, and a guest sends commands all the while.
+#[test]
+fn unanswered_stop_outlives_guest_commands() {
+    let to_lose = Arc::new(AtomicU32::new(0));
+    let lost = Arc::clone(&to_lose);
+    let is_lost = move |packet: &Packet| {
+        let loses = |left: u32| left.checked_sub(1);
+        let order = Ordering::Relaxed;
+        matches!(packet.command, Command::Stop) && lost.fetch_update(order, order, loses).is_ok()
+    };
+    let end = station_behind(is_lost, Some);
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest.start_heartbeat().expect("it is answered");
+    guest.command("jog", FAR).expect("it is passed on");
+    moving(&end);
+    to_lose.store(3, Ordering::Relaxed);
+    owner.stopper().stop("a test");
+    wait("the station stops", || {
+        guest.send(FAR);
+        owner
+            .status()
+            .is_some_and(|status| status.state == State::Stopped)
+    });
+    let stood = end.standing();
+    assert!(stood[0] < 4_000, "{stood:?}");
+    assert_eq!(to_lose.load(Ordering::Relaxed), 0);
+}
+
+/// The stop before was answered, and another command came after it.
+#[test]
+fn second_stop_is_answered_after_zero() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.stop().expect("it is answered");
+    owner
+        .command("reset", Command::Reset)
+        .expect("it is allowed");
+    owner.stop().expect("it is answered");
+    owner.command("zero", Command::Zero).expect("it is allowed");
+    let mut guest = Serial::connect_and_stop(&end.path).expect("the owner lets it in");
+    guest.stop().expect("it is answered");
+}
+
+#[test]
+fn owner_pings_after_guest_has_left() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest
+        .command("zero", Command::Zero)
+        .expect("it is passed on");
+    drop(guest);
+    wait("the guest has left", || owner.driver().is_none());
+    let pings = || {
+        let mut packets = Receiver::<Packet>::default();
+        let received = end.received();
+        let mut bytes = &received[..];
+        let mut count = 0;
+        while let Some(packet) = packets.next(&mut bytes) {
+            let is_ping = |packet: Packet| matches!(packet.command, Command::Ping { .. });
+            count += usize::from(packet.is_ok_and(is_ping));
+        }
+        count
+    };
+    let before = pings();
+    wait("pings come", || pings() > before + 3);
+}
+
+/// A guest whose pings stop is one that is suspended or hangs.
+#[test]
+fn silent_guest_is_stopped() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest.start_heartbeat().expect("it is answered");
+    guest.command("jog", FAR).expect("it is passed on");
+    moving(&end);
+    guest.set_pings(false);
+    wait("the station stops", || {
+        owner
+            .status()
+            .is_some_and(|status| status.state == State::Stopped)
+    });
+    assert!(end.standing()[0] < 4_000);
+    assert_eq!(owner.status().and_then(|status| status.fault), None);
+}
+
+#[test]
+fn owner_takes_no_station_that_a_guest_drives() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let guest = Serial::connect(&end.path).expect("the owner lets it in");
+    match owner.set_access(Access::Busy) {
+        Err(StationError::Busy { holder, .. }) => assert_eq!(holder, owner.driver()),
+        other => panic!("{other:?}"),
+    }
+    drop(guest);
+    wait("the guest has left", || {
+        owner.set_access(Access::Busy).is_ok()
+    });
+    assert!(is_busy(Serial::connect(&end.path)));
 }
 
 #[test]

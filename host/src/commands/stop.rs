@@ -42,12 +42,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         match stop(&options.port) {
             Ok(hand) => break hand,
             Err(_) if Instant::now() < patience => std::thread::sleep(LOOK),
-            Err(failure) => {
+            Err(_) => {
                 // Another program may have the port without letting others in.
-                let Some(other) = end_other_host(&path) else {
-                    return Err(failure);
-                };
-                told(&path, other)?;
+                if let Some(other) = end_other_host(&path) {
+                    told(&path, other)?;
+                }
                 break stop(&options.port)?;
             }
         }
