@@ -260,9 +260,15 @@ fn machine(
         });
         // A busy computer delays the station's clock as well, because no real board would miss a
         // heartbeat then.
-        let passed = last.elapsed().min(Duration::from_millis(10));
-        last = Instant::now();
-        let until = station.now().micros() + passed.as_micros() as u64;
+        // Whole microseconds pass, and the rest counts in the next turn: the clock keeps its rate.
+        let longest = Duration::from_millis(10);
+        let (now, late) = (Instant::now(), last.elapsed());
+        let passed_us = late.min(longest).as_micros() as u64;
+        last = match late > longest {
+            true => now,
+            false => last + Duration::from_micros(passed_us),
+        };
+        let until = station.now().micros() + passed_us;
         let mut answer = Vec::new();
         loop {
             match station.run(StationInstant::from_micros(until), &mut words) {

@@ -333,6 +333,23 @@ fn link_in_the_way_is_kept() {
         .stdin(Stdio::null());
     Outcome::of(&mut twin).failed(1, &["notes.txt", "--link"]);
     assert_eq!(std::fs::read_to_string(&file).expect("it is there"), "mine");
+    let files = std::fs::read_dir(folder.path()).expect("it is ours");
+    assert_eq!(files.count(), 1, "no lock is left behind");
+}
+
+#[test]
+fn link_of_the_user_is_kept() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (file, link) = (folder.path().join("notes.txt"), folder.path().join("link"));
+    std::fs::write(&file, "mine").expect("it is ours");
+    std::os::unix::fs::symlink(&file, &link).expect("a link");
+    let mut twin = trinocular();
+    twin.arg("twin")
+        .arg("--link")
+        .arg(&link)
+        .stdin(Stdio::null());
+    Outcome::of(&mut twin).failed(1, &["link", "--link"]);
+    assert_eq!(std::fs::read_link(&link).expect("it is there"), file);
 }
 
 #[test]

@@ -42,7 +42,8 @@ fn run() -> Result<ExitCode, Failure> {
 /// Prints help, version, or the error in the arguments.
 fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
-    if let Some(hint) = commands::commas::hint(std::env::args()) {
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    if let Some(hint) = commands::commas::hint(words) {
         notice!("hint: {hint}");
     }
     if error.use_stderr() {

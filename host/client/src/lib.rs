@@ -165,7 +165,7 @@ pub enum StationError {
     Restarted {
         /// Path of the port.
         path: String,
-        /// Cause of the restart, as the station reports it.
+        /// Cause of the restart as the station reports it, or when it happened.
         cause: &'static str,
     },
     /// The stage of the rig file cannot be put into a configuration.

@@ -101,7 +101,7 @@ impl Plant {
         }
     }
 
-    /// Declares the present steps of each axis, for a stage that is there already.
+    /// Sets the counted steps of each axis, for a stage that keeps its place over a power cycle.
     pub fn put(&mut self, steps: [i64; AXES]) {
         for (driver, steps) in self.drivers.iter_mut().zip(steps) {
             driver.steps = steps;

@@ -5,7 +5,8 @@
 //! thread reads the station's reports and reconnects a lost line; the caller's next call then
 //! fails, and the caller decides whether to resume once the line is back. A third thread sends only
 //! the heartbeat (`sender`). So the heartbeat goes on while the caller processes images, and
-//! stops with the process: a host that crashed does not keep a stage moving.
+//! stops with the process: a host that crashed does not keep a stage moving. A thread waits for
+//! guests, and one more serves each of them (`sharing`).
 //!
 //! *Invariant:* a stage that moves because of this program stops before the line is closed,
 //! whatever ends the run (`stop`).

@@ -200,7 +200,7 @@ pub struct Account {
     pub messages: u64,
     /// Bytes of the file.
     pub bytes: u64,
-    /// What did not fit the queue.
+    /// Messages that the full queue had no room for.
     pub dropped: Dropped,
     /// Processor time of the thread that wrote the file, where the system tells it.
     pub processor: Option<Duration>,

@@ -165,7 +165,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
         out,
         frames: 0,
         refused: 0,
-        is_folder: options.input.is_dir(),
+        is_points: !options.input.is_dir() && !is_recording(&options.input),
         warnings: Vec::new(),
         absent: Vec::new(),
     };
@@ -177,7 +177,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let Some(rig) = rig else {
         return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
     };
-    if printer.is_folder {
+    if options.input.is_dir() {
         run_folder(options, &rig, printer)
     } else {
         run_points(options, &rig, printer)
@@ -286,7 +286,8 @@ struct Printer<'a, W> {
     out: &'a mut W,
     frames: usize,
     refused: usize,
-    is_folder: bool,
+    /// True for a points file, whose warnings name their line.
+    is_points: bool,
     /// Warnings about the next displacement.
     warnings: Vec<String>,
     /// Names of the cameras that take no part in the next displacement.
@@ -328,10 +329,9 @@ impl<W: Write> Printer<'_, W> {
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
         for warning in &line.warnings {
-            // A warning about points names its file and line.
-            match self.is_folder {
-                true => notice!("frame {}: {warning}", line.frame),
-                false => notice!("warning: {warning}"),
+            match self.is_points {
+                true => notice!("warning: {warning}"),
+                false => notice!("frame {}: {warning}", line.frame),
             }
         }
         if self.options.json {

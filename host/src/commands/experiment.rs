@@ -121,7 +121,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), tell);
     drop(progress);
     let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
-    let run = recording.finish(&options.record).and(run)?;
+    let run = recording.close(run)?;
     if !options.json {
         writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
         for (name, value) in present::facts(&settings, &run) {

@@ -2,7 +2,7 @@
 
 use crate::commands::failure::Failure;
 
-/// Refuses a value of the option `--name` outside `low..=high`, and one that is no number.
+/// Refuses a value of the option `--name` outside `low..=high`, and a value that is not a number.
 pub fn check(name: &str, value: f64, low: f64, high: f64) -> Result<(), Failure> {
     match (low..=high).contains(&value) {
         true => Ok(()),

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
+use trinocular_client::owner;
 use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
@@ -62,7 +63,7 @@ impl From<Form> for ImageForm {
     }
 }
 
-/// What a run says about itself.
+/// Origin of a recording: rig, estimator, station and seed.
 pub struct Origin {
     /// The rig, with the stage that the station moves.
     pub rig: RigFile,
@@ -78,8 +79,8 @@ pub struct Origin {
     pub seed: Option<u64>,
 }
 
-/// Recording under way, if one was requested.
-pub struct Recording(Option<Recorder>);
+/// Recording under way, and its file, if one was requested.
+pub struct Recording(Option<(Recorder, PathBuf)>);
 
 impl RecordOption {
     /// Returns true if a recording was requested.
@@ -119,7 +120,7 @@ impl Opened {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         let now_us = since_1970.map_or(0, |since| since.as_micros() as u64);
         let mut texts = here();
-        texts.insert("command", std::env::args().collect::<Vec<_>>().join(" "));
+        texts.insert("command", owner::this_program().command);
         texts.insert("begun_unix_s", (now_us / 1_000_000).to_string());
         let estimator = match origin.estimator {
             Estimator::Midpoint => "midpoint",
@@ -148,19 +149,20 @@ impl Opened {
             rig: (origin.rig_text.clone()).unwrap_or_else(|| origin.rig.to_toml()),
             origin: texts.map(|(name, text)| (name.to_owned(), text)).collect(),
         };
-        Ok(Recording(Some(Recorder::start(output, settings)?)))
+        let path = output.path().to_owned();
+        Ok(Recording(Some((Recorder::start(output, settings)?, path))))
     }
 }
 
 impl Recording {
     /// Returns the taps of the run.
     pub fn tap(&self) -> Option<Arc<Tap>> {
-        self.0.as_ref().map(Recorder::tap)
+        self.0.as_ref().map(|(recorder, _)| recorder.tap())
     }
 
     /// Ends the file, and prints its size and what was dropped.
-    pub fn finish(self, path: &RecordOption) -> Result<(), Failure> {
-        let (Some(recorder), Some(path)) = (self.0, &path.record) else {
+    fn finish(self) -> Result<(), Failure> {
+        let Some((recorder, path)) = self.0 else {
             return Ok(());
         };
         let account = recorder.finish()?;
@@ -179,9 +181,10 @@ impl Recording {
     }
 
     /// Ends the file after a run: the run's own failure comes first.
-    pub fn close(self, path: &RecordOption, run: Result<(), Failure>) -> Result<(), Failure> {
-        let finished = self.finish(path);
-        run.and(finished)
+    pub fn close<T>(self, run: Result<T, Failure>) -> Result<T, Failure> {
+        let finished = self.finish();
+        let value = run?;
+        finished.map(|()| value)
     }
 }
 

@@ -66,10 +66,6 @@ pub struct Options {
     #[command(flatten)]
     station: PortOption,
 
-    /// Use the built-in twin, as without --port
-    #[arg(long, conflicts_with = "port")]
-    twin: bool,
-
     /// The rig file (TOML): its cameras, and its stage
     ///
     /// Without it the cameras are the paper's, and the stage is one of 80 steps/mm and 100 mm/s.
@@ -99,9 +95,10 @@ pub struct Options {
     )]
     cameras: Option<Vec<PathBuf>>,
 
-    /// Largest difference of capture times within a frame set, ms
-    #[arg(long, value_name = "MS", default_value_t = 5.0, help_heading = CAMERAS)]
-    window: f64,
+    /// Largest difference of capture times within a frame set, ms; at most half the time between
+    /// two images of a camera [default: 5, or that half if it is less]
+    #[arg(long, value_name = "MS", requires = "cameras", help_heading = CAMERAS)]
+    window: Option<f64>,
 
     /// Delay from the middle of the exposure to the image's time stamp, ms, as for `track`
     #[arg(
@@ -109,6 +106,7 @@ pub struct Options {
         value_name = "MS",
         default_value_t = 0.0,
         allow_negative_numbers = true,
+        requires = "cameras",
         help_heading = CAMERAS
     )]
     delay: f64,
@@ -140,11 +138,19 @@ Examples:
   trinocular serve --control --port auto --rig rig.toml
   trinocular serve --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
+impl Options {
+    /// Returns the largest difference of capture times within a frame set, ms.
+    fn window_ms(&self) -> f64 {
+        self.window.unwrap_or((500.0 / self.fps).min(5.0))
+    }
+}
+
 /// Runs the command.
 pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
     range::check("fps", options.fps, 1.0, 200.0)?;
     range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
-    range::check("window", options.window, 0.0, 500.0 / options.fps)?;
+    let (window_ms, widest_ms) = (options.window_ms(), 500.0 / options.fps);
+    range::check("window", window_ms, 0.0, widest_ms)?;
     range::check("delay", options.delay, -100.0, 300.0)?;
     // The page's port first, so that nothing moves if it is in use.
     let listener = Server::listen(options.listen, options.control).map_err(Failure::of_page)?;
@@ -174,7 +180,7 @@ pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
         None => simulated::run(options, listener, &rig, tap),
         Some(devices) => cameras::run(options, listener, &rig, devices, tap),
     };
-    recording.close(&options.record, outcome)
+    recording.close(outcome)
 }
 
 /// Serves the page of a bench until Ctrl-C.
@@ -216,6 +222,9 @@ fn serve<B: Bench>(
     let is_over =
         || stop.load(Ordering::Relaxed) || end.is_some_and(|end| std::time::Instant::now() >= end);
     let outcome = bench.run(is_over);
+    // Stops a stage that still moves, before the page and its STOP are gone.
+    drop(bench);
+    drop(page);
     outcome.map_err(|error| Failure::of_servo(port, error))?;
     notice!("the page is closed");
     Ok(())

@@ -219,7 +219,7 @@ fn simulate(
         Some(opened) => {
             let recording = opened.start(&origin(&scenario))?;
             let trace = work.run(&scenario, prediction, recording.tap());
-            recording.finish(&options.record).and(trace)?
+            recording.close(trace)?
         }
     };
     let figures = Figures::of(&scenario, &trace);

@@ -15,7 +15,7 @@ use trinocular_rig::notice;
 ///
 /// The station obeys it before everything else, whatever its firmware, and keeps the position. It
 /// is no emergency stop: that is a button. If another run of this program has the port, the stop goes
-/// through that run, which ends by it; one that does not react is interrupted as by Ctrl-C.
+/// through that run, whose motion ends by it; one that does not react is interrupted as by Ctrl-C.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
@@ -96,7 +96,7 @@ fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
         }
         OtherHost::Suspended(holder) => {
             let way_out = kill(holder.pid);
-            stays(holder, "and is suspended, so it hears nothing", &way_out)
+            stays(holder, "and is suspended, so it does not react", &way_out)
         }
         OtherHost::Stays(holder) => {
             let way_out = kill(holder.pid);
@@ -104,11 +104,7 @@ fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
         }
         OtherHost::Foreign(holder) => {
             let way_out = format!("end process {} and run `trinocular stop` again", holder.pid);
-            stays(
-                holder,
-                "and is no run of this program that it may end",
-                &way_out,
-            )
+            stays(holder, "and is a different program", &way_out)
         }
     }
 }

@@ -158,13 +158,15 @@ fn lab(_: &TwinOptions, _: &RigFile, _: &Line<'_>) -> Result<NoLab, Failure> {
     Err(Failure::Usage(reason.to_owned()))
 }
 
-/// The bench of a system on which it cannot be simulated.
+/// The bench of a system on which it cannot be simulated: there is none.
 #[cfg(not(unix))]
-struct NoLab;
+enum NoLab {}
 
 #[cfg(not(unix))]
 impl NoLab {
-    fn at(&mut self, _: std::time::Instant, _: [f64; 3]) {}
+    fn at(&mut self, _: std::time::Instant, _: [f64; 3]) {
+        match *self {}
+    }
 }
 
 /// The far end of the line, and the way to open it again.
@@ -225,7 +227,7 @@ fn far_end(
 ) -> Result<(Box<dyn FarEnd>, String), Failure> {
     if let Some(address) = tcp {
         let failed = |cause: io::Error| {
-            let reason = format!("cannot be listened on: {cause}");
+            let reason = format!("cannot listen: {cause}");
             Failure::from(InputError::file(Path::new(address), reason))
         };
         let port = TcpPort::open(address).map_err(failed)?;
@@ -260,7 +262,7 @@ fn pseudo_terminal(link: &Path) -> Result<Box<dyn FarEnd>, Failure> {
                     .to_owned()
             }
             io::ErrorKind::AlreadyExists => {
-                "is there and no link to a pseudo-terminal; name another --link".to_owned()
+                "exists and is not a link to a pseudo-terminal; name another --link".to_owned()
             }
             _ => format!("cannot be made a link to a pseudo-terminal: {cause}"),
         };

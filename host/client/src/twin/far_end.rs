@@ -102,19 +102,28 @@ impl PseudoTerminal {
         if lock.try_lock().is_err() {
             return Err(io::ErrorKind::ResourceBusy.into());
         }
-        if link
-            .symlink_metadata()
-            .is_ok_and(|about| about.is_symlink())
-        {
+        match Self::link(link) {
+            Ok(terminal) => Ok(Self {
+                terminal,
+                link: link.to_owned(),
+                _lock: lock,
+            }),
+            Err(cause) => {
+                let _ = std::fs::remove_file(lock_of(link));
+                Err(cause)
+            }
+        }
+    }
+
+    /// Opens a pseudo-terminal and makes the link to it, while the lock is held.
+    fn link(link: &Path) -> io::Result<Terminal> {
+        // The user's own links lead elsewhere.
+        if std::fs::read_link(link).is_ok_and(|leads_to| leads_to.starts_with("/dev")) {
             std::fs::remove_file(link)?;
         }
         let terminal = Terminal::open()?;
         std::os::unix::fs::symlink(terminal.name(), link)?;
-        Ok(Self {
-            terminal,
-            link: link.to_owned(),
-            _lock: lock,
-        })
+        Ok(terminal)
     }
 
     /// Returns true if a program keeps a pseudo-terminal under this link.

@@ -80,9 +80,15 @@ impl RealTimeTwin {
             driver_fault: self.bench.driver_fault,
             words_emitted: 0,
         });
-        let passed = self.last.elapsed().min(LONGEST_TURN);
-        self.last = Instant::now();
-        let end_us = hardware.station.now().micros() + passed.as_micros() as u64;
+        // Whole microseconds pass, and the rest counts in the next turn: the clock keeps its rate.
+        let now = Instant::now();
+        let late = now.duration_since(self.last);
+        let passed_us = late.min(LONGEST_TURN).as_micros() as u64;
+        self.last = match late > LONGEST_TURN {
+            true => now,
+            false => self.last + Duration::from_micros(passed_us),
+        };
+        let end_us = hardware.station.now().micros() + passed_us;
         hardware.run_until(StationInstant::from_micros(end_us));
         let packets = hardware.to_host.drain(..);
         packets.flat_map(|(_, bytes)| bytes).collect()

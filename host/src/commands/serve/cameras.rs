@@ -35,7 +35,7 @@ pub fn run(
     // Open all cameras before the station, so that nothing moves if one is missing.
     let cameras = cameras::open(&devices, rig, options.fps)?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let window = Duration::from_secs_f64(options.window * 1e-3);
+    let window = Duration::from_secs_f64(options.window_ms() * 1e-3);
     let delay_us = (options.delay * 1e3).round() as i64;
     let live = LiveCameras::start(cameras, window, delay_us, on_interrupt()?, tell)?;
     let station = Station::open(options, &stage)?;

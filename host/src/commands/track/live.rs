@@ -107,7 +107,7 @@ fn follow(
             tally.lost
         );
     }
-    let summary = recording.finish(&options.record).and(outcome)?;
+    let summary = recording.close(outcome)?;
     notice!(
         "{} of {} frame sets not used",
         summary.refused,

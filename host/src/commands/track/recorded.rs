@@ -87,7 +87,7 @@ fn follow(
     let recording = options.recording(&rig)?;
     let station = Captures::new(options, &rig, stage, None, source, None, recording.tap());
     let summary = station.and_then(|station| station.follow(captures, out));
-    recording.finish(&options.record).and(summary)
+    recording.close(summary)
 }
 
 /// Runs as [`run`] does, for a folder that grows: until Ctrl-C, or until no image has come for

@@ -43,7 +43,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     file.stage.get_or_insert_with(default_stage);
     let recording = options.recording(&file)?;
     let outcome = follow(options, file, recording.tap(), out);
-    recording.close(&options.record, outcome)
+    recording.close(outcome)
 }
 
 fn follow(

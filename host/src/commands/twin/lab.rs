@@ -210,7 +210,7 @@ fn send(reader: &mut Reader, exposure: &Exposure, images: &FrameSet) -> bool {
         captured: exposure.captured,
         size_px: [image.width, image.height].map(|side| side as u16),
     };
-    let mut bytes = header.bytes().to_vec();
-    bytes.extend_from_slice(&image.grey);
-    reader.stream.write_all(&bytes).is_ok()
+    let sent = reader.stream.write_all(&header.bytes());
+    sent.and_then(|()| reader.stream.write_all(&image.grey))
+        .is_ok()
 }
