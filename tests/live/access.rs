@@ -56,7 +56,7 @@ fn control_link_works_once() {
 }
 
 #[test]
-fn actions_reach_the_run_checked() {
+fn only_valid_actions_reach_the_run() {
     let site = Site::new();
     let mut page = Peer::open(site.address());
     page.exchange(&site.token()).expect("the link is new");

@@ -151,7 +151,7 @@ fn stop_cancels_reset_before_it() {
 }
 
 #[test]
-fn bench_jogs_zeroes_and_follows_again() {
+fn bench_follows_again_after_jog_and_zero() {
     let lab = Lab::start(TargetPath::Still);
     let mut page = lab.page();
     page.state(is_in("idle"));

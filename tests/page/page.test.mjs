@@ -124,7 +124,13 @@ test("a used link only watches, and says so", async (t) => {
   const second = await open(t, link);
   await second.until("document.getElementById('banner').textContent.includes('used before')");
   assert.equal(await second.evaluate("document.getElementById('controls-panel').hidden"), true);
-  // A reload keeps the control of the first.
+  // A tab with control keeps it when it opens a used link, and after a reload.
+  await first.evaluate(`location.hash = ${JSON.stringify(new URL(link).hash)}`);
+  await first.until("location.hash === ''");
+  await first.until("!document.getElementById('mark').disabled");
+  await first.evaluate("document.getElementById('mark-text').value = 'still in control'");
+  await first.click("#mark");
+  await first.until("document.getElementById('notes').textContent.includes('still in control')");
   await first.call("Page.reload");
   await first.until("document.readyState === 'complete'");
   await first.until("!document.getElementById('controls-panel').hidden");

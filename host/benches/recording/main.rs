@@ -1,5 +1,5 @@
-//! Cost of a recording: 60 frame sets of 3 x 320 x 240 px per second in real time, with and without
-//! one.
+//! Cost of a recording: 60 frame sets of 3 x 320 x 240 px per second in real time, with a recording
+//! and without.
 //!
 //! `cargo bench -p trinocular --bench recording -- SECONDS` prints the table of `benches/RECORDING.md`.
 

@@ -51,7 +51,7 @@ export class Cameras {
       return {
         canvas, remark, best: 0, image: null,
         sharpness: aid(figure, "sharpness",
-          "of the sharpest so far: turn the focus ring until it does not rise any more"),
+          "Share of the sharpest image so far. Turn the focus ring until it stops rising."),
         clipped: aid(figure, "clipped", "share of black and white pixels: adapt light or exposure"),
         mean: aid(figure, "brightness", "mean grey level, 0 to 255"),
       };

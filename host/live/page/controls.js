@@ -22,10 +22,6 @@ export class Controls {
         this.ask({ jog: { distance_um: way.map((sign) => sign * step) } });
       });
     }
-    byId("record").addEventListener("click", () => {
-      const isOn = byId("record").getAttribute("aria-pressed") === "true";
-      this.ask({ record: { on: !isOn } });
-    });
     byId("mark-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.ask({ mark: { text: byId("mark-text").value || "mark" } });
@@ -85,8 +81,6 @@ export class Controls {
     enable("zero", isReady && !this.isFollowing);
     enable("home", isReady && offers.home && !this.isFollowing);
     byId("home").title = offers.home ? "" : "the rig file names no home switch";
-    enable("record", offers.record);
-    byId("record").title = offers.record ? "" : "this run cannot be recorded from here";
     enable("mark", offers.mark);
     enable("mark-text", offers.mark);
     const canJog = offers.motion && !this.isFollowing &&

@@ -46,6 +46,13 @@ export class Link {
 
   take(message) {
     if (message.type === "control") {
+      const key = sessionStorage.getItem(KEY);
+      if (!message.key && this.token && key) {
+        // The link was used before; the key of this tab still counts.
+        this.token = null;
+        this.send({ key });
+        return;
+      }
       if (message.key) sessionStorage.setItem(KEY, message.key);
       else sessionStorage.removeItem(KEY);
       this.handlers.control(Boolean(message.key), Boolean(this.token));

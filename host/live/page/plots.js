@@ -51,7 +51,7 @@ function band(id, name) {
   const edge = { stroke: "transparent", width: 0, points: { show: false } };
   const fill = () => `${colour(name)}4d`;
   return plot(id, [{ ...edge, label: "high" }, { ...edge, label: "low" }, line(name, name)], 0.02,
-    { bands: [{ series: [1, 2], fill }], title: undefined });
+    { bands: [{ series: [1, 2], fill }] });
 }
 
 export class Plots {
@@ -72,9 +72,6 @@ export class Plots {
   }
 
   add(samples) {
-    // A loop that was started anew begins at zero again.
-    const last = this.samples.at(-1);
-    if (last && samples.length && samples[0][AT] < last[AT]) this.samples = [];
     this.samples.push(...samples);
     const latest = this.samples.at(-1)?.[AT] ?? 0;
     let first = 0;

@@ -107,7 +107,7 @@ pub fn is_own_host(host: Option<&str>, address: SocketAddr) -> bool {
     if name.eq_ignore_ascii_case("localhost") {
         return true;
     }
-    // A name may be anybody's, an address is not.
+    // A foreign name can resolve to this computer; an address cannot.
     match name.parse::<IpAddr>() {
         Ok(ip) if address.ip().is_unspecified() => !ip.is_unspecified(),
         Ok(ip) => ip.is_loopback() || ip == address.ip(),

@@ -1,6 +1,7 @@
 //! Aids for setting cameras up: sharpness for the focus, clipping for the exposure, texture per
 //! cell for the place of the target.
 
+use crate::telemetry::rounded;
 use serde::Serialize;
 use trinocular_vision::images::Image;
 
@@ -67,7 +68,7 @@ pub fn aids(image: &Image) -> Aids {
             texture.push(cell_texture(image, rows, columns));
         }
     }
-    let round = |value: f64| (value * 1e3).round() * 1e-3;
+    let round = |value: f64| rounded(value, 1e3);
     Aids {
         sharpness: round(100.0 * brenner / variance.max(1.0)),
         white: round(white as f64 / count),

@@ -71,13 +71,13 @@ impl Stream {
             reason: format!("{cause}; choose another port with --foxglove=ADDR:PORT"),
         })?;
         let failed = |cause: std::io::Error| LiveError::System(cause.to_string());
-        let topics = Topics::new(&context, hub.cameras())
+        let channels = FoxgloveChannels::new(&context, hub.cameras())
             .map_err(|cause| LiveError::System(cause.to_string()))?;
         let is_over = Arc::new(AtomicBool::new(false));
         let theirs = Arc::clone(&is_over);
         let thread = std::thread::Builder::new()
             .name("foxglove".to_owned())
-            .spawn(move || topics.run(&hub, &theirs));
+            .spawn(move || channels.run(&hub, &theirs));
         let mut place = address;
         place.set_port(handle.port());
         Ok(Self {
@@ -108,7 +108,7 @@ impl Drop for Stream {
 }
 
 /// Channels of a stream.
-struct Topics {
+struct FoxgloveChannels {
     cameras: Vec<(String, Channel<CompressedImage>)>,
     stage: Channel<PoseInFrame>,
     target: Channel<PoseInFrame>,
@@ -116,7 +116,7 @@ struct Topics {
     station: Arc<RawChannel>,
 }
 
-impl Topics {
+impl FoxgloveChannels {
     fn new(context: &Arc<Context>, cameras: &[String]) -> Result<Self, foxglove::FoxgloveError> {
         let raw = |topic: &str, name: &str, schema: &'static str| {
             let schema = Schema::new(name, "jsonschema", schema.as_bytes());

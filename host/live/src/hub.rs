@@ -4,26 +4,19 @@
 
 use crate::access;
 use crate::controls::Controls;
-use crate::images::{Encoded, Encoder, Points, RATE_HZ, Shot};
-use crate::telemetry::{Counts, Sample, Samples, count};
+use crate::images::{Encoded, Encoder, Points, Shot, Slot};
+use crate::state::State;
+#[cfg(feature = "foxglove")]
+use crate::telemetry::Sample;
 use serde_json::{Value, json};
-use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
-use trinocular_client::diagnosis;
 use trinocular_core::frame::message::{Mounting, Status};
 use trinocular_core::rig::Rig;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::flow::{CameraRefusal, Measurement};
 use trinocular_vision::images::FrameSet;
-
-/// Notes that are kept.
-const NOTES: usize = 30;
-
-/// Reasons that are counted; further ones count as one.
-const REASONS: usize = 40;
 
 /// Facts that hold for a whole run.
 #[derive(Clone, Debug)]
@@ -80,8 +73,7 @@ pub struct Hub {
     setup: Setup,
     state: Mutex<State>,
     changed: watch::Sender<u64>,
-    slot: Mutex<Slot>,
-    filled: Condvar,
+    slot: Slot,
     clients: AtomicUsize,
     controls: Mutex<Option<ControlsHandle>>,
 }
@@ -99,47 +91,12 @@ impl std::fmt::Debug for ControlsHandle {
     }
 }
 
-/// Note for the people at the pages.
-#[derive(Clone, Debug)]
-struct Note {
-    number: u64,
-    at_s: f64,
-    kind: &'static str,
-    text: String,
-}
-
-#[derive(Debug, Default)]
-struct State {
-    samples: Samples,
-    /// Capture time of the first turn, µs.
-    first_us: Option<u64>,
-    at_s: f64,
-    status: Option<Status>,
-    is_following: bool,
-    turns: u64,
-    refusals: Counts,
-    refusal: Option<String>,
-    /// Drops per camera, by reason.
-    drops: Vec<Counts>,
-    notes: VecDeque<Note>,
-    note_count: u64,
-    encoded: Option<Encoded>,
-    has_ended: bool,
-}
-
-#[derive(Debug, Default)]
-struct Slot {
-    shot: Option<Shot>,
-    last: Option<Instant>,
-    is_closed: bool,
-}
-
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Hub {
-    /// Makes the hub of a run and starts its encoder, which ends with the hub.
+    /// Makes the hub of a run and starts its encoder, which ends within 200 ms of the hub's last use.
     ///
     /// # Errors
     /// If the thread cannot be started.
@@ -147,13 +104,9 @@ impl Hub {
         let cameras = setup.cameras.len();
         let hub = Arc::new(Self {
             setup,
-            state: Mutex::new(State {
-                drops: vec![Counts::new(); cameras],
-                ..State::default()
-            }),
+            state: Mutex::new(State::new(cameras)),
             changed: watch::Sender::new(0),
-            slot: Mutex::default(),
-            filled: Condvar::new(),
+            slot: Slot::default(),
             clients: AtomicUsize::new(0),
             controls: Mutex::default(),
         });
@@ -161,7 +114,7 @@ impl Hub {
         let theirs = Arc::downgrade(&hub);
         let run = move || {
             while let Some(hub) = theirs.upgrade() {
-                let Some(shot) = hub.next_shot() else {
+                let Some(shot) = hub.slot.take() else {
                     continue;
                 };
                 let encoded = encoder.encode(&shot);
@@ -174,16 +127,6 @@ impl Hub {
         Ok(hub)
     }
 
-    /// Waits a moment for images in the slot.
-    fn next_shot(&self) -> Option<Shot> {
-        let slot = lock(&self.slot);
-        let is_empty = |slot: &mut Slot| slot.shot.is_none() && !slot.is_closed;
-        let wait = Duration::from_millis(200);
-        let waited = self.filled.wait_timeout_while(slot, wait, is_empty);
-        let (mut slot, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        slot.shot.take()
-    }
-
     fn notify(&self) {
         self.changed.send_modify(|count| *count += 1);
     }
@@ -191,17 +134,11 @@ impl Hub {
     /// Takes in one turn of the loop.
     pub fn turn(&self, turn: &Turn<'_>) {
         self.offer_images(turn);
-        {
-            let mut state = lock(&self.state);
-            state.begin_turn(turn);
-            let sample = self.sample(state.at_s, turn);
-            state.samples.push(sample);
-            state.take(turn);
-        }
+        lock(&self.state).take(&self.setup, turn);
         self.notify();
     }
 
-    /// Takes in images that are not measured, because the run only looks.
+    /// Takes in images that are not measured, while the run follows nothing.
     pub fn look(
         &self,
         taken_us: u64,
@@ -227,23 +164,6 @@ impl Hub {
         self.notify();
     }
 
-    /// Takes in a status of the station between two turns.
-    pub fn status(&self, status: &Status) {
-        lock(&self.state).status = Some(*status);
-        self.notify();
-    }
-
-    /// Counts images of a camera that were not used before they came to the loop, for instance
-    /// damaged ones: total so far, by reason.
-    pub fn set_drops(&self, camera: usize, reason: &str, total: u64) {
-        let mut state = lock(&self.state);
-        if let Some(counts) = state.drops.get_mut(camera)
-            && total > 0
-        {
-            counts.insert(reason.to_owned(), total);
-        }
-    }
-
     /// Adds a note to the list of every page.
     pub fn note(&self, text: impl Into<String>) {
         self.add_note("note", text.into());
@@ -260,19 +180,7 @@ impl Hub {
     }
 
     fn add_note(&self, kind: &'static str, text: String) {
-        let mut state = lock(&self.state);
-        state.note_count += 1;
-        if state.notes.len() == NOTES {
-            state.notes.pop_front();
-        }
-        let (number, at_s) = (state.note_count, state.at_s);
-        state.notes.push_back(Note {
-            number,
-            at_s,
-            kind,
-            text,
-        });
-        drop(state);
+        lock(&self.state).note(kind, text);
         self.notify();
     }
 
@@ -313,7 +221,8 @@ impl Hub {
     }
 
     /// Returns the names of the cameras.
-    pub fn cameras(&self) -> &[String] {
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn cameras(&self) -> &[String] {
         &self.setup.cameras
     }
 
@@ -325,55 +234,15 @@ impl Hub {
 
     /// Copies the images into the slot if they will be sent.
     fn offer_images(&self, turn: &Turn<'_>) {
-        if self.clients() == 0 {
+        if self.clients() == 0 || !self.slot.is_due() {
             return;
         }
-        let mut slot = lock(&self.slot);
-        let now = Instant::now();
-        let period = Duration::from_secs_f64(0.9 / RATE_HZ);
-        let is_due = slot.last.is_none_or(|last| now - last >= period);
-        if slot.shot.is_some() || !is_due {
-            return;
-        }
-        slot.last = Some(now);
         let at_s = lock(&self.state).since_first_s(turn.taken_us);
-        slot.shot = Some(Shot {
+        self.slot.put(Shot {
             at_s,
             images: turn.images.clone(),
             points: turn.measurement.map(Points::of),
         });
-        self.filled.notify_one();
-    }
-
-    /// Computes the numbers of a turn.
-    fn sample(&self, at_s: f64, turn: &Turn<'_>) -> Sample {
-        let on_stage = |displacement_mm: [f64; 3]| -> [f64; 3] {
-            self.setup
-                .stage
-                .matrix
-                .map(|row| (0..3).map(|i| row[i] * displacement_mm[i]).sum())
-        };
-        let displacement_mm = turn.estimate.map(|estimate| estimate.displacement_mm);
-        let minus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] - b[i]);
-        let plus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + b[i]);
-        let in_space = displacement_mm.map(on_stage);
-        let (error_mm, target_mm) = match self.setup.mounting {
-            Mounting::OnStage => (
-                displacement_mm,
-                in_space.map(|way| plus(turn.stage_mm, way)),
-            ),
-            Mounting::Fixed => (in_space.map(|way| minus(way, turn.stage_mm)), in_space),
-        };
-        Sample {
-            at_s,
-            displacement_mm,
-            sigma_mm: turn.estimate.and_then(|estimate| estimate.sigma_mm),
-            error_um: error_mm.map(|mm| mm.map(|mm| 1e3 * mm)),
-            stage_mm: turn.stage_mm,
-            target_mm,
-            latency_ms: (turn.estimate).map(|estimate| f64::from(estimate.latency_us) * 1e-3),
-            points: turn.estimate.map_or(0, |estimate| estimate.points),
-        }
     }
 
     /// Returns the message that a page gets first.
@@ -402,101 +271,9 @@ impl Hub {
     /// Returns the state with the samples after number `seen` and the notes after `noted`, and the
     /// numbers of the last ones.
     pub(crate) fn state_since(&self, seen: u64, noted: u64) -> (Value, u64, u64) {
-        let state = lock(&self.state);
-        let (samples, last) = state.samples.since(seen);
-        let notes = state.notes.iter().filter(|note| note.number > noted);
-        let notes: Vec<Value> = notes
-            .map(|note| json!({"at_s": note.at_s, "kind": note.kind, "text": note.text}))
-            .collect();
-        let message = json!({
-            "type": "state",
-            "at_s": state.at_s,
-            "samples": samples,
-            "notes": notes,
-            "following": state.is_following,
-            "ended": state.has_ended,
-            "station": state.status.as_ref().map(condition),
-            "rate_hz": state.samples.rate_hz(),
-            "latency_ms": state.samples.latency_ms(),
-            "turns": state.turns,
-            "refusals": state.refusals,
-            "refusal": state.refusal,
-            "drops": state.drops,
-        });
-        (message, last, state.note_count)
+        // The lock is held only to copy, because the loop waits for it.
+        let snapshot = lock(&self.state).snapshot(seen, noted);
+        let (sample, note) = (snapshot.last_sample, snapshot.last_note);
+        (snapshot.into_json(), sample, note)
     }
-}
-
-impl Drop for Hub {
-    fn drop(&mut self) {
-        lock(&self.slot).is_closed = true;
-        self.filled.notify_all();
-    }
-}
-
-impl State {
-    fn since_first_s(&self, taken_us: u64) -> f64 {
-        let first_us = self.first_us.unwrap_or(taken_us);
-        taken_us.saturating_sub(first_us) as f64 * 1e-6
-    }
-
-    fn begin_turn(&mut self, turn: &Turn<'_>) {
-        self.first_us.get_or_insert(turn.taken_us);
-        self.at_s = self.since_first_s(turn.taken_us);
-        self.turns += 1;
-    }
-
-    fn take(&mut self, turn: &Turn<'_>) {
-        if let Some(status) = turn.status {
-            self.status = Some(*status);
-        }
-        self.refusal = turn.refusal.map(|(_, sentence)| sentence.to_owned());
-        if let Some((name, _)) = turn.refusal {
-            count(&mut self.refusals, name);
-        }
-        for (camera, refusal) in turn.absent {
-            if let Some(counts) = self.drops.get_mut(*camera)
-                && counts.len() < REASONS
-            {
-                count(counts, drop_name(refusal));
-            }
-        }
-    }
-}
-
-/// Returns the name of a camera's refusal for the counts.
-const fn drop_name(refusal: &CameraRefusal) -> &'static str {
-    match refusal {
-        CameraRefusal::Missing => "missing",
-        CameraRefusal::Blank => "blank",
-        CameraRefusal::Frozen => "frozen",
-        CameraRefusal::Unsynchronised { .. } => "not synchronised",
-    }
-}
-
-/// Describes a status in words.
-fn condition(status: &Status) -> Value {
-    let state = diagnosis::state(status.state);
-    let fault = status.fault.map(|fault| {
-        let text = diagnosis::fault(fault);
-        json!({
-            "number": fault.number(),
-            "name": text.name.replace('_', " "),
-            "cause": text.cause,
-            "action": text.action,
-        })
-    });
-    json!({
-        "state": state.name,
-        "meaning": state.meaning,
-        "next": diagnosis::next_step(status),
-        "fault": fault,
-        "trust": diagnosis::trust(status.trust),
-        "sight": diagnosis::sight(status.sight),
-        "seen_ms": status.seen_ms,
-        "motors": status.motors,
-        "is_moving": status.state.is_moving(),
-        "frames_used": status.frames_used,
-        "frames_refused": status.frames_refused,
-    })
 }

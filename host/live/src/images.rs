@@ -5,10 +5,13 @@
 
 use crate::aids::{CELLS, aids};
 use crate::overlap;
+use crate::telemetry::rounded;
 use axum::body::Bytes;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use serde_json::{Value, json};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{Correspondence, Measurement};
 use trinocular_vision::images::{FrameSet, Image};
@@ -32,6 +35,55 @@ pub struct Shot {
     pub images: FrameSet,
     /// Points and active cameras, if there was a measurement.
     pub points: Option<Points>,
+}
+
+/// Slot for the latest images on their way from the loop to the encoder.
+#[derive(Debug, Default)]
+pub struct Slot {
+    state: Mutex<SlotState>,
+    filled: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct SlotState {
+    shot: Option<Shot>,
+    /// Instant at which the last images were due.
+    last: Option<Instant>,
+}
+
+impl Slot {
+    fn lock(&self) -> MutexGuard<'_, SlotState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns true if the slot is empty and images are due by [`RATE_HZ`]; the next ones are then
+    /// due a period later.
+    pub fn is_due(&self) -> bool {
+        let period = Duration::from_secs_f64(0.9 / RATE_HZ);
+        let now = Instant::now();
+        let mut state = self.lock();
+        let is_due = state.last.is_none_or(|last| now - last >= period);
+        if state.shot.is_some() || !is_due {
+            return false;
+        }
+        state.last = Some(now);
+        true
+    }
+
+    /// Puts images into the slot.
+    pub fn put(&self, shot: Shot) {
+        self.lock().shot = Some(shot);
+        self.filled.notify_one();
+    }
+
+    /// Waits up to 200 ms for images in the slot.
+    pub fn take(&self) -> Option<Shot> {
+        let wait = Duration::from_millis(200);
+        let is_empty = |state: &mut SlotState| state.shot.is_none();
+        let waited = self.filled.wait_timeout_while(self.lock(), wait, is_empty);
+        let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        state.shot.take()
+    }
 }
 
 /// Points of a measurement.
@@ -154,7 +206,7 @@ impl Encoder {
 
 /// Rounds a place in an image to tenths of a pixel.
 fn tenths(pixel: [f64; 2]) -> [f64; 2] {
-    pixel.map(|at| (at * 10.0).round() / 10.0)
+    pixel.map(|at| rounded(at, 10.0))
 }
 
 /// Encodes an image; empty if it is missing.

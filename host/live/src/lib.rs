@@ -21,6 +21,7 @@ mod images;
 mod overlap;
 mod page;
 pub mod server;
+mod state;
 mod telemetry;
 
 pub use controls::Controls;

@@ -31,7 +31,7 @@ pub const PAGES: usize = 16;
 /// Longest time from the start of a connection to the end of its request's header.
 const HEADER_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Longest time without a request on a connection, and of a whole request.
+/// Longest life of a connection that is not upgraded to a websocket.
 const REQUEST_PATIENCE: Duration = Duration::from_secs(20);
 
 /// Largest header of a request, bytes.
@@ -117,7 +117,7 @@ impl Server {
         })
     }
 
-    /// Serves the pages of `hub` until it is dropped.
+    /// Serves the pages of `hub` until the server is dropped.
     ///
     /// # Errors
     /// [`LiveError::System`] if its thread cannot be started.

@@ -1,7 +1,9 @@
 //! Numbers of the last seconds of a run: samples for the plots, rates, latencies and counts.
 
+use crate::hub::{Setup, Turn};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
+use trinocular_core::frame::message::Mounting;
 
 /// Samples that a new page gets: half a minute at 60 frame sets per second.
 const HISTORY: usize = 1_800;
@@ -30,6 +32,37 @@ pub struct Sample {
     pub points: usize,
 }
 
+impl Sample {
+    /// Computes the numbers of a turn.
+    pub fn of(setup: &Setup, at_s: f64, turn: &Turn<'_>) -> Self {
+        let on_stage = |displacement_mm: [f64; 3]| -> [f64; 3] {
+            let rows = setup.stage.matrix;
+            rows.map(|row| (0..3).map(|i| row[i] * displacement_mm[i]).sum())
+        };
+        let displacement_mm = turn.estimate.map(|estimate| estimate.displacement_mm);
+        let minus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] - b[i]);
+        let plus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + b[i]);
+        let in_space = displacement_mm.map(on_stage);
+        let (error_mm, target_mm) = match setup.mounting {
+            Mounting::OnStage => (
+                displacement_mm,
+                in_space.map(|way| plus(turn.stage_mm, way)),
+            ),
+            Mounting::Fixed => (in_space.map(|way| minus(way, turn.stage_mm)), in_space),
+        };
+        Self {
+            at_s,
+            displacement_mm,
+            sigma_mm: turn.estimate.and_then(|estimate| estimate.sigma_mm),
+            error_um: error_mm.map(|mm| mm.map(|mm| 1e3 * mm)),
+            stage_mm: turn.stage_mm,
+            target_mm,
+            latency_ms: (turn.estimate).map(|estimate| f64::from(estimate.latency_us) * 1e-3),
+            points: turn.estimate.map_or(0, |estimate| estimate.points),
+        }
+    }
+}
+
 /// A row of numbers: `[at_s, displacement, sigma, error, stage, target, latency_ms, points]`, with
 /// three numbers for each vector and null for each unknown number.
 impl Serialize for Sample {
@@ -44,9 +77,8 @@ impl Serialize for Sample {
         row.extend(vector(self.target_mm));
         row.push(self.latency_ms);
         row.push(Some(self.points as f64));
-        // A tenth of a micrometre is enough for a plot.
-        let short = |x: f64| (x * 1e5).round() / 1e5;
-        let short = |x: Option<f64>| x.filter(|x| x.is_finite()).map(short);
+        // A hundredth of a micrometre is enough for a plot.
+        let short = |x: Option<f64>| x.filter(|x| x.is_finite()).map(|x| rounded(x, 1e5));
         serializer.collect_seq(row.into_iter().map(short))
     }
 }
@@ -78,21 +110,16 @@ impl Samples {
 
     /// Returns the frame sets per second, of the last ones.
     pub fn rate_hz(&self) -> Option<f64> {
-        let recent = self.recent();
-        let times: Vec<f64> = recent.map(|sample| sample.at_s).collect();
-        let span = times.last()? - times.first()?;
-        (span > 0.0).then(|| (times.len() - 1) as f64 / span)
+        let (first, last) = (self.recent().next()?, self.kept.back()?);
+        let span = last.at_s - first.at_s;
+        (span > 0.0).then(|| (self.recent().count() - 1) as f64 / span)
     }
 
-    /// Returns the median and the 99th percentile of the latency, ms, of the last frame sets.
-    pub fn latency_ms(&self) -> Option<[f64; 2]> {
-        let mut sorted: Vec<f64> = self.recent().filter_map(|s| s.latency_ms).collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            let last = sorted.len().checked_sub(1)?;
-            sorted.get((share * last as f64).round() as usize).copied()
-        };
-        Some([at(0.5)?, at(0.99)?])
+    /// Returns the latencies of the last frame sets, ms, in their order.
+    pub fn latencies_ms(&self) -> Vec<f64> {
+        self.recent()
+            .filter_map(|sample| sample.latency_ms)
+            .collect()
     }
 
     fn recent(&self) -> impl Iterator<Item = &Sample> {
@@ -100,17 +127,20 @@ impl Samples {
     }
 }
 
-/// Events by reason.
-pub type Counts = BTreeMap<String, u64>;
+/// Number of events by reason.
+pub type Counts = BTreeMap<&'static str, u64>;
 
-/// Counts one more event.
-pub fn count(counts: &mut Counts, reason: &str) {
-    match counts.get_mut(reason) {
-        Some(count) => *count += 1,
-        None => {
-            counts.insert(reason.to_owned(), 1);
-        }
-    }
+/// Returns the median and the 99th percentile of the values.
+pub fn percentiles(mut values: Vec<f64>) -> Option<[f64; 2]> {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let at = |share: f64| values.get((share * last as f64).round() as usize).copied();
+    Some([at(0.5)?, at(0.99)?])
+}
+
+/// Rounds a number to a multiple of `1 / parts`.
+pub fn rounded(value: f64, parts: f64) -> f64 {
+    (value * parts).round() / parts
 }
 
 #[cfg(test)]
@@ -151,11 +181,11 @@ mod tests {
     #[test]
     fn latency_percentiles_match_sorted_list() {
         let mut samples = Samples::default();
-        assert_eq!(samples.latency_ms(), None);
+        assert_eq!(percentiles(samples.latencies_ms()), None);
         for at in (0..=100).rev() {
             samples.push(sample(f64::from(at)));
         }
-        assert_eq!(samples.latency_ms(), Some([50.0, 99.0]));
+        assert_eq!(percentiles(samples.latencies_ms()), Some([50.0, 99.0]));
     }
 
     #[test]

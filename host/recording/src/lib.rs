@@ -6,7 +6,7 @@
 //! * [`message`], [`schema`], [`topic`] and [`cdr`] are the contents of the file;
 //! * [`read`] reads recordings and the MCAP files and ROS 2 bags of others;
 //! * [`replay`] runs the measurements and the station again, and compares;
-//! * [`export`] writes tables and images.
+//! * [`export`] makes the table of measurements.
 
 // Output goes through `notice!` or a writer whose errors are handled: these macros panic instead.
 #![cfg_attr(not(test), deny(clippy::print_stderr, clippy::print_stdout))]

@@ -77,7 +77,7 @@ impl Opened {
             .compression(None)
             .profile("ros2")
             .library(RECORDING_LIBRARY)
-            // Chunks are ended here, because each must reach the disk whole.
+            // Chunks are ended here, so that each reaches the system whole within a second.
             .chunk_size(None)
             .disable_seeking(true);
         let writer = options.create(sink).map_err(failed)?;

@@ -119,7 +119,6 @@ impl<B: Bench> Workbench<B> {
                 stop: stopper.is_some(),
                 motion: true,
                 home: stage.care.home.iter().any(Option::is_some),
-                record: false,
                 mark: true,
             },
             stopper,
@@ -319,7 +318,6 @@ impl<B: Bench> Workbench<B> {
                 }
             }
             Action::Mark { text } => self.hub.mark(text),
-            Action::Record { .. } => self.hub.warn("this run cannot be recorded from here"),
             Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
                 self.hub.warn("end following first");
             }

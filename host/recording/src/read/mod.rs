@@ -31,8 +31,7 @@ pub struct Source {
     files: Vec<PathBuf>,
 }
 
-/// Returns true if the path looks like a recording: a file that starts as MCAP does or is named so,
-/// or the folder of a ROS 2 bag.
+/// Returns true for a path that ends in `.mcap` and for the folder of a ROS 2 bag.
 pub fn is_recording(path: &Path) -> bool {
     if path.is_dir() {
         return path.join("metadata.yaml").is_file();

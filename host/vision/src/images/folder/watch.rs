@@ -195,8 +195,8 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 }
                 if files.iter().flatten().count() < 2 {
                     let file = self.cameras[missing].join(&key.1);
-                    let reason =
-                        "never came, but another camera has a file of this name: passed over";
+                    let reason = "never came, but another camera has a file of this name; the frame set is \
+                         skipped";
                     (self.tell)(&InputError::file(&file, reason));
                     self.done(key);
                     continue;
@@ -300,7 +300,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 }
                 let key = (numbers_padded(&name), name);
                 if self.last.as_ref().is_some_and(|last| key <= *last) {
-                    let reason = "came after a later frame set was taken: passed over";
+                    let reason = "came after a later frame set was returned; skipped";
                     (self.tell)(&InputError::file(&camera.join(&key.1), reason));
                     self.done.insert(key.1.clone());
                     done.insert(key.1);

@@ -302,6 +302,7 @@ fn incomplete_set_is_skipped_after_patience() {
     let told = bench.told();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("right/1.png: never came"), "{told:?}");
+    assert!(told[0].ends_with("; the frame set is skipped"), "{told:?}");
 
     // Two incomplete frame sets: the first waits its two seconds, then the second comes at once.
     bench.whole("right", "3.png", 3);
@@ -321,6 +322,7 @@ fn incomplete_set_is_skipped_after_patience() {
     let told = bench.told();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("left/0.png: came after"), "{told:?}");
+    assert!(told[0].ends_with("; skipped"), "{told:?}");
 }
 
 #[test]
