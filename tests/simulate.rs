@@ -7,7 +7,7 @@ mod command;
 use std::path::{Path, PathBuf};
 use trinocular::scenario::figures::Figures;
 use trinocular::scenario::file::{Scenario, Sight};
-use trinocular::scenario::run::{Options, Run, run};
+use trinocular::scenario::run::{Run, ScenarioOptions, run};
 use trinocular_tests::replaying::{BOARD, Recording};
 
 fn folder() -> PathBuf {
@@ -30,7 +30,7 @@ fn files() -> Vec<String> {
 }
 
 fn live(scenario: &Scenario, prediction: bool) -> Run {
-    let options = Options {
+    let options = ScenarioOptions {
         prediction,
         board: BOARD.name,
         record: true,

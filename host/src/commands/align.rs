@@ -30,7 +30,7 @@ use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 /// too where a scene has but one depth: measure them well.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct AlignOptions {
     /// A folder of frame sets: one subfolder per camera, equal file names, as for `estimate`
     ///
     /// One frame set of a scene that fills the images with texture is enough; several make it
@@ -83,7 +83,7 @@ Examples:
   trinocular align wall/ --rig rig.toml --depth 1200 --out rig.toml --force";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &AlignOptions, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
     super::doubts::warn(&options.rig, &rig);
@@ -109,7 +109,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn settings(options: &Options) -> Result<AlignmentSettings, Failure> {
+fn settings(options: &AlignOptions) -> Result<AlignmentSettings, Failure> {
     let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
     if !(options.reach >= 1.0 && options.reach <= 500.0) {
         return usage("--reach must be from 1 to 500 px");
@@ -123,7 +123,7 @@ fn settings(options: &Options) -> Result<AlignmentSettings, Failure> {
     })
 }
 
-fn captures(options: &Options, rig: &RigFile) -> Result<Vec<FrameSet>, InputError> {
+fn captures(options: &AlignOptions, rig: &RigFile) -> Result<Vec<FrameSet>, InputError> {
     let size_px = rig.rig.image_size_px;
     let folder =
         Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
@@ -143,7 +143,7 @@ fn write(rig: &Path, text: &str, to: Output, found: &Alignment) -> Result<(), In
     to.write(&text)
 }
 
-fn print(options: &Options, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {
+fn print(options: &AlignOptions, found: &Alignment, out: &mut impl Write) -> Result<(), Failure> {
     writeln!(out, "{}", table(found).to_text())?;
     for (name, value) in present::facts(found) {
         writeln!(out, "{name:>16}: {value}")?;

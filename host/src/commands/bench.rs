@@ -20,7 +20,7 @@ use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_k
 
 /// Time the image processing of this program
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct BenchOptions {
     #[command(subcommand)]
     what: What,
 }
@@ -28,7 +28,7 @@ pub struct Options {
 #[derive(Debug, Subcommand)]
 enum What {
     Flow(FlowOptions),
-    Robustness(super::robustness::Options),
+    Robustness(super::robustness::RobustnessOptions),
 }
 
 /// Time the flow from images to correspondences
@@ -94,7 +94,7 @@ Examples:
   trinocular bench flow captures/ --rig rig.toml --threads 3 --repeat 100 --json";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &BenchOptions, out: &mut impl Write) -> Result<(), Failure> {
     match &options.what {
         What::Flow(options) => run_flow(options, out),
         What::Robustness(options) => super::robustness::run(options, out),

@@ -35,7 +35,7 @@ use super::progress::Progress;
 /// colours distinguish its two ends.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct CalibrateOptions {
     /// The photographs: a subfolder per camera, equal file names for images of the same instant
     ///
     /// PNG, JPEG or PNM. The subfolders' names become the cameras' names: left, middle, right for
@@ -126,7 +126,7 @@ fn doubt_square(square_mm: f64) {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
     let Photographs { series, warnings } = list(&options.input)?;
     super::doubts::unread(&warnings);
@@ -167,7 +167,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 /// Makes the rig file, if the rig obeys every rule of one.
-fn rig_file(options: &Options, result: &Calibration) -> Result<RigFile, InputError> {
+fn rig_file(options: &CalibrateOptions, result: &Calibration) -> Result<RigFile, InputError> {
     let refuse = |reason: &str| InputError::file(&options.input, format!("makes no rig: {reason}"));
     let rig = result
         .rig_file()

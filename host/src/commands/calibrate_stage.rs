@@ -41,7 +41,7 @@ use trinocular_vision::images::FrameSet;
 /// for it.
 #[derive(Debug, Args)]
 #[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
-pub struct Options {
+pub struct CalibrateStageOptions {
     /// The rig file (TOML) with its stage
     #[command(flatten)]
     stage: StageArgument,
@@ -173,7 +173,7 @@ struct Pass {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), Failure> {
     if !(options.reach >= 0.1 && options.reach <= 100.0) {
         return Err(Failure::Usage(
             "--reach must be from 0.1 to 100 mm".to_owned(),
@@ -224,7 +224,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 fn measure(
-    options: &Options,
+    options: &CalibrateStageOptions,
     rig: &RigFile,
     stage: &Stage,
     bench: &mut dyn Bench,
@@ -264,7 +264,7 @@ fn measure(
 
 /// Moves the stage past the target and compares the measured displacements with its path.
 fn measure_delay(
-    options: &Options,
+    options: &CalibrateStageOptions,
     bench: &mut dyn Bench,
     watch: &mut Watch,
     centre_mm: [f64; 3],
@@ -309,7 +309,11 @@ fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failur
     Ok(())
 }
 
-fn within_travel(options: &Options, stage: &Stage, centre_mm: [f64; 3]) -> Result<(), Failure> {
+fn within_travel(
+    options: &CalibrateStageOptions,
+    stage: &Stage,
+    centre_mm: [f64; 3],
+) -> Result<(), Failure> {
     let farthest = FARTHEST * options.reach;
     for axis in 0..3 {
         let [least, greatest] = stage.travel_mm[axis];
@@ -326,7 +330,7 @@ fn within_travel(options: &Options, stage: &Stage, centre_mm: [f64; 3]) -> Resul
 }
 
 fn print(
-    options: &Options,
+    options: &CalibrateStageOptions,
     samples: &[Sample],
     fit: &Fit,
     stage: &Stage,

@@ -23,7 +23,7 @@ use super::json;
 /// output unless an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct ConvertOptions {
     /// A rig file, or the files of two to eight cameras
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -83,7 +83,7 @@ impl FromStr for Offset {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure> {
     let is_toml = |file: &PathBuf| {
         file.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("toml"))

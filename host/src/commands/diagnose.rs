@@ -16,7 +16,7 @@ use trinocular_core::safety::{Fault, State};
 /// Changes nothing. The exit code is 0 whatever the station's state is, and 3 if the station does
 /// not answer or its firmware does not fit.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct DiagnoseOptions {
     /// Also ask the station on this serial port; `auto` is the only one on USB
     #[arg(long, value_name = "PATH")]
     port: Option<String>,
@@ -31,7 +31,7 @@ pub struct Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &DiagnoseOptions, out: &mut impl Write) -> Result<(), Failure> {
     let Some(port) = &options.port else {
         if options.json {
             return Ok(json::line(out, &to_json(Value::Null))?);

@@ -25,7 +25,7 @@ use trinocular_vision::sums::Sums;
 /// method gives it, and the numbers of points used and rejected.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct EstimateOptions {
     /// A CSV file of matched points, a folder of frame sets, or a recording (MCAP, ROS 2 bag)
     ///
     /// CSV: header `id,camera,x0,y0,x1,y1`, then one row per point and camera: pixel positions as
@@ -157,7 +157,7 @@ struct Refused {
 const MOST_DOUBTS: usize = 20;
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let read = |path: &PathBuf| options.method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
     let printer = Printer {
@@ -186,7 +186,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 
 /// Estimates the one displacement of a points CSV.
 fn run_points<W: Write>(
-    options: &Options,
+    options: &EstimateOptions,
     rig: &RigFile,
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
@@ -206,7 +206,7 @@ fn run_points<W: Write>(
 
 /// Estimates a displacement for each frame set of a folder but the first.
 fn run_folder<W: Write>(
-    options: &Options,
+    options: &EstimateOptions,
     rig: &RigFile,
     printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
@@ -222,7 +222,7 @@ fn run_folder<W: Write>(
 
 /// Estimates a displacement for each frame set but the first.
 fn run_captures<W: Write>(
-    options: &Options,
+    options: &EstimateOptions,
     rig: &RigFile,
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
     mut printer: Printer<'_, W>,
@@ -282,7 +282,7 @@ fn run_captures<W: Write>(
 
 /// Prints frames as they come and counts them.
 struct Printer<'a, W> {
-    options: &'a Options,
+    options: &'a EstimateOptions,
     out: &'a mut W,
     frames: usize,
     refused: usize,

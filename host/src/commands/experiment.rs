@@ -21,7 +21,7 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 /// Options of the experiment without a command.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Options of the experiment (without a command)")]
-pub struct Options {
+pub struct ExperimentOptions {
     /// File of the HTML report
     ///
     /// It replaces an earlier report of this program, but no other file without --force.
@@ -62,7 +62,7 @@ pub struct Options {
 }
 
 /// Returns the stage of station B.
-fn stage(options: &Options) -> Result<Stage, InputError> {
+fn stage(options: &ExperimentOptions) -> Result<Stage, InputError> {
     let Some(path) = &options.rig else {
         return Ok(default_stage());
     };
@@ -72,7 +72,7 @@ fn stage(options: &Options) -> Result<Stage, InputError> {
 }
 
 /// Opens the files of the report and of the figure.
-fn outputs(options: &Options) -> Result<(Output, Option<Output>), Failure> {
+fn outputs(options: &ExperimentOptions) -> Result<(Output, Option<Output>), Failure> {
     let open = |path: &PathBuf| Output::open(path, Replace::Own.or_forced(options.force));
     let report = open(&options.report)?;
     let figure = options.figure.as_ref().map(open).transpose()?;
@@ -85,7 +85,7 @@ fn outputs(options: &Options) -> Result<(Output, Option<Output>), Failure> {
 }
 
 /// Runs the experiment.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Failure> {
     let settings = tracking::Settings {
         texture: options.scene.texture,
         seed: options.scene.seed,

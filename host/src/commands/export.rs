@@ -23,7 +23,7 @@ use trinocular_vision::images::folder;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 #[group(id = "what", required = true, multiple = true, args = ["csv", "images"])]
-pub struct Options {
+pub struct ExportOptions {
     /// The recording: an MCAP file, or the folder of a ROS 2 bag
     #[arg(value_name = "RUN.mcap")]
     input: PathBuf,
@@ -55,7 +55,7 @@ Examples:
   trinocular export bag/ --rig rig.toml --topic left=/cam0/image_raw --images captures/";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ExportOptions, out: &mut impl Write) -> Result<(), Failure> {
     let source = Source::open(&options.input)?;
     if let Some(path) = &options.csv {
         let output = Output::open(path, Replace::Nothing.or_forced(options.force))?;
@@ -72,7 +72,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-fn images(options: &Options, dir: &PathBuf, out: &mut impl Write) -> Result<(), Failure> {
+fn images(options: &ExportOptions, dir: &PathBuf, out: &mut impl Write) -> Result<(), Failure> {
     let is_empty = |dir: &PathBuf| dir.read_dir().is_ok_and(|mut dir| dir.next().is_none());
     if dir.exists() && !is_empty(dir) {
         return Err(InputError::file(dir, "exists and is no empty folder; name a new one").into());

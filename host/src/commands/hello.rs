@@ -16,7 +16,7 @@ use trinocular_core::frame::message::{End, Hello, LastRun, Mismatch};
 /// program, every field that differs is named and the exit code is 3. After a crash of the
 /// station's program it also prints the command that finds the lines of source.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct HelloOptions {
     /// Serial port of the station, such as /dev/ttyACM0; `auto` is the only station on USB,
     /// `trinocular ports` lists all
     #[arg(long, value_name = "PATH")]
@@ -36,7 +36,7 @@ pub struct Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &HelloOptions, out: &mut impl Write) -> Result<(), Failure> {
     let port = ports::resolve(&options.port).map_err(|error| Failure::of_station(None, error))?;
     let failed = |error: StationError| Failure::of_station(Some(&port), error);
     let serial = Serial::connect_to_watch(&port).map_err(failed)?;

@@ -26,7 +26,7 @@ use trinocular_rig::rig_file::Stage;
 /// its position.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct HomeOptions {
     /// Axes to home [default: all that have a home switch in the rig file; all three without --rig]
     #[arg(value_enum, ignore_case = true)]
     axes: Vec<Axis>,
@@ -56,7 +56,7 @@ fn chosen(axes: &[Axis], stage: Option<&Stage>) -> [bool; 3] {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &HomeOptions, out: &mut impl Write) -> Result<(), Failure> {
     let stage = options.stage.read()?;
     let axes = chosen(&options.axes, stage.as_ref());
     let mut hand = Hand::connect(&options.port)?;
@@ -82,7 +82,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 fn tell(
-    options: &Options,
+    options: &HomeOptions,
     end: &Status,
     stage: Option<&Stage>,
     out: &mut impl Write,

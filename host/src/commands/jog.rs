@@ -33,7 +33,7 @@ const NAMES: [char; 3] = ['x', 'y', 'z'];
 /// that a soft limit has shortened the move. The station itself reports steps.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct JogOptions {
     /// Distances, mm: x=1.5 y=-2mm z=250um; axes that are not named stand still
     #[arg(value_name = "AXIS=MM", required = true)]
     distances: Vec<Distance>,
@@ -129,7 +129,7 @@ fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
     let distance_um = along_axes(&options.distances)?;
     let stage = options.stage.read()?;
     let mut hand = Hand::connect(&options.port)?;
@@ -199,7 +199,7 @@ impl Jog<'_> {
         axes.map(|axis| (axis, moved_mm[axis])).collect()
     }
 
-    fn tell(&self, options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+    fn tell(&self, options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
         let (moved, at, stage) = (self.moved_steps(), self.end.position_steps, self.stage);
         if options.json {
             let mut object = condition(&self.end);

@@ -80,7 +80,7 @@ pub struct Arguments {
     command: Option<Command>,
 
     #[command(flatten)]
-    experiment: experiment::Options,
+    experiment: experiment::ExperimentOptions,
 }
 
 const EXIT_CODES: &str = "\
@@ -100,33 +100,33 @@ Exit codes:
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Align(align::Options),
-    Bench(bench::Options),
-    Calibrate(calibrate::Options),
-    CalibrateStage(calibrate_stage::Options),
+    Align(align::AlignOptions),
+    Bench(bench::BenchOptions),
+    Calibrate(calibrate::CalibrateOptions),
+    CalibrateStage(calibrate_stage::CalibrateStageOptions),
     Completions(completions::CompletionsOptions),
-    Convert(convert::Options),
-    Diagnose(diagnose::Options),
-    Estimate(estimate::Options),
-    Export(export::Options),
-    Hello(hello::Options),
-    Home(home::Options),
+    Convert(convert::ConvertOptions),
+    Diagnose(diagnose::DiagnoseOptions),
+    Estimate(estimate::EstimateOptions),
+    Export(export::ExportOptions),
+    Hello(hello::HelloOptions),
+    Home(home::HomeOptions),
     Init(init::InitOptions),
-    Jog(jog::Options),
+    Jog(jog::JogOptions),
     Man(man::ManOptions),
-    Motors(motors::Options),
-    Ports(ports::Options),
-    Replay(replay::Options),
-    Reset(reset::Options),
-    Serve(serve::Options),
-    Simulate(simulate::Options),
-    Status(status::Options),
-    Stop(stop::Options),
-    Tables(tables::Options),
-    Track(track::Options),
+    Motors(motors::MotorsOptions),
+    Ports(ports::PortsOptions),
+    Replay(replay::ReplayOptions),
+    Reset(reset::ResetOptions),
+    Serve(serve::ServeOptions),
+    Simulate(simulate::SimulateOptions),
+    Status(status::StatusOptions),
+    Stop(stop::StopOptions),
+    Tables(tables::TablesOptions),
+    Track(track::TrackOptions),
     Twin(twin::TwinOptions),
-    Verify(verify::Options),
-    Zero(zero::Options),
+    Verify(verify::VerifyOptions),
+    Zero(zero::ZeroOptions),
 }
 
 /// Runs the command; results go to `out`, one line at a time.

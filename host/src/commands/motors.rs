@@ -17,7 +17,7 @@ use trinocular_core::frame::message::Command;
 /// less from then on: run `home` or `zero` after `motors on`. With motors_off_after_s in the rig
 /// file the station switches the motors off by itself.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct MotorsOptions {
     /// New state of the motors
     #[arg(value_enum, ignore_case = true)]
     motors: Motors,
@@ -40,7 +40,7 @@ enum Motors {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &MotorsOptions, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let on = options.motors == Motors::On;
     let status = hand.command_at_rest("motors", Command::Motors { on })?;

@@ -13,14 +13,14 @@ use trinocular_client::ports::{Candidate, candidates};
 /// port is opened, because an unknown device may react to any byte. The pseudo-terminal of an
 /// emulated station is not listed; give its path to --port.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct PortsOptions {
     /// Print one JSON object per port and line
     #[arg(long)]
     json: bool,
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &PortsOptions, out: &mut impl Write) -> Result<(), Failure> {
     let list = candidates().map_err(|error| Failure::of_station(None, error))?;
     if options.json {
         for port in &list {

@@ -28,7 +28,7 @@ const LONGEST: usize = 300;
 /// serial line are not recorded, so that only measurements and frames are compared.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct ReplayOptions {
     /// The recording: a file of --record
     #[arg(value_name = "RUN.mcap")]
     file: PathBuf,
@@ -56,7 +56,7 @@ The exit code is 1 if anything differs.";
 type OriginDifference = (&'static str, String, String);
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ReplayOptions, out: &mut impl Write) -> Result<(), Failure> {
     let source = Source::open(&options.file)?;
     let survey = Survey::of(&source)?;
     let Some(origin) = &survey.origin else {
@@ -146,7 +146,7 @@ fn text(difference: &Difference) -> String {
 }
 
 fn object(
-    options: &Options,
+    options: &ReplayOptions,
     settings: &Settings,
     replayed: &Replayed,
     differences: &[OriginDifference],

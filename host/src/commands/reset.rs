@@ -15,7 +15,7 @@ use trinocular_core::frame::message::Command;
 /// Moves nothing, and prints the next step for the operator. The station refuses it while the cause
 /// of the fault is still there. Waits while the stage ramps down.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct ResetOptions {
     #[command(flatten)]
     port: PortArgument,
 
@@ -25,7 +25,7 @@ pub struct Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ResetOptions, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?;
     let status = hand.command_at_rest("reset", Command::Reset)?;

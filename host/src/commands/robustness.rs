@@ -24,7 +24,7 @@ use trinocular_vision::images::SceneError;
 /// 0.0005 px at every phase.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct RobustnessOptions {
     /// Posters per condition; each is measured four times at every noise
     #[arg(
         long,
@@ -71,7 +71,7 @@ Examples:
 const BIAS: &str = "bias";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &RobustnessOptions, out: &mut impl Write) -> Result<(), Failure> {
     let chosen = chosen(&options.only)?;
     let mut failures = Vec::new();
     if !chosen.is_empty() {
@@ -106,7 +106,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Condition>, Failure> {
 }
 
 fn conditions(
-    options: &Options,
+    options: &RobustnessOptions,
     chosen: &[&'static Condition],
     out: &mut impl Write,
 ) -> Result<Vec<String>, Failure> {
@@ -145,7 +145,7 @@ fn conditions(
     Ok(failures)
 }
 
-fn bias(options: &Options, out: &mut impl Write) -> Result<Vec<String>, Failure> {
+fn bias(options: &RobustnessOptions, out: &mut impl Write) -> Result<Vec<String>, Failure> {
     let mut progress = Progress::new("phases");
     let told = |share| progress.at(share);
     let phases = phase::run(options.seeds.into(), told).map_err(unrendered)?;

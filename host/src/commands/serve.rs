@@ -42,7 +42,7 @@ const SCENE: &str = "Without --cameras: the simulated target";
 /// Runs until Ctrl-C, which stops the stage.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct ServeOptions {
     /// Address of the page. One that other computers reach needs --control, and then opens only by
     /// the control link
     #[arg(long, value_name = "ADDR:PORT", default_value = DEFAULT_ADDRESS)]
@@ -138,7 +138,7 @@ Examples:
   trinocular serve --control --port auto --rig rig.toml
   trinocular serve --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
-impl Options {
+impl ServeOptions {
     /// Returns the largest difference of capture times within a frame set, ms.
     fn window_ms(&self) -> f64 {
         self.window.unwrap_or((500.0 / self.fps).min(5.0))
@@ -146,7 +146,7 @@ impl Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
     range::check("fps", options.fps, 1.0, 200.0)?;
     range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
     let (window_ms, widest_ms) = (options.window_ms(), 500.0 / options.fps);
@@ -185,7 +185,7 @@ pub fn run(options: &Options, _: &mut impl Write) -> Result<(), Failure> {
 
 /// Serves the page of a bench until Ctrl-C.
 fn serve<B: Bench>(
-    options: &Options,
+    options: &ServeOptions,
     listener: TcpListener,
     (rig, stage, mounting): (&RigFile, &Stage, Mounting),
     mut bench: B,

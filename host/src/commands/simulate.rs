@@ -13,7 +13,7 @@ use trinocular::scenario::csv;
 use trinocular::scenario::figures::Figures;
 use trinocular::scenario::file::{Scenario, Sight};
 use trinocular::scenario::present::{self, Outcome};
-use trinocular::scenario::run::{self, Options as RunOptions};
+use trinocular::scenario::run::{self, ScenarioOptions};
 use trinocular::scenario::trace::Trace;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
@@ -29,7 +29,7 @@ use trinocular_vision::sums::Estimator;
 /// the edges at its step pins. tests/scenarios has examples of everything.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct SimulateOptions {
     /// Scenario files (TOML)
     #[arg(value_name = "SCENARIO.toml", required = true)]
     scenarios: Vec<PathBuf>,
@@ -76,7 +76,7 @@ Examples:
 The exit code is 1 if anything that a scenario expects was missed.";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Read all files before the first run, so that an error in the last one shows at once.
     let read = options.scenarios.iter().map(|path| {
         let scenario = Scenario::read(path)?;
@@ -140,7 +140,7 @@ struct Work {
 }
 
 impl Work {
-    fn of(scenarios: &[Scenario], options: &Options) -> Self {
+    fn of(scenarios: &[Scenario], options: &SimulateOptions) -> Self {
         let of = |scenario: &Scenario| match is_compared(scenario, !options.no_prediction) {
             true => 2.0 * work_s(scenario),
             false => work_s(scenario),
@@ -159,9 +159,9 @@ impl Work {
         prediction: bool,
         tap: Option<Arc<Tap>>,
     ) -> Result<Trace, Failure> {
-        let options = RunOptions {
+        let options = ScenarioOptions {
             prediction,
-            ..RunOptions::default()
+            ..ScenarioOptions::default()
         };
         let run_s = work_s(scenario);
         let tell = |share: f64| {
@@ -198,7 +198,7 @@ fn origin(scenario: &Scenario) -> Origin {
         },
         rig_text: None,
         estimator: Estimator::Midpoint,
-        twin: Some(RunOptions::default().board),
+        twin: Some(ScenarioOptions::default().board),
         is_real: false,
         seed: Some(scenario.seed),
     }
@@ -207,7 +207,7 @@ fn origin(scenario: &Scenario) -> Origin {
 fn simulate(
     path: &Path,
     scenario: Scenario,
-    options: &Options,
+    options: &SimulateOptions,
     recording: Option<Opened>,
     work: &mut Work,
 ) -> Result<Outcome, Failure> {

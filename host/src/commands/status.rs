@@ -17,7 +17,7 @@ use trinocular_core::track::pursuit::Sight;
 /// Changes nothing. With a latched fault the exit code is 3; `trinocular diagnose` explains all
 /// states and faults.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct StatusOptions {
     #[command(flatten)]
     port: PortArgument,
 
@@ -27,7 +27,7 @@ pub struct Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &StatusOptions, out: &mut impl Write) -> Result<(), Failure> {
     let hand = Hand::connect_to_watch(&options.port)?;
     let (hello, last) = who(&hand)?;
     let status = hand.status()?;

@@ -17,7 +17,7 @@ use trinocular_rig::notice;
 /// is no emergency stop: that is a button. If another run of this program has the port, the stop goes
 /// through that run, whose motion ends by it; one that does not react is interrupted as by Ctrl-C.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct StopOptions {
     #[command(flatten)]
     port: PortArgument,
 
@@ -33,7 +33,7 @@ const OWNER_PATIENCE: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
     let path =
         ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
     // The owner of the port may be about to leave it, or to open its socket.

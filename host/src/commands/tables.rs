@@ -15,7 +15,7 @@ use trinocular::paper::tables::{PaperTables, TablesError};
 /// estimators with the Cramér-Rao bound.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct TablesOptions {
     /// Print one JSON object instead: table1, table2, table5, table6, settings (mm)
     #[arg(long)]
     json: bool,
@@ -34,7 +34,7 @@ Examples:
   trinocular tables --texture blobs --seed 7 --report tables.html";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &TablesOptions, out: &mut impl Write) -> Result<(), Failure> {
     let report = options.report.open()?;
     let scene = options.scene.settings();
     let (texture, seed) = (options.scene.texture, options.scene.seed);

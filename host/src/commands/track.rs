@@ -88,7 +88,7 @@ pub struct Source {
 /// the stage's motion: the cameras count as fixed, and the stage copies the target's motion.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct TrackOptions {
     #[command(flatten)]
     source: Source,
 
@@ -189,7 +189,7 @@ pub struct Options {
     force: bool,
 }
 
-impl Options {
+impl TrackOptions {
     /// Returns the number of frame sets per second.
     fn fps(&self) -> f64 {
         // In real time, rendering may take longer than the twin's virtual time.
@@ -301,7 +301,7 @@ Examples:
   trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
     range::check("fps", options.fps(), 1.0, 200.0)?;
     range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
     range::check("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
@@ -356,7 +356,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     outcome
 }
 
-fn follow(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+fn follow(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
     match (&options.source, &options.rig) {
         (
             Source {

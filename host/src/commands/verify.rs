@@ -20,7 +20,7 @@ use super::report::ReportOption;
 /// the headroom of all numbers in their fixed-point formats. No image is taken and nothing moves.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub struct Options {
+pub struct VerifyOptions {
     /// The rig file (TOML)
     #[arg(value_name = "RIG.toml")]
     rig: PathBuf,
@@ -68,7 +68,7 @@ Examples:
 The exit code is 1 if the station would refuse the rig's stage.";
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &VerifyOptions, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let rig = RigFile::read(&options.rig)?;
     super::doubts::warn(&options.rig, &rig);
@@ -94,7 +94,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
     }
 }
 
-fn settings(options: &Options) -> Result<Settings, Failure> {
+fn settings(options: &VerifyOptions) -> Result<Settings, Failure> {
     let usage = |text: &str| Err(Failure::Usage(text.to_owned()));
     if !(options.noise > 0.0 && options.noise <= 100.0) {
         return usage("--noise must be greater than 0 and at most 100 px");

@@ -14,7 +14,7 @@ use trinocular_core::frame::message::Command;
 /// From then on the station trusts its position: it moves at full speed and keeps to the soft
 /// limits of its stage. Works only at rest; moves nothing.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct ZeroOptions {
     #[command(flatten)]
     port: PortArgument,
 
@@ -27,7 +27,7 @@ pub struct Options {
 }
 
 /// Runs the command.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &ZeroOptions, out: &mut impl Write) -> Result<(), Failure> {
     let stage = options.stage.read()?;
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?.position_steps;

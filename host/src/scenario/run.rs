@@ -34,7 +34,7 @@ const REST_US: u64 = 10_000_000;
 
 /// Options of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct ScenarioOptions {
     /// True if the station predicts the target's position; otherwise the stage goes to the last
     /// measured position.
     pub prediction: bool,
@@ -44,7 +44,7 @@ pub struct Options {
     pub record: bool,
 }
 
-impl Default for Options {
+impl Default for ScenarioOptions {
     fn default() -> Self {
         Self {
             prediction: true,
@@ -129,7 +129,7 @@ struct RunningScenario<'a> {
 /// use std::path::Path;
 /// use trinocular::scenario::figures::Figures;
 /// use trinocular::scenario::file::Scenario;
-/// use trinocular::scenario::run::{Options, run};
+/// use trinocular::scenario::run::{ScenarioOptions, run};
 ///
 /// let text = r#"
 /// title = "A line"
@@ -152,14 +152,14 @@ struct RunningScenario<'a> {
 /// max_mm = [0.5, 0.1, 0.1]
 /// "#;
 /// let scenario = Scenario::parse(Path::new("line.toml"), text)?;
-/// let run = run(&scenario, Options::default(), |_share| ())?;
+/// let run = run(&scenario, ScenarioOptions::default(), |_share| ())?;
 /// let figures = Figures::of(&scenario, &run.trace);
 /// assert!(scenario.missed(&run.trace, &figures, None).is_empty(), "{:?}", figures.max_mm);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn run(
     scenario: &Scenario,
-    options: Options,
+    options: ScenarioOptions,
     progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
     run_recorded(scenario, options, None, progress)
@@ -171,7 +171,7 @@ pub fn run(
 /// As [`run`].
 pub fn run_recorded(
     scenario: &Scenario,
-    options: Options,
+    options: ScenarioOptions,
     tap: Option<Arc<Tap>>,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
@@ -207,7 +207,7 @@ impl<'a> RunningScenario<'a> {
     /// Switches the station on, at zero, and takes the keyframe.
     fn new(
         scenario: &'a Scenario,
-        options: Options,
+        options: ScenarioOptions,
         tap: Option<Arc<Tap>>,
     ) -> Result<Self, ServoError> {
         let mut eyes = Eyes::open_recorded(&scenario.cameras, scenario.seed, tap.clone())?;

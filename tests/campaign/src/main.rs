@@ -21,7 +21,7 @@ mod tally;
 
 use laws::{Law, Violation};
 use life::Fate;
-use options::{Kind, Options};
+use options::{CampaignOptions, Kind};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -30,7 +30,7 @@ use std::time::Instant;
 use tally::Tally;
 
 fn main() -> ExitCode {
-    let options = match Options::parse(std::env::args().skip(1)) {
+    let options = match CampaignOptions::parse(std::env::args().skip(1)) {
         Ok(options) => options,
         Err(message) => {
             eprintln!("campaign: {message} (try --help)");
@@ -68,13 +68,13 @@ fn main() -> ExitCode {
 }
 
 /// Runs both kinds and returns the page with the number of lives that broke a law.
-fn page(options: &Options) -> (String, u64) {
+fn page(options: &CampaignOptions) -> (String, u64) {
     let kinds = [
         (Kind::Station, options.lives),
         (Kind::Loop, options.loop_lives),
     ];
     let parts = kinds.map(|(kind, lives)| {
-        let options = Options {
+        let options = CampaignOptions {
             kind,
             lives,
             ..options.clone()
@@ -94,7 +94,7 @@ fn page(options: &Options) -> (String, u64) {
 }
 
 /// Runs all lives on several threads.
-fn run(options: &Options) -> Tally {
+fn run(options: &CampaignOptions) -> Tally {
     let next = AtomicU64::new(0);
     let tally = Mutex::new(Tally::new(options.kind));
     let begin = Instant::now();
@@ -127,7 +127,7 @@ fn run(options: &Options) -> Tally {
 }
 
 /// Runs one life. A panic counts as a violation.
-fn live(options: &Options, seed: u64, trace: bool) -> Fate {
+fn live(options: &CampaignOptions, seed: u64, trace: bool) -> Fate {
     let live = || match options.kind {
         Kind::Station => life::live_with(seed, trace, options.sabotage),
         Kind::Loop => following::live(seed, trace),

@@ -44,7 +44,7 @@ impl Kind {
 
 /// Options of the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct CampaignOptions {
     pub kind: Kind,
     pub lives: u64,
     pub seed: u64,
@@ -59,7 +59,7 @@ pub struct Options {
     pub help: bool,
 }
 
-impl Options {
+impl CampaignOptions {
     /// Parses the arguments after the program's name.
     ///
     /// # Errors
@@ -141,8 +141,8 @@ fn number(name: &str, text: &str, least: u64) -> Result<u64, String> {
 mod tests {
     use super::*;
 
-    fn parse(line: &str) -> Result<Options, String> {
-        Options::parse(line.split_whitespace().map(String::from))
+    fn parse(line: &str) -> Result<CampaignOptions, String> {
+        CampaignOptions::parse(line.split_whitespace().map(String::from))
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Texts of tests/FAULTS-INJECTED.md.
 
-use crate::options::{Kind, Options};
+use crate::options::{CampaignOptions, Kind};
 
 /// Beginning of the page.
 pub const HEAD: &str = "\
@@ -48,7 +48,7 @@ ms, or a motor stalls."
 }
 
 /// Returns the end of the page: the command, build and machine that made it.
-pub fn foot(options: &Options) -> String {
+pub fn foot(options: &CampaignOptions) -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find(|line| line.starts_with("model name"));
     let model = model.and_then(|line| line.split(": ").nth(1));

@@ -3,7 +3,7 @@
 use crate::judge::Counts;
 use crate::laws::{Law, Violation};
 use crate::life::Fate;
-use crate::options::{Kind, Options};
+use crate::options::{CampaignOptions, Kind};
 use crate::page;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -87,7 +87,7 @@ impl Tally {
     }
 
     /// Formats the tally for a terminal.
-    pub fn summary(&self, options: &Options) -> String {
+    pub fn summary(&self, options: &CampaignOptions) -> String {
         let mut text = String::new();
         for (_, kept) in self.hits.values() {
             for (seed, violation) in kept {
@@ -118,7 +118,7 @@ impl Tally {
     }
 
     /// Formats the tally for the page; `seconds` is the time that the run took.
-    pub fn markdown(&self, options: &Options, seconds: u64) -> String {
+    pub fn markdown(&self, options: &CampaignOptions, seconds: u64) -> String {
         let mut text = String::new();
         let first = options.seed;
         let last = first + options.lives - 1;

@@ -1,7 +1,7 @@
 //! A station on a port that goes from place to place.
 
 use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
-use super::Options;
+use super::CalibrateStageOptions;
 use crate::commands::failure::Failure;
 use trinocular_client::allowance::Allowance;
 use trinocular_client::stage::setpoint;
@@ -15,7 +15,11 @@ pub struct Driven {
 
 impl Driven {
     /// Connects, configures the station and starts the heartbeat.
-    pub fn connect(options: &Options, port: &str, stage: &Stage) -> Result<Self, Failure> {
+    pub fn connect(
+        options: &CalibrateStageOptions,
+        port: &str,
+        stage: &Stage,
+    ) -> Result<Self, Failure> {
         let port = PortArgument {
             port: port.to_owned(),
         };

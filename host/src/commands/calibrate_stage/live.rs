@@ -5,7 +5,7 @@
 //! took effect, by the station's answer, tells when.
 
 use super::driven::Driven;
-use super::{Bench, Options, Pass};
+use super::{Bench, CalibrateStageOptions, Pass};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
@@ -50,7 +50,7 @@ pub struct Live {
 
 /// Opens the cameras, and then the station by `driven`, so that nothing moves without cameras.
 pub fn bench(
-    options: &Options,
+    options: &CalibrateStageOptions,
     devices: &[PathBuf],
     rig: &RigFile,
     stage: &Stage,

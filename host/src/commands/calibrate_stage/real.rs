@@ -1,7 +1,7 @@
 //! A station on a port, and a folder in which frame sets appear.
 
 use super::driven::Driven;
-use super::{Bench, Options};
+use super::{Bench, CalibrateStageOptions};
 use crate::commands::doubts;
 use crate::commands::failure::Failure;
 use std::collections::BTreeSet;
@@ -27,7 +27,7 @@ pub struct Real {
 
 /// Checks the folder. The station is connected by `driven`.
 pub fn bench(
-    options: &Options,
+    options: &CalibrateStageOptions,
     folder: &Path,
     rig: &RigFile,
     driven: impl FnOnce() -> Result<Driven, Failure>,

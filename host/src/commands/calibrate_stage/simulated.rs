@@ -1,6 +1,6 @@
 //! A twin whose stage carries rendered cameras, in a mounting that the calibration does not get.
 
-use super::{Bench, Options, Pass};
+use super::{Bench, CalibrateStageOptions, Pass};
 use crate::commands::failure::Failure;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_client::stage::setpoint;
@@ -28,7 +28,11 @@ pub struct Simulated {
 }
 
 /// Switches the twin on, at zero.
-pub fn bench(options: &Options, rig: &RigFile, stage: &Stage) -> Result<Simulated, Failure> {
+pub fn bench(
+    options: &CalibrateStageOptions,
+    rig: &RigFile,
+    stage: &Stage,
+) -> Result<Simulated, Failure> {
     let [x, y, z] = *options.turned.as_slice() else {
         return Err(Failure::Usage("--turned takes three angles".to_owned()));
     };

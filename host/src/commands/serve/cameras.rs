@@ -1,6 +1,6 @@
 //! The page of a station with live cameras.
 
-use super::Options;
+use super::ServeOptions;
 use super::simulated::Station;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
@@ -22,7 +22,7 @@ use trinocular_vision::images::cameras::stamp::offset_us;
 
 /// Runs until Ctrl-C.
 pub fn run(
-    options: &Options,
+    options: &ServeOptions,
     listener: TcpListener,
     rig: &RigFile,
     devices: &[PathBuf],

@@ -1,6 +1,6 @@
 //! The page of a station with rendered cameras before a moving poster.
 
-use super::{Options, serve};
+use super::{ServeOptions, serve};
 use crate::commands::failure::Failure;
 use std::net::TcpListener;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ pub enum Station {
 
 impl Station {
     /// Starts the built-in twin, unless the user has named a port.
-    pub fn open(options: &Options, stage: &Stage) -> Result<Self, Failure> {
+    pub fn open(options: &ServeOptions, stage: &Stage) -> Result<Self, Failure> {
         match options.station.resolve()? {
             Some(path) => Ok(Self::Port(path)),
             None => TwinOnPort::start(stage)
@@ -46,7 +46,7 @@ impl Station {
     }
 
     /// Returns the place of the station.
-    pub fn place<'a>(&'a self, options: &Options) -> StationPlace<'a> {
+    pub fn place<'a>(&'a self, options: &ServeOptions) -> StationPlace<'a> {
         match self {
             Self::Port(path) => options.station.place(Some(path)),
             Self::Twin(twin) => StationPlace::Port {
@@ -59,7 +59,7 @@ impl Station {
 
 /// Runs until Ctrl-C.
 pub fn run(
-    options: &Options,
+    options: &ServeOptions,
     listener: TcpListener,
     rig: &RigFile,
     tap: Option<Arc<Tap>>,

@@ -2,7 +2,7 @@
 
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{Options, introduce, vector};
+use super::{TrackOptions, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
 use crate::commands::progress::{Count, StatusLine};
@@ -42,7 +42,7 @@ pub struct Summary {
 
 /// Frame sets and the station that follows them.
 pub struct Captures<'a> {
-    options: &'a Options,
+    options: &'a TrackOptions,
     rig: &'a RigFile,
     servo: FrameSetServo,
     port: Option<&'a str>,
@@ -59,7 +59,7 @@ impl<'a> Captures<'a> {
     /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
     /// times, if the frame sets are live.
     pub fn new(
-        options: &'a Options,
+        options: &'a TrackOptions,
         rig: &'a RigFile,
         (stage, mounting): (&Stage, Mounting),
         port: Option<&'a str>,

@@ -1,6 +1,6 @@
 //! Tracking with live cameras.
 
-use super::Options;
+use super::TrackOptions;
 use super::captures::Captures;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
@@ -39,7 +39,7 @@ pub fn stage(
 
 /// Follows the target until Ctrl-C, or for --seconds.
 pub fn run(
-    options: &Options,
+    options: &TrackOptions,
     devices: &[PathBuf],
     rig_path: &Path,
     out: &mut impl Write,
@@ -52,7 +52,7 @@ pub fn run(
 }
 
 fn follow(
-    options: &Options,
+    options: &TrackOptions,
     devices: &[PathBuf],
     rig: &RigFile,
     (stage, mounting): (Stage, Mounting),

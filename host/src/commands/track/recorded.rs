@@ -1,7 +1,7 @@
 //! Tracking with a folder of images, complete or growing; the cameras are beside the stage.
 
 use super::captures::{Captures, Summary};
-use super::{Estimator, Options};
+use super::{Estimator, TrackOptions};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::doubts;
 use crate::commands::failure::Failure;
@@ -26,7 +26,7 @@ const MOST_PERIOD_US: u64 = 1_000_000;
 
 /// Feeds every frame set to the twin at its capture time; prints the path of the stage.
 pub fn run(
-    options: &Options,
+    options: &TrackOptions,
     folder: &Path,
     rig_path: &Path,
     out: &mut impl Write,
@@ -46,7 +46,7 @@ pub fn run(
 
 /// Runs as [`run`] does, for a recording.
 pub fn replay(
-    options: &Options,
+    options: &TrackOptions,
     recording: &Path,
     rig_path: Option<&Path>,
     out: &mut impl Write,
@@ -73,7 +73,7 @@ pub fn replay(
 
 /// Follows the frame sets, and records the run if that was requested.
 fn follow(
-    options: &Options,
+    options: &TrackOptions,
     mut rig: RigFile,
     source: &Path,
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
@@ -93,7 +93,7 @@ fn follow(
 /// Runs as [`run`] does, for a folder that grows: until Ctrl-C, or until no image has come for
 /// --idle seconds.
 pub fn watch(
-    options: &Options,
+    options: &TrackOptions,
     folder: &Path,
     rig_path: &Path,
     out: &mut impl Write,

@@ -4,7 +4,7 @@ use super::super::by_hand;
 use super::super::progress::{Progress, StatusLine};
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{Options, introduce, vector};
+use super::{TrackOptions, introduce, vector};
 use crate::commands::failure::Failure;
 use crate::commands::json;
 use serde_json::json;
@@ -35,7 +35,7 @@ fn default_seconds(path: TargetPath) -> f64 {
 }
 
 /// Runs for the duration, then prints a summary on standard error.
-pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
     let mut file = match &options.rig {
         Some(path) => options.method.read_rig(path)?,
         None => RigFile::paper(),
@@ -47,7 +47,7 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<(), Failure> {
 }
 
 fn follow(
-    options: &Options,
+    options: &TrackOptions,
     file: RigFile,
     tap: Option<Arc<Tap>>,
     out: &mut impl Write,
