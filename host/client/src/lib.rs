@@ -177,6 +177,18 @@ pub enum StationError {
 }
 
 impl StationError {
+    /// Returns true for a refusal that passes by itself: a ramp or the report of a fault is still
+    /// under way.
+    pub const fn is_passing(&self) -> bool {
+        matches!(
+            self,
+            Self::Denied {
+                denial: Denial::Moving | Denial::FaultUnread,
+                ..
+            }
+        )
+    }
+
     /// Returns the serial port that the message names, if it names one.
     pub fn port(&self) -> Option<&str> {
         match self {

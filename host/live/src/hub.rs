@@ -164,6 +164,12 @@ impl Hub {
         self.notify();
     }
 
+    /// Sets the name of the file that the run is recorded in, if it is recorded.
+    pub fn set_recording(&self, file: Option<String>) {
+        lock(&self.state).recording = file;
+        self.notify();
+    }
+
     /// Adds a note to the list of every page.
     pub fn note(&self, text: impl Into<String>) {
         self.add_note("note", text.into());
@@ -190,9 +196,13 @@ impl Hub {
         self.notify();
     }
 
-    /// Gives the pages that were opened by the control link of `access` these controls.
+    /// Gives the pages that were opened by the control link of `access` these controls, and
+    /// announces the link.
     pub fn set_controls(&self, controls: Arc<dyn Controls>, access: Arc<access::Access>) {
+        let announced = Arc::clone(&access);
         *lock(&self.controls) = Some(ControlsHandle { controls, access });
+        // Only now does the link open the controls.
+        announced.announce();
     }
 
     pub(crate) fn controls(&self) -> Option<ControlsHandle> {

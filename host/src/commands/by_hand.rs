@@ -178,14 +178,8 @@ impl Hand {
         let end = Instant::now() + REST_PATIENCE;
         loop {
             let outcome = self.try_command(name, command);
-            let denied = matches!(
-                outcome,
-                Err(StationError::Denied {
-                    denial: Denial::Moving | Denial::FaultUnread,
-                    ..
-                })
-            );
-            if !denied || Instant::now() >= end {
+            let is_passing = outcome.as_ref().is_err_and(StationError::is_passing);
+            if !is_passing || Instant::now() >= end {
                 return outcome.map_err(|error| self.failed(error));
             }
             std::thread::sleep(LOOK);

@@ -3,7 +3,7 @@
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 use trinocular_client::owner;
@@ -64,6 +64,7 @@ impl From<Form> for ImageForm {
 }
 
 /// Origin of a recording: rig, estimator, station and seed.
+#[derive(Clone, Debug)]
 pub struct Origin {
     /// The rig, with the stage that the station moves.
     pub rig: RigFile,
@@ -80,6 +81,7 @@ pub struct Origin {
 }
 
 /// Recording under way, and its file, if one was requested.
+#[derive(Debug)]
 pub struct Recording(Option<(Recorder, PathBuf)>);
 
 impl RecordOption {
@@ -106,6 +108,14 @@ pub struct Opened {
 }
 
 impl Opened {
+    /// Opens a new file for raw images at `path`; an existing file stays as it is.
+    pub fn new(path: &Path) -> Result<Self, InputError> {
+        Ok(Self {
+            output: Some(Output::open(path, Replace::Nothing)?),
+            images: ImageForm::Raw,
+        })
+    }
+
     /// Returns true if the file is that of `other`.
     pub fn is_same_file(&self, other: &Output) -> bool {
         let output = self.output.as_ref();
@@ -160,10 +170,10 @@ impl Recording {
         self.0.as_ref().map(|(recorder, _)| recorder.tap())
     }
 
-    /// Ends the file, and prints its size and what was dropped.
-    fn finish(self) -> Result<(), Failure> {
+    /// Ends the file; returns its size and what was dropped, in words.
+    pub fn finish(self) -> Result<Option<String>, InputError> {
         let Some((recorder, path)) = self.0 else {
-            return Ok(());
+            return Ok(None);
         };
         let account = recorder.finish()?;
         let dropped = account.dropped;
@@ -176,15 +186,20 @@ impl Recording {
         };
         let (messages, kilobytes) = (account.messages, account.bytes >> 10);
         let path = printable(path.display());
-        notice!("recorded {messages} messages, {kilobytes} kB, in {path}{lost}");
-        Ok(())
+        Ok(Some(format!(
+            "recorded {messages} messages, {kilobytes} kB, in {path}{lost}"
+        )))
     }
 
     /// Ends the file after a run: the run's own failure comes first.
     pub fn close<T>(self, run: Result<T, Failure>) -> Result<T, Failure> {
         let finished = self.finish();
+        if let Ok(Some(account)) = &finished {
+            notice!("{account}");
+        }
         let value = run?;
-        finished.map(|()| value)
+        finished?;
+        Ok(value)
     }
 }
 

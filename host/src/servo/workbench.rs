@@ -9,7 +9,8 @@
 
 use super::ServoError;
 use super::live::LiveObserver;
-use super::recording::observers;
+use super::observer::ServoObserver;
+use super::page_recording::PageRecording;
 use super::station_link::StationLink;
 use super::visual_servo::VisualServo;
 use std::sync::Arc;
@@ -24,7 +25,6 @@ use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
 use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{Controls, Hub};
-use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -100,7 +100,9 @@ pub struct Workbench<B> {
     servo: Option<VisualServo>,
     /// Deadline of a reset that waits for the stage to stand.
     reset: Option<HostInstant>,
-    tap: Option<Arc<Tap>>,
+    recording: PageRecording,
+    /// Images of the keyframe, while the target is followed.
+    keyframe: Option<FrameSet>,
 }
 
 impl<B: Bench> Workbench<B> {
@@ -111,6 +113,7 @@ impl<B: Bench> Workbench<B> {
         stage: &Stage,
         estimator: Estimator,
         hub: Arc<Hub>,
+        recording: PageRecording,
     ) -> (Self, Desk) {
         let (sender, requests) = sync_channel(REQUESTS);
         let stopper = bench.station().serial().map(|serial| serial.stopper());
@@ -119,6 +122,7 @@ impl<B: Bench> Workbench<B> {
                 stop: stopper.is_some(),
                 motion: true,
                 home: stage.care.home.iter().any(Option::is_some),
+                record: recording.is_on_request(),
                 mark: true,
             },
             stopper,
@@ -133,15 +137,11 @@ impl<B: Bench> Workbench<B> {
             requests,
             servo: None,
             reset: None,
-            tap: None,
+            recording,
+            keyframe: None,
         };
         bench.share();
         (bench, desk)
-    }
-
-    /// Passes what is followed from now on to a recording.
-    pub fn record(&mut self, tap: Option<Arc<Tap>>) {
-        self.tap = tap;
     }
 
     /// Lets other runs drive the station.
@@ -165,6 +165,8 @@ impl<B: Bench> Workbench<B> {
     pub fn run(&mut self, is_over: impl Fn() -> bool) -> Result<(), ServoError> {
         let outcome = self.turn_until(is_over);
         self.servo = None;
+        self.recording.end(&self.hub, self.bench.station());
+        self.recording.wait();
         match outcome {
             Err(ServoError::Station(StationError::Cancelled)) => Ok(()),
             outcome => outcome,
@@ -199,7 +201,10 @@ impl<B: Bench> Workbench<B> {
         };
         if servo.keyframe_time() == Instant::default() {
             match servo.set_keyframe(&shot.images) {
-                Ok(()) => servo.set_keyframe_time(shot.taken),
+                Ok(()) => {
+                    servo.set_keyframe_time(shot.taken);
+                    self.keyframe = Some(shot.images.clone());
+                }
                 Err(refusal) => {
                     self.hub
                         .warn(format!("these images cannot be the reference: {refusal}"));
@@ -250,6 +255,7 @@ impl<B: Bench> Workbench<B> {
 
     fn end_following(&mut self) {
         self.servo = None;
+        self.keyframe = None;
         self.share();
         self.hub.set_following(false);
     }
@@ -276,10 +282,7 @@ impl<B: Bench> Workbench<B> {
         }
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
-                servo.add_observer(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
-                for observer in observers(self.tap.clone(), &self.rig) {
-                    servo.add_observer(observer);
-                }
+                servo.set_observers(self.observers());
                 self.servo = Some(servo);
                 self.hub.set_following(true);
             }
@@ -287,6 +290,30 @@ impl<B: Bench> Workbench<B> {
                 self.hub.warn(refusal.to_string());
                 self.share();
             }
+        }
+    }
+
+    /// Makes the observers of the loop: the pages, and the recording if there is one.
+    fn observers(&self) -> Vec<Box<dyn ServoObserver>> {
+        let mut observers = self.recording.observers(&self.rig);
+        observers.push(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
+        observers
+    }
+
+    /// Starts or ends a recording, and goes on with what is followed.
+    fn record(&mut self, on: bool) {
+        let station = self.bench.station();
+        match on {
+            true => {
+                let keyframe = self.keyframe.as_ref();
+                self.recording
+                    .begin(&self.hub, station, (&self.rig, keyframe));
+            }
+            false => self.recording.end(&self.hub, station),
+        }
+        let observers = self.observers();
+        if let Some(servo) = &mut self.servo {
+            servo.set_observers(observers);
         }
     }
 
@@ -317,7 +344,11 @@ impl<B: Bench> Workbench<B> {
                     self.reset = Some(HostInstant::now() + REST_PATIENCE);
                 }
             }
-            Action::Mark { text } => self.hub.mark(text),
+            Action::Record { on } => self.record(on),
+            Action::Mark { text } => {
+                self.recording.event("mark", &text);
+                self.hub.mark(text);
+            }
             Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
                 self.hub.warn("end following first");
             }
@@ -375,10 +406,7 @@ impl<B: Bench> Workbench<B> {
         match station.command("reset", Command::Reset) {
             Ok(()) => self.reset = None,
             // The ramp or the report of the fault is still under way.
-            Err(StationError::Denied {
-                denial: Denial::Moving | Denial::FaultUnread,
-                ..
-            }) if HostInstant::now() < end => {}
+            Err(error) if error.is_passing() && HostInstant::now() < end => {}
             Err(error @ StationError::Denied { denial, .. }) => {
                 self.reset = None;
                 self.refused(&error, denial);

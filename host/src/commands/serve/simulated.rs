@@ -4,6 +4,7 @@ use super::{ServeOptions, serve};
 use crate::commands::failure::Failure;
 use std::net::TcpListener;
 use std::sync::Arc;
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::world::SimulatedWorld;
@@ -62,7 +63,7 @@ pub fn run(
     options: &ServeOptions,
     listener: TcpListener,
     rig: &RigFile,
-    tap: Option<Arc<Tap>>,
+    (tap, recording): (Option<Arc<Tap>>, PageRecording),
 ) -> Result<(), Failure> {
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let station = Station::open(options, &stage)?;
@@ -73,10 +74,10 @@ pub fn run(
         &Texture::of_kind(options.scene.texture, options.scene.seed),
         options.scene.settings(),
         options.scene.seed,
-        tap.clone().map(|tap| tap as Arc<dyn StationObserver>),
+        tap.map(|tap| tap as Arc<dyn StationObserver>),
     );
     let world = world.map_err(|error| Failure::of_servo(station.port(), error))?;
     let bench = SimulatedBench::new(world, options.path, options.fps);
     let facts = (rig, &stage, Mounting::OnStage);
-    serve(options, listener, facts, bench, station.port(), tap)
+    serve(options, listener, facts, bench, station.port(), recording)
 }
