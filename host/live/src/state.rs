@@ -143,6 +143,15 @@ impl State {
 }
 
 impl Snapshot {
+    /// Adds images that never came to the loop, by camera and reason.
+    pub fn add_drops(&mut self, drops: &[Vec<(&'static str, u64)>]) {
+        for (counts, drops) in self.drops.iter_mut().zip(drops) {
+            for (reason, count) in drops {
+                *counts.entry(reason).or_default() += count;
+            }
+        }
+    }
+
     /// Formats the message to a page.
     pub fn into_json(self) -> Value {
         let notes = self.notes.iter();

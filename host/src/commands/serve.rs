@@ -23,7 +23,7 @@ use trinocular::servo::path::TargetPath;
 use trinocular::servo::workbench::{Bench, Workbench};
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
-use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
+use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Server, Setup};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::sums::Estimator;
@@ -213,6 +213,7 @@ fn serve<B: Bench>(
     mut bench: B,
     port: Option<&str>,
     recording: PageRecording,
+    drops: Option<DropSource>,
 ) -> Result<(), Failure> {
     let setup = Setup {
         station: match port {
@@ -229,6 +230,9 @@ fn serve<B: Bench>(
         page.stream(address)?;
     }
     let hub = Arc::clone(page.hub());
+    if let Some(drops) = drops {
+        hub.set_drop_source(drops);
+    }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
     if options.control {
         page.control(Arc::new(desk))?;

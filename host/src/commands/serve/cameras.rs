@@ -44,7 +44,16 @@ pub fn run(
     let link = StationLink::start_observed(station.place(options), &stage, mounting, observer)
         .map_err(|error| Failure::of_station(station.port(), error))?;
     let offset_us = offset_us(|| link.now().micros(), || live.now_us());
+    let drops = cameras::drop_source(&live);
     let bench = CameraBench::new(live, link, offset_us);
     let facts = (rig, &stage, mounting);
-    super::serve(options, listener, facts, bench, station.port(), recording)
+    super::serve(
+        options,
+        listener,
+        facts,
+        bench,
+        station.port(),
+        recording,
+        Some(drops),
+    )
 }

@@ -79,5 +79,13 @@ pub fn run(
     let world = world.map_err(|error| Failure::of_servo(station.port(), error))?;
     let bench = SimulatedBench::new(world, options.path, options.fps);
     let facts = (rig, &stage, Mounting::OnStage);
-    serve(options, listener, facts, bench, station.port(), recording)
+    serve(
+        options,
+        listener,
+        facts,
+        bench,
+        station.port(),
+        recording,
+        None,
+    )
 }

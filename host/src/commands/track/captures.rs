@@ -18,6 +18,7 @@ use trinocular::servo::visual_servo::ServoStep;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::Mounting;
+use trinocular_live::DropSource;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
@@ -56,6 +57,13 @@ pub struct Captures<'a> {
 }
 
 impl<'a> Captures<'a> {
+    /// Shows on the live page, if there is one, the images that never came to the loop.
+    pub fn count_drops(&self, source: DropSource) {
+        if let Some(page) = &self.page {
+            page.count_drops(source);
+        }
+    }
+
     /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
     /// times, if the frame sets are live.
     pub fn new(

@@ -14,7 +14,9 @@ use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
 use trinocular_core::frame::message::Mounting;
 use trinocular_live::controls::{Action, Offers};
-use trinocular_live::{Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Hub, Server, Setup};
+use trinocular_live::{
+    Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Hub, Server, Setup,
+};
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 const PAGE: &str = "With --live: the page in a browser";
@@ -118,6 +120,11 @@ impl TrackPage {
     /// Makes the observer that shows the run.
     pub fn observer(&self) -> Box<dyn ServoObserver> {
         Box::new(LiveObserver::new(Arc::clone(self.page.hub())))
+    }
+
+    /// Shows the images that never came to the loop.
+    pub fn count_drops(&self, source: DropSource) {
+        self.page.hub().set_drop_source(source);
     }
 
     /// Returns true if a page asked for a stop.
