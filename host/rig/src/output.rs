@@ -180,8 +180,8 @@ impl Output {
     ///
     /// # Errors
     /// If the file cannot be written; an existing file is then unchanged.
-    pub fn write(self, text: &str) -> Result<(), InputError> {
-        write_all(vec![(self, text.to_owned())])
+    pub fn write(self, content: impl AsRef<[u8]>) -> Result<(), InputError> {
+        write_all(vec![(self, content)])
     }
 }
 
@@ -192,23 +192,23 @@ impl Output {
 ///
 /// # Errors
 /// If one of the files cannot be written.
-pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
+pub fn write_all<C: AsRef<[u8]>>(outputs: Vec<(Output, C)>) -> Result<(), InputError> {
     // Files that were read since the outputs were opened are inputs, too.
     outputs
         .iter()
         .try_for_each(|(output, _)| output.refuse_input())?;
     let mut staged = Vec::new();
-    for (output, text) in &outputs {
+    for (output, content) in &outputs {
         if let Place::File(target) = &output.place {
-            let ready = Staged::write(target, text.as_bytes());
+            let ready = Staged::write(target, content.as_ref());
             staged.push((
                 &output.path,
                 ready.map_err(|cause| unwritten(&output.path, &cause))?,
             ));
         }
     }
-    for (output, text) in &outputs {
-        let written = output.place.write_in_place(text.as_bytes());
+    for (output, content) in &outputs {
+        let written = output.place.write_in_place(content.as_ref());
         written.map_err(|cause| unwritten(&output.path, &cause))?;
     }
     staged::commit(staged).map_err(|(path, cause)| unwritten(&path, &cause))
