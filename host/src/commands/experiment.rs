@@ -118,7 +118,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
     let tell = |share| progress.at(share);
-    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), tell);
+    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), Vec::new(), tell);
     drop(progress);
     let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
     let run = recording.close(run)?;

@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::record::{Opened, Origin, RecordOption};
-use super::report::ReportOption;
+use super::report_option::ReportOption;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde::Serialize;
@@ -169,7 +169,7 @@ impl Work {
                 progress.at((self.done_s + share * run_s) / self.total_s);
             }
         };
-        let run = run::run_recorded(scenario, options, tap, tell);
+        let run = run::run_recorded(scenario, options, tap, Vec::new(), tell);
         let run = run.map_err(|error| Failure::of_servo(None, error))?;
         self.done_s += run_s;
         Ok(run.trace)
