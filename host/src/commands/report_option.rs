@@ -31,6 +31,11 @@ impl ReportOption {
         self.force
     }
 
+    /// Returns true if a page was requested.
+    pub fn is_given(&self) -> bool {
+        self.report.is_some()
+    }
+
     /// Opens the file.
     pub fn open(&self) -> Result<Report, InputError> {
         let replace = Replace::Own.or_forced(self.force);

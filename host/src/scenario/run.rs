@@ -360,7 +360,7 @@ impl<'a> RunningScenario<'a> {
         self.collect_answers(time_s);
         let status = self.twin.status().copied();
         if let Some(status) = &status {
-            self.watch(status);
+            self.watch(time_s, status);
         }
         self.trace.samples.push(Sample {
             time_s,
@@ -371,7 +371,7 @@ impl<'a> RunningScenario<'a> {
         });
     }
 
-    fn watch(&mut self, status: &Status) {
+    fn watch(&mut self, time_s: f64, status: &Status) {
         let (trace, latched) = (&mut self.trace, &mut self.latched);
         if trace.states.last() != Some(&status.state) {
             trace.states.push(status.state);
@@ -381,6 +381,7 @@ impl<'a> RunningScenario<'a> {
         }
         if *latched != status.fault {
             trace.faults.extend(status.fault);
+            trace.faults_s.extend(status.fault.map(|_| time_s));
             *latched = status.fault;
         }
         if let Some(estimate) = status.estimate
