@@ -9,7 +9,7 @@ use trinocular_vision::images::Image;
 /// Largest side of a picture, px; larger images are reduced.
 const LARGEST: usize = 320;
 /// JPEG quality, 1 to 100.
-const QUALITY: u8 = 70;
+const QUALITY: u8 = 50;
 /// Most points that are drawn per picture.
 const MOST_POINTS: usize = 150;
 

@@ -106,6 +106,35 @@ impl RunCurves {
         used.map(error).collect()
     }
 
+    /// Returns the longest pause between two measurements of one line, s. Longer ones are gaps.
+    fn longest_pause_s(&self) -> f64 {
+        let times = self.measured.iter().map(|seen| seen.time_s);
+        let mut pauses: Vec<f64> = times
+            .clone()
+            .zip(times.skip(1))
+            .map(|(a, b)| b - a)
+            .collect();
+        pauses.sort_by(f64::total_cmp);
+        pauses
+            .get(pauses.len() / 2)
+            .map_or(f64::INFINITY, |usual| 2.5 * usual)
+    }
+
+    /// Breaks a line where measurements are missing.
+    fn with_gaps<const N: usize>(&self, points: Vec<[f64; N]>) -> Vec<[f64; N]> {
+        let longest_s = self.longest_pause_s();
+        let mut last_s = f64::INFINITY;
+        let mut broken = Vec::with_capacity(points.len());
+        for point in points {
+            if point[0] - last_s > longest_s {
+                broken.push([f64::NAN; N]);
+            }
+            last_s = point[0];
+            broken.push(point);
+        }
+        broken
+    }
+
     /// Returns stage minus target by their true positions, mm; nothing if they are not known.
     pub fn true_error(&self) -> Vec<Point> {
         let pairs = self.stage.iter().zip(&self.target);
@@ -176,8 +205,8 @@ impl RunCurves {
             let seen = seen.map(|((at_s, error), _)| [*at_s, within(1e3 * error[i])]);
             let plot = LinePlot::new(title, "time, s", "µm").including(0.0);
             let plot = plot
-                .band("± 1 sigma", band)
-                .series("measured", Style::Line, seen);
+                .band("± 1 sigma", self.with_gaps(band.collect()))
+                .series("measured", Style::Line, self.with_gaps(seen.collect()));
             let plot = match truth.is_empty() {
                 true => plot,
                 false => {
@@ -194,7 +223,7 @@ impl RunCurves {
     pub fn measurements(&self) -> Vec<Figure> {
         let of = |value: &dyn Fn(&Measured) -> f64| -> Vec<[f64; 2]> {
             let measured = self.measured.iter();
-            measured.map(|seen| [seen.time_s, value(seen)]).collect()
+            self.with_gaps(measured.map(|seen| [seen.time_s, value(seen)]).collect())
         };
         let plot = |title: &str, unit: &str| {
             let plot = LinePlot::new(title, "time, s", unit).including(0.0);

@@ -15,6 +15,9 @@ const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// Number of samples over which velocities are differences.
 const VELOCITY_SAMPLES: usize = 10;
 
+/// Most moments in pictures on a page, over all scenarios.
+const MOST_MOMENTS: usize = 12;
+
 /// A scenario that has been run, once or twice, and judged.
 #[derive(Debug)]
 pub struct Outcome {
@@ -167,7 +170,10 @@ pub fn page(outcomes: &[Outcome], provenance: &Provenance) -> Page {
         .table(following(outcomes))
         .table(stage(outcomes));
     let page = outcomes.iter().fold(page, |page, outcome| {
-        let curves = curves(outcome);
+        let mut curves = curves(outcome);
+        let most = (MOST_MOMENTS / outcomes.len().max(1)).max(1);
+        let every = curves.moments.len().div_ceil(most).max(1);
+        curves.moments = curves.moments.into_iter().step_by(every).collect();
         let page = page
             .section(&outcome.name, &outcome.scenario.title)
             .facts(&facts(outcome));
