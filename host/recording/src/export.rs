@@ -3,6 +3,8 @@
 mod csv;
 mod parquet;
 
+pub use csv::csv;
+
 use crate::message::{Measurement, Outcome};
 use crate::read::Source;
 use crate::read::records::Record;
@@ -14,64 +16,103 @@ use trinocular_rig::error::InputError;
 ///
 /// A cell that a frame set does not have is empty.
 const COLUMNS: [(&str, Cells); 17] = [
-    ("frame", Cells::Whole(|m| i64::from(m.frame))),
-    ("capture_us", Cells::Whole(|m| signed(m.capture_us))),
-    ("stamp_us", Cells::Whole(|m| signed(m.stamp_us))),
-    ("outcome", Cells::Text(|m| m.outcome.name())),
-    ("x_mm", Cells::Number(|m| displacement_mm(m, 0))),
-    ("y_mm", Cells::Number(|m| displacement_mm(m, 1))),
-    ("z_mm", Cells::Number(|m| displacement_mm(m, 2))),
-    ("sigma_x_mm", Cells::Number(|m| sigma_mm(m, 0))),
-    ("sigma_y_mm", Cells::Number(|m| sigma_mm(m, 1))),
-    ("sigma_z_mm", Cells::Number(|m| sigma_mm(m, 2))),
-    ("points", Cells::Whole(points)),
-    ("rejected", Cells::Whole(rejected)),
-    ("stage_x_mm", Cells::Number(|m| Some(m.stage_mm[0]))),
-    ("stage_y_mm", Cells::Number(|m| Some(m.stage_mm[1]))),
-    ("stage_z_mm", Cells::Number(|m| Some(m.stage_mm[2]))),
-    ("latency_us", Cells::Whole(|m| i64::from(m.latency_us))),
-    ("reason", Cells::Quoted(|m| &m.reason)),
+    ("frame", Cells::Whole(|row| i64::from(row.frame))),
+    ("capture_us", Cells::Whole(|row| signed(row.capture_us))),
+    ("stamp_us", Cells::Whole(|row| signed(row.stamp_us))),
+    ("outcome", Cells::Text(|row| row.outcome.name())),
+    (
+        "x_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[0])),
+    ),
+    (
+        "y_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[1])),
+    ),
+    (
+        "z_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[2])),
+    ),
+    ("sigma_x_mm", Cells::Number(|row| row.sigma_mm[0])),
+    ("sigma_y_mm", Cells::Number(|row| row.sigma_mm[1])),
+    ("sigma_z_mm", Cells::Number(|row| row.sigma_mm[2])),
+    ("points", Cells::Whole(|row| signed(row.points as u64))),
+    ("rejected", Cells::Whole(|row| signed(row.rejected))),
+    ("stage_x_mm", Cells::Number(|row| Some(row.stage_mm[0]))),
+    ("stage_y_mm", Cells::Number(|row| Some(row.stage_mm[1]))),
+    ("stage_z_mm", Cells::Number(|row| Some(row.stage_mm[2]))),
+    ("latency_us", Cells::Whole(|row| i64::from(row.latency_us))),
+    ("reason", Cells::Quoted(|row| &row.reason)),
 ];
 
 /// Contents of a column.
 enum Cells {
-    Whole(fn(&Measurement) -> i64),
-    Number(fn(&Measurement) -> Option<f64>),
+    Whole(fn(&Row) -> i64),
+    Number(fn(&Row) -> Option<f64>),
     /// Words without a comma.
-    Text(fn(&Measurement) -> &str),
-    Quoted(fn(&Measurement) -> &str),
+    Text(fn(&Row) -> &str),
+    Quoted(fn(&Row) -> &str),
 }
 
-fn signed(us: u64) -> i64 {
-    i64::try_from(us).unwrap_or(i64::MAX)
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
 }
 
-fn is_measured(measurement: &Measurement) -> bool {
-    !measurement.cameras.is_empty() && measurement.outcome != Outcome::Keyframe
+/// One frame set, as a row of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Number of the frame set.
+    pub frame: u32,
+    /// Capture time on the station's clock, µs.
+    pub capture_us: u64,
+    /// Capture time on the clock of the images' source, µs.
+    pub stamp_us: u64,
+    /// Result.
+    pub outcome: Outcome,
+    /// Displacement of the target since the keyframe, mm; `None` without a measurement.
+    pub displacement_mm: Option<[f64; 3]>,
+    /// Standard deviation of each axis, mm; `None` without a variance.
+    pub sigma_mm: [Option<f64>; 3],
+    /// Number of inliers.
+    pub points: usize,
+    /// Number of points left out.
+    pub rejected: u64,
+    /// Position of the stage after the answer, mm.
+    pub stage_mm: [f64; 3],
+    /// Time from the capture to the first step that it could change, µs.
+    pub latency_us: u32,
+    /// Reason of a refusal.
+    pub reason: String,
 }
 
-fn displacement_mm(measurement: &Measurement, axis: usize) -> Option<f64> {
-    is_measured(measurement).then_some(measurement.displacement_mm[axis])
-}
-
-fn sigma_mm(measurement: &Measurement, axis: usize) -> Option<f64> {
-    let variance = measurement.covariance_mm2[4 * axis];
-    (is_measured(measurement) && variance > 0.0).then_some(variance.sqrt())
-}
-
-fn points(measurement: &Measurement) -> i64 {
-    (measurement.pixels.len() / (4 * measurement.cameras.len().max(1))) as i64
-}
-
-fn rejected(measurement: &Measurement) -> i64 {
-    measurement.rejects.iter().map(|(_, n)| i64::from(*n)).sum()
+impl Row {
+    /// Returns the row of a measurement.
+    pub fn of(measurement: &Measurement) -> Self {
+        let cameras = measurement.cameras.len();
+        let is_measured = cameras > 0 && measurement.outcome != Outcome::Keyframe;
+        Self {
+            frame: measurement.frame,
+            capture_us: measurement.capture_us,
+            stamp_us: measurement.stamp_us,
+            outcome: measurement.outcome,
+            displacement_mm: is_measured.then_some(measurement.displacement_mm),
+            sigma_mm: std::array::from_fn(|axis| {
+                let variance = measurement.covariance_mm2[4 * axis];
+                (is_measured && variance > 0.0).then_some(variance.sqrt())
+            }),
+            points: measurement.pixels.len() / (4 * cameras.max(1)),
+            rejected: measurement.rejects.iter().map(|(_, n)| u64::from(*n)).sum(),
+            stage_mm: measurement.stage_mm,
+            latency_us: measurement.latency_us,
+            reason: measurement.reason.clone(),
+        }
+    }
 }
 
 /// Measurements of a recording: one row per frame set.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
-    /// Measurements, one for each row.
-    pub rows: Vec<Measurement>,
+    /// Rows, in the order of the recording.
+    pub rows: Vec<Row>,
     /// Place at which the file was cut off.
     pub cut: Option<InputError>,
 }
@@ -95,10 +136,11 @@ impl Table {
                 name == Topic::Measurement.name() && kind == "trinocular_msgs/Measurement"
             };
             if channels.get(file, channel).is_some_and(is_measurement) {
-                rows.push(Measurement::decode(&data).map_err(|fault| {
+                let measurement = Measurement::decode(&data).map_err(|fault| {
                     let reason = format!("a measurement is malformed: {fault}");
                     InputError::file(source.path(), reason)
-                })?);
+                })?;
+                rows.push(Row::of(&measurement));
             }
         }
         let cut = records.cut().cloned();

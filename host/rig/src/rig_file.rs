@@ -238,7 +238,7 @@ impl RigFile {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
+        Output::open_successor(path, Replace::Anything, path)?.write(self.to_toml())
     }
 }
 

@@ -10,9 +10,13 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 use trinocular::paper::{present, tracking};
+use trinocular::run_report::StoryTaker;
+use trinocular::servo::recording::FrameSetTaker;
 use trinocular::servo::station_link::TWIN_B;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace, marked};
 use trinocular_rig::printable::printable;
@@ -104,7 +108,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         return Err(Failure::Usage(reason.to_owned()));
     }
     let port = options.station.resolve()?;
-    let recording = opened.start(&Origin {
+    let origin = Origin {
         rig: RigFile {
             stage: Some(stage.clone()),
             ..RigFile::paper()
@@ -114,11 +118,15 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         twin: port.is_none().then_some(TWIN_B),
         is_real: port.is_some(),
         seed: Some(settings.seed),
-    })?;
+    };
+    let recording = opened.start(&origin)?;
+    let provenance = origin.provenance();
+    let story = StoryTaker::new(&origin.rig.names, Mounting::OnStage);
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
     let tell = |share| progress.at(share);
-    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), tell);
+    let takers = vec![Arc::clone(&story) as Arc<dyn FrameSetTaker>];
+    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), takers, tell);
     drop(progress);
     let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
     let run = recording.close(run)?;
@@ -128,7 +136,8 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
             writeln!(out, "{name:>22}: {value}")?;
         }
     }
-    present::page(&settings, &run)
+    let story = story.with(|story| std::mem::take(story));
+    present::page(&settings, &run, &story, &provenance)
         .write(report)
         .map_err(Failure::Report)?;
     if let Some(output) = figure {

@@ -6,7 +6,7 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use std::io::Write;
 use std::path::PathBuf;
-use trinocular_recording::export::Table;
+use trinocular_recording::export::{self, Table};
 use trinocular_recording::read::Source;
 use trinocular_rig::error::InputError;
 use trinocular_rig::interruption;
@@ -88,7 +88,7 @@ fn tables(
     }
     let mut outputs = Vec::new();
     if let Some(output) = csv {
-        outputs.push((output, table.csv().into_bytes()));
+        outputs.push((output, export::csv(&table.rows).into_bytes()));
     }
     if let Some(output) = parquet {
         let bytes = table.parquet().map_err(|cause| {

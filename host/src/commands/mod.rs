@@ -39,6 +39,7 @@ mod range;
 mod record;
 mod replay;
 mod report;
+mod report_option;
 mod reset;
 mod robustness;
 mod scene;
@@ -117,6 +118,7 @@ enum Command {
     Motors(motors::MotorsOptions),
     Ports(ports::PortsOptions),
     Replay(replay::ReplayOptions),
+    Report(report::ReportOptions),
     Reset(reset::ResetOptions),
     Serve(serve::ServeOptions),
     Simulate(simulate::SimulateOptions),
@@ -169,6 +171,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Replay(options)) => replay::run(&options, out),
+        Some(Command::Report(options)) => report::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
         Some(Command::Serve(options)) => serve::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
+use trinocular::run_report::Provenance;
 use trinocular_client::owner;
 use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
 use trinocular_recording::queue::Pace;
@@ -80,6 +81,47 @@ pub struct Origin {
     pub seed: Option<u64>,
 }
 
+impl Origin {
+    /// Returns the texts by which recordings and reports name their origin. The run begins now.
+    pub fn texts(&self) -> BTreeMap<&'static str, String> {
+        let mut texts = here();
+        texts.insert("command", owner::this_program().command);
+        texts.insert("begun_unix_s", (now_us() / 1_000_000).to_string());
+        let estimator = match self.estimator {
+            Estimator::Midpoint => "midpoint",
+            Estimator::ClosedForm => "closed-form",
+        };
+        texts.insert("estimator", estimator.to_owned());
+        texts.insert("cameras", self.rig.names.join(","));
+        texts.insert("station", self.twin.map_or("line", |_| "twin").to_owned());
+        let optional = [
+            ("twin", self.twin.map(str::to_owned)),
+            ("seed", self.seed.map(|seed| seed.to_string())),
+        ];
+        for (name, text) in optional {
+            texts.extend(text.map(|text| (name, text)));
+        }
+        texts
+    }
+
+    /// Returns the text of the rig file.
+    pub fn rig_toml(&self) -> String {
+        let text = self.rig_text.clone();
+        text.unwrap_or_else(|| self.rig.to_toml())
+    }
+
+    /// Returns the provenance of a report of this run.
+    pub fn provenance(&self) -> Provenance {
+        Provenance::new(self.texts(), Some(self.rig_toml()))
+    }
+}
+
+/// Returns the present instant, µs since 1970.
+fn now_us() -> u64 {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+    since_1970.map_or(0, |since| since.as_micros() as u64)
+}
+
 /// Recording under way, and its file, if one was requested.
 #[derive(Debug)]
 pub struct Recording(Option<(Recorder, PathBuf)>);
@@ -127,26 +169,8 @@ impl Opened {
         let Some(output) = self.output else {
             return Ok(Recording(None));
         };
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
-        let now_us = since_1970.map_or(0, |since| since.as_micros() as u64);
-        let mut texts = here();
-        texts.insert("command", owner::this_program().command);
-        texts.insert("begun_unix_s", (now_us / 1_000_000).to_string());
-        let estimator = match origin.estimator {
-            Estimator::Midpoint => "midpoint",
-            Estimator::ClosedForm => "closed-form",
-        };
-        texts.insert("estimator", estimator.to_owned());
-        texts.insert("cameras", origin.rig.names.join(","));
-        texts.insert("station", origin.twin.map_or("line", |_| "twin").to_owned());
-        let optional = [
-            ("twin", origin.twin.map(str::to_owned)),
-            ("seed", origin.seed.map(|seed| seed.to_string())),
-        ];
-        for (name, text) in optional {
-            texts.extend(text.map(|text| (name, text)));
-        }
-        let texts = texts.into_iter();
+        let now_us = now_us();
+        let texts = origin.texts().into_iter();
         let settings = Settings {
             images: self.images,
             pace: if origin.is_real {
@@ -156,7 +180,7 @@ impl Opened {
             },
             cameras: origin.rig.names.clone(),
             epoch_us: if origin.is_real { now_us } else { 0 },
-            rig: (origin.rig_text.clone()).unwrap_or_else(|| origin.rig.to_toml()),
+            rig: origin.rig_toml(),
             origin: texts.map(|(name, text)| (name.to_owned(), text)).collect(),
         };
         let path = output.path().to_owned();

@@ -11,7 +11,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 
 use super::json;
-use super::report::ReportOption;
+use super::report_option::ReportOption;
 
 /// Predict what a rig can measure, and name what limits it
 ///

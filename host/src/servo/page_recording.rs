@@ -1,7 +1,7 @@
 //! Recordings that are started and ended on a page while the run goes on.
 
 use super::observer::{ServoEvent, ServoObserver as _};
-use super::recording::{RecordingObserver, observers};
+use super::recording::{FrameSetTaker, RecordingObserver, observers};
 use super::station_link::StationLink;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -89,7 +89,8 @@ impl PageRecording {
         station.set_observer(Some(Arc::clone(&tap) as Arc<dyn StationObserver>));
         tap.sent(station.now().micros(), &[]);
         if let Some(images) = keyframe {
-            let mut observer = RecordingObserver::new(Arc::clone(&tap), rig);
+            let taker = Arc::clone(&tap) as Arc<dyn FrameSetTaker>;
+            let mut observer = RecordingObserver::new(taker, rig);
             observer.observe(&ServoEvent::Keyframe { images });
         }
         self.tap = Some(tap);

@@ -1,6 +1,6 @@
 //! The table as Parquet.
 
-use super::{COLUMNS, Cells, Table};
+use super::{COLUMNS, Cells, Row, Table};
 use parquet::basic::{LogicalType, Repetition, Type as Kind};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::Result;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 const GROUP: usize = 10_000;
 
 impl Table {
-    /// Encodes the table as a Parquet file with the columns of [`Table::csv`]: INT64 for whole
+    /// Encodes the table as a Parquet file with the columns of [`csv`](super::csv): INT64 for whole
     /// numbers, optional DOUBLE for others, UTF-8 for words.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ fn field(name: &str, cells: &Cells) -> Result<Arc<Type>> {
 fn column<W: std::io::Write + Send>(
     group: &mut SerializedRowGroupWriter<'_, W>,
     cells: &Cells,
-    rows: &[crate::message::Measurement],
+    rows: &[Row],
 ) -> Result<()> {
     let Some(mut column) = group.next_column()? else {
         return Ok(());

@@ -93,7 +93,8 @@ impl<'a> Captures<'a> {
         let page = options.page.open(rig, stage, mounting, &station)?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
-        for observer in observers(tap.clone(), &rig.rig) {
+        let reported = options.report.observers(&rig.rig, mounting);
+        for observer in observers(tap.clone(), &rig.rig).into_iter().chain(reported) {
             servo.add_observer(observer);
         }
         if let Some(page) = &page {

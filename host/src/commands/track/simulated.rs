@@ -78,6 +78,7 @@ fn follow(
         .open(&file, &stage, Mounting::OnStage, &world.b)?;
     let mut observers = observers(tap.clone(), &rig);
     observers.extend(page.iter().map(TrackPage::observer));
+    observers.extend(options.report.observers(&rig, Mounting::OnStage));
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;

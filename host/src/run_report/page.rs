@@ -1,0 +1,115 @@
+//! The page of one run, from its story.
+
+use super::curves::add_table;
+use super::{Provenance, Story};
+use crate::report::Page;
+use std::collections::BTreeMap;
+use trinocular_recording::message::Outcome;
+
+/// Figures of a run, as name and value and for JSON.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Frame sets without the keyframes.
+    pub frames: usize,
+    /// Frame sets that the station used.
+    pub used: usize,
+    /// Frame sets without an answer in the recording.
+    pub measured: usize,
+    /// Frame sets that were not used, by reason.
+    pub refused: BTreeMap<String, usize>,
+    /// Time from the first keyframe to the last frame set, s.
+    pub seconds: f64,
+    /// Root mean square of the measured error per axis, µm.
+    pub error_rms_um: Option<[f64; 3]>,
+    /// Largest measured error per axis, µm.
+    pub error_max_um: Option<[f64; 3]>,
+    /// Median and 99th percentile of the latency, ms.
+    pub latency_ms: Option<[f64; 2]>,
+    /// Number of events and spans that are marked.
+    pub events: usize,
+}
+
+impl Figures {
+    /// Computes the figures of a story.
+    pub fn of(story: &Story) -> Self {
+        let mut figures = Self::default();
+        let turns = story.turns.iter();
+        for turn in turns.filter(|turn| turn.row.outcome != Outcome::Keyframe) {
+            figures.frames += 1;
+            figures.seconds = story.time_s(turn.row.capture_us);
+            match turn.row.outcome {
+                Outcome::Used => figures.used += 1,
+                Outcome::Measured => figures.measured += 1,
+                _ => *figures.refused.entry(turn.row.reason.clone()).or_default() += 1,
+            }
+        }
+        let curves = story.curves();
+        let errors = curves.measured_error();
+        if !errors.is_empty() {
+            let count = errors.len() as f64;
+            let um = |axis: usize| errors.iter().map(move |((_, mm), _)| 1e3 * mm[axis]);
+            let rms = |axis| (um(axis).map(|um| um * um).sum::<f64>() / count).sqrt();
+            figures.error_rms_um = Some([0, 1, 2].map(rms));
+            let largest = |axis| um(axis).map(f64::abs).fold(0.0, f64::max);
+            figures.error_max_um = Some([0, 1, 2].map(largest));
+        }
+        let latencies = curves.measured.iter().map(|seen| seen.latency_ms);
+        let mut latencies: Vec<f64> = latencies.filter(|ms| ms.is_finite()).collect();
+        latencies.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            latencies
+                .get((latencies.len() as f64 * share) as usize)
+                .copied()
+        };
+        figures.latency_ms = at(0.5).zip(at(0.99)).map(|(p50, p99)| [p50, p99]);
+        figures.events = curves.marks.len();
+        figures
+    }
+
+    /// Returns the figures as name and value for the reader.
+    pub fn facts(&self) -> Vec<(String, String)> {
+        let refused: usize = self.refused.values().sum();
+        let mut facts = vec![(
+            "frame sets".to_owned(),
+            format!("{} in {:.2} s", self.frames, self.seconds),
+        )];
+        if self.measured > 0 {
+            facts.push(("measured".to_owned(), self.measured.to_string()));
+        } else {
+            facts.push(("used by the station".to_owned(), self.used.to_string()));
+        }
+        facts.push(("not used".to_owned(), refused.to_string()));
+        let vector = |um: [f64; 3]| um.map(|um| format!("{um:.1}")).join(" ");
+        let facts_of_error = [
+            ("error, rms X Y Z, µm", self.error_rms_um),
+            ("error, largest X Y Z, µm", self.error_max_um),
+        ];
+        for (name, um) in facts_of_error {
+            facts.extend(um.map(|um| (name.to_owned(), vector(um))));
+        }
+        if let Some([p50, p99]) = self.latency_ms {
+            let text = format!("{p50:.1} {p99:.1}");
+            facts.push(("latency p50 p99, ms".to_owned(), text));
+        }
+        for (reason, count) in &self.refused {
+            facts.push((format!("{count} not used"), reason.clone()));
+        }
+        facts
+    }
+}
+
+/// Returns the page of a run.
+///
+/// `note` stands at the top if it is not empty: that the recording is cut off, for example.
+pub fn page(title: &str, story: &Story, note: &str, provenance: &Provenance) -> Page {
+    let command = provenance.origin.get("command");
+    let subtitle = command.map_or("a recorded run", String::as_str);
+    let subtitle: String = subtitle.chars().take(300).collect();
+    let page = Page::new(title, subtitle).section("Summary", note);
+    let page = page.facts(&Figures::of(story).facts());
+    let page = story.curves().add_to(page, false);
+    let whole = "`trinocular export RUN.mcap --csv FILE.csv` writes all rows of a recording.";
+    let page = page.section("Data", "");
+    let page = add_table(page, "Measurements", &story.table(), whole);
+    provenance.add_to(page)
+}

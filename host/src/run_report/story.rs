@@ -1,0 +1,210 @@
+//! The story of a run: its frame sets, events and a few pictures, collected as they come.
+
+use super::album::Album;
+use super::curves::{Measured, RunCurves};
+use super::marks;
+use crate::report::{Mark, Moment};
+use crate::servo::recording::FrameSetTaker;
+use std::sync::{Arc, Mutex, PoisonError};
+use trinocular_client::diagnosis;
+use trinocular_core::frame::message::{Mounting, Status};
+use trinocular_recording::export::Row;
+use trinocular_recording::message::{Event, Measurement, Outcome};
+use trinocular_vision::images::{FrameSet, Image};
+
+/// One frame set, with what its row in the table does not have.
+#[derive(Clone, Debug)]
+pub struct Turn {
+    /// Row of the table of measurements.
+    pub row: Row,
+    /// Instant at which the stage was where the row says, µs of the station's clock.
+    pub stage_us: u64,
+    /// Capture time of the keyframe, µs of the station's clock.
+    pub reference_us: u64,
+    /// Cameras that were left out, in words; empty without any.
+    pub absent: String,
+}
+
+/// Story of a run. All instants are of the station's clock.
+#[derive(Clone, Debug, Default)]
+pub struct Story {
+    /// Names of the cameras.
+    pub names: Vec<String>,
+    /// Place of the cameras.
+    pub mounting: Mounting,
+    /// Frame sets in their order, keyframes included.
+    pub turns: Vec<Turn>,
+    /// Events in their order, as a recording has them.
+    pub events: Vec<Event>,
+    album: Album,
+    last: Option<Status>,
+}
+
+impl Story {
+    /// Creates the empty story of a run with these cameras.
+    pub fn new(names: &[String], mounting: Mounting) -> Self {
+        Self {
+            names: names.to_vec(),
+            mounting,
+            ..Self::default()
+        }
+    }
+
+    /// Takes in a frame set. `images` is called only for the few that become pictures.
+    pub fn turn<'a>(
+        &mut self,
+        measurement: &Measurement,
+        stage_us: u64,
+        images: impl FnOnce() -> Option<std::borrow::Cow<'a, [Image]>>,
+    ) {
+        if self.album.wants(measurement.outcome)
+            && let Some(images) = images()
+        {
+            self.album.take(&self.names, &images, measurement);
+        }
+        let absent = measurement.absent.iter().map(|(camera, reason)| {
+            let name = self.names.get(usize::from(*camera));
+            let name = name.map_or_else(|| format!("camera {camera}"), String::clone);
+            format!("{name}: {reason}")
+        });
+        self.turns.push(Turn {
+            row: Row::of(measurement),
+            stage_us,
+            reference_us: measurement.reference_us,
+            absent: absent.collect::<Vec<_>>().join("; "),
+        });
+    }
+
+    /// Takes in an event of the run.
+    pub fn event(&mut self, at_us: u64, kind: &str, text: impl Into<String>) {
+        self.events.push(Event {
+            at_us,
+            kind: kind.to_owned(),
+            text: text.into(),
+        });
+    }
+
+    /// Takes in a status of the station: changes of state, sight and fault are events.
+    pub fn status(&mut self, status: &Status) {
+        let at_us = status.time.micros();
+        let Some(last) = self.last.replace(*status) else {
+            return;
+        };
+        if last.state != status.state {
+            let text = format!("{:?}, was {:?}", status.state, last.state);
+            self.event(at_us, "state", text);
+        }
+        if last.sight != status.sight {
+            let text = format!("{:?}, was {:?}", status.sight, last.sight);
+            self.event(at_us, "sight", text);
+        }
+        if let Some(fault) = status.fault
+            && last.fault != Some(fault)
+        {
+            let text = format!("fault {}: {}", fault.number(), diagnosis::explain(fault));
+            self.event(at_us, "fault", text);
+        }
+    }
+
+    /// Returns the instant of time zero, µs: that of the first keyframe.
+    fn zero_us(&self) -> u64 {
+        let known = |turn: &&Turn| turn.row.outcome != Outcome::Keyframe;
+        let first = self.turns.iter().find(known);
+        first.map_or(0, |turn| turn.reference_us)
+    }
+
+    /// Returns the time since the first keyframe, s.
+    pub fn time_s(&self, at_us: u64) -> f64 {
+        (at_us as f64 - self.zero_us() as f64) * 1e-6
+    }
+
+    /// Returns the table of all measurements, as `export` writes it.
+    pub fn table(&self) -> String {
+        trinocular_recording::export::csv(self.turns.iter().map(|turn| &turn.row))
+    }
+
+    /// Returns the marks of events and of frame sets without effect.
+    pub fn marks(&self) -> Vec<Mark> {
+        marks::of_story(self)
+    }
+
+    /// Returns the pictures.
+    pub fn moments(&self) -> Vec<Moment> {
+        let zero_us = self.zero_us();
+        self.album.moments(|us| (us as f64 - zero_us as f64) * 1e-6)
+    }
+
+    /// Returns what the images measured, by capture time.
+    pub fn measured(&self) -> Vec<Measured> {
+        let zero_us = self.zero_us();
+        let measured = self.turns.iter().filter_map(|turn| {
+            let row = &turn.row;
+            Some(Measured {
+                time_s: (row.capture_us as f64 - zero_us as f64) * 1e-6,
+                displacement_mm: row.displacement_mm?,
+                sigma_mm: row.sigma_mm.map(|mm| mm.unwrap_or(f64::NAN)),
+                points: row.points,
+                rejected: row.rejected,
+                latency_ms: match row.latency_us {
+                    0 => f64::NAN,
+                    us => f64::from(us) * 1e-3,
+                },
+                is_used: matches!(row.outcome, Outcome::Used | Outcome::Measured),
+            })
+        });
+        measured.collect()
+    }
+
+    /// Returns the plain values of the run, as the page draws them: the target where the cameras
+    /// measured it, the stage where the station reported it.
+    pub fn curves(&self) -> RunCurves {
+        let stage: Vec<(f64, [f64; 3])> = self
+            .turns
+            .iter()
+            .filter(|turn| turn.row.outcome != Outcome::Keyframe)
+            .map(|turn| (self.time_s(turn.stage_us), turn.row.stage_mm))
+            .collect();
+        RunCurves {
+            mounting: self.mounting,
+            stage,
+            measured: self.measured(),
+            marks: self.marks(),
+            moments: self.moments(),
+            ..RunCurves::default()
+        }
+    }
+}
+
+/// Story that is collected while a loop runs: give it to the loop as a taker, and read it at the
+/// end.
+#[derive(Debug)]
+pub struct StoryTaker(Mutex<Story>);
+
+impl StoryTaker {
+    /// Creates the taker of a run with these cameras.
+    pub fn new(names: &[String], mounting: Mounting) -> Arc<Self> {
+        Arc::new(Self(Mutex::new(Story::new(names, mounting))))
+    }
+
+    /// Calls `change` with the story.
+    pub fn with<T>(&self, change: impl FnOnce(&mut Story) -> T) -> T {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl FrameSetTaker for StoryTaker {
+    fn take(&self, images: Option<&FrameSet>, measurement: Measurement) {
+        let images = || images.map(|set| std::borrow::Cow::Borrowed(&set.images[..]));
+        self.with(|story| {
+            // A taker may come without a status; the stage moves little in a latency.
+            let status = story.last.map_or(0, |status| status.time.micros());
+            let mut measurement = measurement;
+            measurement.frame = u32::try_from(story.turns.len()).unwrap_or(u32::MAX);
+            story.turn(&measurement, status.max(measurement.capture_us), images);
+        });
+    }
+
+    fn status(&self, status: &Status) {
+        self.with(|story| story.status(status));
+    }
+}
