@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use super::by_hand::{Axis, StageArgument};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use serde_json::json;
 use trinocular::report::{Cell, Table};
 use trinocular_rig::notice;
@@ -40,7 +40,11 @@ use trinocular_vision::images::FrameSet;
 /// --cameras, or the operator puts a frame set into --images at every stop, when the program asks
 /// for it.
 #[derive(Debug, Args)]
-#[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
+#[command(
+    visible_alias = "hand-eye",
+    after_help = EXAMPLES,
+    group = ArgGroup::new("driven").required(true).args(["sim", "port"])
+)]
 pub struct CalibrateStageOptions {
     /// The rig file (TOML) with its stage
     #[command(flatten)]
@@ -48,7 +52,7 @@ pub struct CalibrateStageOptions {
 
     /// Use a simulated stage with rendered cameras on it, mounted by --turned, --scaled and
     /// --mirrored
-    #[arg(long, required_unless_present = "port")]
+    #[arg(long)]
     sim: bool,
 
     /// Use the station on this port; `auto` is the only one on USB, `twin` the one that
@@ -62,6 +66,7 @@ pub struct CalibrateStageOptions {
         long,
         value_name = "DEVICE,...",
         requires = "port",
+        conflicts_with = "sim",
         value_delimiter = ',',
         group = "eyes"
     )]
@@ -69,7 +74,13 @@ pub struct CalibrateStageOptions {
 
     /// Folder of the frame sets: one subfolder per camera, equal file names for one instant.
     /// Frame sets that already exist are not used
-    #[arg(long, value_name = "DIR", requires = "port", group = "eyes")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "port",
+        conflicts_with = "sim",
+        group = "eyes"
+    )]
     images: Option<PathBuf>,
 
     /// Timeout for a frame set, s

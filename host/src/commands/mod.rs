@@ -32,6 +32,7 @@ mod json;
 mod live_page;
 mod man;
 mod motors;
+pub mod numbers;
 mod port;
 mod ports;
 mod progress;
