@@ -122,14 +122,16 @@ fn doubt_square(square_mm: f64) {
         side if side > *SQUARES_MM.end() => "micrometres",
         _ => return,
     };
-    notice!("warning: squares of {square_mm} mm: is --square in {unit}? It is in mm");
+    super::warnings::raise(format!(
+        "squares of {square_mm} mm: is --square in {unit}? It is in mm"
+    ));
 }
 
 /// Runs the command.
 pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
     let Photographs { series, warnings } = list(&options.input)?;
-    super::doubts::unread(&warnings);
+    super::warnings::unread(&warnings);
     let names: Vec<String> = series.into_iter().map(|series| series.name).collect();
     let destination = options.destination.open(&names)?;
     doubt_square(options.square);

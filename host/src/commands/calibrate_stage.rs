@@ -197,7 +197,7 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
     }
     let path = options.stage.path()?;
     let (rig, text) = RigFile::read_with_text(path)?;
-    super::doubts::warn(path, &rig);
+    super::warnings::rig(path, &rig);
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {
         // Check before the work, which would be lost otherwise.

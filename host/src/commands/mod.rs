@@ -17,7 +17,7 @@ mod completions;
 mod convert;
 mod destination;
 mod diagnose;
-mod doubts;
+
 mod estimate;
 mod experiment;
 mod export;
@@ -52,6 +52,7 @@ mod track;
 mod twin;
 mod verify;
 mod version;
+mod warnings;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.

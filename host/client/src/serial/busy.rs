@@ -3,7 +3,7 @@
 use super::super::StationError;
 use std::path::Path;
 use std::time::{Duration, Instant};
-#[cfg(target_os = "linux")]
+#[cfg(unix)]
 use trinocular_rig::printable::printable;
 
 /// Timeout for another program to stop its stage and leave: a stop is repeated for 2 s, and a

@@ -2,8 +2,8 @@
 
 use super::driven::Driven;
 use super::{Bench, CalibrateStageOptions};
-use crate::commands::doubts;
 use crate::commands::failure::Failure;
+use crate::commands::warnings;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -96,7 +96,7 @@ impl Bench for Real {
             }
             if Instant::now() >= end {
                 if let Some(folder) = &folder {
-                    doubts::unread(folder.warnings());
+                    warnings::unread(folder.warnings());
                 }
                 let waited = self.patience.as_secs();
                 let reason = format!("no frame set came within {waited} s");
