@@ -10,7 +10,9 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::alignment::{Alignment, AlignmentSettings, present, rewrite};
+use trinocular_vision::alignment::{
+    Alignment, AlignmentRefusal, AlignmentSettings, present, rewrite,
+};
 use trinocular_vision::flow::mistake::hint;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -92,7 +94,8 @@ pub fn run(options: &AlignOptions, out: &mut impl Write) -> Result<(), Failure> 
     let output = options.out.as_ref().map(open).transpose()?;
     let captures = captures(options, &rig)?;
     let found = Alignment::of(&rig, &captures, &settings).map_err(|refusal| {
-        let first = captures.first();
+        let is_explained = matches!(refusal, AlignmentRefusal::SameImages { .. });
+        let first = captures.first().filter(|_| !is_explained);
         let hint = first.and_then(|first| hint(&rig.rig, &rig.names, first));
         let hint = hint.map_or(String::new(), |hint| format!("; {hint}"));
         InputError::file(&options.captures, format!("{refusal}{hint}"))

@@ -40,7 +40,17 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
 
 /// Returns the user's next action after a port did not open.
 fn way_out(path: &str, cause: &serialport::Error) -> String {
-    use std::io::ErrorKind::{NotFound, PermissionDenied};
+    use std::io::ErrorKind::{InvalidInput, NotFound, PermissionDenied};
+    if path.starts_with(super::port::TCP) {
+        return match cause.kind {
+            serialport::ErrorKind::Io(InvalidInput) => {
+                "write tcp://HOST:PORT, such as tcp://192.168.1.5:4000".to_owned()
+            }
+            _ => "see that the other end runs (`trinocular twin --tcp`, or a serial server) and \
+                  listens on this address"
+                .to_owned(),
+        };
+    }
     let is_absent = !Path::new(path).exists();
     match cause.kind {
         serialport::ErrorKind::Io(PermissionDenied) => {
