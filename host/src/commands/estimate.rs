@@ -1,4 +1,4 @@
-//! `trinocular estimate`: displacements from a points CSV or from a folder of captures.
+//! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

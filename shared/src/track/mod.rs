@@ -30,7 +30,7 @@ use crate::time::Instant;
 /// Positions and distances on three stage axes, 2⁻³² steps.
 pub type Fine = [i64; 3];
 
-/// Number of used captures that stay available as references.
+/// Number of used frames that stay available as references.
 const RECENT: usize = 8;
 
 /// Position of the target relative to the stage at one instant.

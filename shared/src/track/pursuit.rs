@@ -259,7 +259,7 @@ pub struct Pursuit {
 }
 
 impl Pursuit {
-    /// Takes in a measurement that arrived at `now`; captures must come in order.
+    /// Takes in a measurement that arrived at `now`; capture times must come in order.
     ///
     /// # Errors
     /// [`Outlier`] if the measurement fails the innovation gate. It is then only remembered.

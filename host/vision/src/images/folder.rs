@@ -275,7 +275,7 @@ pub fn save(
 ) -> Result<(), InputError> {
     let (cameras, views) = (names.len(), capture.images.len());
     if cameras != views {
-        let reason = format!("cannot save {views} views for {cameras} cameras");
+        let reason = format!("cannot save {views} images for {cameras} cameras");
         return Err(InputError::file(dir, reason));
     }
     for (name, view) in names.iter().zip(&capture.images) {
