@@ -88,7 +88,7 @@ impl StageArgument {
 
 /// An axis of the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
+pub enum AxisName {
     X,
     Y,
     Z,

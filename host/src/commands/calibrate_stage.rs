@@ -9,7 +9,7 @@ mod simulated;
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::by_hand::{Axis, StageArgument};
+use super::by_hand::{AxisName, StageArgument};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{ArgGroup, Args};
@@ -130,7 +130,7 @@ pub struct CalibrateStageOptions {
 
     /// Reversed axis of the simulated stage
     #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
-    mirrored: Option<Axis>,
+    mirrored: Option<AxisName>,
 
     /// Delay of the simulated cameras' time stamps, ms
     #[arg(
@@ -156,7 +156,7 @@ Examples:
 const PASSES: [f64; 4] = [-0.6, 0.6, -0.6, 0.0];
 
 /// A stage that can move, and cameras on it.
-trait Bench {
+trait StageBench {
     /// Returns the position of the stage, mm from zero.
     fn position_mm(&mut self) -> Result<[f64; 3], Failure>;
 
@@ -203,7 +203,7 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
         // Check before the work, which would be lost otherwise.
         super::destination::refuse_existing(to, options.force, path)?;
     }
-    let mut bench: Box<dyn Bench> = match &options.port {
+    let mut bench: Box<dyn StageBench> = match &options.port {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
         Some(port) => {
             let driven = || driven::Driven::connect(options, port, &stage);
@@ -238,7 +238,7 @@ fn measure(
     options: &CalibrateStageOptions,
     rig: &RigFile,
     stage: &Stage,
-    bench: &mut dyn Bench,
+    bench: &mut dyn StageBench,
 ) -> Result<(Vec<Sample>, Fit, Option<Delay>), Failure> {
     let centre_mm = bench.position_mm()?;
     within_travel(options, stage, centre_mm)?;
@@ -276,7 +276,7 @@ fn measure(
 /// Moves the stage past the target and compares the measured displacements with its path.
 fn measure_delay(
     options: &CalibrateStageOptions,
-    bench: &mut dyn Bench,
+    bench: &mut dyn StageBench,
     watch: &mut Watch,
     centre_mm: [f64; 3],
     fit: &Fit,

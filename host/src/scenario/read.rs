@@ -89,7 +89,7 @@ fn cameras(section: &Field<'_>) -> Result<Cameras, InputError> {
     let sight = match kind.text()? {
         "rendered" => {
             section.only(&[&SHARED[..], &["texture", "noise_grey"]].concat())?;
-            file::Sight::Rendered {
+            file::ImageSource::Rendered {
                 texture: match section.optional("texture")? {
                     Some(field) => field.text()?.parse().map_err(
                         |unknown: trinocular_vision::images::texture::UnknownTexture| {
@@ -103,7 +103,7 @@ fn cameras(section: &Field<'_>) -> Result<Cameras, InputError> {
         }
         "points" => {
             section.only(&[&SHARED[..], &["points", "noise_px"]].concat())?;
-            file::Sight::Points {
+            file::ImageSource::Points {
                 count: section.required("points")?.whole(8..=4_000)? as usize,
                 noise_px: between(&section.required("noise_px")?, 0.0, 10.0)?,
             }

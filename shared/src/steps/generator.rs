@@ -60,7 +60,7 @@ impl core::error::Error for LoadFault {}
 
 /// State of one axis between two slots.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct AxisPins {
     /// Steps emitted, backward ones subtracted.
     count: i64,
     /// Fraction of a step, 2⁻³²: of the position when moving forwards, of its complement backwards.
@@ -79,7 +79,7 @@ struct Axis {
     dir_backward: u32,
 }
 
-impl Axis {
+impl AxisPins {
     fn turns(&self, motion: &AxisMotion) -> bool {
         !motion.is_rest() && (!self.dir_written || self.backward != motion.backward)
     }
@@ -182,7 +182,7 @@ impl Axis {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Generator {
-    axes: [Axis; AXES],
+    axes: [AxisPins; AXES],
     /// Slots left of the loaded segment.
     left: u16,
     /// Slots left that need the careful path: two when an axis reverses.
@@ -210,7 +210,7 @@ impl Generator {
         }
         let axis = |((step, dir), invert): ((u8, u8), bool)| {
             let (high, low) = (1u32 << dir, 1u32 << (dir + 16));
-            Axis {
+            AxisPins {
                 count: 0,
                 phase: Position::centre(0).phase(),
                 increment: 0,
@@ -225,7 +225,8 @@ impl Generator {
         };
         let [x, y, z] = [0, 1, 2].map(|i| axis(((map.step[i], map.dir[i]), map.invert[i])));
         let raise = core::array::from_fn(|code| {
-            let bit = |i: usize, axis: &Axis| if code >> i & 1 == 1 { axis.step_bit } else { 0 };
+            let bit =
+                |i: usize, axis: &AxisPins| if code >> i & 1 == 1 { axis.step_bit } else { 0 };
             bit(0, &x) | bit(1, &y) | bit(2, &z)
         });
         Ok(Self {

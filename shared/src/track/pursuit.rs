@@ -31,8 +31,8 @@
 //! follows again after one frame near the place where the target was lost, or after two frames
 //! beyond that agree. The limits of the axes hold as for any motion.
 
-use super::Fine;
-use super::filter::{Filter, Reach, believed, fine, steps, within};
+use super::StepVector;
+use super::filter::{Filter, KinematicLimits, fine, floored_variance, steps, within};
 use crate::time::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -118,7 +118,7 @@ pub struct Measurement {
     /// Capture time.
     pub capture: Instant,
     /// Position, 2⁻³² steps from zero.
-    pub position: Fine,
+    pub position: StepVector,
     /// Variance per axis, steps².
     pub variance: [f32; 3],
 }
@@ -129,17 +129,17 @@ pub struct Aim {
     /// Position, 2⁻³² steps from zero.
     pub position: i64,
     /// Velocity at that position, steps/ms.
-    pub speed: f32,
+    pub velocity: f32,
 }
 
 /// One axis that follows the target.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct TrackedAxis {
     filter: Filter,
     /// State of an axis at rest, while the target is still.
     rest: Option<Rest>,
     /// Velocity gain, 0 to 1.
-    share: f32,
+    velocity_gain: f32,
 }
 
 /// State of an axis at a still target.
@@ -171,7 +171,7 @@ impl Rest {
         self.count = within(self.count + 1.0, FEW, MANY);
         let off = steps(position.saturating_sub(self.mean));
         self.mean = self.mean.saturating_add(fine(off / self.count));
-        self.variance = believed(variance) / self.count;
+        self.variance = floored_variance(variance) / self.count;
         if !self.holds(self.mean, self.variance, 1.0) {
             self.step = nearest_step(self.mean);
         }
@@ -185,12 +185,12 @@ impl Rest {
     }
 }
 
-impl Axis {
+impl TrackedAxis {
     fn new(filter: Filter) -> Self {
         Self {
             filter,
             rest: None,
-            share: 0.0,
+            velocity_gain: 0.0,
         }
     }
 
@@ -203,31 +203,31 @@ impl Axis {
     }
 
     /// Computes the goal of the axis `lead` ms after the capture.
-    fn aim(&mut self, lead: f32, prediction: bool, reach: Reach) -> Aim {
+    fn aim(&mut self, lead: f32, prediction: bool, reach: KinematicLimits) -> Aim {
         let known = self.filter.covariance();
-        let (position, speed) = (self.filter.position(), self.filter.speed());
-        let square = speed * speed;
+        let (position, velocity) = (self.filter.position(), self.filter.velocity());
+        let square = velocity * velocity;
         let sigmas = if self.rest.is_some() { START } else { STOP };
-        if !prediction || square < sigmas * known.speed {
+        if !prediction || square < sigmas * known.velocity {
             let resting = self
                 .rest
                 .filter(|rest| rest.holds(position, known.position, FAR));
             let rest = resting.unwrap_or_else(|| Rest::new(&self.filter));
             self.rest = Some(rest);
-            self.share = 0.0;
+            self.velocity_gain = 0.0;
             return Aim {
                 position: rest.step,
-                speed: 0.0,
+                velocity: 0.0,
             };
         }
         self.rest = None;
-        let (doubt, fourth) = (self.filter.doubt(reach), square * square);
-        let wanted = fourth / (fourth + doubt * doubt);
-        self.share += (wanted - self.share) * EASE;
-        let speed = speed * self.share;
+        let (uncertainty, fourth) = (self.filter.velocity_uncertainty(reach), square * square);
+        let wanted = fourth / (fourth + uncertainty * uncertainty);
+        self.velocity_gain += (wanted - self.velocity_gain) * EASE;
+        let velocity = velocity * self.velocity_gain;
         Aim {
-            position: position.saturating_add(fine(speed * lead)),
-            speed,
+            position: position.saturating_add(fine(velocity * lead)),
+            velocity,
         }
     }
 }
@@ -240,7 +240,7 @@ fn nearest_step(position: i64) -> i64 {
 /// The target that the stage follows.
 #[derive(Clone, Debug)]
 struct Target {
-    axes: [Axis; 3],
+    axes: [TrackedAxis; 3],
     /// Capture time of the last measurement.
     capture: Instant,
     /// Instant at which that measurement arrived.
@@ -267,17 +267,17 @@ impl Pursuit {
         &mut self,
         now: Instant,
         measurement: &Measurement,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> Result<(), Outlier> {
-        let believed = match &mut self.target {
+        let is_plausible = match &mut self.target {
             None => {
                 self.target = Some(Target::new(measurement, reach, now));
                 true
             }
             Some(target) => target.take_in(measurement, reach, settings),
         };
-        if !believed {
+        if !is_plausible {
             let Some(axes) = self.jump(measurement, reach) else {
                 self.suspect = Some(*measurement);
                 return Err(Outlier);
@@ -297,7 +297,11 @@ impl Pursuit {
     }
 
     /// Returns the axes after a jump, if `measurement` agrees with the last outlier.
-    fn jump(&self, measurement: &Measurement, reach: &[Reach; 3]) -> Option<[Axis; 3]> {
+    fn jump(
+        &self,
+        measurement: &Measurement,
+        reach: &[KinematicLimits; 3],
+    ) -> Option<[TrackedAxis; 3]> {
         let suspect = self.suspect.as_ref()?;
         let dt = milliseconds(measurement.capture.since(suspect.capture));
         if !(dt > 0.0) {
@@ -314,7 +318,7 @@ impl Pursuit {
             let way = steps(position.saturating_sub(before));
             let most = reach.speed * dt;
             let near = way * way <= most * most + 25.0 * (variances[0] + variances[1]);
-            near.then(|| Axis::new(Filter::restart(before, position, dt, variances, reach)))
+            near.then(|| TrackedAxis::new(Filter::restart(before, position, dt, variances, reach)))
         });
         Some([x?, y?, z?])
     }
@@ -323,7 +327,7 @@ impl Pursuit {
     pub fn aim(
         &mut self,
         at: Instant,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> Option<[Aim; 3]> {
         let target = self.target.as_mut().filter(|target| !target.lost)?;
@@ -367,11 +371,12 @@ impl Pursuit {
 }
 
 impl Target {
-    fn new(measurement: &Measurement, reach: &[Reach; 3], now: Instant) -> Self {
+    fn new(measurement: &Measurement, reach: &[KinematicLimits; 3], now: Instant) -> Self {
         let [px, py, pz] = measurement.position;
         let [vx, vy, vz] = measurement.variance;
         let [rx, ry, rz] = *reach;
-        let first = |position, variance, reach| Axis::new(Filter::new(position, variance, reach));
+        let first =
+            |position, variance, reach| TrackedAxis::new(Filter::new(position, variance, reach));
         Self {
             axes: [first(px, vx, rx), first(py, vy, ry), first(pz, vz, rz)],
             capture: measurement.capture,
@@ -404,7 +409,7 @@ impl Target {
     fn take_in(
         &mut self,
         measurement: &Measurement,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> bool {
         let dt = milliseconds(measurement.capture.since(self.capture));
@@ -438,14 +443,14 @@ mod tests {
     use proptest::prelude::*;
 
     fn any_measurement() -> impl Strategy<Value = Measurement> {
-        any::<(u64, Fine, [f32; 3])>().prop_map(|(capture, position, variance)| Measurement {
+        any::<(u64, StepVector, [f32; 3])>().prop_map(|(capture, position, variance)| Measurement {
             capture: Instant::from_micros(capture),
             position,
             variance,
         })
     }
 
-    const REACH: [Reach; 3] = [Reach {
+    const REACH: [KinematicLimits; 3] = [KinematicLimits {
         speed: 8.0,
         acceleration: 0.16,
     }; 3];
@@ -488,13 +493,13 @@ mod tests {
             measurements in prop::collection::vec((any_measurement(), any::<[u64; 2]>()), 0..40),
         ) {
             let settings = Settings { prediction, coast_ms };
-            let reach = reach.map(|[speed, acceleration]| Reach { speed, acceleration });
+            let reach = reach.map(|[speed, acceleration]| KinematicLimits { speed, acceleration });
             let mut pursuit = Pursuit::default();
             for (measurement, [now, at]) in measurements {
                 let _ = pursuit.measure(Instant::from_micros(now), &measurement, &reach, &settings);
                 let aims = pursuit.aim(Instant::from_micros(at), &reach, &settings);
                 for aim in aims.into_iter().flatten() {
-                    prop_assert!(aim.speed.is_finite());
+                    prop_assert!(aim.velocity.is_finite());
                 }
                 pursuit.lose(Instant::from_micros(at), &settings);
             }

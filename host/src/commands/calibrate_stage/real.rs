@@ -1,7 +1,7 @@
 //! A station on a port, and a folder in which frame sets appear.
 
 use super::driven::Driven;
-use super::{Bench, CalibrateStageOptions};
+use super::{CalibrateStageOptions, StageBench};
 use crate::commands::failure::Failure;
 use crate::commands::warnings;
 use std::collections::BTreeSet;
@@ -58,7 +58,7 @@ impl Real {
     }
 }
 
-impl Bench for Real {
+impl StageBench for Real {
     fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
         self.driven.position_mm()
     }
