@@ -99,7 +99,7 @@ mod tests {
         assert!(said.contains("'--points'"), "{said}");
     }
 
-    /// Gives the option a text that is no number and returns the error.
+    /// Gives the option a text that is not a number and returns the error.
     fn refused(command: &Command, option: &Arg) -> Option<String> {
         let name = option.get_long()?;
         let only = Command::new("trinocular").arg(option.clone().exclusive(true));
