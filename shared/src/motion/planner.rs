@@ -2,7 +2,7 @@ use super::Limits;
 use super::backlash::Backlash;
 use crate::fixed::{product, quotient, times};
 use crate::steps::{AXES, Position, Segment, WordRate};
-use axis::{AxisMotion, near, within};
+use axis::{AxisPlan, near, within};
 use line::StraightMove;
 use ramp::Ramp;
 
@@ -66,7 +66,7 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 pub struct Planner {
     limits: Limits,
     /// Axes at the end of the planned tick.
-    axes: [AxisMotion; AXES],
+    axes: [AxisPlan; AXES],
     line: Option<StraightMove>,
     tick: [Segment; SEGMENTS],
     /// Number of the tick's segments that were handed out.
@@ -84,9 +84,9 @@ impl Planner {
         let [x, y, z] = limits.axes;
         let [px, py, pz] = positions;
         let axes = [
-            AxisMotion::new(x, px),
-            AxisMotion::new(y, py),
-            AxisMotion::new(z, pz),
+            AxisPlan::new(x, px),
+            AxisPlan::new(y, py),
+            AxisPlan::new(z, pz),
         ];
         Self {
             limits,
@@ -265,7 +265,7 @@ impl Planner {
         let quantum = self.distance_quantum();
         self.choose_flanks();
         let accelerations = self.accelerations(quantum);
-        let ramp = |axis: &AxisMotion, acceleration| Ramp {
+        let ramp = |axis: &AxisPlan, acceleration| Ramp {
             speed: axis.speed,
             acceleration,
         };
@@ -337,12 +337,12 @@ impl Planner {
     /// Returns true for each axis that does not move in the present tick and has no speed left
     /// after it.
     pub fn resting(&self) -> [bool; AXES] {
-        self.axes.each_ref().map(AxisMotion::is_at_rest)
+        self.axes.each_ref().map(AxisPlan::is_at_rest)
     }
 
     /// Returns true if no axis moves in the present tick or has speed left after it.
     pub fn is_at_rest(&self) -> bool {
-        self.axes.iter().all(AxisMotion::is_at_rest)
+        self.axes.iter().all(AxisPlan::is_at_rest)
     }
 
     /// Returns true if every axis is at rest less than 1/128 step from its target, or less than
@@ -350,9 +350,8 @@ impl Planner {
     /// step).
     pub fn has_arrived(&self) -> bool {
         let near = near(self.distance_quantum());
-        let arrived = |axis: &AxisMotion| {
-            axis.is_at_rest() && axis.drift == 0 && within(axis.distance(), near)
-        };
+        let arrived =
+            |axis: &AxisPlan| axis.is_at_rest() && axis.drift == 0 && within(axis.distance(), near);
         self.axes.iter().all(arrived)
     }
 

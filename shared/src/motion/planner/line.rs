@@ -1,6 +1,6 @@
 //! Straight moves of several axes in step.
 
-use super::axis::AxisMotion;
+use super::axis::AxisPlan;
 use crate::fixed::product;
 use crate::motion::AxisLimits;
 use crate::motion::stopping::Pace;
@@ -23,7 +23,7 @@ pub(super) struct StraightMove {
 
 impl StraightMove {
     /// Creates the line through the targets of `axes`, or returns `None` if no axis has to move.
-    pub(super) fn through(axes: &[AxisMotion; AXES]) -> Option<Self> {
+    pub(super) fn through(axes: &[AxisPlan; AXES]) -> Option<Self> {
         let distances = axes.map(|axis| axis.distance());
         let (leader, distance) = distances
             .into_iter()
@@ -45,7 +45,7 @@ impl StraightMove {
     ///
     /// Rounding adds less than two quanta to the acceleration of the others and less than four to
     /// their jerk, which this leaves free where there is room.
-    pub(super) fn pace(&self, axes: &[AxisMotion; AXES]) -> Pace {
+    pub(super) fn pace(&self, axes: &[AxisPlan; AXES]) -> Pace {
         let least = |limit: fn(&AxisLimits) -> u32, margin: u32| {
             let mut least = u32::MAX;
             for (i, (axis, distance)) in axes.iter().zip(self.distances).enumerate() {
