@@ -137,7 +137,10 @@ fn bad_files_are_refused_by_name() {
         (
             "[expect]",
             "[expect]\nfaults = [\"tired\"]",
-            &["`expect.faults[0]`", "`tired` is none of heartbeat"],
+            &[
+                "`expect.faults[0]`",
+                "unknown word `tired`; known here: heartbeat",
+            ],
         ),
         (
             "from_s = 4.0",

@@ -69,22 +69,26 @@ impl StageArgument {
     /// Returns the path of the rig file, for a command that requires one.
     pub fn path(&self) -> Result<&Path, Failure> {
         let path = self.rig.as_deref();
-        path.ok_or_else(|| Failure::Usage("it needs --rig RIG.toml".to_owned()))
+        path.ok_or_else(|| {
+            Failure::Usage("--rig RIG.toml is missing: the command needs its [stage]".to_owned())
+        })
     }
 
     /// Returns the stage of a rig file that was read.
     pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
         let none = "has no [stage] section, which describes the axes that the station moves; \
                     `trinocular init` writes one";
+        let path = self.rig.as_deref().unwrap_or(Path::new(""));
         let stage = rig.stage.clone();
-        Ok(stage
-            .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)
+        let stage = stage.ok_or_else(|| InputError::file(path, none))?;
+        super::warnings::stage(path, &stage);
+        Ok(stage)
     }
 }
 
 /// An axis of the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
+pub enum AxisName {
     X,
     Y,
     Z,

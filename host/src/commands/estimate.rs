@@ -1,4 +1,4 @@
-//! `trinocular estimate`: displacements from a points CSV or from a folder of captures.
+//! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::flow::exchanged::explain_keyframe;
+use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -109,7 +109,7 @@ impl Method {
             Self::Midpoint => RigFile::read(path),
             Self::ClosedForm | Self::LeastSquares => RigFile::read_in_line(path),
         }?;
-        super::doubts::warn(path, &rig);
+        super::warnings::rig(path, &rig);
         Ok(rig)
     }
 
@@ -216,7 +216,7 @@ fn run_folder<W: Write>(
         rig.rig.image_size_px,
         DEFAULT_PERIOD_US,
     )?;
-    super::doubts::unread(folder.warnings());
+    super::warnings::unread(folder.warnings());
     run_captures(options, rig, folder.frame_sets(), printer)
 }
 

@@ -72,7 +72,9 @@ fn stage(options: &ExperimentOptions) -> Result<Stage, InputError> {
     };
     let reason = "has no [stage] section, the only one that this experiment takes from a rig file";
     let stage = RigFile::read(path)?.stage;
-    stage.ok_or_else(|| InputError::file(path, reason))
+    let stage = stage.ok_or_else(|| InputError::file(path, reason))?;
+    super::warnings::stage(path, &stage);
+    Ok(stage)
 }
 
 /// Opens the files of the report and of the figure.

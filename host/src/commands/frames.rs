@@ -1,6 +1,7 @@
 //! Frame sets that commands read: from a folder, from a recording, or from a ROS 2 bag.
 
 use crate::commands::failure::Failure;
+use crate::commands::warnings;
 use clap::Args;
 use std::path::Path;
 use trinocular_recording::read::frames::{FrameSets, TOLERANCE_US, Topics};
@@ -79,7 +80,7 @@ impl RecordingInput {
         let source = Source::open(path)?;
         let survey = Survey::of(&source)?;
         if let Some(cut) = &survey.cut {
-            notice!("warning: {cut}");
+            warnings::raise(cut.to_string());
         }
         let rig = match rig {
             Some(rig) => {

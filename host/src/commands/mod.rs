@@ -17,7 +17,7 @@ mod completions;
 mod convert;
 mod destination;
 mod diagnose;
-mod doubts;
+
 mod estimate;
 mod experiment;
 mod export;
@@ -32,6 +32,7 @@ mod json;
 mod live_page;
 mod man;
 mod motors;
+pub mod numbers;
 mod port;
 mod ports;
 mod progress;
@@ -52,6 +53,7 @@ mod track;
 mod twin;
 mod verify;
 mod version;
+mod warnings;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.

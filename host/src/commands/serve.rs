@@ -171,7 +171,10 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
     let rig = match &options.rig {
         Some(path) => {
             let rig = RigFile::read(path)?;
-            super::doubts::warn(path, &rig);
+            super::warnings::rig(path, &rig);
+            if let Some(stage) = &rig.stage {
+                super::warnings::stage(path, stage);
+            }
             rig
         }
         None => RigFile::paper(),

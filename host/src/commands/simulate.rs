@@ -13,7 +13,7 @@ use std::sync::Arc;
 use trinocular::run_report::{Provenance, StoryTaker};
 use trinocular::scenario::csv;
 use trinocular::scenario::figures::Figures;
-use trinocular::scenario::file::{Scenario, Sight};
+use trinocular::scenario::file::{ImageSource, Scenario};
 use trinocular::scenario::present::{self, Outcome};
 use trinocular::scenario::run::{self, ScenarioOptions};
 use trinocular::scenario::trace::Trace;
@@ -185,8 +185,8 @@ impl Work {
 /// Returns the work of one run, in seconds of rendered images; 0 for ideal points.
 fn work_s(scenario: &Scenario) -> f64 {
     match scenario.cameras.sight {
-        Sight::Rendered { .. } => scenario.seconds(),
-        Sight::Points { .. } => 0.0,
+        ImageSource::Rendered { .. } => scenario.seconds(),
+        ImageSource::Points { .. } => 0.0,
     }
 }
 
@@ -278,7 +278,7 @@ fn simulate(
 
 /// Figures and verdict of a scenario, as they are printed.
 #[derive(Serialize)]
-struct Line<'a> {
+struct ScenarioLine<'a> {
     scenario: &'a str,
     #[serde(flatten)]
     figures: &'a Figures,
@@ -288,7 +288,7 @@ struct Line<'a> {
 }
 
 fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
-    let line = Line {
+    let line = ScenarioLine {
         scenario: &outcome.name,
         figures: &outcome.figures,
         without_prediction: outcome.unpredicted.as_ref().map(|(_, figures)| figures),

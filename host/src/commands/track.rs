@@ -273,7 +273,10 @@ impl Estimator {
             Self::ClosedForm => RigFile::read_in_line(path),
             Self::Midpoint => RigFile::read(path),
         }?;
-        super::doubts::warn(path, &rig);
+        super::warnings::rig(path, &rig);
+        if let Some(stage) = &rig.stage {
+            super::warnings::stage(path, stage);
+        }
         Ok(rig)
     }
 }

@@ -189,7 +189,7 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let step = list(run.steps_per_mm.map(f64::recip));
     [
         (
-            "pictures",
+            "frame sets",
             format!(
                 "{} taken, {} used by the station",
                 run.steps.len(),

@@ -1,6 +1,6 @@
 //! The cameras on the stage: converts the position of the target to the flow sums of a frame.
 
-use super::file::{Cameras, Sight};
+use super::file::{Cameras, ImageSource};
 use crate::servo::ServoError;
 use crate::servo::recording::{Takers, measurement, observers_of};
 use crate::servo::visual_servo::{Measured, VisualServo};
@@ -66,7 +66,7 @@ impl Eyes {
             servo.add_observer(observer);
         }
         let kind = match cameras.sight {
-            Sight::Rendered {
+            ImageSource::Rendered {
                 texture,
                 noise_grey,
             } => {
@@ -81,7 +81,7 @@ impl Eyes {
                     .map_err(ServoError::Reference)?;
                 Kind::Rendered(Box::new(scene))
             }
-            Sight::Points { count, noise_px } => {
+            ImageSource::Points { count, noise_px } => {
                 let mut random = Random::new(capture_seed(seed, 0), 0);
                 let mut point = |_| {
                     let [x, y, z] = CLOUD_MM.map(|half| random.between(-half, half));
@@ -238,7 +238,7 @@ mod tests {
     use trinocular_core::estimate::midpoint;
     use trinocular_vision::images::TextureKind;
 
-    fn cameras(sight: Sight) -> Cameras {
+    fn cameras(sight: ImageSource) -> Cameras {
         Cameras {
             sight,
             frames_per_s: 60.0,
@@ -259,11 +259,11 @@ mod tests {
     /// hard with either.
     #[test]
     fn points_match_image_uncertainty() {
-        let rendered = Sight::Rendered {
+        let rendered = ImageSource::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
         };
-        let spread = |sight: Sight| -> [f64; 3] {
+        let spread = |sight: ImageSource| -> [f64; 3] {
             let mut eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
             let seen: Vec<[f64; 3]> = (1..=30)
                 .map(|number| displacement_mm(&eyes.see(number, [0.3, -0.2, 0.4]).expect("seen")))
@@ -273,7 +273,7 @@ mod tests {
                 (seen.iter().map(|v| (v[axis] - mean).powi(2)).sum::<f64>() / 29.0).sqrt()
             })
         };
-        let [pictures, points] = [rendered, Sight::POINTS].map(spread);
+        let [pictures, points] = [rendered, ImageSource::POINTS].map(spread);
         println!("images {pictures:.5?} mm, points {points:.5?} mm");
         for (pictures, points) in pictures.into_iter().zip(points) {
             assert!(
@@ -285,11 +285,11 @@ mod tests {
 
     #[test]
     fn target_seen_unless_occluded() {
-        let rendered = Sight::Rendered {
+        let rendered = ImageSource::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
         };
-        let points = Sight::Points {
+        let points = ImageSource::Points {
             count: 100,
             noise_px: 0.03,
         };
@@ -305,7 +305,7 @@ mod tests {
             assert!(eyes.see_occluder(7).is_err());
             assert!(
                 eyes.see(9, [0.0, 5_000.0, 0.0]).is_err()
-                    || matches!(sight, Sight::Rendered { .. })
+                    || matches!(sight, ImageSource::Rendered { .. })
             );
         }
     }

@@ -1,6 +1,6 @@
 //! History of the stage: emitted positions of the last half second.
 
-use super::Fine;
+use super::StepVector;
 use crate::time::Instant;
 
 /// Number of control ticks in the history.
@@ -21,7 +21,7 @@ const BITS: u32 = 8;
 pub struct History {
     positions: [[i32; 3]; TICKS],
     /// Newest position, in full, 1/256 step.
-    last: Fine,
+    last: StepVector,
     /// Instant at which the pins reach the newest position.
     newest: Instant,
     /// Number of valid positions.
@@ -54,7 +54,7 @@ impl Default for History {
 impl History {
     /// Records that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after
     /// the one before. A gap or a step back in time clears all older positions.
-    pub fn record(&mut self, instant: Instant, position: Fine) {
+    pub fn record(&mut self, instant: Instant, position: StepVector) {
         let follows = self.count > 0 && self.newest.plus_micros(TICK_US) == instant;
         self.count = if follows {
             (self.count + 1).min(TICKS)
@@ -75,7 +75,7 @@ impl History {
     }
 
     /// Shifts all positions after a change of the origin.
-    pub fn shift(&mut self, by: Fine) {
+    pub fn shift(&mut self, by: StepVector) {
         let by = by.map(|p| p >> (32 - BITS));
         for (last, d) in self.last.iter_mut().zip(by) {
             *last = last.wrapping_add(d);
@@ -91,7 +91,7 @@ impl History {
     ///
     /// # Errors
     /// [`Unknown`] if the instant is outside the remembered time.
-    pub fn at(&self, instant: Instant) -> Result<Fine, Unknown> {
+    pub fn at(&self, instant: Instant) -> Result<StepVector, Unknown> {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);
         }

@@ -206,11 +206,6 @@ fn matrix(field: &Field<'_>) -> Result<[[f64; 3]; 3], InputError> {
 
 fn driver(field: &Field<'_>) -> Result<Driver, InputError> {
     let name = field.text()?;
-    Driver::ALL
-        .into_iter()
-        .find(|driver| driver.name() == name)
-        .ok_or_else(|| {
-            let known = Driver::ALL.map(Driver::name).join(", ");
-            field.fault(format!("unknown driver `{name}`; known: {known}"))
-        })
+    let found = Driver::ALL.into_iter().find(|driver| driver.name() == name);
+    found.ok_or_else(|| field.unknown("driver", &Driver::ALL.map(Driver::name)))
 }

@@ -24,7 +24,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::flow::FlowRefusal;
-use trinocular_vision::flow::exchanged::explain_keyframe;
+use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::stamp::offset_us;
 

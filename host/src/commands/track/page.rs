@@ -86,7 +86,7 @@ impl PageOptions {
             stage: stage.clone(),
             mounting,
         };
-        let stop = Arc::new(Stop {
+        let stop = Arc::new(RunControls {
             stopper: station.serial().map(|serial| serial.stopper()),
             is_asked: AtomicBool::new(false),
             hub: std::sync::OnceLock::new(),
@@ -112,7 +112,7 @@ impl PageOptions {
 /// Open page of a run.
 pub struct TrackPage {
     page: LivePage,
-    stop: Arc<Stop>,
+    stop: Arc<RunControls>,
     started: Instant,
 }
 
@@ -152,13 +152,13 @@ pub fn stopped() -> StationError {
 }
 
 /// Controls of a run that follows from its start to its end: the page may only stop it.
-struct Stop {
+struct RunControls {
     stopper: Option<Stopper>,
     is_asked: AtomicBool,
     hub: std::sync::OnceLock<Arc<Hub>>,
 }
 
-impl Controls for Stop {
+impl Controls for RunControls {
     fn offers(&self) -> Offers {
         Offers {
             stop: true,

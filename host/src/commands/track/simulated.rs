@@ -102,7 +102,7 @@ fn follow(
     let mut follow = || -> Result<bool, Failure> {
         while servo.time_s(&world) + 1.0 / options.fps() <= seconds && !interruption::is_requested()
         {
-            // A gets its setpoint at every picture, one picture ahead.
+            // A gets its setpoint at every frame set, one frame set ahead.
             let next_mm = options.path.at(servo.time_s(&world));
             world.a.send(setpoint(next_mm));
             let step = servo.step(&mut world).map_err(failed)?;

@@ -1,0 +1,144 @@
+//! Errors of options that take numbers, in the words of this program: the parsers of the standard
+//! library say "invalid digit found in string".
+
+use std::error::Error as _;
+use std::num::{ParseFloatError, ParseIntError};
+
+use clap::error::{ContextKind, Error, ErrorKind};
+
+/// Returns the error with a reason that states the form of the number, if it is one of a number.
+pub fn explained(error: Error) -> Error {
+    match reason(&error) {
+        Some(reason) => Error::raw(
+            ErrorKind::ValueValidation,
+            format!("{reason}\n\nFor more information, try '--help'.\n"),
+        ),
+        None => error,
+    }
+}
+
+fn reason(error: &Error) -> Option<String> {
+    if error.kind() != ErrorKind::ValueValidation {
+        return None;
+    }
+    let context = |kind| error.get(kind).map(ToString::to_string);
+    let option = context(ContextKind::InvalidArg)?;
+    let value = context(ContextKind::InvalidValue)?;
+    let cause = error.source()?;
+    let expected = if cause.is::<ParseFloatError>() {
+        "expected a number"
+    } else if cause.is::<ParseIntError>() {
+        "expected a whole number"
+    } else {
+        let cause = cause.to_string();
+        let (low, high) = bounds(&cause)?;
+        return Some(format!(
+            "invalid value '{value}' for '{option}': must be {low} to {high}"
+        ));
+    };
+    let hint = with_point(&value).map_or(String::new(), |number| {
+        format!(" with a decimal point: {number}")
+    });
+    Some(format!(
+        "invalid value '{value}' for '{option}': {expected}{hint}"
+    ))
+}
+
+/// Reads the bounds in "7 is not in 1..=5", clap's reason for a whole number out of range.
+fn bounds(text: &str) -> Option<(&str, &str)> {
+    let (_, range) = text.split_once(" is not in ")?;
+    range.split_once("..=")
+}
+
+/// Returns a number that was written with a decimal comma with its decimal point.
+fn with_point(value: &str) -> Option<String> {
+    let number = value.replacen(',', ".", 1);
+    (value.contains(',') && number.parse::<f64>().is_ok()).then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::Arguments;
+    use clap::{Arg, Command, CommandFactory as _};
+
+    fn said(words: &[&str]) -> String {
+        let words = ["trinocular"].iter().chain(words);
+        let error = Arguments::command().try_get_matches_from(words);
+        explained(error.expect_err("a wrong number")).to_string()
+    }
+
+    #[test]
+    fn wrong_number_is_named_with_its_form() {
+        for (words, reason) in [
+            (
+                &["verify", "r.toml", "--points", "50,abc"][..],
+                "'abc' for '--points <N,...>': expected a whole number",
+            ),
+            (
+                &["verify", "r.toml", "--points", "0"],
+                "'0' for '--points <N,...>': must be 1 to 65535",
+            ),
+            (
+                &["track", "--sim", "--fps", "60,5"],
+                "'60,5' for '--fps <HZ>': expected a number with a decimal point: 60.5",
+            ),
+            (
+                &["verify", "r.toml", "--noise", "much"],
+                "'much' for '--noise <PX>': expected a number\n",
+            ),
+        ] {
+            let said = said(words);
+            assert!(said.contains(reason), "{words:?}: {said}");
+        }
+    }
+
+    #[test]
+    fn other_errors_stay_as_they_are() {
+        let said = said(&["verify", "r.toml", "--point", "50"]);
+        assert!(said.contains("'--points'"), "{said}");
+    }
+
+    /// Gives the option a text that is not a number and returns the error.
+    fn refused(command: &Command, option: &Arg) -> Option<String> {
+        let name = option.get_long()?;
+        let only = Command::new("trinocular").arg(option.clone().exclusive(true));
+        let count = option.get_num_args()?.min_values();
+        let word = if count > 0 {
+            vec!["1x"; count]
+        } else {
+            return None;
+        };
+        let words = [vec!["trinocular".to_owned(), format!("--{name}")]].concat();
+        let words = words.into_iter().chain(word.into_iter().map(str::to_owned));
+        let error = only.try_get_matches_from(words).err()?;
+        Some(format!(
+            "{} --{name}: {}",
+            command.get_name(),
+            explained(error)
+        ))
+    }
+
+    #[test]
+    fn no_option_has_the_words_of_a_parser() {
+        let program = Arguments::command();
+        let mut refusals = 0;
+        for command in program.get_subcommands().chain([&program]) {
+            for said in command
+                .get_arguments()
+                .filter_map(|option| refused(command, option))
+            {
+                refusals += 1;
+                for words in [
+                    "invalid digit",
+                    "invalid float",
+                    "is not in ",
+                    "cannot parse",
+                ] {
+                    assert!(!said.contains(words), "{said}");
+                }
+            }
+        }
+        assert!(refusals > 40, "{refusals} options refuse `1x`");
+    }
+}
