@@ -138,14 +138,14 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
             writeln!(out, "{name:>22}: {value}")?;
         }
     }
-    let story = story.with(|story| std::mem::take(story));
+    let story = story.with(std::mem::take);
     present::page(&settings, &run, &story, &provenance)
         .write(report)
         .map_err(Failure::Report)?;
     if let Some(output) = figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
         picture
-            .and_then(|svg| Ok(output.write(&marked(&svg))?))
+            .and_then(|svg| Ok(output.write(marked(&svg))?))
             .map_err(Failure::Report)?;
     }
     let written = printable(options.report.display());

@@ -127,7 +127,7 @@ enum Command {
     Status(status::StatusOptions),
     Stop(stop::StopOptions),
     Tables(tables::TablesOptions),
-    Track(track::TrackOptions),
+    Track(Box<track::TrackOptions>),
     Twin(twin::TwinOptions),
     Verify(verify::VerifyOptions),
     Zero(zero::ZeroOptions),

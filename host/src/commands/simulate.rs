@@ -118,7 +118,7 @@ pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failur
     if let Some(table) = table {
         let runs = outcomes.iter();
         let runs = runs.map(|outcome| (outcome.name.as_str(), &outcome.trace));
-        table.write(&csv::table(runs))?;
+        table.write(csv::table(runs))?;
     }
     out.flush()?;
     let failed = options.scenarios.iter().zip(&outcomes);
@@ -270,7 +270,7 @@ fn simulate(
         scenario,
         trace,
         figures,
-        story: story.with(|story| std::mem::take(story)),
+        story: story.with(std::mem::take),
         unpredicted,
         missed,
     })

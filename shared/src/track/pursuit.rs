@@ -15,8 +15,8 @@
 //! # Velocity gain
 //! A velocity that is hardly known, or about to change, is worse than none: after a jump it would
 //! throw the stage far beyond its goal. Of `v` the share `v⁴/(v⁴ + d²)` is used, with `d` the
-//! filter's [doubt](Filter::doubt): nearly all of a steady motion, nearly nothing of noise or of a
-//! target that is braking hard. The share is low-pass filtered.
+//! filter's [velocity uncertainty](Filter::velocity_uncertainty): nearly all of a steady motion,
+//! nearly nothing of noise or of a target that is braking hard. The share is low-pass filtered.
 //!
 //! # A still target
 //! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests

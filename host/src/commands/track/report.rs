@@ -80,7 +80,7 @@ impl TrackReport {
         else {
             return run;
         };
-        let story = story.with(|story| std::mem::take(story));
+        let story = story.with(std::mem::take);
         if story.turns.is_empty() {
             return run;
         }
