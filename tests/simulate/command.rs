@@ -80,7 +80,7 @@ fn report_is_page_with_plots() {
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     let html = fs::read_to_string(page).expect("the page");
     for part in [
-        "Error, stage - target",
+        "Error X, stage - target",
         "Velocity of the stage",
         "silence at 0.7 s",
         "as expected",

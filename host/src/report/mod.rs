@@ -41,6 +41,9 @@ mod scatter;
 mod stroke;
 mod table;
 
+#[cfg(test)]
+pub(crate) use markup::balance;
+
 pub use band::Band;
 pub use mark::{Mark, MarkKind};
 pub use page::Page;

@@ -113,3 +113,61 @@ pub fn page(title: &str, story: &Story, note: &str, provenance: &Provenance) -> 
     let page = add_table(page, "Measurements", &story.table(), whole);
     provenance.add_to(page)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::balance;
+    use trinocular_core::frame::message::Mounting;
+    use trinocular_recording::message::Measurement;
+    use trinocular_vision::images::Image;
+
+    #[test]
+    fn page_of_hostile_texts_is_well_formed() {
+        let hostile = "</script><b>&\"'\u{1b}[2J";
+        let mut story = Story::new(&[hostile.to_owned()], Mounting::Fixed);
+        for (index, outcome) in [Outcome::Keyframe, Outcome::Refused, Outcome::Used]
+            .into_iter()
+            .enumerate()
+        {
+            let measurement = Measurement {
+                capture_us: 10_000 * index as u64,
+                outcome,
+                reason: hostile.to_owned(),
+                cameras: vec![0],
+                pixels: vec![1.0, 2.0, f64::NAN, 4.0],
+                absent: vec![(0, hostile.to_owned()), (9, String::new())],
+                displacement_mm: [f64::NAN, f64::INFINITY, 1e300],
+                ..Measurement::default()
+            };
+            let grey = vec![0; 16];
+            let image = Image {
+                width: 4,
+                height: 4,
+                grey,
+            };
+            story.turn(&measurement, 0, || Some(vec![image].into()));
+        }
+        story.event(5_000, hostile, hostile);
+        let origin = [
+            ("command", hostile.to_owned()),
+            ("seed", hostile.to_owned()),
+        ];
+        let provenance = Provenance::new(origin, Some(hostile.to_owned()));
+        let html = page(hostile, &story, hostile, &provenance)
+            .to_html()
+            .unwrap();
+        assert_eq!(balance::fault(&html), None);
+        assert_eq!(html.matches("<script").count(), 1);
+        assert!(!html.contains('\u{1b}'));
+    }
+
+    #[test]
+    fn empty_story_makes_a_page() {
+        let html = page("t", &Story::default(), "", &Provenance::default())
+            .to_html()
+            .unwrap();
+        assert_eq!(balance::fault(&html), None);
+        assert_eq!(Figures::of(&Story::default()), Figures::default());
+    }
+}

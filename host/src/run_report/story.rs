@@ -88,6 +88,7 @@ impl Story {
     pub fn status(&mut self, status: &Status) {
         let at_us = status.time.micros();
         let Some(last) = self.last.replace(*status) else {
+            self.event(at_us, "state", format!("{:?}", status.state));
             return;
         };
         if last.state != status.state {
