@@ -136,7 +136,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
             writeln!(out, "{name:>22}: {value}")?;
         }
     }
-    let story = story.with(|story| std::mem::take(story));
+    let story = story.with(std::mem::take);
     present::page(&settings, &run, &story, &provenance)
         .write(report)
         .map_err(Failure::Report)?;

@@ -270,7 +270,7 @@ fn simulate(
         scenario,
         trace,
         figures,
-        story: story.with(|story| std::mem::take(story)),
+        story: story.with(std::mem::take),
         unpredicted,
         missed,
     })

@@ -132,7 +132,7 @@ impl Path3d {
         let series: Vec<_> = series
             .map(|(series, look)| {
                 let every = series.points.len().div_ceil(MOST_TURNED).max(1);
-                let is_kept = |i: usize| i % every == 0 || i + 1 == series.points.len();
+                let is_kept = |i: usize| i.is_multiple_of(every) || i + 1 == series.points.len();
                 let points = series.points.iter().enumerate();
                 let points = points.filter(|(i, _)| is_kept(*i)).map(|(_, point)| {
                     let seen = point.iter().all(|value| drawable(*value));

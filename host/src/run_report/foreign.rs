@@ -111,7 +111,7 @@ fn moments(source: &Source, survey: &Survey) -> Result<(Vec<Moment>, Option<Stri
         *count += 1;
         let all = survey.topics.get(name).map_or(1, |topic| topic.count);
         let stride = all.div_ceil(MOST_IMAGES).max(1);
-        if number % stride != 0 {
+        if !number.is_multiple_of(stride) {
             continue;
         }
         match image::read(kind, &data) {
