@@ -146,15 +146,20 @@ impl RunCurves {
 
     /// Returns target and stage over time, one plot per axis.
     pub fn positions(&self) -> Vec<Figure> {
-        let (name, style, target) = match self.is_true() {
-            true => ("target", Style::Dashed, self.target.clone()),
-            false => ("target, measured", Style::Dashed, self.measured_target()),
+        let (name, target) = match self.is_true() {
+            true => ("target", self.target.clone()),
+            false => ("target, measured", self.measured_target()),
+        };
+        // True positions have no gaps.
+        let target = |i: usize| match self.is_true() {
+            true => axis(&target, i, 1.0).collect(),
+            false => self.with_gaps(axis(&target, i, 1.0).collect()),
         };
         let plot = |i: usize| {
             let title = format!("{} of target and stage", AXES[i]);
             LinePlot::new(title, "time, s", "mm")
                 .series("stage", Style::Line, axis(&self.stage, i, 1.0))
-                .series(name, style, axis(&target, i, 1.0))
+                .series(name, Style::Dashed, target(i))
                 .marked(&self.marks)
                 .sized(HALF[0], HALF[1])
                 .into()

@@ -147,7 +147,7 @@ impl StationLink {
     }
 
     /// Sets the observer of every byte between host and station from now on. The built-in twin in
-    /// virtual time keeps the one that it was started with.
+    /// virtual time keeps its first observer.
     pub fn set_observer(&mut self, observer: Option<Arc<dyn StationObserver>>) {
         if let Self::Live(live) = self {
             live.serial.set_observer(observer);

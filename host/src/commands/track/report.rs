@@ -25,7 +25,7 @@ pub struct TrackReport {
     report: Option<PathBuf>,
 
     #[arg(skip)]
-    run: RefCell<Option<Run>>,
+    run: RefCell<Option<Box<Run>>>,
 }
 
 /// Report under way.
@@ -52,11 +52,11 @@ impl TrackReport {
             let reason = "--report and --record must be different files";
             return Err(Failure::Usage(reason.to_owned()));
         }
-        self.run.replace(Some(Run {
+        self.run.replace(Some(Box::new(Run {
             output,
             story: StoryTaker::new(&origin.rig.names, Mounting::OnStage),
             provenance: origin.provenance(),
-        }));
+        })));
         Ok(())
     }
 
@@ -72,14 +72,14 @@ impl TrackReport {
 
     /// Writes the page of what there is, also after a failure: the run's own failure comes first.
     pub fn close<T>(&self, run: Result<T, Failure>) -> Result<T, Failure> {
-        let Some(Run {
+        let Some(report) = self.run.take() else {
+            return run;
+        };
+        let Run {
             output,
             story,
             provenance,
-        }) = self.run.take()
-        else {
-            return run;
-        };
+        } = *report;
         let story = story.with(std::mem::take);
         if story.turns.is_empty() {
             return run;
