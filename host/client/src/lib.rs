@@ -248,6 +248,13 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
 }
 
 /// Returns the counts of rejected packets in words.
+///
+/// ```
+/// use trinocular_core::frame::receive::Rejects;
+///
+/// let counts = Rejects { checksum: 2, ..Rejects::default() };
+/// assert_eq!(trinocular_client::rejects(&counts), "packets that are 2 with a wrong checksum");
+/// ```
 pub fn rejects(rejects: &Rejects) -> String {
     let kinds = [
         (rejects.framing, "broken"),

@@ -88,7 +88,7 @@ Examples:
 /// Reason why a text is not the number that an option takes.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 enum WrongNumber {
-    #[error("not a number")]
+    #[error("expected a number, with a decimal point")]
     NotANumber,
     #[error("must be greater than 0 and less than 100000")]
     OutOfRange,

@@ -41,7 +41,9 @@ fn topic(text: &str) -> Result<(String, String), String> {
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {
-    let ms: f64 = text.parse().map_err(|_| "is not a number".to_owned())?;
+    let ms: f64 = text
+        .parse()
+        .map_err(|_| "expected a number, with a decimal point".to_owned())?;
     match (0.0..=1_000.0).contains(&ms) {
         true => Ok(ms),
         false => Err("must be 0 to 1000 ms".to_owned()),

@@ -17,6 +17,18 @@ const BITS: u32 = 8;
 /// Positions are kept in 1/256 step and interpolated linearly, with an error of at most 0.25 µm at
 /// 2,000 mm/s². Only the lowest 32 bits of each are kept; the newest is known in full. Within the
 /// history no axis moves 2²³ steps away from it, because the fastest words make 8 million steps/s.
+///
+/// ```
+/// use trinocular_core::time::Instant;
+/// use trinocular_core::track::history::History;
+///
+/// let mut history = History::default();
+/// history.record(Instant::from_micros(1_000), [0; 3]);
+/// history.record(Instant::from_micros(2_000), [1 << 32, 0, 0]);
+/// let [x, _, _] = history.at(Instant::from_micros(1_500)).expect("it is remembered");
+/// assert_eq!(x >> 24, 128); // half a step, in 1/256 step
+/// assert!(history.at(Instant::from_micros(500)).is_err());
+/// ```
 #[derive(Clone, Debug)]
 pub struct History {
     positions: [[i32; 3]; TICKS],

@@ -33,6 +33,28 @@ impl Driver {
 }
 
 /// The stage that carries the cameras. Arrays are per stage axis X, Y, Z.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::{Driver, RigFile};
+///
+/// let stage = "
+/// [stage]
+/// steps_per_mm = [80, 80, 400]
+/// max_speed_mm_s = [100, 100, 20]
+/// max_acceleration_mm_s2 = [2000, 2000, 400]
+/// max_jerk_mm_s3 = [50000, 50000, 10000]
+/// travel_mm = [[-60, 60], [-60, 60], [0, 40]]
+/// invert = [false, false, true]
+/// matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+/// driver = 'TMC2209'
+/// ";
+/// let text = RigFile::paper().to_toml() + stage;
+/// let stage = RigFile::parse(Path::new("rig.toml"), &text)?.stage.expect("a stage");
+/// assert_eq!(stage.driver, Driver::Tmc2209);
+/// assert_eq!(stage.steps_per_mm, [80.0, 80.0, 400.0]);
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
     /// Steps (micro steps included) per mm of travel, > 0.

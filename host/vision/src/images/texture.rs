@@ -20,6 +20,15 @@ const SIZE: usize = 2048;
 const MM_PER_TEXEL: f64 = 0.4;
 
 /// Flat grey image of known size, repeated endlessly in both directions.
+///
+/// ```
+/// use trinocular_vision::images::{Texture, TextureKind};
+///
+/// let kind: TextureKind = "bricks".parse()?;
+/// let texture = Texture::of_kind(kind, 1);
+/// assert_eq!(texture.grey.len(), texture.width * texture.height);
+/// # Ok::<(), trinocular_vision::images::texture::UnknownTexture>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Number of columns, at least 1.
