@@ -52,6 +52,7 @@
 
 pub mod accuracy_study;
 pub mod budget;
+pub mod calendar;
 pub mod paper;
 pub mod report;
 pub mod run_report;

@@ -75,6 +75,8 @@ fn recording_of_the_page_replays() {
     assert_eq!(files.len(), 1, "{files:?}");
     assert_eq!(begun["recording"], json!(files[0].to_str()));
     drop(served);
+    let bytes = std::fs::read(&files[0]).expect("the recording is there");
+    assert!(bytes.windows(8).any(|part| part == b"lamp off"));
     let replay = Outcome::of(trinocular().arg("replay").arg(&files[0]).arg("--json"));
     let summary = &replay.good_json()[0];
     assert_eq!(summary["same"], true, "{summary}");

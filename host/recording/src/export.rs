@@ -7,7 +7,6 @@ pub use csv::csv;
 
 use crate::message::{Measurement, Outcome};
 use crate::read::Source;
-use crate::read::records::Record;
 use crate::read::survey::Channels;
 use crate::topic::Topic;
 use trinocular_rig::error::InputError;
@@ -128,15 +127,11 @@ impl Table {
         let mut records = source.records();
         for record in records.by_ref() {
             let (file, record) = record?;
-            channels.take(file, &record);
-            let Record::Message { channel, data, .. } = record else {
+            let Some(message) = channels.message(file, record) else {
                 continue;
             };
-            let is_measurement = |(name, kind, _)| {
-                name == Topic::Measurement.name() && kind == "trinocular_msgs/Measurement"
-            };
-            if channels.get(file, channel).is_some_and(is_measurement) {
-                let measurement = Measurement::decode(&data).map_err(|fault| {
+            if Topic::Measurement.is_of(&message) {
+                let measurement = Measurement::decode(&message.data).map_err(|fault| {
                     let reason = format!("a measurement is malformed: {fault}");
                     InputError::file(source.path(), reason)
                 })?;

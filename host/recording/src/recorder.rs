@@ -121,6 +121,11 @@ impl Tap {
         }
     }
 
+    /// Sets the log's clock to `at_us`, up to which time has passed.
+    pub fn reach(&self, at_us: u64) {
+        self.pass(at_us);
+    }
+
     fn pass(&self, at_us: u64) -> u64 {
         self.now_us.fetch_max(at_us, Ordering::Relaxed).max(at_us)
     }

@@ -193,17 +193,16 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
         seed: options.cameras.is_none().then_some(options.scene.seed),
     };
     let recording = options.record.open(options.force)?.start(&origin)?;
-    let tap = recording.tap();
     let on_page = match options.record.is_given() {
-        true => PageRecording::whole(tap.clone()),
+        true => PageRecording::whole(recording.tap()),
         false => {
             let folder = options.recordings.clone();
             PageRecording::on_request(Box::new(FolderRecordings::new(folder, origin)))
         }
     };
     let outcome = match &options.cameras {
-        None => simulated::run(options, listener, &rig, (tap, on_page)),
-        Some(devices) => cameras::run(options, listener, &rig, devices, (tap, on_page)),
+        None => simulated::run(options, listener, &rig, on_page),
+        Some(devices) => cameras::run(options, listener, &rig, devices, on_page),
     };
     recording.close(outcome)
 }

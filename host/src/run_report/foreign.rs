@@ -4,8 +4,7 @@ use crate::report::{Cell, Moment, Page, Table, View};
 use std::collections::BTreeMap;
 use trinocular_recording::read::Source;
 use trinocular_recording::read::image::{self, KINDS};
-use trinocular_recording::read::records::Record;
-use trinocular_recording::read::survey::{Channels, Survey};
+use trinocular_recording::read::survey::{Channels, Message, Survey};
 use trinocular_rig::error::InputError;
 
 /// Most topics whose images are shown.
@@ -89,17 +88,15 @@ fn moments(source: &Source, survey: &Survey) -> Result<(Vec<Moment>, Option<Stri
     let mut channels = Channels::default();
     for record in source.records() {
         let (file, record) = record?;
-        channels.take(file, &record);
-        let Record::Message {
-            channel,
+        let Some(Message {
+            topic: name,
+            kind,
+            encoding: "cdr",
             log_time,
             data,
             ..
-        } = record
+        }) = channels.message(file, record)
         else {
-            continue;
-        };
-        let Some((name, kind, "cdr")) = channels.get(file, channel) else {
             continue;
         };
         let is_new = !counts.contains_key(name);

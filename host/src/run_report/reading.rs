@@ -8,12 +8,11 @@ use trinocular_core::frame::receive::Receiver;
 use trinocular_core::replay::{Entry, Log};
 use trinocular_core::safety::Inputs;
 use trinocular_recording::cdr::{CdrFault, Reader};
-use trinocular_recording::message::{self, Event, Measurement};
+use trinocular_recording::message::{Event, Measurement, read_entry, read_header};
 use trinocular_recording::read::image;
-use trinocular_recording::read::records::Record;
-use trinocular_recording::read::survey::{Channels, Survey};
+use trinocular_recording::read::survey::{Channels, Message, Survey};
 use trinocular_recording::read::{Source, calibration};
-use trinocular_recording::topic::{self, Topic};
+use trinocular_recording::topic::{ImageTopics, Topic};
 use trinocular_rig::error::InputError;
 use trinocular_vision::images::Image;
 
@@ -47,10 +46,7 @@ pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
     };
     let mut reader = RunReader {
         story: Story::new(&names, Mounting::OnStage),
-        topics: names
-            .iter()
-            .map(|name| [topic::image(name), topic::compressed(name)])
-            .collect(),
+        topics: ImageTopics::new(&names),
         images: BTreeMap::new(),
         commands: Receiver::default(),
         was_open: false,
@@ -60,19 +56,9 @@ pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
     let mut records = source.records();
     for record in records.by_ref() {
         let (file, record) = record?;
-        channels.take(file, &record);
-        let Record::Message {
-            channel,
-            log_time,
-            data,
-            ..
-        } = record
-        else {
-            continue;
-        };
-        if let Some((name, kind, _)) = channels.get(file, channel) {
-            let taken = reader.message(name, kind, log_time / 1_000, data);
-            taken.map_err(|fault| {
+        if let Some(message) = channels.message(file, record) {
+            let name = message.topic;
+            reader.message(message).map_err(|fault| {
                 let reason = format!("a message on {name} is malformed: {fault}");
                 InputError::file(source.path(), reason)
             })?;
@@ -96,8 +82,7 @@ pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
 
 struct RunReader {
     story: Story,
-    /// Topics of each camera's images, raw and compressed.
-    topics: Vec<[String; 2]>,
+    topics: ImageTopics,
     /// Message with the latest image of each camera, and its type.
     images: BTreeMap<usize, (String, Vec<u8>)>,
     commands: Receiver<Packet>,
@@ -108,43 +93,34 @@ struct RunReader {
 }
 
 impl RunReader {
-    fn message(
-        &mut self,
-        name: &str,
-        kind: &str,
-        log_us: u64,
-        data: Vec<u8>,
-    ) -> Result<(), CdrFault> {
-        let is = |topic: Topic| name == topic.name() && kind == topic.schema().short_name();
-        if let Some(camera) = self.camera(name) {
-            self.images.insert(camera, (kind.to_owned(), data));
+    fn message(&mut self, message: Message<'_>) -> Result<(), CdrFault> {
+        let log_us = message.log_time / 1_000;
+        let is = |topic: Topic| topic.is_of(&message);
+        if let Some(camera) = self.topics.camera(message.topic) {
+            let kind = message.kind.to_owned();
+            self.images.insert(camera, (kind, message.data));
         } else if is(Topic::Measurement) {
-            let measurement = Measurement::decode(&data)?;
+            let measurement = Measurement::decode(&message.data)?;
             let images = std::mem::take(&mut self.images);
-            let cameras = self.topics.len();
+            let cameras = self.topics.cameras();
             self.story.turn(&measurement, log_us, || {
                 let decoded = (0..cameras).map(|camera| decode(images.get(&camera)));
                 Some(Cow::Owned(decoded.collect()))
             });
         } else if is(Topic::Status) {
-            let stamp_us = message::read_header(&mut Reader::new(&data)?)? / 1_000;
+            let stamp_us = read_header(&mut Reader::new(&message.data)?)? / 1_000;
             let delay_us = log_us.wrapping_sub(stamp_us).cast_signed();
             self.offset_us = self.offset_us.min(delay_us);
         } else if is(Topic::Events) {
-            let event = Event::decode(&data)?;
+            let event = Event::decode(&message.data)?;
             // Switches are read from the station's inputs, which have no words of a program.
             if event.kind != "switches" {
                 self.story.event(log_us, &event.kind, event.text);
             }
         } else if is(Topic::Input) {
-            self.input(log_us, message::read_entry(&data)?);
+            self.input(log_us, read_entry(&message.data)?);
         }
         Ok(())
-    }
-
-    fn camera(&self, name: &str) -> Option<usize> {
-        let mut topics = self.topics.iter();
-        topics.position(|topics| topics.iter().any(|topic| topic == name))
     }
 
     fn input(&mut self, log_us: u64, entry: &[u8]) {

@@ -6,10 +6,9 @@ use super::marks;
 use crate::report::{Mark, Moment};
 use crate::servo::recording::FrameSetTaker;
 use std::sync::{Arc, Mutex, PoisonError};
-use trinocular_client::diagnosis;
 use trinocular_core::frame::message::{Mounting, Status};
 use trinocular_recording::export::Row;
-use trinocular_recording::message::{Event, Measurement, Outcome};
+use trinocular_recording::message::{Event, Measurement, Outcome, changes};
 use trinocular_vision::images::{FrameSet, Image};
 
 /// One frame set, with what its row in the table does not have.
@@ -91,19 +90,8 @@ impl Story {
             self.event(at_us, "state", format!("{:?}", status.state));
             return;
         };
-        if last.state != status.state {
-            let text = format!("{:?}, was {:?}", status.state, last.state);
-            self.event(at_us, "state", text);
-        }
-        if last.sight != status.sight {
-            let text = format!("{:?}, was {:?}", status.sight, last.sight);
-            self.event(at_us, "sight", text);
-        }
-        if let Some(fault) = status.fault
-            && last.fault != Some(fault)
-        {
-            let text = format!("fault {}: {}", fault.number(), diagnosis::explain(fault));
-            self.event(at_us, "fault", text);
+        for (kind, text) in changes(&last, status) {
+            self.event(at_us, kind, text);
         }
     }
 

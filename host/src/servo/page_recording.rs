@@ -59,9 +59,10 @@ impl PageRecording {
         self.recordings.is_some()
     }
 
-    /// Returns the taps of the recording under way.
-    pub fn tap(&self) -> Option<Arc<Tap>> {
-        self.tap.clone()
+    /// Returns the observer of the station's line, if the whole run is recorded.
+    pub fn station_observer(&self) -> Option<Arc<dyn StationObserver>> {
+        let tap = self.tap.clone()?;
+        Some(tap)
     }
 
     /// Begins a recording. While the run follows, the recording begins with the images of the
@@ -87,7 +88,7 @@ impl PageRecording {
             Err(reason) => return hub.warn(reason),
         };
         station.set_observer(Some(Arc::clone(&tap) as Arc<dyn StationObserver>));
-        tap.sent(station.now().micros(), &[]);
+        tap.reach(station.now().micros());
         if let Some(images) = keyframe {
             let taker = Arc::clone(&tap) as Arc<dyn FrameSetTaker>;
             let mut observer = RecordingObserver::new(taker, rig);

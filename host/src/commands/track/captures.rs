@@ -90,7 +90,9 @@ impl<'a> Captures<'a> {
                 period_us: options.period_us(),
             },
         };
-        let page = options.page.open(rig, stage, mounting, &station)?;
+        let page = options
+            .page
+            .open(rig, stage, mounting, &station, tap.clone())?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
         let reported = options.report.observers(&rig.rig, mounting);

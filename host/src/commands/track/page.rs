@@ -17,6 +17,7 @@ use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{
     Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Hub, Server, Setup,
 };
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 const PAGE: &str = "With --live: the page in a browser";
@@ -74,6 +75,7 @@ impl PageOptions {
         stage: &Stage,
         mounting: Mounting,
         station: &StationLink,
+        tap: Option<Arc<Tap>>,
     ) -> Result<Option<TrackPage>, Failure> {
         let Some(address) = self.live else {
             return Ok(None);
@@ -86,16 +88,16 @@ impl PageOptions {
             stage: stage.clone(),
             mounting,
         };
-        let stop = Arc::new(RunControls {
-            stopper: station.serial().map(|serial| serial.stopper()),
-            is_asked: AtomicBool::new(false),
-            hub: std::sync::OnceLock::new(),
-        });
         let mut page = LivePage::open(listener, setup)?;
         if let Some(address) = self.foxglove {
             page.stream(address)?;
         }
-        let _ = stop.hub.set(Arc::clone(page.hub()));
+        let stop = Arc::new(RunControls {
+            stopper: station.serial().map(|serial| serial.stopper()),
+            is_asked: AtomicBool::new(false),
+            hub: Arc::clone(page.hub()),
+            tap,
+        });
         if self.control {
             page.control(Arc::clone(&stop) as Arc<dyn Controls>)?;
         }
@@ -155,7 +157,9 @@ pub fn stopped() -> StationError {
 struct RunControls {
     stopper: Option<Stopper>,
     is_asked: AtomicBool,
-    hub: std::sync::OnceLock<Arc<Hub>>,
+    hub: Arc<Hub>,
+    /// Taps of the recording, if there is one.
+    tap: Option<Arc<Tap>>,
 }
 
 impl Controls for RunControls {
@@ -175,9 +179,12 @@ impl Controls for RunControls {
     }
 
     fn request(&self, action: Action) -> Result<(), String> {
-        match (action, self.hub.get()) {
-            (Action::Mark { text }, Some(hub)) => {
-                hub.mark(text);
+        match action {
+            Action::Mark { text } => {
+                if let Some(tap) = &self.tap {
+                    tap.event("mark", text.clone());
+                }
+                self.hub.mark(text);
                 Ok(())
             }
             _ => Err("this run follows until it is stopped; `trinocular serve` does it".to_owned()),

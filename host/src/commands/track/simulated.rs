@@ -75,7 +75,7 @@ fn follow(
     introduce(&world.b);
     let page = options
         .page
-        .open(&file, &stage, Mounting::OnStage, &world.b)?;
+        .open(&file, &stage, Mounting::OnStage, &world.b, tap.clone())?;
     let mut observers = observers(tap.clone(), &rig);
     observers.extend(page.iter().map(TrackPage::observer));
     observers.extend(options.report.observers(&rig, Mounting::OnStage));
