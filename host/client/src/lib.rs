@@ -253,22 +253,25 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
 /// use trinocular_core::frame::receive::Rejects;
 ///
 /// let counts = Rejects { checksum: 2, ..Rejects::default() };
-/// assert_eq!(trinocular_client::rejects(&counts), "packets that are 2 with a wrong checksum");
+/// assert_eq!(trinocular_client::rejects(&counts), "2 packets with a wrong checksum");
 /// ```
 pub fn rejects(rejects: &Rejects) -> String {
     let kinds = [
-        (rejects.framing, "broken"),
+        (rejects.framing, "with broken framing"),
         (rejects.checksum, "with a wrong checksum"),
         (rejects.malformed, "of no known kind"),
-        (rejects.too_long, "too long"),
+        (rejects.too_long, "of too many bytes"),
     ];
     let seen = kinds.iter().filter(|(count, _)| *count > 0);
-    let seen: Vec<String> = seen
-        .map(|(count, kind)| format!("{count} {kind}"))
-        .collect();
-    match seen.is_empty() {
+    let said = seen.enumerate().map(|(index, (count, kind))| match index {
+        0 if *count == 1 => format!("1 packet {kind}"),
+        0 => format!("{count} packets {kind}"),
+        _ => format!("{count} {kind}"),
+    });
+    let said: Vec<String> = said.collect();
+    match said.is_empty() {
         true => "no packet at all".to_owned(),
-        false => format!("packets that are {}", seen.join(", ")),
+        false => said.join(", "),
     }
 }
 

@@ -6,12 +6,18 @@ use crate::printable::printable;
 const LEAST_SIMILARITY: f64 = 0.8;
 
 /// Returns the allowed word that is most like `given`, if one is like it at all.
-pub fn nearest<'a>(given: &str, known: &[&'a str]) -> Option<&'a str> {
+fn nearest<'a>(given: &str, known: &[&'a str]) -> Option<&'a str> {
     let given = given.to_lowercase();
     let similarity = |word: &str| strsim::jaro_winkler(&given, &word.to_lowercase());
     let rated = known.iter().map(|word| (similarity(word), *word));
     let best = rated.max_by(|(a, _), (b, _)| a.total_cmp(b))?;
     (best.0 >= LEAST_SIMILARITY).then_some(best.1)
+}
+
+/// Returns ` (did you mean ...?)` with the allowed word that is most like `given`; empty if none is.
+pub fn hint(given: &str, known: &[&str]) -> String {
+    let word = nearest(given, known);
+    word.map_or(String::new(), |word| format!(" (did you mean `{word}`?)"))
 }
 
 /// Returns the refusal of `given`, which is none of the `known` words for a `kind` of thing.
@@ -25,8 +31,7 @@ pub fn nearest<'a>(given: &str, known: &[&'a str]) -> Option<&'a str> {
 /// );
 /// ```
 pub fn unknown(kind: &str, given: &str, known: &[&str]) -> String {
-    let hint =
-        nearest(given, known).map_or(String::new(), |word| format!(" (did you mean `{word}`?)"));
+    let hint = hint(given, known);
     let (given, known) = (printable(given), known.join(", "));
     format!("unknown {kind} `{given}`{hint}; known here: {known}")
 }

@@ -44,7 +44,7 @@ mod stage;
 pub mod template;
 
 pub use care::{Care, HomeSwitch};
-pub use stage::{Driver, Stage};
+pub use stage::{Driver, Stage, along_stage};
 
 /// Names of the paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];

@@ -178,19 +178,24 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     refuse_same_camera(options, &result)?;
     let mut warnings = result.warnings();
     warnings.extend(result.rig_file().iter().flat_map(RigFile::doubts));
+    for warning in &warnings {
+        super::warnings::raise(warning.as_str());
+    }
+    // Written first, because its warnings belong to the first object; what was found is printed
+    // even if it cannot be written.
+    let written = match options.destination.is_some() {
+        true => rig_file(options, &result)
+            .map_err(Failure::from)
+            .and_then(|rig| destination.write(rig)),
+        false => Ok(Vec::new()),
+    };
     if options.json {
         print_json(&result, &warnings, out)?;
     } else {
         print_text(&result, out)?;
     }
-    for warning in &warnings {
-        notice!("warning: {warning}");
-    }
-    if options.destination.is_some() {
-        let rig = rig_file(options, &result)?;
-        for path in destination.write(rig)? {
-            notice!("written: {}", printable(path.display()));
-        }
+    for path in written? {
+        notice!("written: {}", printable(path.display()));
     }
     out.flush()?;
     Ok(())

@@ -160,12 +160,12 @@ const MOST_DOUBTS: usize = 20;
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let read = |path: &PathBuf| options.method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
-    let printer = Printer {
+    let mut printer = Printer {
         options,
         out,
         frames: 0,
         refused: 0,
-        is_points: !options.input.is_dir() && !is_recording(&options.input),
+        is_points: false,
         warnings: Vec::new(),
         absent: Vec::new(),
     };
@@ -180,6 +180,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     if options.input.is_dir() {
         run_folder(options, &rig, printer)
     } else {
+        printer.is_points = true;
         run_points(options, &rig, printer)
     }
 }
@@ -238,9 +239,14 @@ fn run_captures<W: Write>(
     let rig_path = options.rig.as_ref().unwrap_or(&options.input);
     let mut flow = Flow::new(&rig.rig, FlowSettings::default())
         .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
-    let refer_to = |flow: &mut Flow, capture: &FrameSet| {
+    // The search for a mistake takes many times a measurement, and one mistake explains all.
+    let mut is_explained = false;
+    let mut refer_to = |flow: &mut Flow, capture: &FrameSet| {
         let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, capture, &refusal))
+        outcome.map_err(|refusal| match std::mem::replace(&mut is_explained, true) {
+            false => explain_keyframe(&rig.rig, &rig.names, capture, &refusal),
+            true => refusal.to_string(),
+        })
     };
     let mut reference = refer_to(&mut flow, first?);
     for capture in captures {

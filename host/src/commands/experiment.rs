@@ -12,7 +12,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use trinocular::paper::{present, tracking};
-use trinocular::run_report::StoryTaker;
+use trinocular::run_report::{HandEye, StoryTaker};
 use trinocular::servo::recording::FrameSetTaker;
 use trinocular::servo::station_link::TWIN_B;
 use trinocular_client::stage::default_stage;
@@ -123,7 +123,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
     };
     let recording = opened.start(&origin)?;
     let provenance = origin.provenance();
-    let story = StoryTaker::new(&origin.rig.names, Mounting::OnStage);
+    let story = StoryTaker::new(&origin.rig.names, HandEye::of(&stage, Mounting::OnStage));
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
     let tell = |share| progress.at(share);

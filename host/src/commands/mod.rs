@@ -96,7 +96,8 @@ From a new rig to a target that is followed:
 
 Exit codes:
   0  done
-  1  the input was bad (the message names file, line and field), or frames were refused
+  1  the input was bad (the message names file, line and field), frame sets were refused,
+     or an expectation was missed
   2  the command line was wrong
   3  the station refused, faulted or is in use, or a signal ended a run that moves a stage
   130, 143  Ctrl-C (SIGINT) or SIGTERM ended a run without a real stage";

@@ -26,9 +26,10 @@ fn reason(error: &Error) -> Option<String> {
     let value = context(ContextKind::InvalidValue)?;
     let cause = error.source()?;
     let expected = if cause.is::<ParseFloatError>() {
-        "expected a number"
+        let hint = with_point(&value).map(|number| format!(" with a decimal point: {number}"));
+        format!("expected a number{}", hint.unwrap_or_default())
     } else if cause.is::<ParseIntError>() {
-        "expected a whole number"
+        "expected a whole number".to_owned()
     } else {
         let cause = cause.to_string();
         let (low, high) = bounds(&cause)?;
@@ -36,11 +37,8 @@ fn reason(error: &Error) -> Option<String> {
             "invalid value '{value}' for '{option}': must be {low} to {high}"
         ));
     };
-    let hint = with_point(&value).map_or(String::new(), |number| {
-        format!(" with a decimal point: {number}")
-    });
     Some(format!(
-        "invalid value '{value}' for '{option}': {expected}{hint}"
+        "invalid value '{value}' for '{option}': {expected}"
     ))
 }
 
@@ -50,10 +48,12 @@ fn bounds(text: &str) -> Option<(&str, &str)> {
     range.split_once("..=")
 }
 
-/// Returns a number that was written with a decimal comma with its decimal point.
+/// Returns a number that was written with a decimal comma with its decimal point. A comma before
+/// exactly three digits may separate thousands.
 fn with_point(value: &str) -> Option<String> {
-    let number = value.replacen(',', ".", 1);
-    (value.contains(',') && number.parse::<f64>().is_ok()).then_some(number)
+    let (whole, decimals) = value.split_once(',')?;
+    let number = format!("{whole}.{decimals}");
+    (decimals.len() != 3 && number.parse::<f64>().is_ok()).then_some(number)
 }
 
 #[cfg(test)]
@@ -71,6 +71,14 @@ mod tests {
     #[test]
     fn wrong_number_is_named_with_its_form() {
         for (words, reason) in [
+            (
+                &["track", "--sim", "--seed", "1,5"][..],
+                "'1,5' for '--seed <SEED>': expected a whole number\n",
+            ),
+            (
+                &["track", "--sim", "--fps", "1,000"][..],
+                "'1,000' for '--fps <HZ>': expected a number\n",
+            ),
             (
                 &["verify", "r.toml", "--points", "50,abc"][..],
                 "'abc' for '--points <N,...>': expected a whole number",

@@ -135,8 +135,8 @@ fn of_run(
                       was followed";
         return Err(InputError::file(&options.input, reason).into());
     }
-    let page = page::page(title, story, &notes.join(" "), &reading.provenance);
-    Ok((page, Some(Figures::of(story))))
+    let (page, figures) = page::page(title, story, &notes.join(" "), &reading.provenance);
+    Ok((page, Some(figures)))
 }
 
 /// Makes the page of a recording of another program.

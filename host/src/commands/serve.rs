@@ -171,10 +171,7 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
     let rig = match &options.rig {
         Some(path) => {
             let rig = RigFile::read(path)?;
-            super::warnings::rig(path, &rig);
-            if let Some(stage) = &rig.stage {
-                super::warnings::stage(path, stage);
-            }
+            super::warnings::rig_and_stage(path, &rig);
             rig
         }
         None => RigFile::paper(),

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use trinocular::run_report::{Provenance, StoryTaker};
+use trinocular::run_report::{HandEye, Provenance, StoryTaker};
 use trinocular::scenario::csv;
 use trinocular::scenario::figures::Figures;
 use trinocular::scenario::file::{ImageSource, Scenario};
@@ -238,7 +238,10 @@ fn simulate(
     let prediction = !options.no_prediction;
     let name = path.file_stem().unwrap_or(path.as_os_str());
     let name = name.to_string_lossy().into_owned();
-    let story = StoryTaker::new(&RigFile::paper().names, Mounting::OnStage);
+    let story = StoryTaker::new(
+        &RigFile::paper().names,
+        HandEye::of(&scenario.stage, Mounting::OnStage),
+    );
     let takers: Takers = match options.report.is_given() {
         true => vec![Arc::clone(&story) as Arc<dyn FrameSetTaker>],
         false => Takers::new(),

@@ -273,10 +273,7 @@ impl Estimator {
             Self::ClosedForm => RigFile::read_in_line(path),
             Self::Midpoint => RigFile::read(path),
         }?;
-        super::warnings::rig(path, &rig);
-        if let Some(stage) = &rig.stage {
-            super::warnings::stage(path, stage);
-        }
+        super::warnings::rig_and_stage(path, &rig);
         Ok(rig)
     }
 }

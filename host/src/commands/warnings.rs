@@ -42,6 +42,14 @@ pub fn stage(path: &Path, stage: &Stage) {
     }
 }
 
+/// Warns of mistakes in a rig and in the stage of its file.
+pub fn rig_and_stage(path: &Path, file: &RigFile) {
+    rig(path, file);
+    if let Some(section) = &file.stage {
+        stage(path, section);
+    }
+}
+
 /// Warns of images that are not read.
 pub fn unread(warnings: &[InputError]) {
     for warning in warnings {

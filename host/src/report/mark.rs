@@ -4,9 +4,10 @@ use super::canvas::{DrawingError, Sheet, Spot, TEXT, lettering, units, write_tex
 use super::chart::Place;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
+use std::collections::HashSet;
 
 /// Kind of an event. Each has a letter, so that colour alone carries no meaning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum MarkKind {
     /// A latched fault.
     Fault,
@@ -114,8 +115,8 @@ const LETTERS: f64 = 12.0;
 /// Least width of a span that is shaded, px.
 const SHADED: f64 = 3.0;
 
-/// Draws the marks that lie within the axes: `x` and `y` are the ends of both. Returns the kinds
-/// that were drawn.
+/// Draws the marks that lie within the axes: `x` and `y` are the ends of both. Of several marks of
+/// one kind in one column of pixels, one is drawn.
 pub(super) fn draw(
     sheet: &Sheet,
     marks: &[Mark],
@@ -126,9 +127,14 @@ pub(super) fn draw(
     let top = place.spot([x[0], y[1]]).1;
     let bottom = place.spot([x[0], y[0]]).1;
     let mut letters: Vec<(MarkKind, i32)> = Vec::new();
+    let mut drawn: HashSet<(MarkKind, i32, i32)> = HashSet::new();
     for mark in marks.iter().filter(|mark| is_within(mark, x)) {
         let column = |at: f64| place.spot([at.clamp(x[0], x[1]), y[0]]).0;
         let (from, until) = (column(mark.from), column(mark.until));
+        let pixel = units(1.0).max(1);
+        if !drawn.insert((mark.kind, from / pixel, until / pixel)) {
+            continue;
+        }
         let colour = mark.kind.colour();
         if until - from >= units(SHADED) {
             let corners = [(from, top), (until, bottom)];
@@ -140,7 +146,7 @@ pub(super) fn draw(
             |(kind, at): &(MarkKind, i32)| *kind == mark.kind && (from - at).abs() < units(LETTERS);
         if !letters.iter().any(near) {
             letters.push((mark.kind, from));
-            let row = mark.kind as i32 % 3;
+            let row = mark.kind as i32;
             let at = (from + units(2.0), top + units(2.0 + 12.0 * f64::from(row)));
             letter(sheet, mark.kind, at)?;
         }

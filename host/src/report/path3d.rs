@@ -1,5 +1,5 @@
-//! Paths and points in space, projected from one fixed direction without perspective, so that equal
-//! lengths along an axis look equal everywhere.
+//! Paths and points in space without perspective, so that equal lengths along an axis look equal
+//! everywhere. The drawing has one direction; a script of the page turns it.
 
 use super::Error;
 use super::axis::{Axis, drawable};
@@ -132,12 +132,14 @@ impl Path3d {
         let series: Vec<_> = series
             .map(|(series, look)| {
                 let every = series.points.len().div_ceil(MOST_TURNED).max(1);
-                let is_kept = |i: usize| i.is_multiple_of(every) || i + 1 == series.points.len();
-                let points = series.points.iter().enumerate();
-                let points = points.filter(|(i, _)| is_kept(*i)).map(|(_, point)| {
-                    let seen = point.iter().all(|value| drawable(*value));
-                    seen.then(|| view.unit(*point).map(rounded))
-                });
+                let seen = |point: &[f64; 3]| point.iter().all(|value| drawable(*value));
+                // The gaps stay, because the line is broken there.
+                let is_kept = |(i, point): &(usize, &[f64; 3])| {
+                    i.is_multiple_of(every) || i + 1 == series.points.len() || !seen(point)
+                };
+                let points = series.points.iter().enumerate().filter(is_kept);
+                let points =
+                    points.map(|(_, point)| seen(point).then(|| view.unit(*point).map(rounded)));
                 let (width, dashes) = look.pattern();
                 json!({
                     "colour": look.index % COLOURS,

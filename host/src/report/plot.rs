@@ -250,6 +250,23 @@ mod tests {
     }
 
     #[test]
+    fn mark_within_the_axis_is_drawn_once() {
+        let marks = [
+            Mark::at(MarkKind::Fault, 1.5, "fault 3"),
+            Mark::at(MarkKind::Fault, 1.5, "the same column"),
+            Mark::at(MarkKind::Limit, 900.0, "beyond the axis"),
+        ];
+        let plot = LinePlot::new("marked", "t, s", "x, mm");
+        let plot = plot.series("", Style::Line, [[0.0, 1.0], [3.0, 2.0]]);
+        let plain = checked(plot.clone().to_svg());
+        let marked = checked(plot.clone().marked(&marks).to_svg());
+        let one = checked(plot.marked(&marks[..1]).to_svg());
+        let lines = |svg: &str| svg.matches("<polyline").count() + svg.matches("<path").count();
+        assert!(lines(&one) > lines(&plain), "{one}");
+        assert_eq!(marked, one);
+    }
+
+    #[test]
     fn gap_breaks_line() {
         let points = [
             [0.0, 1.0],

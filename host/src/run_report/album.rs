@@ -13,7 +13,10 @@ const MOST_REFUSED: usize = 2;
 /// Pictures of one frame set.
 #[derive(Clone, Debug)]
 struct Shot {
-    capture_us: u64,
+    /// Number of the frame set.
+    index: usize,
+    /// `None` for a keyframe, whose capture time the measurement does not have.
+    capture_us: Option<u64>,
     outcome: String,
     views: Vec<View>,
 }
@@ -68,7 +71,9 @@ impl Album {
             Outcome::Refused | Outcome::Unused => format!("not used: {}", row.reason),
         };
         let shot = Shot {
-            capture_us: measurement.capture_us,
+            index: self.count.saturating_sub(1),
+            capture_us: (measurement.outcome != Outcome::Keyframe)
+                .then_some(measurement.capture_us),
             outcome,
             views: views.collect(),
         };
@@ -78,29 +83,23 @@ impl Album {
         }
         self.regular.push(shot);
         if self.regular.len() > MOST_REGULAR {
-            let mut index = 0;
-            self.regular.retain(|_| {
-                index += 1;
-                index % 2 == 1
-            });
             self.stride *= 2;
+            let stride = self.stride;
+            self.regular
+                .retain(|shot| shot.index.is_multiple_of(stride));
         }
     }
 
-    /// Returns the moments in the order of their time, which `time_s` computes. The keyframe has no
-    /// capture time; it is first.
+    /// Returns the moments in their order; `time_s` computes their times.
     pub fn moments(&self, time_s: impl Fn(u64) -> f64) -> Vec<Moment> {
         let mut shots: Vec<&Shot> = self.regular.iter().chain(&self.refused).collect();
-        shots.sort_by_key(|shot| shot.capture_us);
-        let moment = |shot: &Shot| {
-            let at_s = match shot.capture_us {
-                0 => 0.0,
-                us => time_s(us),
-            };
-            Moment {
-                caption: format!("{at_s:.3} s, {}", shot.outcome),
-                views: shot.views.clone(),
-            }
+        shots.sort_by_key(|shot| shot.index);
+        let moment = |shot: &Shot| Moment {
+            caption: match shot.capture_us {
+                Some(us) => format!("{:.3} s, {}", time_s(us), shot.outcome),
+                None => shot.outcome.clone(),
+            },
+            views: shot.views.clone(),
         };
         let seen = |moment: &Moment| moment.views.iter().any(View::is_seen);
         shots.into_iter().map(moment).filter(seen).collect()
@@ -151,7 +150,8 @@ mod tests {
         let mut album = Album::default();
         for capture_us in 1..=1_000 {
             let outcome = match capture_us {
-                501..=520 => Outcome::Refused,
+                // The first one is a multiple of every stride so far.
+                513..=532 => Outcome::Refused,
                 _ => Outcome::Used,
             };
             if album.wants(outcome) {
@@ -163,15 +163,12 @@ mod tests {
                 album.take(&["left".to_owned()], &[image()], &measurement);
             }
         }
-        let times: Vec<u64> = album.regular.iter().map(|shot| shot.capture_us).collect();
-        assert!((3..=MOST_REGULAR).contains(&times.len()), "{times:?}");
-        assert!(
-            times
-                .windows(2)
-                .all(|two| two[1] - two[0] == times[1] - times[0])
-        );
+        let places: Vec<usize> = album.regular.iter().map(|shot| shot.index).collect();
+        assert!((3..=MOST_REGULAR).contains(&places.len()), "{places:?}");
+        let is_regular = |index: &usize| index.is_multiple_of(album.stride);
+        assert!(places.iter().all(is_regular), "{places:?}");
         assert_eq!(album.refused.len(), 1);
-        assert_eq!(album.refused[0].capture_us, 501);
+        assert_eq!(album.refused[0].capture_us, Some(513));
     }
 
     #[test]

@@ -22,7 +22,9 @@ pub type Point = (f64, [f64; 3]);
 pub struct Measured {
     /// Capture time, s.
     pub time_s: f64,
-    /// Displacement of the target since the keyframe, as seen from the cameras, mm.
+    /// Capture time of its keyframe, s.
+    pub reference_s: f64,
+    /// Displacement of the target since the keyframe along the stage's axes, mm: past the cameras.
     pub displacement_mm: [f64; 3],
     /// Its standard deviation per axis, mm; NaN without one.
     pub sigma_mm: [f64; 3],
@@ -80,13 +82,11 @@ impl RunCurves {
         let position = |measured: &Measured| {
             let stage_mm = match self.mounting {
                 Mounting::OnStage => self.stage_at(measured.time_s),
-                Mounting::Fixed => [0.0; 3],
+                Mounting::Fixed => self.stage_at(measured.reference_s),
             };
             let seen_mm = measured.displacement_mm;
-            (
-                measured.time_s,
-                std::array::from_fn(|i| stage_mm[i] + seen_mm[i]),
-            )
+            let target_mm = std::array::from_fn(|i| stage_mm[i] + seen_mm[i]);
+            (measured.time_s, target_mm)
         };
         used.map(position).collect()
     }
@@ -97,7 +97,12 @@ impl RunCurves {
         let error = |measured: &Measured| {
             let stage_mm = match self.mounting {
                 Mounting::OnStage => [0.0; 3],
-                Mounting::Fixed => self.stage_at(measured.time_s),
+                // The stage's own way since the keyframe.
+                Mounting::Fixed => {
+                    let (now, then) = (measured.time_s, measured.reference_s);
+                    let [now, then] = [now, then].map(|at_s| self.stage_at(at_s));
+                    std::array::from_fn(|i| now[i] - then[i])
+                }
             };
             let seen_mm = measured.displacement_mm;
             let error = std::array::from_fn(|i| stage_mm[i] - seen_mm[i]);
@@ -115,9 +120,8 @@ impl RunCurves {
             .map(|(a, b)| b - a)
             .collect();
         pauses.sort_by(f64::total_cmp);
-        pauses
-            .get(pauses.len() / 2)
-            .map_or(f64::INFINITY, |usual| 2.5 * usual)
+        let usual = pauses.get(pauses.len() / 2);
+        usual.map_or(f64::INFINITY, |usual| 1.6 * usual)
     }
 
     /// Breaks a line where measurements are missing.
@@ -144,22 +148,27 @@ impl RunCurves {
         pairs.map(error).collect()
     }
 
+    /// Returns the name and the positions of the target that are drawn. True positions have no
+    /// gaps.
+    fn shown_target(&self) -> (&'static str, Vec<Point>) {
+        if self.is_true() {
+            return ("target", self.target.clone());
+        }
+        let points = self.measured_target();
+        let points = points.iter().map(|(at_s, [x, y, z])| [*at_s, *x, *y, *z]);
+        let broken = self.with_gaps(points.collect()).into_iter();
+        let points = broken.map(|[at_s, x, y, z]| (at_s, [x, y, z]));
+        ("target, measured", points.collect())
+    }
+
     /// Returns target and stage over time, one plot per axis.
     pub fn positions(&self) -> Vec<Figure> {
-        let (name, target) = match self.is_true() {
-            true => ("target", self.target.clone()),
-            false => ("target, measured", self.measured_target()),
-        };
-        // True positions have no gaps.
-        let target = |i: usize| match self.is_true() {
-            true => axis(&target, i, 1.0).collect(),
-            false => self.with_gaps(axis(&target, i, 1.0).collect()),
-        };
+        let (name, target) = self.shown_target();
         let plot = |i: usize| {
             let title = format!("{} of target and stage", AXES[i]);
             LinePlot::new(title, "time, s", "mm")
                 .series("stage", Style::Line, axis(&self.stage, i, 1.0))
-                .series(name, Style::Dashed, target(i))
+                .series(name, Style::Dashed, axis(&target, i, 1.0))
                 .marked(&self.marks)
                 .sized(HALF[0], HALF[1])
                 .into()
@@ -252,10 +261,7 @@ impl RunCurves {
 
     /// Returns the path of target and stage in space.
     pub fn path(&self) -> Path3d {
-        let (name, target) = match self.is_true() {
-            true => ("target", self.target.clone()),
-            false => ("target, measured", self.measured_target()),
-        };
+        let (name, target) = self.shown_target();
         let place = |points: &[Point]| points.iter().map(|(_, mm)| *mm).collect::<Vec<_>>();
         Path3d::new("Path in space", ["X, mm", "Y, mm", "Z, mm"])
             .series("stage", Style::Line, place(&self.stage))
@@ -350,7 +356,7 @@ pub fn add_table(page: Page, name: &str, csv: &str, whole: &str) -> Page {
     }
     let kept = text.lines().count().saturating_sub(1);
     let summary = format!("{name}: {kept} of {rows} rows (CSV)");
-    let note = format!("Every {every}th row, because the page stays below 2 MB. {whole}");
+    let note = format!("One row in {every}, because the table is large. {whole}");
     page.text(summary, note, text)
 }
 
@@ -361,6 +367,7 @@ mod tests {
     fn measured(time_s: f64, x_mm: f64) -> Measured {
         Measured {
             time_s,
+            reference_s: 0.0,
             displacement_mm: [x_mm, 0.0, 0.0],
             sigma_mm: [0.001; 3],
             points: 100,
@@ -373,6 +380,16 @@ mod tests {
     #[test]
     fn measured_error_depends_on_mounting() {
         let stage = vec![(0.0, [0.0; 3]), (1.0, [10.0, 0.0, 0.0])];
+        // The stage stands 2 mm from zero at the later keyframe.
+        let later = |mounting| RunCurves {
+            mounting,
+            stage: stage.clone(),
+            measured: vec![Measured {
+                reference_s: 0.2,
+                ..measured(0.5, 3.25)
+            }],
+            ..RunCurves::default()
+        };
         let curves = |mounting| RunCurves {
             mounting,
             stage: stage.clone(),
@@ -383,7 +400,9 @@ mod tests {
         // On the stage the cameras see the difference itself.
         assert!((x(curves(Mounting::OnStage)) + 5.25).abs() < 1e-12);
         assert!((x(curves(Mounting::Fixed)) + 0.25).abs() < 1e-12);
+        assert!((x(later(Mounting::Fixed)) + 0.25).abs() < 1e-12);
         let target = |curves: RunCurves| curves.measured_target()[0].1[0];
+        assert!((target(later(Mounting::Fixed)) - 5.25).abs() < 1e-12);
         assert!((target(curves(Mounting::OnStage)) - 10.25).abs() < 1e-12);
         assert!((target(curves(Mounting::Fixed)) - 5.25).abs() < 1e-12);
     }

@@ -1,5 +1,6 @@
 //! The page of a recording that this program did not make: its topics, and some of its images.
 
+use super::Provenance;
 use crate::report::{Cell, Moment, Page, Table, View};
 use std::collections::BTreeMap;
 use trinocular_recording::read::Source;
@@ -73,10 +74,11 @@ pub fn page(title: &str, source: &Source, survey: &Survey) -> Result<Page, Input
         .table(topics)
         .section("Images", first_fault.unwrap_or_default())
         .moments(moments);
-    Ok(match &survey.rig {
-        Some(rig) => page.section("Rig", "").text("Rig file", "", rig),
-        None => page,
-    })
+    let provenance = Provenance {
+        rig: survey.rig.clone(),
+        ..Provenance::default()
+    };
+    Ok(provenance.add_to(page))
 }
 
 /// Returns a few images of each topic, and why others are missing.
@@ -99,6 +101,10 @@ fn moments(source: &Source, survey: &Survey) -> Result<(Vec<Moment>, Option<Stri
         else {
             continue;
         };
+        // The survey leaves out the topics beyond its limit.
+        let Some(topic) = survey.topics.get(name) else {
+            continue;
+        };
         let is_new = !counts.contains_key(name);
         if !KINDS.contains(&kind) || is_new && counts.len() >= MOST_TOPICS {
             continue;
@@ -106,7 +112,7 @@ fn moments(source: &Source, survey: &Survey) -> Result<(Vec<Moment>, Option<Stri
         let count = counts.entry(name.to_owned()).or_default();
         let number = *count;
         *count += 1;
-        let all = survey.topics.get(name).map_or(1, |topic| topic.count);
+        let all = topic.count;
         let stride = all.div_ceil(MOST_IMAGES).max(1);
         if !number.is_multiple_of(stride) {
             continue;

@@ -59,7 +59,14 @@ struct Span {
     text: String,
 }
 
-/// Joins neighbouring frame sets for which `reason` returns the same text.
+/// Returns a reason without its numbers, such as a likeness or a count of points: the same reason
+/// has other numbers in every frame set.
+pub(super) fn without_numbers(reason: &str) -> String {
+    reason.split(|c: char| c.is_ascii_digit()).collect()
+}
+
+/// Joins neighbouring frame sets for which `reason` returns the same text but for its numbers. The
+/// text of the first one stays.
 fn spans(story: &Story, reason: impl Fn(&Turn) -> Option<String>) -> Vec<Span> {
     let mut spans: Vec<Span> = Vec::new();
     let mut was_there = false;
@@ -70,7 +77,11 @@ fn spans(story: &Story, reason: impl Fn(&Turn) -> Option<String>) -> Vec<Span> {
         };
         let at_s = story.time_s(turn.row.capture_us);
         match spans.last_mut() {
-            Some(span) if was_there && span.text == text && at_s - span.until_s < PAUSE_S => {
+            Some(span)
+                if was_there
+                    && without_numbers(&span.text) == without_numbers(&text)
+                    && at_s - span.until_s < PAUSE_S =>
+            {
                 span.until_s = at_s;
                 span.count += 1;
             }
@@ -122,13 +133,13 @@ fn events(story: &Story) -> Vec<Mark> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::HandEye;
     use super::*;
-    use trinocular_core::frame::message::Mounting;
     use trinocular_recording::message::Measurement;
 
     /// Returns a story with one frame set per 10 ms, from 10 ms after the keyframe on.
     fn story(outcomes: &[(Outcome, &str)]) -> Story {
-        let mut story = Story::new(&["left".to_owned()], Mounting::OnStage);
+        let mut story = Story::new(&["left".to_owned()], HandEye::default());
         for (index, (outcome, reason)) in outcomes.iter().enumerate() {
             let capture_us = 1_010_000 + 10_000 * index as u64;
             let measurement = Measurement {
@@ -145,19 +156,19 @@ mod tests {
 
     #[test]
     fn neighbouring_refusals_are_one_span() {
-        let (used, refused) = ((Outcome::Used, ""), (Outcome::Refused, "dark"));
+        let used = (Outcome::Used, "");
         let story = story(&[
             used,
-            refused,
-            refused,
-            refused,
+            (Outcome::Refused, "dark: 3 of 40"),
+            (Outcome::Refused, "dark: 12 of 40"),
+            (Outcome::Refused, "dark: 7 of 9"),
             used,
             (Outcome::Unused, "old"),
         ]);
         let marks = of_story(&story);
         assert_eq!(marks.len(), 2, "{marks:?}");
         assert!((marks[0].from - 0.02).abs() < 1e-9 && (marks[0].until - 0.04).abs() < 1e-9);
-        assert_eq!(marks[0].text, "3 frame sets not used: dark");
+        assert_eq!(marks[0].text, "3 frame sets not used: dark: 3 of 40");
         assert_eq!(marks[1].text, "1 frame set not used: old");
     }
 

@@ -26,4 +26,4 @@ pub mod story;
 
 pub use curves::RunCurves;
 pub use provenance::Provenance;
-pub use story::{Story, StoryTaker};
+pub use story::{HandEye, Story, StoryTaker};

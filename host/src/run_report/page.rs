@@ -1,10 +1,13 @@
 //! The page of one run, from its story.
 
-use super::curves::add_table;
+use super::curves::{RunCurves, add_table};
+use super::marks::without_numbers;
 use super::{Provenance, Story};
 use crate::report::Page;
+use crate::scenario::figures::{largest, percentile, rms};
 use std::collections::BTreeMap;
 use trinocular_recording::message::Outcome;
+use trinocular_rig::printable::printable_up_to;
 
 /// Figures of a run, as name and value and for JSON.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,8 +34,10 @@ pub struct Figures {
 
 impl Figures {
     /// Computes the figures of a story.
-    pub fn of(story: &Story) -> Self {
+    pub fn of(story: &Story, curves: &RunCurves) -> Self {
         let mut figures = Self::default();
+        // The first sentence of each reason, by the reason without its numbers.
+        let mut sentences: BTreeMap<String, String> = BTreeMap::new();
         let turns = story.turns.iter();
         for turn in turns.filter(|turn| turn.row.outcome != Outcome::Keyframe) {
             figures.frames += 1;
@@ -40,27 +45,26 @@ impl Figures {
             match turn.row.outcome {
                 Outcome::Used => figures.used += 1,
                 Outcome::Measured => figures.measured += 1,
-                _ => *figures.refused.entry(turn.row.reason.clone()).or_default() += 1,
+                _ => {
+                    let reason = &turn.row.reason;
+                    let sentence = sentences.entry(without_numbers(reason));
+                    let sentence = sentence.or_insert_with(|| reason.clone());
+                    *figures.refused.entry(sentence.clone()).or_default() += 1;
+                }
             }
         }
-        let curves = story.curves();
-        let errors = curves.measured_error();
+        let mut errors = curves.measured_error();
+        errors.retain(|((_, mm), _)| mm.iter().all(|mm| mm.is_finite()));
         if !errors.is_empty() {
-            let count = errors.len() as f64;
             let um = |axis: usize| errors.iter().map(move |((_, mm), _)| 1e3 * mm[axis]);
-            let rms = |axis| (um(axis).map(|um| um * um).sum::<f64>() / count).sqrt();
-            figures.error_rms_um = Some([0, 1, 2].map(rms));
-            let largest = |axis| um(axis).map(f64::abs).fold(0.0, f64::max);
-            figures.error_max_um = Some([0, 1, 2].map(largest));
+            figures.error_rms_um = Some([0, 1, 2].map(|axis| rms(um(axis))));
+            let largest_of = |axis| largest(um(axis).map(f64::abs));
+            figures.error_max_um = Some([0, 1, 2].map(largest_of));
         }
         let latencies = curves.measured.iter().map(|seen| seen.latency_ms);
         let mut latencies: Vec<f64> = latencies.filter(|ms| ms.is_finite()).collect();
         latencies.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            latencies
-                .get((latencies.len() as f64 * share) as usize)
-                .copied()
-        };
+        let at = |share| percentile(&latencies, share);
         figures.latency_ms = at(0.5).zip(at(0.99)).map(|(p50, p99)| [p50, p99]);
         figures.events = curves.marks.len();
         figures
@@ -98,24 +102,26 @@ impl Figures {
     }
 }
 
-/// Returns the page of a run.
+/// Returns the page of a run, and its figures.
 ///
 /// `note` stands at the top if it is not empty: that the recording is cut off, for example.
-pub fn page(title: &str, story: &Story, note: &str, provenance: &Provenance) -> Page {
+pub fn page(title: &str, story: &Story, note: &str, provenance: &Provenance) -> (Page, Figures) {
+    let curves = story.curves();
+    let figures = Figures::of(story, &curves);
     let command = provenance.origin.get("command");
     let subtitle = command.map_or("a recorded run", String::as_str);
-    let subtitle: String = subtitle.chars().take(300).collect();
+    let subtitle = printable_up_to(300, subtitle).to_string();
     let page = Page::new(title, subtitle).section("Summary", note);
-    let page = page.facts(&Figures::of(story).facts());
-    let page = story.curves().add_to(page, false);
+    let page = curves.add_to(page.facts(&figures.facts()), false);
     let whole = "`trinocular export RUN.mcap --csv FILE.csv` writes all rows of a recording.";
     let page = page.section("Data", "");
     let page = add_table(page, "Measurements", &story.table(), whole);
-    provenance.add_to(page)
+    (provenance.add_to(page), figures)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::HandEye;
     use super::*;
     use crate::report::balance;
     use trinocular_core::frame::message::Mounting;
@@ -125,7 +131,11 @@ mod tests {
     #[test]
     fn page_of_hostile_texts_is_well_formed() {
         let hostile = "</script><b>&\"'\u{1b}[2J";
-        let mut story = Story::new(&[hostile.to_owned()], Mounting::Fixed);
+        let hand_eye = HandEye {
+            mounting: Mounting::Fixed,
+            ..HandEye::default()
+        };
+        let mut story = Story::new(&[hostile.to_owned()], hand_eye);
         for (index, outcome) in [Outcome::Keyframe, Outcome::Refused, Outcome::Used]
             .into_iter()
             .enumerate()
@@ -154,9 +164,8 @@ mod tests {
             ("seed", hostile.to_owned()),
         ];
         let provenance = Provenance::new(origin, Some(hostile.to_owned()));
-        let html = page(hostile, &story, hostile, &provenance)
-            .to_html()
-            .unwrap();
+        let (page, _) = page(hostile, &story, hostile, &provenance);
+        let html = page.to_html().unwrap();
         assert_eq!(balance::fault(&html), None);
         assert_eq!(html.matches("<script").count(), 1);
         assert!(!html.contains('\u{1b}'));
@@ -164,10 +173,55 @@ mod tests {
 
     #[test]
     fn empty_story_makes_a_page() {
-        let html = page("t", &Story::default(), "", &Provenance::default())
-            .to_html()
-            .unwrap();
+        let (page, figures) = page("t", &Story::default(), "", &Provenance::default());
+        let html = page.to_html().unwrap();
         assert_eq!(balance::fault(&html), None);
-        assert_eq!(Figures::of(&Story::default()), Figures::default());
+        assert_eq!(figures, Figures::default());
+    }
+
+    /// The stage's axes are turned by 90 degrees about Z, so that the cameras see its Y as their X.
+    #[test]
+    fn errors_are_along_the_axes_of_the_stage() {
+        let hand_eye = HandEye {
+            matrix: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            ..HandEye::default()
+        };
+        let mut story = Story::new(&["left".to_owned()], hand_eye);
+        let mut covariance_mm2 = [0.0; 9];
+        covariance_mm2[0] = 1e-4;
+        covariance_mm2[4] = 4e-4;
+        let measurement = Measurement {
+            capture_us: 10_000,
+            outcome: Outcome::Used,
+            cameras: vec![0],
+            displacement_mm: [0.3, 0.0, 0.0],
+            covariance_mm2,
+            ..Measurement::default()
+        };
+        story.turn(&measurement, 10_000, || None);
+        let curves = story.curves();
+        let figures = Figures::of(&story, &curves);
+        assert_eq!(figures.error_max_um, Some([0.0, 300.0, 0.0]));
+        let ((_, error_mm), sigma_mm) = curves.measured_error()[0];
+        assert_eq!(error_mm, [0.0, -0.3, 0.0]);
+        assert!((sigma_mm[0] - 0.02).abs() < 1e-12 && (sigma_mm[1] - 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn refusals_are_counted_without_their_numbers() {
+        let mut story = Story::default();
+        for points in 3..8 {
+            let measurement = Measurement {
+                outcome: Outcome::Refused,
+                reason: format!("too few points: {points} of 40"),
+                ..Measurement::default()
+            };
+            story.turn(&measurement, 0, || None);
+        }
+        let refused = Figures::of(&story, &story.curves()).refused;
+        assert_eq!(
+            refused.into_iter().collect::<Vec<_>>(),
+            [("too few points: 3 of 40".to_owned(), 5)]
+        );
     }
 }

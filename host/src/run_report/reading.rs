@@ -1,11 +1,12 @@
 //! Reading of a recording as a story.
 
-use super::{Provenance, Story};
+use super::{HandEye, Provenance, Story};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use trinocular_core::frame::message::{Command, Mounting, Packet};
+use trinocular_core::frame::message::{Command, MATRIX_BITS, Packet};
 use trinocular_core::frame::receive::Receiver;
 use trinocular_core::replay::{Entry, Log};
+use trinocular_core::rig::MAX_CAMERAS;
 use trinocular_core::safety::Inputs;
 use trinocular_recording::cdr::{CdrFault, Reader};
 use trinocular_recording::message::{Event, Measurement, read_entry, read_header};
@@ -37,15 +38,19 @@ pub struct Reading {
 /// [`InputError`] if the file is damaged, or a message is malformed.
 pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
     let origin = survey.origin.clone().unwrap_or_default();
-    let names = match origin.get("cameras") {
+    let names: Vec<String> = match origin.get("cameras") {
         Some(names) => names.split(',').map(str::to_owned).collect(),
         None => match calibration::rig(source, survey)? {
             Some((rig, _)) => rig.names,
             None => Vec::new(),
         },
     };
+    if names.len() > MAX_CAMERAS {
+        let reason = format!("names {} cameras, more than {MAX_CAMERAS}", names.len());
+        return Err(InputError::file(source.path(), reason));
+    }
     let mut reader = RunReader {
-        story: Story::new(&names, Mounting::OnStage),
+        story: Story::new(&names, HandEye::default()),
         topics: ImageTopics::new(&names),
         images: BTreeMap::new(),
         commands: Receiver::default(),
@@ -132,7 +137,11 @@ impl RunReader {
                         ..
                     }) = packet
                     {
-                        self.story.mounting = config.mounting;
+                        let unit = f64::from(1u32 << MATRIX_BITS);
+                        self.story.hand_eye = HandEye {
+                            mounting: config.mounting,
+                            matrix: config.matrix.map(|row| row.map(|q| f64::from(q) / unit)),
+                        };
                     }
                 }
             }

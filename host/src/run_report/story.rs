@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use trinocular_core::frame::message::{Mounting, Status};
 use trinocular_recording::export::Row;
 use trinocular_recording::message::{Event, Measurement, Outcome, changes};
+use trinocular_rig::rig_file::{Stage, along_stage};
 use trinocular_vision::images::{FrameSet, Image};
 
 /// One frame set, with what its row in the table does not have.
@@ -20,8 +21,39 @@ pub struct Turn {
     pub stage_us: u64,
     /// Capture time of the keyframe, µs of the station's clock.
     pub reference_us: u64,
+    /// Covariance of the displacement along the camera axes, mm².
+    pub covariance_mm2: [[f64; 3]; 3],
     /// Cameras that were left out, in words; empty without any.
     pub absent: String,
+}
+
+/// Place of the cameras, and the directions of their axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandEye {
+    /// Place of the cameras.
+    pub mounting: Mounting,
+    /// Hand-eye matrix, for [`along_stage`].
+    pub matrix: [[f64; 3]; 3],
+}
+
+impl HandEye {
+    /// Returns the place of cameras that are mounted like this beside or on a stage.
+    pub fn of(stage: &Stage, mounting: Mounting) -> Self {
+        Self {
+            mounting,
+            matrix: stage.matrix,
+        }
+    }
+}
+
+impl Default for HandEye {
+    /// Cameras on the stage, with the same axes.
+    fn default() -> Self {
+        Self {
+            mounting: Mounting::OnStage,
+            matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        }
+    }
 }
 
 /// Story of a run. All instants are of the station's clock.
@@ -30,21 +62,23 @@ pub struct Story {
     /// Names of the cameras.
     pub names: Vec<String>,
     /// Place of the cameras.
-    pub mounting: Mounting,
+    pub hand_eye: HandEye,
     /// Frame sets in their order, keyframes included.
     pub turns: Vec<Turn>,
     /// Events in their order, as a recording has them.
     pub events: Vec<Event>,
     album: Album,
     last: Option<Status>,
+    /// Capture time of the first keyframe, µs.
+    zero_us: Option<u64>,
 }
 
 impl Story {
     /// Creates the empty story of a run with these cameras.
-    pub fn new(names: &[String], mounting: Mounting) -> Self {
+    pub fn new(names: &[String], hand_eye: HandEye) -> Self {
         Self {
             names: names.to_vec(),
-            mounting,
+            hand_eye,
             ..Self::default()
         }
     }
@@ -66,10 +100,14 @@ impl Story {
             let name = name.map_or_else(|| format!("camera {camera}"), String::clone);
             format!("{name}: {reason}")
         });
+        if measurement.outcome != Outcome::Keyframe {
+            self.zero_us.get_or_insert(measurement.reference_us);
+        }
         self.turns.push(Turn {
             row: Row::of(measurement),
             stage_us,
             reference_us: measurement.reference_us,
+            covariance_mm2: covariance(measurement),
             absent: absent.collect::<Vec<_>>().join("; "),
         });
     }
@@ -95,16 +133,9 @@ impl Story {
         }
     }
 
-    /// Returns the instant of time zero, µs: that of the first keyframe.
-    fn zero_us(&self) -> u64 {
-        let known = |turn: &&Turn| turn.row.outcome != Outcome::Keyframe;
-        let first = self.turns.iter().find(known);
-        first.map_or(0, |turn| turn.reference_us)
-    }
-
     /// Returns the time since the first keyframe, s.
     pub fn time_s(&self, at_us: u64) -> f64 {
-        (at_us as f64 - self.zero_us() as f64) * 1e-6
+        (at_us as f64 - self.zero_us.unwrap_or(0) as f64) * 1e-6
     }
 
     /// Returns the table of all measurements, as `export` writes it.
@@ -119,19 +150,19 @@ impl Story {
 
     /// Returns the pictures.
     pub fn moments(&self) -> Vec<Moment> {
-        let zero_us = self.zero_us();
-        self.album.moments(|us| (us as f64 - zero_us as f64) * 1e-6)
+        self.album.moments(|us| self.time_s(us))
     }
 
     /// Returns what the images measured, by capture time.
     pub fn measured(&self) -> Vec<Measured> {
-        let zero_us = self.zero_us();
+        let matrix = &self.hand_eye.matrix;
         let measured = self.turns.iter().filter_map(|turn| {
             let row = &turn.row;
             Some(Measured {
-                time_s: (row.capture_us as f64 - zero_us as f64) * 1e-6,
-                displacement_mm: row.displacement_mm?,
-                sigma_mm: row.sigma_mm.map(|mm| mm.unwrap_or(f64::NAN)),
+                time_s: self.time_s(row.capture_us),
+                reference_s: self.time_s(turn.reference_us),
+                displacement_mm: along_stage(matrix, row.displacement_mm?),
+                sigma_mm: sigma_along_stage(matrix, &turn.covariance_mm2),
                 points: row.points,
                 rejected: row.rejected,
                 latency_ms: match row.latency_us {
@@ -154,7 +185,7 @@ impl Story {
             .map(|turn| (self.time_s(turn.stage_us), turn.row.stage_mm))
             .collect();
         RunCurves {
-            mounting: self.mounting,
+            mounting: self.hand_eye.mounting,
             stage,
             measured: self.measured(),
             marks: self.marks(),
@@ -164,6 +195,24 @@ impl Story {
     }
 }
 
+fn covariance(measurement: &Measurement) -> [[f64; 3]; 3] {
+    let all = &measurement.covariance_mm2;
+    std::array::from_fn(|row| std::array::from_fn(|column| all[3 * row + column]))
+}
+
+/// Returns the standard deviation along each stage axis; NaN without a variance.
+fn sigma_along_stage(matrix: &[[f64; 3]; 3], covariance: &[[f64; 3]; 3]) -> [f64; 3] {
+    matrix.map(|row| {
+        let variance: f64 = (0..3)
+            .flat_map(|i| (0..3).map(move |j| row[i] * covariance[i][j] * row[j]))
+            .sum();
+        match variance > 0.0 {
+            true => variance.sqrt(),
+            false => f64::NAN,
+        }
+    })
+}
+
 /// Story that is collected while a loop runs: give it to the loop as a taker, and read it at the
 /// end.
 #[derive(Debug)]
@@ -171,8 +220,8 @@ pub struct StoryTaker(Mutex<Story>);
 
 impl StoryTaker {
     /// Creates the taker of a run with these cameras.
-    pub fn new(names: &[String], mounting: Mounting) -> Arc<Self> {
-        Arc::new(Self(Mutex::new(Story::new(names, mounting))))
+    pub fn new(names: &[String], hand_eye: HandEye) -> Arc<Self> {
+        Arc::new(Self(Mutex::new(Story::new(names, hand_eye))))
     }
 
     /// Calls `change` with the story.
@@ -185,7 +234,8 @@ impl FrameSetTaker for StoryTaker {
     fn take(&self, images: Option<&FrameSet>, measurement: Measurement) {
         let images = || images.map(|set| std::borrow::Cow::Borrowed(&set.images[..]));
         self.with(|story| {
-            // A taker may come without a status; the stage moves little in a latency.
+            // Without a status, the capture time stands in: the stage moves little within the
+            // latency.
             let status = story.last.map_or(0, |status| status.time.micros());
             let mut measurement = measurement;
             measurement.frame = u32::try_from(story.turns.len()).unwrap_or(u32::MAX);

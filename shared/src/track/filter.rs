@@ -28,8 +28,8 @@
 //! The covariance tells how well the velocity is known now. The stage, however, needs time to match
 //! it, and the velocity of a target that accelerates or brakes changes within that time. So the
 //! filter averages the acceleration over the last frames and keeps its highest square, which fades
-//! from frame to frame. [`Filter::velocity_uncertainty`] adds the resulting change of the velocity. Unevenness,
-//! now faster and now slower, averages out.
+//! from frame to frame. [`Filter::velocity_uncertainty`] adds the resulting change of the velocity.
+//! Unevenness, now faster and now slower, averages out.
 //!
 //! # The same bits everywhere
 //! The filter uses only `+ - * /` in a fixed order and comparisons; Rust contracts no product and
@@ -126,7 +126,7 @@ impl Filter {
             position,
             velocity: 0.0,
             covariance: Covariance {
-                position: floored_variance(variance),
+                position: with_quantisation(variance),
                 cross: 0.0,
                 velocity: velocity * velocity,
             },
@@ -147,7 +147,7 @@ impl Filter {
         reach: KinematicLimits,
     ) -> Self {
         let dt = within(dt, 1e-3, MOST_MS);
-        let [first, second] = variances.map(floored_variance);
+        let [first, second] = variances.map(with_quantisation);
         let restless = process(most_noise(reach), dt);
         let velocity = steps(position.saturating_sub(before)) / dt;
         let covariance = Covariance {
@@ -201,7 +201,7 @@ impl Filter {
         reach: KinematicLimits,
     ) -> bool {
         let innovation = steps(measured.saturating_sub(self.position));
-        let sigmas = INNOVATION_GATE * (self.covariance.position + floored_variance(variance));
+        let sigmas = INNOVATION_GATE * (self.covariance.position + with_quantisation(variance));
         let way = 0.5 * reach.acceleration * recent * recent;
         innovation * innovation <= sigmas + way * way
     }
@@ -226,7 +226,7 @@ impl Filter {
 
     /// Updates the state with a measurement, after a prediction of `dt` ms.
     pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: KinematicLimits) {
-        let variance = floored_variance(variance);
+        let variance = with_quantisation(variance);
         let innovation = steps(measured.saturating_sub(self.position));
         let most = most_noise(reach);
         let expected = self.covariance.position + variance;
@@ -314,7 +314,7 @@ fn process(noise: f32, dt: f32) -> Covariance {
 }
 
 /// Returns the variance of a measurement with quantisation noise, within bounds.
-pub(super) fn floored_variance(variance: f32) -> f32 {
+pub(super) fn with_quantisation(variance: f32) -> f32 {
     within(
         variance + QUANTISATION_NOISE,
         QUANTISATION_NOISE,

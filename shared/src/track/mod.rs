@@ -27,8 +27,9 @@ pub mod watch;
 use crate::frame::message::Denial;
 use crate::time::Instant;
 
-/// Distances on the three stage axes, 2⁻³² steps. A position as a distance from the zero of the
-/// stage is that of [`Position::distance_from_zero`](crate::steps::Position::distance_from_zero).
+/// Distances on the three stage axes, 2⁻³² steps. A position is its distance from the zero of
+/// the stage, as [`Position::distance_from_zero`](crate::steps::Position::distance_from_zero)
+/// returns it.
 pub type StepVector = [i64; 3];
 
 /// Number of used frames that stay available as references.

@@ -28,7 +28,9 @@ impl Serial {
     /// # Errors
     /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
     /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
-    /// station with other firmware is no error here: see [`mismatches`](trinocular_core::frame::message::Hello::mismatches).
+    /// station with other firmware is no error here: see [`Hello::mismatches`].
+    ///
+    /// [`Hello::mismatches`]: trinocular_core::frame::message::Hello::mismatches
     ///
     /// # Example
     /// ```

@@ -149,9 +149,7 @@ impl<'a> Field<'a> {
         match unknown {
             None => Ok(()),
             Some(key) => {
-                let nearest = choice::nearest(key.get_ref(), known);
-                let hint =
-                    nearest.map_or(String::new(), |word| format!(" (did you mean `{word}`?)"));
+                let hint = choice::hint(key.get_ref(), known);
                 Err(InputError::field(
                     self.source.file,
                     self.source.line(key.span().start),
@@ -244,8 +242,11 @@ impl<'a> Field<'a> {
             .map_err(|elements: Vec<Field<'a>>| {
                 let count = elements.len();
                 let line = self.source.text.get(self.span.clone()).unwrap_or_default();
-                // Each decimal comma makes two elements of one number.
-                let is_split = count > N && count - N <= decimal_commas(line);
+                // Each decimal comma makes two elements of one number. Where numbers are not set
+                // apart in any other way, all of them must have one.
+                let commas = decimal_commas(line);
+                let is_plain = commas + 1 == count;
+                let is_split = count > N && count - N <= commas && (!is_plain || count == 2 * N);
                 let hint = if is_split { DECIMAL_COMMAS } else { "" };
                 self.fault(format!("expected {N} elements, found {count}{hint}"))
             })

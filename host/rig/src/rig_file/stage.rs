@@ -69,7 +69,7 @@ pub struct Stage {
     pub travel_mm: [[f64; 2]; 3],
     /// True if the motor's positive direction is the axis's negative one.
     pub invert: [bool; 3],
-    /// Hand-eye matrix: its rows take a displacement along the camera axes to one along the stage
+    /// Hand-eye matrix, for [`along_stage`]: its rows take a displacement along the camera axes to one along the stage
     /// axes. Dimensionless, invertible.
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
@@ -230,4 +230,18 @@ fn driver(field: &Field<'_>) -> Result<Driver, InputError> {
     let name = field.text()?;
     let found = Driver::ALL.into_iter().find(|driver| driver.name() == name);
     found.ok_or_else(|| field.unknown("driver", &Driver::ALL.map(Driver::name)))
+}
+
+/// Returns a displacement along the camera axes as one along the stage axes, by the rows of the
+/// hand-eye matrix [`Stage::matrix`].
+///
+/// ```
+/// use trinocular_rig::rig_file::along_stage;
+///
+/// // The stage's X axis is the cameras' Z axis.
+/// let matrix = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+/// assert_eq!(along_stage(&matrix, [1.0, 2.0, 3.0]), [3.0, 2.0, -1.0]);
+/// ```
+pub fn along_stage(matrix: &[[f64; 3]; 3], displacement: [f64; 3]) -> [f64; 3] {
+    matrix.map(|row| (0..3).map(|i| row[i] * displacement[i]).sum())
 }

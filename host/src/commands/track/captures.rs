@@ -10,6 +10,7 @@ use serde_json::json;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
+use trinocular::run_report::HandEye;
 use trinocular::servo::ServoError;
 use trinocular::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
 use trinocular::servo::recording::observers;
@@ -95,7 +96,9 @@ impl<'a> Captures<'a> {
             .open(rig, stage, mounting, &station, tap.clone())?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
-        let reported = options.report.observers(&rig.rig, mounting);
+        let reported = options
+            .report
+            .observers(&rig.rig, HandEye::of(stage, mounting));
         for observer in observers(tap.clone(), &rig.rig).into_iter().chain(reported) {
             servo.add_observer(observer);
         }

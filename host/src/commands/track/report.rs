@@ -7,11 +7,11 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use trinocular::run_report::page::page;
-use trinocular::run_report::{Provenance, StoryTaker};
+use trinocular::run_report::{HandEye, Provenance, StoryTaker};
 use trinocular::servo::observer::ServoObserver;
 use trinocular::servo::recording::{FrameSetTaker, observers_of};
-use trinocular_core::frame::message::Mounting;
 use trinocular_core::rig::Rig;
+use trinocular_rig::notice;
 use trinocular_rig::output::{Output, Replace};
 
 /// Page of the run.
@@ -20,7 +20,7 @@ pub struct TrackReport {
     /// Write an HTML page of the run at its end: plots, events, pictures and data
     ///
     /// It replaces an earlier report of this program, but no other file without --force.
-    /// `trinocular report` writes the same page from a recording.
+    /// `trinocular report` writes such a page from a recording, with more events.
     #[arg(long, value_name = "FILE.html", help_heading = "Recording")]
     report: Option<PathBuf>,
 
@@ -54,18 +54,18 @@ impl TrackReport {
         }
         self.run.replace(Some(Box::new(Run {
             output,
-            story: StoryTaker::new(&origin.rig.names, Mounting::OnStage),
+            story: StoryTaker::new(&origin.rig.names, HandEye::default()),
             provenance: origin.provenance(),
         })));
         Ok(())
     }
 
     /// Returns the observers of the loop: one if a page was requested.
-    pub fn observers(&self, rig: &Rig, mounting: Mounting) -> Vec<Box<dyn ServoObserver>> {
+    pub fn observers(&self, rig: &Rig, hand_eye: HandEye) -> Vec<Box<dyn ServoObserver>> {
         let run = self.run.borrow();
         let story = run.as_ref().map(|run| Arc::clone(&run.story));
         if let Some(story) = &story {
-            story.with(|story| story.mounting = mounting);
+            story.with(|story| story.hand_eye = hand_eye);
         }
         observers_of(story.map(|story| story as Arc<dyn FrameSetTaker>), rig)
     }
@@ -82,13 +82,15 @@ impl TrackReport {
         } = *report;
         let story = story.with(std::mem::take);
         if story.turns.is_empty() {
+            notice!("no page is written, because no frame set came");
             return run;
         }
         let note = match &run {
-            Ok(_) => String::new(),
+            // Refused frame sets end no run.
+            Ok(_) | Err(Failure::Refused { .. }) => String::new(),
             Err(failure) => format!("The run ended early: {}.", failure.chain()),
         };
-        let page = page("Trinocular: track", &story, &note, &provenance);
+        let (page, _) = page("Trinocular: track", &story, &note, &provenance);
         let written = page.write(output).map_err(Failure::Report);
         let value = run?;
         written.map(|()| value)

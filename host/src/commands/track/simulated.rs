@@ -10,6 +10,7 @@ use crate::commands::json;
 use serde_json::json;
 use std::io::Write;
 use std::sync::Arc;
+use trinocular::run_report::HandEye;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::recording::observers;
 use trinocular::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
@@ -78,7 +79,11 @@ fn follow(
         .open(&file, &stage, Mounting::OnStage, &world.b, tap.clone())?;
     let mut observers = observers(tap.clone(), &rig);
     observers.extend(page.iter().map(TrackPage::observer));
-    observers.extend(options.report.observers(&rig, Mounting::OnStage));
+    observers.extend(
+        options
+            .report
+            .observers(&rig, HandEye::of(&stage, Mounting::OnStage)),
+    );
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;

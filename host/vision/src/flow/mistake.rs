@@ -24,56 +24,65 @@ pub enum Mistake {
 }
 
 impl Mistake {
-    /// Returns the mistake without which `frame_set` would be a usable keyframe. Call this only
-    /// after a refusal, because it matches the corners again for each possible mistake.
-    pub fn find(rig: &Rig, frame_set: &FrameSet, refusal: &FlowRefusal) -> Option<Self> {
+    /// Returns the mistakes without any one of which `frame_set` would be a usable keyframe: the
+    /// simplest, and others that look the same. Call this only after a refusal, because it matches
+    /// the corners again for each possible mistake.
+    ///
+    /// In a rig in line whose principal points have equal rows, images that are all turned by 180
+    /// degrees or all mirrored have the disparities of exchanged outer cameras.
+    pub fn find(rig: &Rig, frame_set: &FrameSet, refusal: &FlowRefusal) -> Vec<Self> {
         let is_of_matching = matches!(
             refusal,
             FlowRefusal::FewMatches { .. } | FlowRefusal::AmbiguousDepth { .. }
         );
         let count = frame_set.images.len();
         if !is_of_matching || count != rig.cameras.len() {
-            return None;
+            return Vec::new();
         }
         if let Some(pair) = same_image(frame_set) {
-            return Some(Self::SameImage(pair));
+            return vec![Self::SameImage(pair)];
         }
-        let flow = Flow::new(rig, FlowSettings::default()).ok()?;
+        let Ok(flow) = Flow::new(rig, FlowSettings::default()) else {
+            return Vec::new();
+        };
         let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| Self::Exchanged([a, b])));
         let whole = || [None].into_iter().chain((0..count).map(Some));
         let mut mistakes = pairs
             .chain(whole().map(Self::UpsideDown))
             .chain(whole().map(Self::Mirrored))
             .chain(whole().map(Self::Flipped));
-        mistakes.find(|mistake| {
-            flow.clone()
-                .set_keyframe(&mistake.undone(frame_set))
-                .is_ok()
-        })
+        let explains = |mistake: &Self| {
+            let mut flow = flow.clone();
+            flow.set_keyframe(&mistake.undone(frame_set)).is_ok()
+        };
+        let Some(first) = mistakes.find(explains) else {
+            return Vec::new();
+        };
+        let alike = [Self::UpsideDown(None), Self::Mirrored(None)];
+        let is_alike = matches!(first, Self::Exchanged(_)) || alike.contains(&first);
+        let others = alike
+            .into_iter()
+            .filter(|other| is_alike && *other != first && explains(other));
+        std::iter::once(first).chain(others).collect()
     }
 
     /// Returns the frame set as it would be without the mistake.
     fn undone(self, frame_set: &FrameSet) -> FrameSet {
         let mut undone = frame_set.clone();
-        let images = undone.images.iter_mut().enumerate();
-        let of = |camera: Option<usize>| move |k: usize| camera.is_none_or(|only| only == k);
+        let mut change = |camera: Option<usize>, turn: fn(&mut Image)| {
+            let images = undone.images.iter_mut().enumerate();
+            let chosen = images.filter(|(k, _)| camera.is_none_or(|only| only == *k));
+            chosen.for_each(|(_, image)| turn(image));
+        };
         match self {
             Self::SameImage(_) => {}
             Self::Exchanged([a, b]) => undone.images.swap(a, b),
-            Self::UpsideDown(camera) => images
-                .filter(|(k, _)| of(camera)(*k))
-                .for_each(|(_, image)| image.grey.reverse()),
-            Self::Mirrored(camera) => images
-                .filter(|(k, _)| of(camera)(*k))
-                .for_each(|(_, image)| mirror(image)),
-            Self::Flipped(camera) => {
-                images
-                    .filter(|(k, _)| of(camera)(*k))
-                    .for_each(|(_, image)| {
-                        image.grey.reverse();
-                        mirror(image);
-                    })
-            }
+            Self::UpsideDown(camera) => change(camera, |image| image.grey.reverse()),
+            Self::Mirrored(camera) => change(camera, mirror),
+            Self::Flipped(camera) => change(camera, |image| {
+                image.grey.reverse();
+                mirror(image);
+            }),
         }
         undone
     }
@@ -136,11 +145,22 @@ pub fn same_image(frame_set: &FrameSet) -> Option<[usize; 2]> {
     pairs.find(|&[a, b]| images[a].grey == images[b].grey && !is_plain(&images[a]))
 }
 
-/// Returns the mistake that explains why `frame_set` is refused as a keyframe, as a sentence.
+/// Returns the mistakes that explain why `frame_set` is refused as a keyframe, in words.
 pub fn hint(rig: &Rig, names: &[String], frame_set: &FrameSet) -> Option<String> {
     let mut flow = Flow::new(rig, FlowSettings::default()).ok()?;
     let refusal = flow.set_keyframe(frame_set).err()?;
-    Some(Mistake::find(rig, frame_set, &refusal)?.explain(names))
+    explained(rig, names, frame_set, &refusal)
+}
+
+fn explained(
+    rig: &Rig,
+    names: &[String],
+    frame_set: &FrameSet,
+    refusal: &FlowRefusal,
+) -> Option<String> {
+    let mistakes = Mistake::find(rig, frame_set, refusal);
+    let sentences = mistakes.into_iter().map(|mistake| mistake.explain(names));
+    sentences.reduce(|first, other| format!("{first}; or {other}"))
 }
 
 /// Returns the refusal as a sentence, with the [`hint`] if there is one.
@@ -150,8 +170,8 @@ pub fn explain_keyframe(
     frame_set: &FrameSet,
     refusal: &FlowRefusal,
 ) -> String {
-    match Mistake::find(rig, frame_set, refusal) {
-        Some(mistake) => format!("{refusal}; {}", mistake.explain(names)),
+    match explained(rig, names, frame_set, refusal) {
+        Some(hint) => format!("{refusal}; {hint}"),
         None => refusal.to_string(),
     }
 }
@@ -160,20 +180,24 @@ pub fn explain_keyframe(
 mod tests {
     use super::*;
     use crate::images::{Scene, SceneSettings, Texture, TextureKind};
+    use trinocular_core::rig::Camera;
 
     /// Makes the mistake with rendered images and returns the explanation of the refusal.
-    fn explained(texture: &Texture, made: Option<Mistake>) -> Option<Mistake> {
-        let rig = Rig::paper();
-        let scene = Scene::new(&rig, texture, SceneSettings::default()).expect("in range");
+    fn found(texture: &Texture, made: Option<Mistake>) -> Option<Mistake> {
+        found_with(&Rig::paper(), texture, made).first().copied()
+    }
+
+    fn found_with(rig: &Rig, texture: &Texture, made: Option<Mistake>) -> Vec<Mistake> {
+        let scene = Scene::new(rig, texture, SceneSettings::default()).expect("in range");
         let mut frame_set = scene.render([0.0; 3], 0, 1);
         if let Some(Mistake::SameImage([a, b])) = made {
             frame_set.images[b] = frame_set.images[a].clone();
         }
         // Each of the others undoes itself.
         let frame_set = made.map_or(frame_set.clone(), |mistake| mistake.undone(&frame_set));
-        let mut flow = Flow::new(&rig, FlowSettings::default()).expect("a rig");
+        let mut flow = Flow::new(rig, FlowSettings::default()).expect("a rig");
         let refusal = flow.set_keyframe(&frame_set).expect_err("a refusal");
-        Mistake::find(&rig, &frame_set, &refusal)
+        Mistake::find(rig, &frame_set, &refusal)
     }
 
     #[test]
@@ -181,7 +205,7 @@ mod tests {
         let texture = Texture::natural(1);
         for pair in [[0, 1], [0, 2], [1, 2]] {
             let made = Some(Mistake::Exchanged(pair));
-            assert_eq!(explained(&texture, made), made);
+            assert_eq!(found(&texture, made), made);
         }
     }
 
@@ -192,7 +216,7 @@ mod tests {
         for kind in kinds {
             for camera in [None, Some(0), Some(1), Some(2)] {
                 let made = Some(kind(camera));
-                assert_eq!(explained(&texture, made), made);
+                assert_eq!(found(&texture, made), made);
             }
         }
     }
@@ -202,18 +226,14 @@ mod tests {
         let texture = Texture::natural(1);
         for pair in [[0, 1], [0, 2], [1, 2]] {
             let made = Some(Mistake::SameImage(pair));
-            assert_eq!(explained(&texture, made), made);
+            assert_eq!(found(&texture, made), made);
         }
     }
 
     #[test]
     fn repeating_texture_is_no_mistake() {
         for kind in [TextureKind::Bricks, TextureKind::Grid] {
-            assert_eq!(
-                explained(&Texture::of_kind(kind, 1), None),
-                None,
-                "{kind:?}"
-            );
+            assert_eq!(found(&Texture::of_kind(kind, 1), None), None, "{kind:?}");
         }
     }
 
@@ -247,6 +267,26 @@ mod tests {
         ] {
             let said = mistake.explain(&names);
             assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+        }
+    }
+
+    /// In a rig like those that `trinocular init` writes, exchanged outer cameras, images that are
+    /// all upside down, and images that are all mirrored have the same disparities.
+    #[test]
+    fn mistakes_that_look_alike_are_all_named() {
+        let mut rig = Rig::paper();
+        for (camera, x_mm) in rig.cameras.iter_mut().zip([-70.0, 0.0, 70.0]) {
+            *camera = Camera::ideal([530.0, 530.0], [159.5, 119.5], [x_mm, 0.0]);
+        }
+        let texture = Texture::natural(1);
+        let alike = [
+            Mistake::Exchanged([0, 2]),
+            Mistake::UpsideDown(None),
+            Mistake::Mirrored(None),
+        ];
+        for made in alike {
+            let found = found_with(&rig, &texture, Some(made));
+            assert_eq!(found, alike, "{made:?}");
         }
     }
 }

@@ -297,7 +297,7 @@ pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
             } => {
                 let is_turned = width == h && height == w && width != height;
                 let hint = if is_turned {
-                    ": turn them by 90 degrees"
+                    ": turn the camera or its images by 90 degrees"
                 } else {
                     ""
                 };

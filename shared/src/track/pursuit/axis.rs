@@ -1,8 +1,9 @@
 //! One axis that follows the target: at rest while the target is still, else at the predicted
 //! position.
 
-use super::super::filter::{Filter, KinematicLimits, fine, floored_variance, steps, within};
+use super::super::filter::{Filter, KinematicLimits, fine, steps, with_quantisation, within};
 use super::Aim;
+use crate::steps::Position;
 
 /// Low-pass gain of the velocity gain, per frame.
 const EASE: f32 = 0.4;
@@ -20,9 +21,6 @@ const FAR: f32 = 9.0;
 /// (`MANY`), which is a second's worth.
 const FEW: f32 = 4.0;
 const MANY: f32 = 64.0;
-
-/// Half a step, 2⁻³² steps.
-const HALF: i64 = 1 << 31;
 
 /// Filter of the target, velocity gain, and state of rest of one axis.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +49,7 @@ impl Rest {
     /// Rests the axis in the step nearest to the filter's position.
     fn new(filter: &Filter) -> Self {
         Self {
-            step: nearest_step(filter.position()),
+            step: Position::nearest_rest(filter.position()).distance_from_zero(),
             mean: filter.position(),
             count: FEW,
             variance: filter.covariance().position,
@@ -63,9 +61,9 @@ impl Rest {
         self.count = within(self.count + 1.0, FEW, MANY);
         let off = steps(position.saturating_sub(self.mean));
         self.mean = self.mean.saturating_add(fine(off / self.count));
-        self.variance = floored_variance(variance) / self.count;
+        self.variance = with_quantisation(variance) / self.count;
         if !self.holds(self.mean, self.variance, 1.0) {
-            self.step = nearest_step(self.mean);
+            self.step = Position::nearest_rest(self.mean).distance_from_zero();
         }
     }
 
@@ -122,9 +120,4 @@ impl TrackedAxis {
             velocity,
         }
     }
-}
-
-/// Returns the whole step nearest to a position, both in 2⁻³² steps.
-fn nearest_step(position: i64) -> i64 {
-    position.saturating_add(HALF) & !(2 * HALF - 1)
 }

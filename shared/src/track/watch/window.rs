@@ -12,7 +12,7 @@
 //! A window of fewer than seven frames uses a straight line: `P₀, P₁` and `n - 2`.
 
 use super::super::StepVector;
-use super::super::filter::{floored_variance, steps, within};
+use super::super::filter::{steps, with_quantisation, within};
 use super::Sample;
 use crate::time::Instant;
 
@@ -76,7 +76,7 @@ impl Energy {
     pub fn new(spreads: &[Spread; 3], variance: [f32; 3]) -> Self {
         let mut sum = Self::default();
         for (spread, variance) in spreads.iter().zip(variance) {
-            let noise = floored_variance(variance);
+            let noise = with_quantisation(variance);
             sum.stage += spread.stage;
             sum.error += spread.error - noise;
             sum.target += spread.target - noise;
