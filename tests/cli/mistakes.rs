@@ -183,7 +183,13 @@ fn images_turned_by_90_degrees_are_named() {
     fs::write(&turned, [header, &pgm[header.len()..]].concat()).expect("ours");
     let estimate = ["estimate", "views", "--rig", "rig.toml"];
     let outcome = run(desk.folder.path(), &estimate);
-    outcome.failed(1, &["0000.pgm: 240 x 320 px", "turn them by 90 degrees"]);
+    outcome.failed(
+        1,
+        &[
+            "0000.pgm: 240 x 320 px",
+            "turn the camera or its images by 90 degrees",
+        ],
+    );
 }
 
 #[test]

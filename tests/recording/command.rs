@@ -205,7 +205,7 @@ fn other_files_are_refused_in_words() {
     run(folder, &["replay", "none.mcap"]).failed(1, &["none.mcap", "cannot read"]);
     assert_eq!(run(folder, &["export", "a.mcap"]).code, Some(2));
     let record = ["track", "--sim", "--seconds", "0.2", "--record", "a.mcap"];
-    run(folder, &record).failed(1, &["a.mcap", "did not write it", "--force"]);
+    run(folder, &record).failed(1, &["a.mcap", "is no recording of this program", "--force"]);
     let forced = run(folder, &[&record[..], &["--force"]].concat());
     assert_eq!(forced.code, Some(0), "{}", forced.stderr);
     same(folder, "a.mcap");

@@ -18,7 +18,7 @@ use trinocular::servo::station_link::TWIN_B;
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
-use trinocular_rig::output::{Output, Replace, marked};
+use trinocular_rig::output::{Output, OwnFile, Replace, marked};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
@@ -79,9 +79,13 @@ fn stage(options: &ExperimentOptions) -> Result<Stage, InputError> {
 
 /// Opens the files of the report and of the figure.
 fn outputs(options: &ExperimentOptions) -> Result<(Output, Option<Output>), Failure> {
-    let open = |path: &PathBuf| Output::open(path, Replace::Own.or_forced(options.force));
-    let report = open(&options.report)?;
-    let figure = options.figure.as_ref().map(open).transpose()?;
+    let open = |path: &PathBuf, kind| {
+        let replace = Replace::Own(kind).or_forced(options.force);
+        Output::open(path, replace)
+    };
+    let report = open(&options.report, OwnFile::Report)?;
+    let figure = options.figure.as_ref();
+    let figure = figure.map(|path| open(path, OwnFile::Figure)).transpose()?;
     match &figure {
         Some(figure) if figure.is_same_file(&report) => Err(Failure::Usage(
             "--report and --figure must be two files".to_owned(),

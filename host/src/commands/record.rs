@@ -13,7 +13,7 @@ use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::sums::Estimator;
@@ -134,7 +134,7 @@ impl RecordOption {
 
     /// Opens the file without changing it, so that an unwritable place is refused before the run.
     pub fn open(&self, force: bool) -> Result<Opened, InputError> {
-        let replace = Replace::Own.or_forced(force);
+        let replace = Replace::Own(OwnFile::Recording).or_forced(force);
         let open = |path: &PathBuf| Output::open(path, replace);
         Ok(Opened {
             output: self.record.as_ref().map(open).transpose()?,

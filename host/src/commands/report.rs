@@ -14,7 +14,7 @@ use trinocular_recording::read::Source;
 use trinocular_recording::read::survey::Survey;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::printable::printable;
 
 /// Write the page of a recording: plots, events, pictures and data in one HTML file
@@ -35,7 +35,7 @@ pub struct ReportOptions {
     #[arg(long, value_name = "FILE.html")]
     out: Option<PathBuf>,
 
-    /// Replace the file of the page even if this program did not write it
+    /// Replace the file of the page even if it is no report of this program
     #[arg(long)]
     force: bool,
 
@@ -64,7 +64,10 @@ pub fn run(options: &ReportOptions, out: &mut impl Write) -> Result<(), Failure>
         Some(path) => path.clone(),
         None => beside(&options.input),
     };
-    let output = Output::open(&path, Replace::Own.or_forced(options.force))?;
+    let output = Output::open(
+        &path,
+        Replace::Own(OwnFile::Report).or_forced(options.force),
+    )?;
     let survey = Survey::of(&source)?;
     if let Some(cut) = &survey.cut {
         notice!("warning: {cut}");

@@ -6,7 +6,7 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular::report::Page;
 use trinocular_rig::error::InputError;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 
 /// Destination of the page.
 #[derive(Debug, Args)]
@@ -38,7 +38,7 @@ impl ReportOption {
 
     /// Opens the file.
     pub fn open(&self) -> Result<Report, InputError> {
-        let replace = Replace::Own.or_forced(self.force);
+        let replace = Replace::Own(OwnFile::Report).or_forced(self.force);
         let open = |path: &PathBuf| Output::open(path, replace);
         self.report.as_ref().map(open).transpose().map(Report)
     }

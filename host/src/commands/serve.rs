@@ -139,7 +139,7 @@ pub struct ServeOptions {
     )]
     recordings: PathBuf,
 
-    /// Replace the file of --record even if this program did not write it
+    /// Replace the file of --record even if it is no recording of this program
     #[arg(long, requires = "record")]
     force: bool,
 }

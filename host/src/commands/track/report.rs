@@ -12,7 +12,7 @@ use trinocular::servo::observer::ServoObserver;
 use trinocular::servo::recording::{FrameSetTaker, observers_of};
 use trinocular_core::rig::Rig;
 use trinocular_rig::notice;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 
 /// Page of the run.
 #[derive(Debug, Args)]
@@ -47,7 +47,7 @@ impl TrackReport {
         let Some(path) = &self.report else {
             return Ok(());
         };
-        let output = Output::open(path, Replace::Own.or_forced(force))?;
+        let output = Output::open(path, Replace::Own(OwnFile::Report).or_forced(force))?;
         if recording.is_same_file(&output) {
             let reason = "--report and --record must be different files";
             return Err(Failure::Usage(reason.to_owned()));
