@@ -13,7 +13,22 @@ struct Served(Child);
 impl Served {
     /// Starts the program; returns it with a page that may control the run.
     fn start(arguments: &[&str]) -> (Self, Peer) {
-        let mut child = trinocular()
+        Self::start_as(trinocular(), arguments)
+    }
+
+    /// Starts the program, which may write files of at most `bytes`.
+    #[cfg(target_os = "linux")]
+    fn start_limited(arguments: &[&str], bytes: u64) -> (Self, Peer) {
+        let program = trinocular();
+        let mut limited = std::process::Command::new("prlimit");
+        limited
+            .arg(format!("--fsize={bytes}"))
+            .arg(program.get_program());
+        Self::start_as(limited, arguments)
+    }
+
+    fn start_as(mut program: std::process::Command, arguments: &[&str]) -> (Self, Peer) {
+        let mut child = program
             .args(["serve", "--listen", "127.0.0.1:0", "--control"])
             .args(arguments)
             .stderr(Stdio::piped())
@@ -102,10 +117,44 @@ fn second_recording_is_a_new_file() {
 }
 
 #[test]
-fn folder_that_is_missing_is_named_on_the_page() {
-    let (_served, mut page) = Served::start(&["--recordings", "/nowhere/recordings"]);
+fn folder_that_is_missing_is_named_at_once() {
+    let arguments = ["serve", "--control", "--recordings", "/nowhere/recordings"];
+    let outcome = Outcome::of(trinocular().args(arguments));
+    outcome.failed(1, &["/nowhere/recordings", "is no folder"]);
+}
+
+#[test]
+fn removed_recording_is_no_success() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = folder.path().join("runs");
+    std::fs::create_dir(&place).expect("a new folder");
+    let words = ["--recordings", place.to_str().expect("a name in UTF-8")];
+    let (mut served, mut page) = Served::start(&[&words[..], &["--seconds", "8"]].concat());
     assert_eq!(page.ask(&json!({"record": {"on": true}})), None);
-    let is_named = |state: &Value| state["notes"].to_string().contains("/nowhere/recordings");
-    let state = page.state(is_named);
-    assert!(state["recording"].is_null());
+    page.state(|state| state["recording"].is_string());
+    std::fs::remove_dir_all(&place).expect("ours");
+    assert_eq!(page.ask(&json!({"record": {"on": false}})), None);
+    page.state(|state| {
+        state["notes"]
+            .to_string()
+            .contains("was removed or renamed")
+    });
+    drop(page);
+    assert_eq!(served.0.wait().expect("it ends").code(), Some(1));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn full_disk_ends_the_recording_on_the_page() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = folder.path().to_str().expect("a name in UTF-8");
+    let words = ["--recordings", place, "--seconds", "12"];
+    let (mut served, mut page) = Served::start_limited(&words, 8_000_000);
+    page.state(|state| state["station"]["state"] == "following");
+    assert_eq!(page.ask(&json!({"record": {"on": true}})), None);
+    page.state(|state| state["recording"].is_string());
+    let warned = |state: &Value| state["notes"].to_string().contains("cannot write");
+    page.state(|state| state["recording"].is_null() && warned(state));
+    drop(page);
+    assert_eq!(served.0.wait().expect("it ends").code(), Some(1));
 }

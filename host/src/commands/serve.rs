@@ -194,7 +194,7 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
         true => PageRecording::whole(recording.tap()),
         false => {
             let folder = options.recordings.clone();
-            PageRecording::on_request(Box::new(FolderRecordings::new(folder, origin)))
+            PageRecording::on_request(Box::new(FolderRecordings::new(folder, origin)?))
         }
     };
     let outcome = match &options.cameras {

@@ -3,12 +3,13 @@
 use super::observer::{ServoEvent, ServoObserver as _};
 use super::recording::{FrameSetTaker, RecordingObserver, observers};
 use super::station_link::StationLink;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use trinocular_client::observer::StationObserver;
 use trinocular_core::rig::Rig;
 use trinocular_live::Hub;
 use trinocular_recording::recorder::Tap;
+use trinocular_rig::error::InputError;
 use trinocular_vision::images::FrameSet;
 
 /// Maker of recordings.
@@ -23,9 +24,9 @@ pub trait Recordings: std::fmt::Debug + Send {
     fn end(&mut self) -> Finish;
 }
 
-/// Rest of the end of a recording: it returns the account of the file, or the reason why the file
-/// is not whole, in words.
-pub type Finish = Box<dyn FnOnce() -> Result<String, String> + Send>;
+/// Rest of the end of a recording: it returns the account of the file in words, or the error that
+/// ended the file early.
+pub type Finish = Box<dyn FnOnce() -> Result<String, InputError> + Send>;
 
 /// Recording of a run: one for the whole run, or those that its pages ask for.
 #[derive(Debug, Default)]
@@ -35,6 +36,8 @@ pub struct PageRecording {
     tap: Option<Arc<Tap>>,
     /// Thread that waits for the file of the recording before.
     finishing: Option<JoinHandle<()>>,
+    /// First error of a file that was ended early.
+    failed: Arc<Mutex<Option<InputError>>>,
 }
 
 impl PageRecording {
@@ -111,20 +114,44 @@ impl PageRecording {
         drop(tap);
         let finish = recordings.end();
         let hub = Arc::clone(hub);
+        let failed = Arc::clone(&self.failed);
         self.finishing = Some(std::thread::spawn(move || {
             match finish() {
                 Ok(account) => hub.note(account),
-                Err(reason) => hub.warn(reason),
+                Err(error) => {
+                    hub.warn(error.to_string());
+                    let mut failed = failed.lock().unwrap_or_else(PoisonError::into_inner);
+                    failed.get_or_insert(error);
+                }
             }
             hub.set_recording(None);
         }));
     }
 
+    /// Ends a recording whose file cannot be written further, and warns of it.
+    pub fn check(&mut self, hub: &Arc<Hub>, station: &mut StationLink) {
+        if !self.tap.as_ref().is_some_and(|tap| tap.has_failed()) {
+            return;
+        }
+        if self.is_on_request() {
+            return self.end(hub, station);
+        }
+        // The run's own end has the error.
+        station.set_observer(None);
+        self.tap = None;
+        hub.warn("the recording has ended, because its file cannot be written");
+    }
+
     /// Waits for the file of a recording that was ended.
-    pub fn wait(&mut self) {
+    ///
+    /// # Errors
+    /// The first error of a file that was ended early.
+    pub fn wait(&mut self) -> Result<(), InputError> {
         if let Some(thread) = self.finishing.take() {
             let _ = thread.join();
         }
+        let mut failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        failed.take().map_or(Ok(()), Err)
     }
 
     /// Notes an event in the recording under way.

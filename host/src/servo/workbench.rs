@@ -161,14 +161,15 @@ impl<B: Bench> Workbench<B> {
     /// moves stops when the workbench is dropped.
     ///
     /// # Errors
-    /// If the station cannot be reached, restarted, or does not stop.
+    /// If the station cannot be reached, restarted, or does not stop, or if a recording that a page
+    /// started was ended early.
     pub fn run(&mut self, is_over: impl Fn() -> bool) -> Result<(), ServoError> {
         let outcome = self.turn_until(is_over);
         self.servo = None;
         self.recording.end(&self.hub, self.bench.station());
-        self.recording.wait();
+        let recorded = self.recording.wait();
         match outcome {
-            Err(ServoError::Station(StationError::Cancelled)) => Ok(()),
+            Ok(()) | Err(ServoError::Station(StationError::Cancelled)) => Ok(recorded?),
             outcome => outcome,
         }
     }
@@ -179,6 +180,7 @@ impl<B: Bench> Workbench<B> {
                 self.act(action)?;
             }
             self.try_reset()?;
+            self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
                 Ok(Some(shot)) => self.take(&shot)?,

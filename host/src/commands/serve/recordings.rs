@@ -7,6 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use trinocular::calendar::Utc;
 use trinocular::servo::page_recording::{Finish, Recordings};
 use trinocular_recording::recorder::Tap;
+use trinocular_rig::error::InputError;
 use trinocular_rig::printable::printable;
 
 /// Recordings in a folder, with the same origin.
@@ -19,12 +20,19 @@ pub struct FolderRecordings {
 
 impl FolderRecordings {
     /// Makes the recordings of a run. No file is touched before the first one begins.
-    pub fn new(folder: PathBuf, origin: Origin) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// If there is no such folder.
+    pub fn new(folder: PathBuf, origin: Origin) -> Result<Self, InputError> {
+        if !folder.is_dir() {
+            let reason = "is no folder; create it, or name another for the recordings";
+            return Err(InputError::file(&folder, reason));
+        }
+        Ok(Self {
             folder,
             origin,
             running: None,
-        }
+        })
     }
 }
 
@@ -44,8 +52,7 @@ impl Recordings for FolderRecordings {
     fn end(&mut self) -> Finish {
         let running = self.running.take();
         Box::new(move || {
-            let running = running.ok_or("no recording is under way")?;
-            let account = running.finish().map_err(|error| error.to_string())?;
+            let account = running.map_or(Ok(None), Recording::finish)?;
             Ok(account.unwrap_or_default())
         })
     }
