@@ -1,9 +1,9 @@
 //! Speed and accuracy of the flow beside those of optical-flow-lk, imageproc and OpenCV, on images
 //! whose true flow is known.
 //!
-//! `cargo bench -p trinocular --bench flow [-- ROUNDS]`. OpenCV takes part if `$PYTHON` (or `python3`) has
-//! `cv2`. All programs take turns, round by round, so that other load of the machine
-//! affects all of them alike. Compare the least times.
+//! `cargo run --release --manifest-path host/benches/flow/Cargo.toml [-- ROUNDS]`. OpenCV takes part
+//! if `$PYTHON` (or `python3`) has `cv2`. All programs take turns, round by round, so that other
+//! load of the machine affects all of them alike. Compare the least times.
 
 mod accuracy;
 mod bound;
@@ -39,10 +39,8 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    // `cargo test --benches` does not pass `--bench`; then one round shows that everything runs.
-    let is_bench = arguments.iter().any(|argument| argument == "--bench");
     let given = arguments.iter().find_map(|argument| argument.parse().ok());
-    let rounds = given.unwrap_or(if is_bench { 7 } else { 1 });
+    let rounds = given.unwrap_or(7);
     let small = |name, disparity_px| Scene {
         name,
         size_px: [320, 240],

@@ -20,6 +20,21 @@ const KEYS: usize = 16;
 type Announce = Box<dyn Fn(&str) + Send + Sync>;
 
 /// Token of the control link and keys of the pages that were opened by it.
+///
+/// ```
+/// use std::sync::mpsc;
+/// use trinocular_live::access::Access;
+///
+/// let (sender, links) = mpsc::channel();
+/// let access = Access::new(move |token| sender.send(token.to_owned()).expect("open"))?;
+/// access.announce();
+/// let token = links.recv().expect("a link");
+/// let key = access.exchange(&token).expect("a link that was not used before");
+/// assert!(access.knows(&key));
+/// // The link works once.
+/// assert_eq!(access.exchange(&token), None);
+/// # Ok::<(), getrandom::Error>(())
+/// ```
 pub struct Access {
     state: Mutex<State>,
     announce: Announce,

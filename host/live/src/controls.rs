@@ -9,6 +9,16 @@ pub const LONGEST_JOG_UM: i32 = 50_000;
 pub const LONGEST_MARK: usize = 80;
 
 /// Action that a page asks for.
+///
+/// ```
+/// use trinocular_live::controls::Action;
+///
+/// let action: Action = serde_json::from_str(r#"{"jog": {"distance_um": [100, 0, 0]}}"#)?;
+/// assert!(action.check().is_ok());
+/// let far: Action = serde_json::from_str(r#"{"jog": {"distance_um": [900000, 0, 0]}}"#)?;
+/// assert!(far.check().is_err());
+/// # Ok::<(), serde_json::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Action {

@@ -34,12 +34,24 @@ const KEY_PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Debug, Deserialize)]
 #[serde(untagged, deny_unknown_fields)]
 enum Request {
-    Drawn { drawn: u64 },
-    Token { token: String },
-    Key { key: String },
-    Do { r#do: Action, id: u64 },
+    Drawn {
+        drawn: u64,
+    },
+    Token {
+        token: String,
+    },
+    Key {
+        key: String,
+    },
+    Do {
+        r#do: Action,
+        id: u64,
+    },
     /// An action of another version. The variants are tried in this order.
-    Unknown { r#do: IgnoredAny, id: u64 },
+    Unknown {
+        r#do: IgnoredAny,
+        id: u64,
+    },
 }
 
 /// A page, and what it has got.
@@ -165,7 +177,10 @@ impl Page {
                 let is_known = self.access().is_some_and(|access| access.knows(&key));
                 self.admit(is_known.then_some(key)).await
             }
-            Request::Unknown { r#do: IgnoredAny, id } => {
+            Request::Unknown {
+                r#do: IgnoredAny,
+                id,
+            } => {
                 let error = "there is no such action, or it has other fields".to_owned();
                 self.answer(id, Some(error)).await
             }

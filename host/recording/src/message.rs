@@ -112,6 +112,20 @@ impl Outcome {
 }
 
 /// One frame set: its measurement in the images, and the station's answer.
+///
+/// ```
+/// use trinocular_recording::message::{Measurement, Outcome};
+///
+/// let measurement = Measurement {
+///     outcome: Outcome::Used,
+///     displacement_mm: [0.1, -0.2, 1.5],
+///     ..Measurement::default()
+/// };
+/// let mut bytes = Vec::new();
+/// measurement.encode(&mut bytes);
+/// assert_eq!(Measurement::decode(&bytes)?, measurement);
+/// # Ok::<(), trinocular_recording::cdr::CdrFault>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measurement {
     /// Capture time on the clock of the images' source, µs.

@@ -24,6 +24,19 @@ pub enum Pace {
 }
 
 /// Queue of entries.
+///
+/// ```
+/// use std::time::Duration;
+/// use trinocular_recording::queue::{BYTES, Pace, Popped, Queue};
+///
+/// let queue = Queue::new(Pace::Real);
+/// assert!(queue.push("status", 100, false));
+/// // What does not fit is dropped: a run never waits for the disk.
+/// assert!(!queue.push("image", BYTES, true));
+/// assert_eq!(queue.pop(Duration::ZERO), Popped::Entry("status"));
+/// queue.close();
+/// assert_eq!(queue.pop(Duration::ZERO), Popped::Closed);
+/// ```
 #[derive(Debug)]
 pub struct Queue<T> {
     state: Mutex<State<T>>,

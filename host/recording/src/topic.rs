@@ -23,6 +23,14 @@ pub fn compressed(camera: &str) -> String {
 }
 
 /// Topics of each camera's images.
+///
+/// ```
+/// use trinocular_recording::topic::ImageTopics;
+///
+/// let topics = ImageTopics::new(&["left".to_owned(), "right".to_owned()]);
+/// assert_eq!(topics.camera("/right/image_raw/compressed"), Some(1));
+/// assert_eq!(topics.camera("/status"), None);
+/// ```
 #[derive(Clone, Debug)]
 pub struct ImageTopics(Vec<[String; 2]>);
 

@@ -32,6 +32,14 @@ pub struct Source {
 }
 
 /// Returns true for a path that ends in `.mcap` and for the folder of a ROS 2 bag.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_recording::read::is_recording;
+///
+/// assert!(is_recording(Path::new("run.mcap")));
+/// assert!(!is_recording(Path::new("points.csv")));
+/// ```
 pub fn is_recording(path: &Path) -> bool {
     if path.is_dir() {
         return path.join("metadata.yaml").is_file();
