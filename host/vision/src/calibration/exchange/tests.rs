@@ -145,6 +145,58 @@ fn unknown_coefficients_must_be_zero() {
     );
 }
 
+/// Returns a ROS file with this model and coefficients.
+fn with_model(model: &str, data: &str, cols: usize) -> String {
+    format!(
+        "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, 0, \
+         320, 0, 500, 240, 0, 0, 1]}}\ndistortion_model: {model}\ndistortion_coefficients: \
+         {{rows: 1, cols: {cols}, data: [{data}]}}\n"
+    )
+}
+
+#[test]
+fn model_is_judged_by_its_coefficients() {
+    let eight = "0.1, 0.2, 0.003, 0.004, 0.5, 0, 0, 0";
+    let rational = parse(&with_model("rational_polynomial", eight, 8)).unwrap();
+    assert_eq!(rational.lens.0[4..], [0.1, 0.2, 0.003, 0.004, 0.5]);
+    let plain = parse(&with_model("''", "0, 0, 0, 0, 0", 5)).unwrap();
+    assert_eq!(plain.lens.0[4..], [0.0; 5]);
+    let none = parse(&with_model("''", "", 0)).unwrap();
+    assert_eq!(none.lens.0[4..], [0.0; 5]);
+    for (text, field, reason) in [
+        (
+            with_model("rational_polynomial", "0.1, 0, 0, 0, 0, 0.3, 0, 0", 8),
+            "distortion_coefficients",
+            "5 coefficients",
+        ),
+        (
+            with_model("''", "0.1, 0, 0, 0, 0", 5),
+            "distortion_model",
+            "the model is empty",
+        ),
+    ] {
+        let error = parse(&text).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+}
+
+#[test]
+fn binning_and_roi_are_refused_by_name() {
+    let plain = with_model("plumb_bob", "0, 0, 0, 0, 0", 5);
+    let none = "binning_x: 1\nbinning_y: 0\nroi: {x_offset: 0, y_offset: 0, height: 0, width: \
+                0, do_rectify: false}\n";
+    assert!(parse(&format!("{plain}{none}")).is_ok());
+    for (line, field) in [
+        ("binning_x: 4", "binning_x"),
+        ("roi: {x_offset: 16, y_offset: 0}", "roi.x_offset"),
+    ] {
+        let error = parse(&format!("{plain}{line}\n")).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains("not supported"), "{error}");
+    }
+}
+
 #[track_caller]
 fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
     assert!(OPENCV.contains(from), "the change must apply");
