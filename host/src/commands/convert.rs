@@ -140,6 +140,10 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
 /// Assembles the rig of these cameras.
 fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     if !(2..=MAX_CAMERAS).contains(&files.len()) {
+        // A file of all cameras, as other programs write, is named for what it is.
+        if let [only] = files {
+            CameraFile::read(only)?;
+        }
         let count = files.len();
         return Err(Failure::Usage(format!(
             "{count} file of a camera; a rig has 2 to {MAX_CAMERAS}"

@@ -64,8 +64,6 @@ const LAYOUTS: [Layout; 8] = [
     },
 ];
 
-const XML: &str = "the XML of OpenCV's FileStorage, which is not read: write the same values as \
-                   YAML, for example with the file name camera.yml in the program that wrote it";
 const INI: &str = "the INI file of ROS's camera calibration (oST), which is not read: use the \
                    .yaml beside it, or convert it with `rosrun camera_calibration_parsers convert \
                    ost.ini camera.yaml`";
@@ -76,10 +74,6 @@ const INI: &str = "the INI file of ROS's camera calibration (oST), which is not 
 /// [`InputError`] with the name of the layout and the way out.
 pub(super) fn check(file: &Path, text: &str) -> Result<(), InputError> {
     let refuse = |reason: &str| Err(InputError::file(file, reason));
-    let start = text.trim_start_matches('\u{feff}').trim_start();
-    if start.starts_with("<?xml") || start.starts_with("<opencv_storage") {
-        return refuse(XML);
-    }
     let lines = || text.lines().map(str::trim);
     if lines().any(|line| line == "[image]" || line == "# oST version 5.0 parameters") {
         return refuse(INI);
@@ -109,8 +103,6 @@ mod tests {
     #[test]
     fn known_foreign_layouts_are_named() {
         for (text, name) in [
-            ("<?xml version=\"1.0\"?>\n<opencv_storage>\n", "XML"),
-            ("\u{feff}<opencv_storage>", "XML"),
             ("# Camera intrinsics\n\n[image]\n\nwidth\n640\n", "oST"),
             (
                 "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0]\n  intrinsics: [1]\n",

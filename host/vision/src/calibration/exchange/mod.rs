@@ -1,5 +1,5 @@
-//! Camera files of other programs: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file
-//! per camera.
+//! Camera files of other programs: OpenCV's FileStorage (YAML, JSON, XML) and ROS's `camera_info`
+//! YAML, one file per camera.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -29,6 +29,7 @@ use yaml::{Document, Node, quoted};
 
 mod assemble;
 mod foreign;
+mod xml;
 mod yaml;
 
 pub use assemble::{Assembled, Member, assemble};
@@ -121,8 +122,13 @@ impl CameraFile {
         let text = std::str::from_utf8(bytes).map_err(|error| {
             not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
         })?;
-        foreign::check(file, text)?;
-        let document = Document::parse(file, text, &KEYS)?;
+        let document = match xml::is_xml(text) {
+            true => xml::parse(file, text, &KEYS)?,
+            false => {
+                foreign::check(file, text)?;
+                Document::parse(file, text, &KEYS)?
+            }
+        };
         let root = document.root();
         let side = |key: &str| root.required(key)?.whole(8..=65_535);
         let image_size_px = [side("image_width")?, side("image_height")?];

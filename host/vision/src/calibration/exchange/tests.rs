@@ -145,6 +145,54 @@ fn unknown_coefficients_must_be_zero() {
     );
 }
 
+const XML: &str = "<?xml version=\"1.0\"?>
+<!-- written by a test -->
+<opencv_storage>
+<calibration_time>\"Mon\"</calibration_time>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id=\"opencv-matrix\">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    533.5 0. 342.25 0.
+    533. 234.5 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id=\"opencv-matrix\">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    -0.28 0.03 1e-3 -1e-4 0.13</data></distortion_coefficients>
+</opencv_storage>
+";
+
+#[test]
+fn opencv_xml_is_read() {
+    let file = parse(XML).unwrap();
+    assert_eq!(file.image_size_px, [640, 480]);
+    let lens = [533.5, 533.0, 342.25, 234.5, -0.28, 0.03, 1e-3, -1e-4, 0.13];
+    assert_eq!(file.lens.0, lens);
+    assert_eq!(
+        (file.places.matrix.line, file.places.distortion.line),
+        (7, 14)
+    );
+}
+
+#[test]
+fn bad_xml_is_refused_by_line() {
+    let error = parse(&XML.replace("533. 234.5", "533. x")).unwrap_err();
+    assert_eq!(error.line, Some(13), "{error}");
+    assert_eq!(error.field.as_deref(), Some("camera_matrix.data[5]"));
+    let error = parse(&XML.replace("image_width", "width")).unwrap_err();
+    assert!(error.to_string().contains("image_width"), "{error}");
+    let error = parse(&XML.replace("opencv_storage", "html")).unwrap_err();
+    assert!(error.reason.contains("opencv_storage"), "{error}");
+    for length in 0..XML.trim_end().len() {
+        assert!(parse(&XML[..length]).is_err(), "{length}");
+    }
+}
+
 /// Returns a ROS file with this model and coefficients.
 fn with_model(model: &str, data: &str, cols: usize) -> String {
     format!(
