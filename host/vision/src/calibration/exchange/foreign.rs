@@ -19,13 +19,15 @@ const LAYOUTS: [Layout; 8] = [
         reason: "a Kalibr camchain, which is not read: write one file per camera with image_width, \
                  image_height, camera_matrix from `intrinsics` (fu fv pu pv), \
                  distortion_coefficients from `distortion_coeffs` (radtan: k1 k2 p1 p2), and R and \
-                 T from T_cn_cnm1 (T in mm: times 1000)",
+                 T from T_cn_cnm1 (T in mm: times 1000); the \
+                 first camera's R is the unit matrix and its T zero",
     },
     Layout {
         names: &["M1", "D1"],
         reason: "the intrinsics of OpenCV's stereo_calib, which are not read: write one file per \
                  camera with image_width and image_height, M1 or M2 as camera_matrix, D1 or D2 as \
-                 distortion_coefficients, and for the second camera R and T of the extrinsics",
+                 distortion_coefficients, R and T of the extrinsics for the second camera, \
+                 and the unit matrix and zero for the first",
     },
     Layout {
         names: &["R", "T", "R1", "P1"],
