@@ -6,7 +6,8 @@
 //! ```
 //!
 //! PNG, JPEG, PNM, TIFF, BMP and WebP files are read. Values of 16-bit files are scaled by the bits
-//! that the frame sets use, all images of a frame set alike. Images in other formats are named once and skipped; hidden
+//! that the frame sets use, all images of a frame set alike. Images in other formats are named once and
+//! skipped; hidden
 //! files and all others are skipped. A name of an image that is not a file (a pipe, a folder, a
 //! dangling link) is an unreadable image. Colour is converted to grey by its luminance. Frame sets
 //! come in the order of their names, in which numbers count as numbers: `view9.png` comes before
@@ -68,7 +69,10 @@ impl Listing {
         };
         (!listed.is_empty()).then(|| {
             let names = listed.join(", ");
-            format!("not read: {names}{more}; only PNG, JPEG, PNM, TIFF, BMP and WebP are, so convert them")
+            format!(
+                "not read: {names}{more}; only PNG, JPEG, PNM, TIFF, BMP and WebP are, so convert \
+                 them"
+            )
         })
     }
 
@@ -97,7 +101,8 @@ impl Folder {
     /// Lists the frame sets in `dir`, whose subfolders are `names`, one per camera in the rig's
     /// order.
     ///
-    /// Only the first whole frame set is opened, for the bits in use. `image_size_px` (width, height) is the size that every image must
+    /// Only the first whole frame set is opened, for the bits in use. `image_size_px`
+    /// (width, height) is the size that every image must
     /// have, `period_us` the time between frame sets.
     ///
     /// # Errors
