@@ -254,7 +254,7 @@ fn invalid_arguments_fail_before_port_opens() {
     let desk = Desk::new("/dev/no-such-port");
     for (words, part) in [
         ("jog", "AXIS=MM"),
-        ("jog w=1", "no axis `w`"),
+        ("jog w=1", "unknown axis `w`"),
         ("jog x", "x=1.5"),
         ("jog x=far", "`far` is not a number"),
         ("jog x=NaN", "-1000 to 1000"),

@@ -157,7 +157,7 @@ fn stamps_pair_images_and_losses_count() {
     };
     let best = (-40..40).map(error_mm).fold(f64::INFINITY, f64::min);
     let farthest = seen.iter().map(|(_, [x, ..])| x.abs()).fold(0.0, f64::max);
-    println!("{} pictures, {best:.4} mm off at most", seen.len());
+    println!("{} frame sets, {best:.4} mm off at most", seen.len());
     assert!(best <= 0.05, "{best} mm");
     assert!(farthest >= 1.0, "{farthest} mm");
 

@@ -31,7 +31,7 @@ fn table_6(path: &str) -> Run {
     let run = tracking::run(&Settings::default(), &default_stage(), place, |_| {})
         .unwrap_or_else(|error| panic!("{error}"));
     println!(
-        "{}: largest error {:.4?} mm, {} of {} pictures used, clock known to {:?} us",
+        "{}: largest error {:.4?} mm, {} of {} frame sets used, clock known to {:?} us",
         run.station,
         run.worst_mm(),
         run.used(),

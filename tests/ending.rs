@@ -4,7 +4,9 @@
 //! stopped by command and without a fault.
 
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::{HEARTBEAT_MS, default_stage};
+use trinocular_client::stage::default_stage;
+#[path = "ending/load.rs"]
+mod load;
 #[path = "ending/owner.rs"]
 mod owner;
 #[path = "ending/signals.rs"]
@@ -20,7 +22,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_core::frame::message::{Command as StationCommand, Packet, Report};
-use trinocular_core::frame::receive::Receiver;
 use trinocular_core::safety::State;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, signal, trinocular};
@@ -450,67 +451,4 @@ fn motors_are_switched_by_hand() {
     say("zero", 0);
     say("jog x=1", 0);
     assert_eq!(end.steps(), [80, 0, 0]);
-}
-
-/// Number of threads that each load a processor.
-const BUSY: usize = 20;
-
-struct Load(Arc<AtomicBool>, Vec<std::thread::JoinHandle<()>>);
-
-impl Load {
-    fn start() -> Self {
-        let over = Arc::new(AtomicBool::new(false));
-        let spin = |over: Arc<AtomicBool>| move || while !over.load(Ordering::Relaxed) {};
-        let threads = (0..20)
-            .map(|_| std::thread::spawn(spin(Arc::clone(&over))))
-            .collect();
-        Self(over, threads)
-    }
-}
-
-impl Drop for Load {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-        for thread in self.1.drain(..) {
-            let _ = thread.join();
-        }
-    }
-}
-
-/// Returns the longest interval between two pings by the host's stamps, ms.
-fn largest_gap_ms(end: &FarEnd) -> u64 {
-    let (bytes, mut receiver) = (end.received(), Receiver::<Packet>::default());
-    let mut bytes = &bytes[..];
-    let packets = std::iter::from_fn(|| receiver.next(&mut bytes)).filter_map(Result::ok);
-    let sent = packets.filter_map(|packet| match packet.command {
-        StationCommand::Ping { host_us } => Some(host_us),
-        _ => None,
-    });
-    let sent: Vec<u64> = sent.collect();
-    let gaps = sent.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
-    gaps.max().expect("there were pings") / 1_000
-}
-
-/// The test examines the pings themselves, because the station's clock is that of this computer.
-#[test]
-#[ignore = "loads the computer; tests/run includes it"]
-fn heartbeat_holds_on_busy_computer() {
-    let _alone = alone();
-    let may_raise = Command::new("nice").args(["-n", "-20", "true"]).output();
-    let may_raise = may_raise.is_ok_and(|done| done.stderr.is_empty());
-    let desk = Desk::new();
-    let end = station();
-    let load = Load::start();
-    let run = desk.start(&end, "jog x=2 --rig wide.toml");
-    let (code, err) = ended(run);
-    drop(load);
-    let gap_ms = largest_gap_ms(&end);
-    println!("{BUSY} busy threads: at most {gap_ms} ms between two pings; {err}");
-    if !may_raise {
-        println!("without the right to raise a priority: nothing to hold");
-        return;
-    }
-    assert_eq!(code, Some(0), "{err}");
-    assert!(gap_ms < u64::from(HEARTBEAT_MS), "{gap_ms} ms");
-    assert_eq!(end.steps(), [160, 0, 0]);
 }

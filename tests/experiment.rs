@@ -121,10 +121,14 @@ fn no_command_tracks_and_writes_report() {
     );
     let html = std::fs::read_to_string(&page).unwrap();
     assert!(html.contains("Fig. 7") && html.contains("Fig. 8") && html.contains("<svg"));
+    let links = html.matches("href=\"").count();
+    let inside = ["href=\"#", "href=\"data:image/jpeg;base64,"];
+    let inside = inside.map(|link| html.matches(link).count());
     assert!(
-        !html.contains("src=") && !html.contains("href="),
+        !html.contains("src=") && links == inside.iter().sum::<usize>(),
         "the page must be self-contained"
     );
+    assert!(inside[1] >= 9 && html.contains("A begins a move"));
     assert!(
         std::fs::read_to_string(&figure)
             .unwrap()

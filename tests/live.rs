@@ -11,6 +11,8 @@ mod control;
 mod options;
 #[path = "live/peer.rs"]
 mod peer;
+#[path = "live/record.rs"]
+mod record;
 #[path = "live/slow.rs"]
 mod slow;
 

@@ -97,13 +97,13 @@ fn stop_ends_motion_of_last_frame() {
         rest_mm.expect("a station")[0] - last_mm
     };
     let (stopped, ran_on) = (end(true), end(false));
-    println!("{stopped:.3} mm beyond the last picture's target after a stop, {ran_on:.3} without");
+    println!("{stopped:.3} mm beyond the last image's target after a stop, {ran_on:.3} without");
     // The bound is one period, the frame's latency, and the ramp.
     assert!((0.0..=1.0).contains(&stopped), "{stopped}");
     assert!(ran_on > 5.0, "{ran_on}");
 }
 
-/// The captures' clock is five seconds ahead. A frame stamped in the future would be refused, like
+/// The clock of the images is five seconds ahead. A frame stamped in the future would be refused, like
 /// one whose time is really wrong.
 #[test]
 fn two_real_clocks_are_aligned() {

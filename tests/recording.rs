@@ -4,6 +4,8 @@
 
 #[path = "recording/command.rs"]
 mod command;
+#[path = "recording/report.rs"]
+mod report;
 #[path = "recording/run.rs"]
 mod run;
 

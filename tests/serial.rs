@@ -154,7 +154,7 @@ fn silence_and_noise_are_distinguished() {
         Err(error @ StationError::Garbled(_)) => {
             let text = error.to_string();
             assert!(
-                text.contains("packets that are") && !text.contains('{'),
+                text.contains("packets with") && !text.contains('{'),
                 "{text}"
             );
         }

@@ -6,7 +6,7 @@ mod command;
 
 use std::path::{Path, PathBuf};
 use trinocular::scenario::figures::Figures;
-use trinocular::scenario::file::{Scenario, Sight};
+use trinocular::scenario::file::{ImageSource, Scenario};
 use trinocular::scenario::run::{Run, ScenarioOptions, run};
 use trinocular_tests::replaying::{BOARD, Recording};
 
@@ -160,8 +160,8 @@ fn agree_in_qemu(name: &str) {
     let scenario = read(name);
     // The station does not know the source of its sums.
     let scenario = match scenario.cameras.sight {
-        Sight::Rendered { .. } => scenario.with_points(),
-        Sight::Points { .. } => scenario,
+        ImageSource::Rendered { .. } => scenario.with_points(),
+        ImageSource::Points { .. } => scenario,
     };
     let [segments, packets] = Recording::of(&live(&scenario, true).twin).check_emulated();
     println!("{name}: {segments} segments and {packets} packets agree");

@@ -14,10 +14,10 @@ use trinocular_core::sums::centred::FixedCentredSums;
 use trinocular_core::time::Instant;
 use trinocular_rig::random::Random;
 
-/// Delay from a capture to the arrival of its sums, µs.
+/// Delay from the capture time to the arrival of its sums, µs.
 const LATENCY_US: u64 = 20_000;
 
-/// Interval between two captures, µs.
+/// Interval between two frame sets, µs.
 const FRAME_US: u64 = 16_667;
 
 /// Growth of the resident set that an allocator may show without any leak, KiB.
@@ -136,7 +136,7 @@ impl Soak {
             // The target is hidden for a while.
             _ => self.pass(700_000),
         }
-        // Captures in progress are lost.
+        // Frame sets in progress are lost.
         self.waiting.clear();
         self.pass(50_000);
         self.twin.set_switches(Inputs::default());

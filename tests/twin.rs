@@ -340,16 +340,19 @@ fn link_in_the_way_is_kept() {
 #[test]
 fn link_of_the_user_is_kept() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (file, link) = (folder.path().join("notes.txt"), folder.path().join("link"));
+    let file = folder.path().join("notes.txt");
     std::fs::write(&file, "mine").expect("it is ours");
-    std::os::unix::fs::symlink(&file, &link).expect("a link");
-    let mut twin = trinocular();
-    twin.arg("twin")
-        .arg("--link")
-        .arg(&link)
-        .stdin(Stdio::null());
-    Outcome::of(&mut twin).failed(1, &["link", "--link"]);
-    assert_eq!(std::fs::read_link(&link).expect("it is there"), file);
+    for (name, target) in [("link", file.as_path()), ("device", "/dev/null".as_ref())] {
+        let link = folder.path().join(name);
+        std::os::unix::fs::symlink(target, &link).expect("a link");
+        let mut twin = trinocular();
+        twin.arg("twin")
+            .arg("--link")
+            .arg(&link)
+            .stdin(Stdio::null());
+        Outcome::of(&mut twin).failed(1, &[name, "--link"]);
+        assert_eq!(std::fs::read_link(&link).expect("it is there"), target);
+    }
 }
 
 #[test]

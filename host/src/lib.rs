@@ -41,6 +41,7 @@
 //! | [`budget`] | predicted accuracy and limits of a rig |
 //! | [`paper`] | the tables of the paper |
 //! | [`report`] | pages with tables and figures |
+//! | [`run_report`] | the page of a run or of a recording |
 //! | [`accuracy_study`] | a study for developers: error and refusals under many conditions |
 //!
 //! Units are in the names: `_mm`, `_px`, `_us`, `_s`. The feature `camera`, off by default, adds
@@ -51,7 +52,9 @@
 
 pub mod accuracy_study;
 pub mod budget;
+pub mod calendar;
 pub mod paper;
 pub mod report;
+pub mod run_report;
 pub mod scenario;
 pub mod servo;

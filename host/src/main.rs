@@ -30,7 +30,7 @@ fn main() -> ExitCode {
 fn run() -> Result<ExitCode, Failure> {
     let arguments = match commands::Arguments::try_parse() {
         Ok(arguments) => arguments,
-        Err(error) => return explain(&error),
+        Err(error) => return explain(commands::numbers::explained(error)),
     };
     let mut out = io::stdout().lock();
     commands::run(arguments, &mut out)?;
@@ -40,7 +40,7 @@ fn run() -> Result<ExitCode, Failure> {
 }
 
 /// Prints help, version, or the error in the arguments.
-fn explain(error: &clap::Error) -> Result<ExitCode, Failure> {
+fn explain(error: clap::Error) -> Result<ExitCode, Failure> {
     let printed = error.print();
     let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
     if let Some(hint) = commands::commas::hint(words) {

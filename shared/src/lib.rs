@@ -38,11 +38,11 @@
 //!
 //! ```
 //! use trinocular_core::time::Instant;
-//! use trinocular_core::track::filter::Reach;
+//! use trinocular_core::track::filter::KinematicLimits;
 //! use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 //!
 //! // A target at 2 steps/ms, measured every 20 ms with a variance of 0.1 steps².
-//! let limits = [Reach { speed: 8.0, acceleration: 0.16 }; 3];
+//! let limits = [KinematicLimits { speed: 8.0, acceleration: 0.16 }; 3];
 //! let mut pursuit = Pursuit::default();
 //! for k in 0..50u64 {
 //!     let capture = Instant::from_micros(20_000 * k);
@@ -57,7 +57,7 @@
 //! let aim = |ms| pursuit.aim(at(ms), &limits, &Settings::DEFAULT);
 //! let [x, y, _] = (0..=10u64).filter_map(aim).last().unwrap();
 //! assert!(((x.position >> 32) - 1980).abs() <= 1 && y.position == 0);
-//! assert!((x.speed - 2.0).abs() < 0.1);
+//! assert!((x.velocity - 2.0).abs() < 0.1);
 //! ```
 //!
 //! [`motion`] plans segments of motion to target positions, within limits of speed, acceleration

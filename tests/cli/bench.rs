@@ -50,7 +50,7 @@ fn folder_is_timed_as_often_as_asked() {
     };
     let with_rig = ["--rig", "rig.toml", "--json", "--repeat", "2"];
     let one = report(&bench(&with_rig));
-    // Three captures make two frame sets each time.
+    // Each pass measures the second and the third of the three frame sets.
     assert_eq!(one["frame_sets"], 4, "{one}");
     assert_eq!(one["captures"], 3);
     assert_eq!(one["threads"], 1);

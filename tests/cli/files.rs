@@ -17,7 +17,10 @@ fn report_replaces_only_a_report() {
         assert_eq!(report(&desk, "a.html", &[]).code, Some(0));
     }
     let before = desk.read("points.csv");
-    report(&desk, "points.csv", &[]).failed(1, &["points.csv", "did not write it", "--force"]);
+    report(&desk, "points.csv", &[]).failed(
+        1,
+        &["points.csv", "is no report of this program", "--force"],
+    );
     assert_eq!(desk.read("points.csv"), before);
     report(&desk, "rig.toml", &[]).failed(1, &["rig.toml", "is an input of this command"]);
     assert_eq!(report(&desk, "points.csv", &["--force"]).code, Some(0));

@@ -3,12 +3,12 @@
 
 use nalgebra::{Matrix2, RowVector2, Vector2};
 use trinocular_core::time::Instant;
-use trinocular_core::track::filter::{Filter, Reach};
+use trinocular_core::track::filter::{Filter, KinematicLimits};
 use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 use trinocular_rig::random::Random;
 
 /// Limits of the stage of the experiments, steps and ms: 100 mm/s, 2,000 mm/s² at 80 steps/mm.
-const REACH: Reach = Reach {
+const REACH: KinematicLimits = KinematicLimits {
     speed: 8.0,
     acceleration: 0.16,
 };
@@ -98,7 +98,7 @@ fn single_precision_is_enough() {
             textbook.update(measured, f64::from(variance as f32), f64::from(DT));
             let position = (filter.position() - fine(far)) as f64 / STEP;
             worst = worst.max((position - textbook.state[0]).abs());
-            worst_speed = worst_speed.max((f64::from(filter.speed()) - textbook.state[1]).abs());
+            worst_speed = worst_speed.max((f64::from(filter.velocity()) - textbook.state[1]).abs());
         }
     }
     println!("off by up to {worst:.2e} steps and {worst_speed:.2e} steps/ms");
@@ -131,11 +131,11 @@ fn covariance_matches_true_error() {
                 if k >= 120 {
                     let known = filter.covariance();
                     let covariance =
-                        Matrix2::new(known.position, known.both, known.both, known.speed)
+                        Matrix2::new(known.position, known.cross, known.cross, known.velocity)
                             .map(f64::from);
                     let error = Vector2::new(
                         filter.position() as f64 / STEP - place,
-                        f64::from(filter.speed()) - speed,
+                        f64::from(filter.velocity()) - speed,
                     );
                     let inverse = covariance.try_inverse().expect("positive");
                     sum += (error.transpose() * inverse * error)[0];
@@ -177,7 +177,10 @@ fn filter_has_same_bits_everywhere() {
         outliers += u32::from(taken.is_err());
         let aims = pursuit.aim(arrived, &[REACH; 3], &Settings::DEFAULT);
         for aim in aims.expect("a target is in sight") {
-            let words = [aim.position.cast_unsigned(), u64::from(aim.speed.to_bits())];
+            let words = [
+                aim.position.cast_unsigned(),
+                u64::from(aim.velocity.to_bits()),
+            ];
             for byte in words.map(u64::to_le_bytes).as_flattened() {
                 hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
             }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Instant;
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
@@ -45,7 +46,14 @@ impl Lab {
         let bench = SimulatedBench::new(world.expect("it starts"), path, 30.0);
         let (rig, stage) = (&setup.rig, &setup.stage);
         let midpoint = Estimator::Midpoint;
-        let (mut bench, desk) = Workbench::new(bench, rig, stage, midpoint, Arc::clone(&hub));
+        let (mut bench, desk) = Workbench::new(
+            bench,
+            rig,
+            stage,
+            midpoint,
+            Arc::clone(&hub),
+            PageRecording::default(),
+        );
         let tokens = Arc::new(Mutex::new(Vec::new()));
         let theirs = Arc::clone(&tokens);
         let access = Access::new(move |token| theirs.lock().unwrap().push(token.to_owned()));

@@ -285,7 +285,7 @@ fn shots(random: &mut Random, seconds: f64, hidden_s: &[[f64; 2]]) -> (Vec<Shot>
     }
     let style = ["even", "exponential", "uneven"][style];
     let story = format!(
-        "{per_s:.0} {style} pictures/s, {:.0} ms late, jitter {:.0} ms",
+        "{per_s:.0} {style} frame sets/s, {:.0} ms late, jitter {:.0} ms",
         latency_us * 1e-3,
         jitter_us * 1e-3
     );

@@ -51,7 +51,24 @@ fn simulated_run_is_recorded_and_replayed() {
     );
     assert_eq!(bench.good_json()[0]["captures"], plain.len() + 1);
     let export = ["export", "run.mcap", "--csv", "run.csv", "--images", "caps"];
+    let export = [&export[..], &["--parquet", "run.parquet"]].concat();
     assert_eq!(run(folder, &export).code, Some(0));
+    // Neither table is written if one of them may not be replaced.
+    fs::remove_file(folder.join("run.csv")).unwrap();
+    let again = [
+        "export",
+        "run.mcap",
+        "--csv",
+        "run.csv",
+        "--parquet",
+        "run.parquet",
+    ];
+    run(folder, &again).failed(1, &["run.parquet", "--force"]);
+    assert!(!folder.join("run.csv").exists());
+    let forced = run(folder, &[&again[..], &["--force"]].concat());
+    assert_eq!(forced.code, Some(0), "{}", forced.stderr);
+    let parquet = fs::read(folder.join("run.parquet")).unwrap();
+    assert!(parquet.starts_with(b"PAR1") && parquet.ends_with(b"PAR1"));
     let table = fs::read_to_string(folder.join("run.csv")).unwrap();
     assert_eq!(table.lines().count(), plain.len() + 2);
     // The images as files give the same as those in the recording.
@@ -188,7 +205,7 @@ fn other_files_are_refused_in_words() {
     run(folder, &["replay", "none.mcap"]).failed(1, &["none.mcap", "cannot read"]);
     assert_eq!(run(folder, &["export", "a.mcap"]).code, Some(2));
     let record = ["track", "--sim", "--seconds", "0.2", "--record", "a.mcap"];
-    run(folder, &record).failed(1, &["a.mcap", "did not write it", "--force"]);
+    run(folder, &record).failed(1, &["a.mcap", "is no recording of this program", "--force"]);
     let forced = run(folder, &[&record[..], &["--force"]].concat());
     assert_eq!(forced.code, Some(0), "{}", forced.stderr);
     same(folder, "a.mcap");

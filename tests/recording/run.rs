@@ -23,7 +23,7 @@ use trinocular_core::time::Instant;
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
 use trinocular_recording::replay;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::replaying::BOARD;
 use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
@@ -169,7 +169,8 @@ impl Run {
     /// Records a run of this many frame sets after the keyframe.
     pub fn record(path: &Path, frames: usize, alteration: Option<Alteration>) -> Self {
         let rig = RigFile::paper();
-        let output = Output::open(path, Replace::Own).expect("a writable place");
+        let output =
+            Output::open(path, Replace::Own(OwnFile::Recording)).expect("a writable place");
         let settings = Settings {
             images: ImageForm::Raw,
             pace: Pace::Virtual,

@@ -80,7 +80,7 @@ fn report_is_page_with_plots() {
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     let html = fs::read_to_string(page).expect("the page");
     for part in [
-        "Error, stage - target",
+        "Error X, stage - target",
         "Velocity of the stage",
         "silence at 0.7 s",
         "as expected",
@@ -137,7 +137,10 @@ fn bad_files_are_refused_by_name() {
         (
             "[expect]",
             "[expect]\nfaults = [\"tired\"]",
-            &["`expect.faults[0]`", "`tired` is none of heartbeat"],
+            &[
+                "`expect.faults[0]`",
+                "unknown word `tired`; known here: heartbeat",
+            ],
         ),
         (
             "from_s = 4.0",

@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
@@ -45,7 +46,14 @@ pub fn run(count: usize) {
     });
     let hub = hub.expect("a thread");
     let midpoint = Estimator::Midpoint;
-    let (mut bench, desk) = Workbench::new(bench, &rig, &stage, midpoint, Arc::clone(&hub));
+    let (mut bench, desk) = Workbench::new(
+        bench,
+        &rig,
+        &stage,
+        midpoint,
+        Arc::clone(&hub),
+        PageRecording::default(),
+    );
     let tokens = Arc::new(Mutex::new(Vec::new()));
     let theirs = Arc::clone(&tokens);
     let access = Access::new(move |token| theirs.lock().unwrap().push(token.to_owned()));

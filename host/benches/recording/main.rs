@@ -11,7 +11,7 @@ use trinocular_core::rig::Rig;
 use trinocular_recording::message::Measurement;
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings};
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Estimator;
@@ -51,7 +51,8 @@ fn run(name: &str, form: Option<ImageForm>, rig: &Rig, sets: &[FrameSet], second
     let folder = tempfile::tempdir().expect("a folder");
     let recorder = form.map(|images| {
         let path = folder.path().join("run.mcap");
-        let output = Output::open(&path, Replace::Own).expect("a writable place");
+        let output =
+            Output::open(&path, Replace::Own(OwnFile::Recording)).expect("a writable place");
         let file = RigFile::paper();
         let settings = Settings {
             images,

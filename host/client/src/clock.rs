@@ -43,13 +43,13 @@ pub struct Clock {
 
 /// Station time minus host time, µs, as a linear function of the host's time.
 #[derive(Clone, Copy, Debug)]
-struct Line {
+struct ClockFit {
     origin_us: u64,
     offset_us: f64,
     slope: f64,
 }
 
-impl Line {
+impl ClockFit {
     fn at(&self, host_us: u64) -> f64 {
         self.offset_us + self.slope * difference(host_us, self.origin_us)
     }
@@ -123,12 +123,12 @@ impl Clock {
 
     /// Fits the line by least squares. The standard deviation of a ping is half its trip, plus a
     /// microsecond for rounding.
-    fn line(&self) -> Option<Line> {
+    fn line(&self) -> Option<ClockFit> {
         let origin_us = self.pongs.back()?.middle_us;
         let span = difference(origin_us, self.pongs.front()?.middle_us);
         if span < LEAST_SPAN_US {
             let best = self.pongs.iter().min_by_key(|pong| pong.trip_us)?;
-            return Some(Line {
+            return Some(ClockFit {
                 origin_us,
                 offset_us: best.offset_us as f64,
                 slope: 0.0,
@@ -151,7 +151,7 @@ impl Clock {
         let spread = stt - st * st / n;
         let slope = ((sto - st * so / n) / spread).clamp(-MOST_DRIFT, MOST_DRIFT);
         let slope = if slope.is_finite() { slope } else { 0.0 };
-        Some(Line {
+        Some(ClockFit {
             origin_us,
             offset_us: base as f64 + (so - slope * st) / n,
             slope,

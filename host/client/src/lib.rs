@@ -177,6 +177,18 @@ pub enum StationError {
 }
 
 impl StationError {
+    /// Returns true for a refusal that passes by itself: a ramp or the report of a fault is still
+    /// under way.
+    pub const fn is_passing(&self) -> bool {
+        matches!(
+            self,
+            Self::Denied {
+                denial: Denial::Moving | Denial::FaultUnread,
+                ..
+            }
+        )
+    }
+
     /// Returns the serial port that the message names, if it names one.
     pub fn port(&self) -> Option<&str> {
         match self {
@@ -236,20 +248,30 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
 }
 
 /// Returns the counts of rejected packets in words.
+///
+/// ```
+/// use trinocular_core::frame::receive::Rejects;
+///
+/// let counts = Rejects { checksum: 2, ..Rejects::default() };
+/// assert_eq!(trinocular_client::rejects(&counts), "2 packets with a wrong checksum");
+/// ```
 pub fn rejects(rejects: &Rejects) -> String {
     let kinds = [
-        (rejects.framing, "broken"),
+        (rejects.framing, "with broken framing"),
         (rejects.checksum, "with a wrong checksum"),
         (rejects.malformed, "of no known kind"),
-        (rejects.too_long, "too long"),
+        (rejects.too_long, "of too many bytes"),
     ];
     let seen = kinds.iter().filter(|(count, _)| *count > 0);
-    let seen: Vec<String> = seen
-        .map(|(count, kind)| format!("{count} {kind}"))
-        .collect();
-    match seen.is_empty() {
+    let said = seen.enumerate().map(|(index, (count, kind))| match index {
+        0 if *count == 1 => format!("1 packet {kind}"),
+        0 => format!("{count} packets {kind}"),
+        _ => format!("{count} {kind}"),
+    });
+    let said: Vec<String> = said.collect();
+    match said.is_empty() {
         true => "no packet at all".to_owned(),
-        false => format!("packets that are {}", seen.join(", ")),
+        false => said.join(", "),
     }
 }
 

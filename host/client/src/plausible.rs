@@ -104,6 +104,13 @@ pub(super) fn check(report: &Report, known: Known) -> Result<(), Implausible> {
 
 /// Checks the instant, on the host's clock, at which the pins stand where a status says.
 ///
+/// ```
+/// use trinocular_client::plausible::check_moment;
+///
+/// assert!(check_moment(1_200_000, 1_000_000).is_ok());
+/// assert!(check_moment(9_000_000, 1_000_000).is_err());
+/// ```
+///
 /// # Errors
 /// [`Implausible`] if it is more than 1 s after `now_us`: a caller would wait for it for ever.
 pub fn check_moment(at_us: u64, now_us: u64) -> Result<(), Implausible> {

@@ -26,6 +26,7 @@ pub use stop::{Ending, Stopper, ending};
 
 use super::StationError;
 use super::conversation::Client;
+use super::observer::StationObserver;
 use line::Line;
 use sender::Sender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -127,6 +128,11 @@ impl Drop for Serial {
 }
 
 impl Serial {
+    /// Sets the observer of every byte on the line from now on.
+    pub fn set_observer(&self, observer: Option<Arc<dyn StationObserver>>) {
+        self.shared.line().set_observer(observer);
+    }
+
     /// Closes the line without sending anything, as a crash does: a stage in motion goes on until
     /// its station misses the heartbeat.
     pub fn abandon(mut self) {

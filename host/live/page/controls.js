@@ -8,6 +8,7 @@ export class Controls {
     this.isOn = false;
     this.offers = {};
     this.isFollowing = false;
+    this.isRecording = false;
     const on = (id, action) => byId(id).addEventListener("click", () => this.ask(action()));
     byId("stop").addEventListener("click", () => this.stop());
     byId("stop-bar").addEventListener("click", () => this.stop());
@@ -22,6 +23,7 @@ export class Controls {
         this.ask({ jog: { distance_um: way.map((sign) => sign * step) } });
       });
     }
+    on("record", () => ({ record: { on: !this.isRecording } }));
     byId("mark-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.ask({ mark: { text: byId("mark-text").value || "mark" } });
@@ -69,7 +71,10 @@ export class Controls {
   show(state) {
     const { offers } = this;
     const station = state?.station;
-    if (state) this.isFollowing = state.following;
+    if (state) {
+      this.isFollowing = state.following;
+      this.isRecording = state.recording !== null;
+    }
     const isReady = Boolean(offers.motion && station && station.state === "idle");
     const enable = (id, is) => {
       byId(id).disabled = !is;
@@ -81,6 +86,11 @@ export class Controls {
     enable("zero", isReady && !this.isFollowing);
     enable("home", isReady && offers.home && !this.isFollowing);
     byId("home").title = offers.home ? "" : "the rig file names no home switch";
+    enable("record", offers.record);
+    byId("record").title = offers.record ? "" : "only --record records this run";
+    byId("record").textContent = this.isRecording ? "End recording" : "Record";
+    byId("record").setAttribute("aria-pressed", String(this.isRecording));
+    if (state) byId("recording").textContent = state.recording ? `recording ${state.recording}` : "";
     enable("mark", offers.mark);
     enable("mark-text", offers.mark);
     const canJog = offers.motion && !this.isFollowing &&

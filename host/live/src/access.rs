@@ -37,19 +37,24 @@ impl std::fmt::Debug for Access {
 }
 
 impl Access {
-    /// Makes the first token and announces it; every later one is announced when the link before
-    /// it was used.
+    /// Makes the first token, which [`Access::announce`] announces; every later one is announced
+    /// when the link before it was used.
     ///
     /// # Errors
     /// If the system gives no random bytes.
     pub fn new(announce: impl Fn(&str) + Send + Sync + 'static) -> Result<Self, getrandom::Error> {
         let token = secret()?;
-        announce(&token);
         let keys = Vec::new();
         Ok(Self {
             state: Mutex::new(State { token, keys }),
             announce: Box::new(announce),
         })
+    }
+
+    /// Announces the token of the present control link.
+    pub fn announce(&self) {
+        let token = self.state().token.clone();
+        (self.announce)(&token);
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -145,7 +150,9 @@ mod tests {
         let announced = Arc::new(Mutex::new(Vec::new()));
         let theirs = Arc::clone(&announced);
         let access = Access::new(move |token| theirs.lock().unwrap().push(token.to_owned()));
-        (access.unwrap(), announced)
+        let access = access.unwrap();
+        access.announce();
+        (access, announced)
     }
 
     #[test]

@@ -30,6 +30,11 @@ pub enum Action {
     Zero {},
     /// Finds the home switches.
     Home {},
+    /// Starts or ends a recording.
+    Record {
+        /// True starts.
+        on: bool,
+    },
     /// Notes an event, in the page's list and in a recording.
     Mark {
         /// Text of the mark.
@@ -71,6 +76,8 @@ pub struct Offers {
     pub motion: bool,
     /// Home: an axis has a home switch.
     pub home: bool,
+    /// Record.
+    pub record: bool,
     /// Mark.
     pub mark: bool,
 }

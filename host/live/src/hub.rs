@@ -10,7 +10,7 @@ use crate::state::State;
 use crate::telemetry::Sample;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 use trinocular_core::frame::message::{Mounting, Status};
 use trinocular_core::rig::Rig;
@@ -76,6 +76,25 @@ pub struct Hub {
     slot: Slot,
     clients: AtomicUsize,
     controls: Mutex<Option<ControlsHandle>>,
+    drop_source: OnceLock<DropSource>,
+}
+
+/// Function that counts the images of each camera that never came to the loop, by reason.
+pub struct DropSource(Box<CountDrops>);
+
+type CountDrops = dyn Fn() -> Vec<Vec<(&'static str, u64)>> + Send + Sync;
+
+impl DropSource {
+    /// Makes the source from a function that is called on the threads of the pages.
+    pub fn new(count: impl Fn() -> Vec<Vec<(&'static str, u64)>> + Send + Sync + 'static) -> Self {
+        Self(Box::new(count))
+    }
+}
+
+impl std::fmt::Debug for DropSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DropSource").finish_non_exhaustive()
+    }
 }
 
 /// Controls of a run and the access to them.
@@ -109,6 +128,7 @@ impl Hub {
             slot: Slot::default(),
             clients: AtomicUsize::new(0),
             controls: Mutex::default(),
+            drop_source: OnceLock::new(),
         });
         let mut encoder = Encoder::new(&hub.setup.rig);
         let theirs = Arc::downgrade(&hub);
@@ -164,6 +184,18 @@ impl Hub {
         self.notify();
     }
 
+    /// Sets the name of the file that the run is recorded in, if it is recorded.
+    pub fn set_recording(&self, file: Option<String>) {
+        lock(&self.state).recording = file;
+        self.notify();
+    }
+
+    /// Shows, beside the cameras that the loop leaves out, the images that never came to it. The
+    /// first source stays.
+    pub fn set_drop_source(&self, source: DropSource) {
+        let _ = self.drop_source.set(source);
+    }
+
     /// Adds a note to the list of every page.
     pub fn note(&self, text: impl Into<String>) {
         self.add_note("note", text.into());
@@ -190,9 +222,13 @@ impl Hub {
         self.notify();
     }
 
-    /// Gives the pages that were opened by the control link of `access` these controls.
+    /// Gives the pages that were opened by the control link of `access` these controls, and
+    /// announces the link.
     pub fn set_controls(&self, controls: Arc<dyn Controls>, access: Arc<access::Access>) {
+        let announced = Arc::clone(&access);
         *lock(&self.controls) = Some(ControlsHandle { controls, access });
+        // Only now does the link open the controls.
+        announced.announce();
     }
 
     pub(crate) fn controls(&self) -> Option<ControlsHandle> {
@@ -272,7 +308,10 @@ impl Hub {
     /// numbers of the last ones.
     pub(crate) fn state_since(&self, seen: u64, noted: u64) -> (Value, u64, u64) {
         // The lock is held only to copy, because the loop waits for it.
-        let snapshot = lock(&self.state).snapshot(seen, noted);
+        let mut snapshot = lock(&self.state).snapshot(seen, noted);
+        if let Some(DropSource(count)) = self.drop_source.get() {
+            snapshot.add_drops(&count());
+        }
         let (sample, note) = (snapshot.last_sample, snapshot.last_note);
         (snapshot.into_json(), sample, note)
     }

@@ -25,7 +25,7 @@ mod state;
 mod telemetry;
 
 pub use controls::Controls;
-pub use hub::{Hub, Setup, Turn};
+pub use hub::{DropSource, Hub, Setup, Turn};
 pub use server::{LiveError, Server};
 
 /// Address of the Foxglove websocket unless the user names another one.

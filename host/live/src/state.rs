@@ -30,6 +30,8 @@ pub struct State {
     pub encoded: Option<Encoded>,
     /// True while the run follows its target.
     pub is_following: bool,
+    /// Name of the file that the run is recorded in.
+    pub recording: Option<String>,
     /// True after the end of the run.
     pub has_ended: bool,
     /// Capture time of the first turn, µs.
@@ -56,6 +58,7 @@ pub struct Snapshot {
     samples: Vec<Sample>,
     notes: Vec<Note>,
     is_following: bool,
+    recording: Option<String>,
     has_ended: bool,
     status: Option<Status>,
     rate_hz: Option<f64>,
@@ -126,6 +129,7 @@ impl State {
             samples,
             notes: notes.cloned().collect(),
             is_following: self.is_following,
+            recording: self.recording.clone(),
             has_ended: self.has_ended,
             status: self.status,
             rate_hz: self.samples.rate_hz(),
@@ -139,6 +143,15 @@ impl State {
 }
 
 impl Snapshot {
+    /// Adds images that never came to the loop, by camera and reason.
+    pub fn add_drops(&mut self, drops: &[Vec<(&'static str, u64)>]) {
+        for (counts, drops) in self.drops.iter_mut().zip(drops) {
+            for (reason, count) in drops {
+                *counts.entry(reason).or_default() += count;
+            }
+        }
+    }
+
     /// Formats the message to a page.
     pub fn into_json(self) -> Value {
         let notes = self.notes.iter();
@@ -151,6 +164,7 @@ impl Snapshot {
             "samples": self.samples,
             "notes": notes,
             "following": self.is_following,
+            "recording": self.recording,
             "ended": self.has_ended,
             "station": self.status.as_ref().map(condition),
             "rate_hz": self.rate_hz,

@@ -4,6 +4,7 @@ use crate::hub::{Setup, Turn};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use trinocular_core::frame::message::Mounting;
+use trinocular_rig::rig_file::along_stage;
 
 /// Samples that a new page gets: half a minute at 60 frame sets per second.
 const HISTORY: usize = 1_800;
@@ -20,7 +21,7 @@ pub struct Sample {
     pub displacement_mm: Option<[f64; 3]>,
     /// Standard deviation of the displacement, mm.
     pub sigma_mm: Option<[f64; 3]>,
-    /// Following error, µm.
+    /// Following error in stage axes, µm.
     pub error_um: Option<[f64; 3]>,
     /// Position of the stage, mm.
     pub stage_mm: [f64; 3],
@@ -35,19 +36,12 @@ pub struct Sample {
 impl Sample {
     /// Computes the numbers of a turn.
     pub fn of(setup: &Setup, at_s: f64, turn: &Turn<'_>) -> Self {
-        let on_stage = |displacement_mm: [f64; 3]| -> [f64; 3] {
-            let rows = setup.stage.matrix;
-            rows.map(|row| (0..3).map(|i| row[i] * displacement_mm[i]).sum())
-        };
         let displacement_mm = turn.estimate.map(|estimate| estimate.displacement_mm);
         let minus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] - b[i]);
         let plus = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + b[i]);
-        let in_space = displacement_mm.map(on_stage);
+        let in_space = displacement_mm.map(|mm| along_stage(&setup.stage.matrix, mm));
         let (error_mm, target_mm) = match setup.mounting {
-            Mounting::OnStage => (
-                displacement_mm,
-                in_space.map(|way| plus(turn.stage_mm, way)),
-            ),
+            Mounting::OnStage => (in_space, in_space.map(|way| plus(turn.stage_mm, way))),
             Mounting::Fixed => (in_space.map(|way| minus(way, turn.stage_mm)), in_space),
         };
         Self {

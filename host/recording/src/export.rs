@@ -1,103 +1,150 @@
-//! Exports of a recording: its measurements as a table.
+//! Exports of a recording: its measurements as a table, in CSV or Parquet.
+
+mod csv;
+mod parquet;
+
+pub use csv::csv;
 
 use crate::message::{Measurement, Outcome};
 use crate::read::Source;
-use crate::read::records::Record;
 use crate::read::survey::Channels;
 use crate::topic::Topic;
-use std::fmt::Write as _;
 use trinocular_rig::error::InputError;
 
-/// Columns of the table.
-const COLUMNS: &str = "frame,capture_us,stamp_us,outcome,x_mm,y_mm,z_mm,\
-    sigma_x_mm,sigma_y_mm,sigma_z_mm,points,rejected,stage_x_mm,stage_y_mm,stage_z_mm,\
-    latency_us,reason\n";
+/// Columns of the table and their contents.
+///
+/// A cell that a frame set does not have is empty.
+const COLUMNS: [(&str, Cells); 17] = [
+    ("frame", Cells::Whole(|row| i64::from(row.frame))),
+    ("capture_us", Cells::Whole(|row| signed(row.capture_us))),
+    ("stamp_us", Cells::Whole(|row| signed(row.stamp_us))),
+    ("outcome", Cells::Text(|row| row.outcome.name())),
+    (
+        "x_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[0])),
+    ),
+    (
+        "y_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[1])),
+    ),
+    (
+        "z_mm",
+        Cells::Number(|row| row.displacement_mm.map(|mm| mm[2])),
+    ),
+    ("sigma_x_mm", Cells::Number(|row| row.sigma_mm[0])),
+    ("sigma_y_mm", Cells::Number(|row| row.sigma_mm[1])),
+    ("sigma_z_mm", Cells::Number(|row| row.sigma_mm[2])),
+    ("points", Cells::Whole(|row| signed(row.points as u64))),
+    ("rejected", Cells::Whole(|row| signed(row.rejected))),
+    ("stage_x_mm", Cells::Number(|row| Some(row.stage_mm[0]))),
+    ("stage_y_mm", Cells::Number(|row| Some(row.stage_mm[1]))),
+    ("stage_z_mm", Cells::Number(|row| Some(row.stage_mm[2]))),
+    ("latency_us", Cells::Whole(|row| i64::from(row.latency_us))),
+    ("reason", Cells::Quoted(|row| &row.reason)),
+];
 
-/// Table of measurements.
+/// Contents of a column.
+enum Cells {
+    Whole(fn(&Row) -> i64),
+    Number(fn(&Row) -> Option<f64>),
+    /// Words without a comma.
+    Text(fn(&Row) -> &str),
+    Quoted(fn(&Row) -> &str),
+}
+
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+/// One frame set, as a row of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Number of the frame set.
+    pub frame: u32,
+    /// Capture time on the station's clock, µs.
+    pub capture_us: u64,
+    /// Capture time on the clock of the images' source, µs.
+    pub stamp_us: u64,
+    /// Result.
+    pub outcome: Outcome,
+    /// Displacement of the target since the keyframe, mm; `None` without a measurement.
+    pub displacement_mm: Option<[f64; 3]>,
+    /// Standard deviation of each axis, mm; `None` without a variance.
+    pub sigma_mm: [Option<f64>; 3],
+    /// Number of inliers.
+    pub points: usize,
+    /// Number of points left out.
+    pub rejected: u64,
+    /// Position of the stage after the answer, mm.
+    pub stage_mm: [f64; 3],
+    /// Time from the capture to the first step that it could change, µs.
+    pub latency_us: u32,
+    /// Reason of a refusal.
+    pub reason: String,
+}
+
+impl Row {
+    /// Returns the row of a measurement.
+    pub fn of(measurement: &Measurement) -> Self {
+        let cameras = measurement.cameras.len();
+        let is_measured = cameras > 0 && measurement.outcome != Outcome::Keyframe;
+        Self {
+            frame: measurement.frame,
+            capture_us: measurement.capture_us,
+            stamp_us: measurement.stamp_us,
+            outcome: measurement.outcome,
+            displacement_mm: is_measured.then_some(measurement.displacement_mm),
+            sigma_mm: std::array::from_fn(|axis| {
+                let variance = measurement.covariance_mm2[4 * axis];
+                (is_measured && variance > 0.0).then_some(variance.sqrt())
+            }),
+            points: measurement.pixels.len() / (4 * cameras.max(1)),
+            rejected: measurement.rejects.iter().map(|(_, n)| u64::from(*n)).sum(),
+            stage_mm: measurement.stage_mm,
+            latency_us: measurement.latency_us,
+            reason: measurement.reason.clone(),
+        }
+    }
+}
+
+/// Measurements of a recording: one row per frame set.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
-    /// Text of the CSV file.
-    pub text: String,
-    /// Number of rows.
-    pub rows: usize,
+    /// Rows, in the order of the recording.
+    pub rows: Vec<Row>,
     /// Place at which the file was cut off.
     pub cut: Option<InputError>,
 }
 
-/// Returns the measurements of a recording of this program as CSV, one row per frame set.
-///
-/// # Errors
-/// [`InputError`] if the file is damaged or holds no measurements.
-pub fn csv(source: &Source) -> Result<Table, InputError> {
-    let mut table = Table {
-        text: COLUMNS.to_owned(),
-        ..Table::default()
-    };
-    let mut channels = Channels::default();
-    let mut records = source.records();
-    for record in records.by_ref() {
-        let (file, record) = record?;
-        channels.take(file, &record);
-        let Record::Message { channel, data, .. } = record else {
-            continue;
-        };
-        let is_measurement = |(name, kind, _)| {
-            name == Topic::Measurement.name() && kind == "trinocular_msgs/Measurement"
-        };
-        if channels.get(file, channel).is_some_and(is_measurement) {
-            let measurement = Measurement::decode(&data).map_err(|fault| {
-                InputError::file(
-                    source.path(),
-                    format!("a measurement is malformed: {fault}"),
-                )
-            })?;
-            table.row(&measurement);
-        }
-    }
-    table.cut = records.cut().cloned();
-    match table.rows {
-        0 => {
-            let reason = "holds no measurements; only recordings of this program do";
-            Err(InputError::file(source.path(), reason))
-        }
-        _ => Ok(table),
-    }
-}
-
 impl Table {
-    fn row(&mut self, measurement: &Measurement) {
-        self.rows += 1;
-        let Measurement {
-            frame,
-            capture_us,
-            stamp_us,
-            ..
-        } = measurement;
-        let outcome = measurement.outcome.name();
-        let _ = write!(self.text, "{frame},{capture_us},{stamp_us},{outcome}");
-        let cameras = measurement.cameras.len();
-        let is_measured = cameras > 0 && measurement.outcome != Outcome::Keyframe;
-        for mm in measurement.displacement_mm {
-            self.number(is_measured.then_some(mm));
+    /// Reads the measurements of a recording of this program.
+    ///
+    /// # Errors
+    /// [`InputError`] if the file is damaged or holds no measurements.
+    pub fn read(source: &Source) -> Result<Self, InputError> {
+        let mut rows = Vec::new();
+        let mut channels = Channels::default();
+        let mut records = source.records();
+        for record in records.by_ref() {
+            let (file, record) = record?;
+            let Some(message) = channels.message(file, record) else {
+                continue;
+            };
+            if Topic::Measurement.is_of(&message) {
+                let measurement = Measurement::decode(&message.data).map_err(|fault| {
+                    let reason = format!("a measurement is malformed: {fault}");
+                    InputError::file(source.path(), reason)
+                })?;
+                rows.push(Row::of(&measurement));
+            }
         }
-        for axis in 0..3 {
-            let variance = measurement.covariance_mm2[4 * axis];
-            self.number((is_measured && variance > 0.0).then_some(variance.sqrt()));
-        }
-        let points = measurement.pixels.len() / (4 * cameras.max(1));
-        let rejected: u64 = measurement.rejects.iter().map(|(_, n)| u64::from(*n)).sum();
-        let _ = write!(self.text, ",{points},{rejected}");
-        for mm in measurement.stage_mm {
-            self.number(Some(mm));
-        }
-        let reason = measurement.reason.replace('"', "\"\"");
-        let _ = writeln!(self.text, ",{},\"{reason}\"", measurement.latency_us);
-    }
-
-    fn number(&mut self, number: Option<f64>) {
-        self.text.push(',');
-        if let Some(number) = number {
-            let _ = write!(self.text, "{number}");
+        let cut = records.cut().cloned();
+        match rows.is_empty() {
+            true => {
+                let reason = "holds no measurements; only recordings of this program do";
+                Err(InputError::file(source.path(), reason))
+            }
+            false => Ok(Self { rows, cut }),
         }
     }
 }

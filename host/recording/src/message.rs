@@ -1,6 +1,7 @@
 //! Messages of a recording, and their CDR encoding.
 
 use crate::cdr::{CdrFault, Reader, Writer};
+use trinocular_client::diagnosis::explain;
 use trinocular_core::frame::message::Status;
 use trinocular_core::rig::Rig;
 use trinocular_vision::flow::{self, CameraRefusal};
@@ -370,6 +371,25 @@ pub fn entry(bytes: &mut Vec<u8>, data: &[u8]) {
 /// [`CdrFault`] if the bytes are none.
 pub fn read_entry(bytes: &[u8]) -> Result<&[u8], CdrFault> {
     Reader::new(bytes)?.block()
+}
+
+/// Returns the events between two statuses of the station, as kind and text: changes of its state
+/// and sight, and a new fault.
+pub fn changes(last: &Status, status: &Status) -> Vec<(&'static str, String)> {
+    let mut changes = Vec::new();
+    if last.state != status.state {
+        let text = format!("{:?}, was {:?}", status.state, last.state);
+        changes.push(("state", text));
+    }
+    if last.sight != status.sight {
+        let text = format!("{:?}, was {:?}", status.sight, last.sight);
+        changes.push(("sight", text));
+    }
+    if let Some(fault) = status.fault.filter(|fault| last.fault != Some(*fault)) {
+        let text = format!("fault {}: {}", fault.number(), explain(fault));
+        changes.push(("fault", text));
+    }
+    changes
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use std::fs::File;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use trinocular_client::observer::StationObserver;
@@ -98,9 +98,15 @@ pub struct Tap {
     frame: AtomicU32,
     frame_sets_dropped: AtomicU64,
     messages_dropped: AtomicU64,
+    has_failed: AtomicBool,
 }
 
 impl Tap {
+    /// Returns true if the file could not be written further: the recording has ended.
+    pub fn has_failed(&self) -> bool {
+        self.has_failed.load(Ordering::Relaxed)
+    }
+
     fn push(&self, at_us: u64, content: Content) {
         let (size, is_image) = match &content {
             Content::Images(_, _, images) => {
@@ -119,6 +125,11 @@ impl Tap {
             };
             count.fetch_add(1, Ordering::Relaxed);
         }
+    }
+
+    /// Sets the log's clock to `at_us`, up to which time has passed.
+    pub fn reach(&self, at_us: u64) {
+        self.pass(at_us);
     }
 
     fn pass(&self, at_us: u64) -> u64 {
@@ -238,6 +249,7 @@ impl Recorder {
             frame: AtomicU32::new(0),
             frame_sets_dropped: AtomicU64::new(0),
             messages_dropped: AtomicU64::new(0),
+            has_failed: AtomicBool::new(false),
         });
         let opened = Opened::begin(sink, &settings).map_err(unwritten)?;
         let taken = Arc::clone(&tap);
@@ -246,6 +258,7 @@ impl Recorder {
             let outcome = thread::run(&taken, opened);
             if let Err(cause) = &outcome {
                 taken.add_dropped(taken.queue().abandon());
+                taken.has_failed.store(true, Ordering::Relaxed);
                 let error = InputError::io(&named, "write", cause);
                 notice!("warning: {error}; the recording ends here, the run goes on");
             }
@@ -267,10 +280,14 @@ impl Recorder {
     /// Ends the recording and waits for the file.
     ///
     /// # Errors
-    /// The error that ended the recording early.
+    /// The error that ended the recording early, or if the file is not in its place any more.
     pub fn finish(mut self) -> Result<Account, InputError> {
         let ended = self.join();
         let ended = ended.map_err(|cause| InputError::io(&self.path, "write", &cause))?;
+        if !self.path.exists() {
+            let reason = "was removed or renamed while it was written";
+            return Err(InputError::file(&self.path, reason));
+        }
         Ok(Account {
             messages: ended.messages,
             bytes: ended.bytes,

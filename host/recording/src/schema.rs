@@ -17,6 +17,11 @@ const RULE: &str =
     "================================================================================";
 
 impl Schema {
+    /// Returns the name without the middle part, as the reader has it: `trinocular_msgs/Status`.
+    pub fn short_name(&self) -> String {
+        self.name.replace("/msg/", "/")
+    }
+
     /// Returns the definition with those of its parts, as MCAP's `ros2msg` has it.
     pub fn text(&self) -> String {
         let mut text = self.text.to_owned();

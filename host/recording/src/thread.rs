@@ -1,6 +1,6 @@
 //! The thread that writes a recording: entries of the queue become messages in chunks.
 
-use crate::message::{self, Event, Measurement};
+use crate::message::{self, Event, Measurement, changes};
 use crate::png::png;
 use crate::queue::Popped;
 use crate::recorder::{Content, ImageForm, Settings, Tap, Timed};
@@ -13,7 +13,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write as _};
 use std::time::{Duration, Instant as HostInstant};
-use trinocular_client::diagnosis::explain;
 use trinocular_client::twin::PORT;
 use trinocular_core::frame::MAX_PACKET;
 use trinocular_core::frame::encode::Bytes;
@@ -296,24 +295,10 @@ impl Opened {
         message::status(&mut self.message, status);
         self.send(at_us, Topic::Status)?;
         let last = self.last.replace(*status);
-        let Some(last) = last else {
-            return Ok(());
-        };
-        if last.state != status.state {
-            let text = format!("{:?}, was {:?}", status.state, last.state);
-            self.event(at_us, "state", text)?;
+        for (kind, text) in last.iter().flat_map(|last| changes(last, status)) {
+            self.event(at_us, kind, text)?;
         }
-        if last.sight != status.sight {
-            let text = format!("{:?}, was {:?}", status.sight, last.sight);
-            self.event(at_us, "sight", text)?;
-        }
-        match status.fault {
-            Some(fault) if last.fault != Some(fault) => {
-                let text = format!("fault {}: {}", fault.number(), explain(fault));
-                self.event(at_us, "fault", text)
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     fn event(&mut self, at_us: u64, kind: &str, text: String) -> Result<(), McapError> {

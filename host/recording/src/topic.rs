@@ -1,5 +1,6 @@
 //! Topics of a recording, and the names of its other parts.
 
+use crate::read::survey::Message;
 use crate::schema::{self, Schema};
 
 /// Name of the metadata with the origin of the run.
@@ -19,6 +20,29 @@ pub fn image(camera: &str) -> String {
 /// Returns the topic of a camera's PNG files.
 pub fn compressed(camera: &str) -> String {
     format!("/{camera}/image_raw/compressed")
+}
+
+/// Topics of each camera's images.
+#[derive(Clone, Debug)]
+pub struct ImageTopics(Vec<[String; 2]>);
+
+impl ImageTopics {
+    /// Makes the topics of the cameras with these names.
+    pub fn new(cameras: &[String]) -> Self {
+        let both = |name: &String| [image(name), compressed(name)];
+        Self(cameras.iter().map(both).collect())
+    }
+
+    /// Returns the camera whose images, raw or compressed, come on `topic`.
+    pub fn camera(&self, topic: &str) -> Option<usize> {
+        let is_its = |both: &[String; 2]| both.iter().any(|known| known == topic);
+        self.0.iter().position(is_its)
+    }
+
+    /// Returns the number of cameras.
+    pub fn cameras(&self) -> usize {
+        self.0.len()
+    }
 }
 
 /// Topics beside the images.
@@ -63,6 +87,11 @@ impl Topic {
             Self::Output => "/station/output",
             Self::Edges => "/station/edges",
         }
+    }
+
+    /// Returns true if a message is on this topic and of its type.
+    pub fn is_of(self, message: &Message<'_>) -> bool {
+        message.topic == self.name() && message.kind == self.schema().short_name()
     }
 
     /// Returns the schema of its messages.

@@ -9,7 +9,7 @@ use trinocular_recording::read::Source;
 use trinocular_recording::read::frames::{FrameSets, TOLERANCE_US, Topics};
 use trinocular_recording::read::survey::Survey;
 use trinocular_recording::recorder::{Account, ImageForm, Recorder, Settings};
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::{FrameSet, Image};
 
@@ -43,7 +43,7 @@ fn frame_set(number: u64, [width, height]: [usize; 2]) -> FrameSet {
 const SIZE: [usize; 2] = [320, 240];
 
 fn record(path: &Path, images: ImageForm, frames: u64) -> Account {
-    let output = Output::open(path, Replace::Own).expect("a writable place");
+    let output = Output::open(path, Replace::Own(OwnFile::Recording)).expect("a writable place");
     let recorder = Recorder::start(output, settings(images)).expect("it begins");
     let tap = recorder.tap();
     for number in 0..frames {
@@ -118,7 +118,7 @@ fn own_recording_is_replaced_others_are_not() {
     record(&path, ImageForm::None, 2);
     record(&path, ImageForm::None, 3);
     std::fs::write(&path, b"\x89MCAP0\r\nof another program").unwrap();
-    let error = Output::open(&path, Replace::Own).unwrap_err();
+    let error = Output::open(&path, Replace::Own(OwnFile::Recording)).unwrap_err();
     assert!(error.reason.contains("--force"), "{error}");
     assert_eq!(folder.path().read_dir().unwrap().count(), 1);
 }

@@ -33,10 +33,55 @@ use staged::Staged;
 pub enum Replace {
     /// No existing file.
     Nothing,
-    /// Reports, figures and recordings of this program, and empty files.
-    Own,
+    /// Files of this program of one kind, and empty files.
+    Own(OwnFile),
     /// Every regular file.
     Anything,
+}
+
+/// Kinds of files that this program writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OwnFile {
+    /// HTML page with results.
+    Report,
+    /// SVG figure.
+    Figure,
+    /// MCAP file.
+    Recording,
+}
+
+impl OwnFile {
+    /// Returns the word for messages.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Report => "report",
+            Self::Figure => "figure",
+            Self::Recording => "recording",
+        }
+    }
+
+    /// Returns true if the file at `path` is of this kind and from this program, of any version,
+    /// or empty.
+    fn is_at(self, path: &Path) -> io::Result<bool> {
+        const END: u64 = 256;
+        /// Bytes of a recording up to the name of its library, and some more.
+        const START: u64 = 64;
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mark = match self {
+            Self::Report => REPORT_MARK,
+            Self::Figure => FIGURE_MARK,
+            Self::Recording => {
+                let mut start = Vec::new();
+                file.take(START).read_to_end(&mut start)?;
+                return Ok(length == 0 || is_recording(&start));
+            }
+        };
+        file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
+        let mut end = Vec::new();
+        file.take(END).read_to_end(&mut end)?;
+        Ok(length == 0 || String::from_utf8_lossy(&end).contains(mark))
+    }
 }
 
 impl Replace {
@@ -112,13 +157,14 @@ impl Output {
         if let Place::File(target) = &opened.place
             && target.exists()
         {
-            let is_own = || is_own(target).map_err(unwritable);
             match replace {
                 Replace::Anything => {}
-                Replace::Own if is_own()? => {}
-                Replace::Own => {
-                    let reason =
-                        "exists, and this program did not write it; give --force to replace it";
+                Replace::Own(kind) if kind.is_at(target).map_err(unwritable)? => {}
+                Replace::Own(kind) => {
+                    let kind = kind.name();
+                    let reason = format!(
+                        "exists, and is no {kind} of this program; give --force to replace it"
+                    );
                     return Err(InputError::file(path, reason));
                 }
                 Replace::Nothing => {
@@ -180,8 +226,8 @@ impl Output {
     ///
     /// # Errors
     /// If the file cannot be written; an existing file is then unchanged.
-    pub fn write(self, text: &str) -> Result<(), InputError> {
-        write_all(vec![(self, text.to_owned())])
+    pub fn write(self, content: impl AsRef<[u8]>) -> Result<(), InputError> {
+        write_all(vec![(self, content)])
     }
 }
 
@@ -192,23 +238,23 @@ impl Output {
 ///
 /// # Errors
 /// If one of the files cannot be written.
-pub fn write_all(outputs: Vec<(Output, String)>) -> Result<(), InputError> {
+pub fn write_all<C: AsRef<[u8]>>(outputs: Vec<(Output, C)>) -> Result<(), InputError> {
     // Files that were read since the outputs were opened are inputs, too.
     outputs
         .iter()
         .try_for_each(|(output, _)| output.refuse_input())?;
     let mut staged = Vec::new();
-    for (output, text) in &outputs {
+    for (output, content) in &outputs {
         if let Place::File(target) = &output.place {
-            let ready = Staged::write(target, text.as_bytes());
+            let ready = Staged::write(target, content.as_ref());
             staged.push((
                 &output.path,
                 ready.map_err(|cause| unwritten(&output.path, &cause))?,
             ));
         }
     }
-    for (output, text) in &outputs {
-        let written = output.place.write_in_place(text.as_bytes());
+    for (output, content) in &outputs {
+        let written = output.place.write_in_place(content.as_ref());
         written.map_err(|cause| unwritten(&output.path, &cause))?;
     }
     staged::commit(staged).map_err(|(path, cause)| unwritten(&path, &cause))
@@ -218,9 +264,8 @@ fn unwritten(path: &Path, cause: &io::Error) -> InputError {
     InputError::io(path, "write", cause)
 }
 
-/// Marks near the end of this program's own files: pages close with the first, figures with the
-/// second.
-const MARKS: [&str; 2] = ["<footer>Trinocular ", FIGURE_MARK];
+/// Marks near the end of this program's own pages and figures.
+const REPORT_MARK: &str = "<footer>Trinocular ";
 const FIGURE_MARK: &str = "<!-- Trinocular ";
 
 /// Returns the figure with the mark of this program.
@@ -236,25 +281,6 @@ pub const RECORDING_LIBRARY: &str = concat!("trinocular ", env!("CARGO_PKG_VERSI
 fn is_recording(start: &[u8]) -> bool {
     let name = b"trinocular ";
     start.starts_with(b"\x89MCAP0\r\n") && start.windows(name.len()).any(|part| part == name)
-}
-
-/// Returns true if this program wrote the file, or if the file is empty.
-fn is_own(path: &Path) -> io::Result<bool> {
-    const END: u64 = 256;
-    /// Bytes of a recording up to the name of its library, and some more.
-    const START: u64 = 64;
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
-    let mut start = Vec::new();
-    (&mut file).take(START).read_to_end(&mut start)?;
-    if is_recording(&start) {
-        return Ok(true);
-    }
-    file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
-    let mut end = Vec::new();
-    file.take(END).read_to_end(&mut end)?;
-    let end = String::from_utf8_lossy(&end);
-    Ok(length == 0 || MARKS.iter().any(|mark| end.contains(mark)))
 }
 
 /// Folders created for output; those that stay empty are removed when it is dropped.

@@ -44,7 +44,7 @@ mod stage;
 pub mod template;
 
 pub use care::{Care, HomeSwitch};
-pub use stage::{Driver, Stage};
+pub use stage::{Driver, Stage, along_stage};
 
 /// Names of the paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
@@ -238,7 +238,7 @@ impl RigFile {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
-        Output::open_successor(path, Replace::Anything, path)?.write(&self.to_toml())
+        Output::open_successor(path, Replace::Anything, path)?.write(self.to_toml())
     }
 }
 

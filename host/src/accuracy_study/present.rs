@@ -18,9 +18,9 @@ const HEADERS: [&str; 8] = [
 ];
 
 /// One line of the table.
-struct Line([String; 8]);
+struct ConditionRow([String; 8]);
 
-impl Line {
+impl ConditionRow {
     fn new(name: &str, tally: &Tally) -> Self {
         let triple =
             |values: [f64; 3], digits: usize| values.map(|v| format!("{v:.digits$}")).join(" ");
@@ -53,18 +53,19 @@ impl Line {
 
 /// Returns the rows of a sweep and their sum as text with aligned columns, or as Markdown.
 pub fn table(rows: &[Row], total: &Tally, by_noise: bool, markdown: bool) -> String {
-    let mut lines = vec![Line(HEADERS.map(String::from))];
+    let mut lines = vec![ConditionRow(HEADERS.map(String::from))];
     for row in rows {
-        lines.push(Line::new(row.condition.name, &row.tally));
+        lines.push(ConditionRow::new(row.condition.name, &row.tally));
         if by_noise {
             let noises = row.by_noise.iter();
-            lines
-                .extend(noises.map(|(noise, tally)| Line::new(&format!("  noise {noise}"), tally)));
+            lines.extend(
+                noises.map(|(noise, tally)| ConditionRow::new(&format!("  noise {noise}"), tally)),
+            );
         }
     }
-    lines.push(Line::new("all", total));
+    lines.push(ConditionRow::new("all", total));
     if markdown {
-        let row = |line: &Line| format!("| {} |\n", line.0.join(" | "));
+        let row = |line: &ConditionRow| format!("| {} |\n", line.0.join(" | "));
         let mut text = row(&lines[0]);
         text += &format!("|{}\n", "---|".repeat(HEADERS.len()));
         lines[1..].iter().for_each(|line| text += &row(line));

@@ -2,7 +2,7 @@
 
 use super::condition::Condition;
 use super::tally::Tally;
-use super::trial::{Bench, Outcome, Posters};
+use super::trial::{Outcome, Posters, TrialBench};
 use std::sync::atomic::{AtomicU64, Ordering};
 use trinocular_vision::images::SceneError;
 use trinocular_vision::thread_pool::ThreadPool;
@@ -39,7 +39,7 @@ pub fn run(
     let of_seed = |seed| -> OfSeed {
         let mut posters = Posters::new(seed);
         let outcomes = conditions.iter().map(|condition| {
-            let outcomes = Bench::new(condition, &mut posters).map(|mut b| b.run());
+            let outcomes = TrialBench::new(condition, &mut posters).map(|mut b| b.run());
             told((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / all);
             outcomes
         });

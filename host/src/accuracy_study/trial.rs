@@ -67,7 +67,7 @@ impl Posters {
 }
 
 /// Scene of one condition with the poster of one seed.
-pub struct Bench<'a> {
+pub struct TrialBench<'a> {
     condition: &'a Condition,
     rig: Rig,
     scene: Scene,
@@ -80,7 +80,7 @@ pub struct Bench<'a> {
 /// Depth of the covering object as a share of the target's depth.
 const COVER: f64 = 0.82;
 
-impl<'a> Bench<'a> {
+impl<'a> TrialBench<'a> {
     /// Sets up the scene.
     ///
     /// # Errors

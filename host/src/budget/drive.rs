@@ -38,7 +38,7 @@ pub const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// Step rate and distances of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Axis {
+pub struct AxisDrive {
     /// Length of one step, mm.
     pub step_mm: f64,
     /// Steps per second at full speed.
@@ -70,7 +70,7 @@ pub struct Drivers {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drive {
     /// Predictions per axis.
-    pub axes: [Axis; 3],
+    pub axes: [AxisDrive; 3],
     /// Predictions for the step drivers.
     pub drivers: Drivers,
     /// Heartbeat timeout of the station, ms.
@@ -174,7 +174,7 @@ fn paces(stage: &Stage, axes: &[AxisConfig; 3]) -> Paces {
     })
 }
 
-fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
+fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> AxisDrive {
     let [v, a, j] = paces[i];
     // Largest acceleration that is reached before it must be reduced again.
     let up = a.min((2.0 * v * j).sqrt());
@@ -189,7 +189,7 @@ fn axis(stage: &Stage, i: usize, paces: &Paces, heartbeat_ms: u16) -> Axis {
     let lacking_mm = speeding_s * (lacking + 0.5 * up * speeding_s) + v * (silence_s - speeding_s);
     let unslowed_mm = v * silence_s + (easing_mm - lacking_mm).max(0.0);
     let [low, high] = stage.travel_mm[i];
-    Axis {
+    AxisDrive {
         step_mm: 1.0 / stage.steps_per_mm[i],
         steps_per_s: stage.max_speed_mm_s[i] * stage.steps_per_mm[i],
         most_steps_per_s: WORD_RATE.slots_per_s(),

@@ -10,8 +10,10 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::alignment::{Alignment, AlignmentSettings, present, rewrite};
-use trinocular_vision::flow::exchanged::hint;
+use trinocular_vision::alignment::{
+    Alignment, AlignmentRefusal, AlignmentSettings, present, rewrite,
+};
+use trinocular_vision::flow::mistake::hint;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
@@ -86,13 +88,14 @@ Examples:
 pub fn run(options: &AlignOptions, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
-    super::doubts::warn(&options.rig, &rig);
+    super::warnings::rig(&options.rig, &rig);
     let replace = Replace::Nothing.or_forced(options.force);
     let open = |path: &PathBuf| Output::open_successor(path, replace, &options.rig);
     let output = options.out.as_ref().map(open).transpose()?;
     let captures = captures(options, &rig)?;
     let found = Alignment::of(&rig, &captures, &settings).map_err(|refusal| {
-        let first = captures.first();
+        let is_explained = matches!(refusal, AlignmentRefusal::SameImages { .. });
+        let first = captures.first().filter(|_| !is_explained);
         let hint = first.and_then(|first| hint(&rig.rig, &rig.names, first));
         let hint = hint.map_or(String::new(), |hint| format!("; {hint}"));
         InputError::file(&options.captures, format!("{refusal}{hint}"))
@@ -101,7 +104,9 @@ pub fn run(options: &AlignOptions, out: &mut impl Write) -> Result<(), Failure> 
         write(&options.rig, &text, output, &found)?;
     }
     if options.json {
-        super::json::line(out, &found)?;
+        let mut object = serde_json::to_value(&found).map_err(std::io::Error::from)?;
+        object["warnings"] = present::warnings(&found).into();
+        super::json::line(out, &object)?;
     } else {
         print(options, &found, out)?;
     }
@@ -127,7 +132,7 @@ fn captures(options: &AlignOptions, rig: &RigFile) -> Result<Vec<FrameSet>, Inpu
     let size_px = rig.rig.image_size_px;
     let folder =
         Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
-    super::doubts::unread(folder.warnings());
+    super::warnings::unread(folder.warnings());
     let (all, most) = (folder.len(), usize::from(options.most));
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();

@@ -132,7 +132,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
 fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
     let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
     if let (Some(path), Some(rig)) = (&options.rig, &rig) {
-        super::doubts::warn(path, rig);
+        super::warnings::rig(path, rig);
     }
     if is_recording(&options.folder) {
         let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
@@ -147,7 +147,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
         rig.image_size_px,
         DEFAULT_PERIOD_US,
     )?;
-    super::doubts::unread(folder.warnings());
+    super::warnings::unread(folder.warnings());
     let folder = folder.complete()?;
     fits_memory(
         &options.folder,

@@ -69,22 +69,26 @@ impl StageArgument {
     /// Returns the path of the rig file, for a command that requires one.
     pub fn path(&self) -> Result<&Path, Failure> {
         let path = self.rig.as_deref();
-        path.ok_or_else(|| Failure::Usage("it needs --rig RIG.toml".to_owned()))
+        path.ok_or_else(|| {
+            Failure::Usage("--rig RIG.toml is missing: the command needs its [stage]".to_owned())
+        })
     }
 
     /// Returns the stage of a rig file that was read.
     pub fn stage_of(&self, rig: &RigFile) -> Result<Stage, Failure> {
         let none = "has no [stage] section, which describes the axes that the station moves; \
                     `trinocular init` writes one";
+        let path = self.rig.as_deref().unwrap_or(Path::new(""));
         let stage = rig.stage.clone();
-        Ok(stage
-            .ok_or_else(|| InputError::file(self.rig.as_deref().unwrap_or(Path::new("")), none))?)
+        let stage = stage.ok_or_else(|| InputError::file(path, none))?;
+        super::warnings::stage(path, &stage);
+        Ok(stage)
     }
 }
 
 /// An axis of the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
+pub enum AxisName {
     X,
     Y,
     Z,
@@ -178,14 +182,8 @@ impl Hand {
         let end = Instant::now() + REST_PATIENCE;
         loop {
             let outcome = self.try_command(name, command);
-            let denied = matches!(
-                outcome,
-                Err(StationError::Denied {
-                    denial: Denial::Moving | Denial::FaultUnread,
-                    ..
-                })
-            );
-            if !denied || Instant::now() >= end {
+            let is_passing = outcome.as_ref().is_err_and(StationError::is_passing);
+            if !is_passing || Instant::now() >= end {
                 return outcome.map_err(|error| self.failed(error));
             }
             std::thread::sleep(LOOK);

@@ -89,7 +89,7 @@ Examples:
 /// Reason why a text is not the number that an option takes.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 enum WrongNumber {
-    #[error("not a number")]
+    #[error("expected a number, with a decimal point")]
     NotANumber,
     #[error("must be greater than 0 and less than 100000")]
     OutOfRange,
@@ -113,6 +113,33 @@ fn at_least_one(text: &str) -> Result<f64, WrongNumber> {
     }
 }
 
+/// Largest distance of two cameras that are one camera, in sides of a square.
+const SAME_PLACE_SQUARES: f64 = 0.05;
+
+/// Refuses two cameras at one place: their photographs are those of one camera. The limit is in
+/// squares, because a wrong unit of --square is another mistake.
+fn refuse_same_camera(options: &CalibrateOptions, result: &Calibration) -> Result<(), InputError> {
+    let Some(RigFile { names, rig, .. }) = result.rig_file() else {
+        return Ok(());
+    };
+    let cameras = || names.iter().zip(&rig.cameras).enumerate();
+    let mut pairs = cameras().flat_map(|(k, b)| cameras().take(k).map(move |(_, a)| (a, b)));
+    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let same = pairs.find(|((_, a), (_, b))| {
+        distance(a.offset_mm, b.offset_mm) < SAME_PLACE_SQUARES * options.square
+    });
+    match same {
+        None => Ok(()),
+        Some(((a, _), (b, _))) => Err(InputError::file(
+            &options.input,
+            format!(
+                "`{a}` and `{b}` are at the same place, so their photographs are those of one \
+                 camera: give each camera its own"
+            ),
+        )),
+    }
+}
+
 /// Sides of squares of boards that are photographed, mm.
 const SQUARES_MM: std::ops::RangeInclusive<f64> = 0.2..=500.0;
 
@@ -123,14 +150,16 @@ fn doubt_square(square_mm: f64) {
         side if side > *SQUARES_MM.end() => "micrometres",
         _ => return,
     };
-    notice!("warning: squares of {square_mm} mm: is --square in {unit}? It is in mm");
+    super::warnings::raise(format!(
+        "squares of {square_mm} mm: is --square in {unit}? It is in mm"
+    ));
 }
 
 /// Runs the command.
 pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
     let Photographs { series, warnings } = list(&options.input)?;
-    super::doubts::unread(&warnings);
+    super::warnings::unread(&warnings);
     let names: Vec<String> = series.into_iter().map(|series| series.name).collect();
     let destination = options.destination.open(&names)?;
     doubt_square(options.square);
@@ -147,21 +176,27 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));
     drop(progress);
     let result = result?;
+    refuse_same_camera(options, &result)?;
     let mut warnings = result.warnings();
     warnings.extend(result.rig_file().iter().flat_map(RigFile::doubts));
+    for warning in &warnings {
+        super::warnings::raise(warning.as_str());
+    }
+    // Written first, because its warnings belong to the first object; what was found is printed
+    // even if it cannot be written.
+    let written = match options.destination.is_some() {
+        true => rig_file(options, &result)
+            .map_err(Failure::from)
+            .and_then(|rig| destination.write(rig)),
+        false => Ok(Vec::new()),
+    };
     if options.json {
         print_json(&result, &warnings, out)?;
     } else {
         print_text(&result, out)?;
     }
-    for warning in &warnings {
-        notice!("warning: {warning}");
-    }
-    if options.destination.is_some() {
-        let rig = rig_file(options, &result)?;
-        for path in destination.write(rig)? {
-            notice!("written: {}", printable(path.display()));
-        }
+    for path in written? {
+        notice!("written: {}", printable(path.display()));
     }
     out.flush()?;
     Ok(())

@@ -9,10 +9,10 @@ mod simulated;
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::by_hand::{Axis, StageArgument};
+use super::by_hand::{AxisName, StageArgument};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use serde_json::json;
 use trinocular::report::{Cell, Table};
 use trinocular_rig::notice;
@@ -40,7 +40,11 @@ use trinocular_vision::images::FrameSet;
 /// --cameras, or the operator puts a frame set into --images at every stop, when the program asks
 /// for it.
 #[derive(Debug, Args)]
-#[command(visible_alias = "hand-eye", after_help = EXAMPLES)]
+#[command(
+    visible_alias = "hand-eye",
+    after_help = EXAMPLES,
+    group = ArgGroup::new("driven").required(true).args(["sim", "port"])
+)]
 pub struct CalibrateStageOptions {
     /// The rig file (TOML) with its stage
     #[command(flatten)]
@@ -48,7 +52,7 @@ pub struct CalibrateStageOptions {
 
     /// Use a simulated stage with rendered cameras on it, mounted by --turned, --scaled and
     /// --mirrored
-    #[arg(long, required_unless_present = "port")]
+    #[arg(long)]
     sim: bool,
 
     /// Use the station on this port; `auto` is the only one on USB, `twin` the one that
@@ -62,6 +66,7 @@ pub struct CalibrateStageOptions {
         long,
         value_name = "DEVICE,...",
         requires = "port",
+        conflicts_with = "sim",
         value_delimiter = ',',
         group = "eyes"
     )]
@@ -69,7 +74,13 @@ pub struct CalibrateStageOptions {
 
     /// Folder of the frame sets: one subfolder per camera, equal file names for one instant.
     /// Frame sets that already exist are not used
-    #[arg(long, value_name = "DIR", requires = "port", group = "eyes")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "port",
+        conflicts_with = "sim",
+        group = "eyes"
+    )]
     images: Option<PathBuf>,
 
     /// Timeout for a frame set, s
@@ -119,7 +130,7 @@ pub struct CalibrateStageOptions {
 
     /// Reversed axis of the simulated stage
     #[arg(long, value_enum, value_name = "AXIS", conflicts_with = "port")]
-    mirrored: Option<Axis>,
+    mirrored: Option<AxisName>,
 
     /// Delay of the simulated cameras' time stamps, ms
     #[arg(
@@ -145,7 +156,7 @@ Examples:
 const PASSES: [f64; 4] = [-0.6, 0.6, -0.6, 0.0];
 
 /// A stage that can move, and cameras on it.
-trait Bench {
+trait StageBench {
     /// Returns the position of the stage, mm from zero.
     fn position_mm(&mut self) -> Result<[f64; 3], Failure>;
 
@@ -186,13 +197,13 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
     }
     let path = options.stage.path()?;
     let (rig, text) = RigFile::read_with_text(path)?;
-    super::doubts::warn(path, &rig);
+    super::warnings::rig(path, &rig);
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {
         // Check before the work, which would be lost otherwise.
         super::destination::refuse_existing(to, options.force, path)?;
     }
-    let mut bench: Box<dyn Bench> = match &options.port {
+    let mut bench: Box<dyn StageBench> = match &options.port {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
         Some(port) => {
             let driven = || driven::Driven::connect(options, port, &stage);
@@ -227,7 +238,7 @@ fn measure(
     options: &CalibrateStageOptions,
     rig: &RigFile,
     stage: &Stage,
-    bench: &mut dyn Bench,
+    bench: &mut dyn StageBench,
 ) -> Result<(Vec<Sample>, Fit, Option<Delay>), Failure> {
     let centre_mm = bench.position_mm()?;
     within_travel(options, stage, centre_mm)?;
@@ -265,7 +276,7 @@ fn measure(
 /// Moves the stage past the target and compares the measured displacements with its path.
 fn measure_delay(
     options: &CalibrateStageOptions,
-    bench: &mut dyn Bench,
+    bench: &mut dyn StageBench,
     watch: &mut Watch,
     centre_mm: [f64; 3],
     fit: &Fit,

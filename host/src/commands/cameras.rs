@@ -4,10 +4,11 @@
 use crate::commands::failure::Failure;
 use std::path::{Path, PathBuf};
 use trinocular_client::ports;
+use trinocular_live::DropSource;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::images::cameras::live::Camera;
+use trinocular_vision::images::cameras::live::{Camera, LiveCameras, Tally};
 
 /// Returns one device for each camera of the rig file, in its order. `twin` stands for all cameras
 /// of a simulated station.
@@ -147,4 +148,10 @@ fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<(Box<dyn Camera>,
     let reason = "this program was built without live cameras: build it on Linux with \
                   `cargo build --release --features trinocular/camera`";
     Err(InputError::file(device, reason).into())
+}
+
+/// Makes the source of the counts of images that never come to the loop, for a live page.
+pub fn drop_source(live: &LiveCameras) -> DropSource {
+    let count = live.counter();
+    DropSource::new(move || count().iter().map(Tally::drops).collect())
 }

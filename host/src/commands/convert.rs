@@ -8,7 +8,6 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::{Value, json};
 use trinocular_core::rig::{Camera, MAX_CAMERAS};
-use trinocular_rig::notice;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member};
@@ -91,7 +90,7 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
     };
     let rig = match options.files.as_slice() {
         [file] if is_toml(file) => match options.offsets.first() {
-            None => RigFile::read(file).inspect(|rig| super::doubts::warn(file, rig))?,
+            None => RigFile::read(file).inspect(|rig| super::warnings::rig(file, rig))?,
             Some(_) => {
                 return Err(Failure::Usage(
                     "a rig file says itself where its cameras are; leave --offset out".to_owned(),
@@ -106,7 +105,7 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
         files => {
             let rig = assemble(files, &options.offsets)?;
             if let Some(first) = files.first() {
-                super::doubts::warn(first, &rig);
+                super::warnings::rig(first, &rig);
             }
             rig
         }
@@ -182,7 +181,7 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     }
     let Assembled { rig, doubts } = exchange::assemble(&members)?;
     for doubt in doubts {
-        notice!("warning: {doubt}");
+        super::warnings::raise(doubt.to_string());
     }
     Ok(rig)
 }

@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
+use crate::commands::warnings;
 use clap::Args;
 use trinocular_rig::error::InputError;
-use trinocular_rig::notice;
 use trinocular_rig::output::{NewFolders, Output, Replace, write_all};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
@@ -97,11 +97,11 @@ impl Predecessor {
             Ok(text) => text,
             Err(_) => {
                 if self.text.contains('#') {
-                    notice!(
-                        "warning: {}: its comments are dropped, because the cameras have other \
-                         names; only the stage is kept",
+                    warnings::raise(format!(
+                        "{}: its comments are dropped, because the cameras have other names; \
+                         only the stage is kept",
                         printable(path.display())
-                    );
+                    ));
                 }
                 rig.stage = self.rig.stage.or(rig.stage);
                 rig.to_toml()

@@ -1,4 +1,4 @@
-//! `trinocular estimate`: displacements from a points CSV or from a folder of captures.
+//! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::flow::exchanged::explain_keyframe;
+use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
@@ -110,7 +110,7 @@ impl Method {
             Self::Midpoint => RigFile::read(path),
             Self::ClosedForm | Self::LeastSquares => RigFile::read_in_line(path),
         }?;
-        super::doubts::warn(path, &rig);
+        super::warnings::rig(path, &rig);
         Ok(rig)
     }
 
@@ -161,12 +161,12 @@ const MOST_DOUBTS: usize = 20;
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let read = |path: &PathBuf| options.method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
-    let printer = Printer {
+    let mut printer = Printer {
         options,
         out,
         frames: 0,
         refused: 0,
-        is_points: !options.input.is_dir() && !is_recording(&options.input),
+        is_points: false,
         warnings: Vec::new(),
         absent: Vec::new(),
     };
@@ -181,6 +181,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     if options.input.is_dir() {
         run_folder(options, &rig, printer)
     } else {
+        printer.is_points = true;
         run_points(options, &rig, printer)
     }
 }
@@ -217,7 +218,7 @@ fn run_folder<W: Write>(
         rig.rig.image_size_px,
         DEFAULT_PERIOD_US,
     )?;
-    super::doubts::unread(folder.warnings());
+    super::warnings::unread(folder.warnings());
     run_captures(options, rig, folder.frame_sets(), printer)
 }
 
@@ -239,9 +240,14 @@ fn run_captures<W: Write>(
     let rig_path = options.rig.as_ref().unwrap_or(&options.input);
     let mut flow = Flow::new(&rig.rig, FlowSettings::default())
         .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
-    let refer_to = |flow: &mut Flow, capture: &FrameSet| {
+    // The search for a mistake takes many times a measurement, and one mistake explains all.
+    let mut is_explained = false;
+    let mut refer_to = |flow: &mut Flow, capture: &FrameSet| {
         let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, capture, &refusal))
+        outcome.map_err(|refusal| match std::mem::replace(&mut is_explained, true) {
+            false => explain_keyframe(&rig.rig, &rig.names, capture, &refusal),
+            true => refusal.to_string(),
+        })
     };
     let mut reference = refer_to(&mut flow, first?);
     for capture in captures {

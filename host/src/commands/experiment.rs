@@ -10,11 +10,15 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 use trinocular::paper::{present, tracking};
+use trinocular::run_report::{HandEye, StoryTaker};
+use trinocular::servo::recording::FrameSetTaker;
 use trinocular::servo::station_link::TWIN_B;
 use trinocular_client::stage::default_stage;
+use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
-use trinocular_rig::output::{Output, Replace, marked};
+use trinocular_rig::output::{Output, OwnFile, Replace, marked};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
@@ -68,14 +72,20 @@ fn stage(options: &ExperimentOptions) -> Result<Stage, InputError> {
     };
     let reason = "has no [stage] section, the only one that this experiment takes from a rig file";
     let stage = RigFile::read(path)?.stage;
-    stage.ok_or_else(|| InputError::file(path, reason))
+    let stage = stage.ok_or_else(|| InputError::file(path, reason))?;
+    super::warnings::stage(path, &stage);
+    Ok(stage)
 }
 
 /// Opens the files of the report and of the figure.
 fn outputs(options: &ExperimentOptions) -> Result<(Output, Option<Output>), Failure> {
-    let open = |path: &PathBuf| Output::open(path, Replace::Own.or_forced(options.force));
-    let report = open(&options.report)?;
-    let figure = options.figure.as_ref().map(open).transpose()?;
+    let open = |path: &PathBuf, kind| {
+        let replace = Replace::Own(kind).or_forced(options.force);
+        Output::open(path, replace)
+    };
+    let report = open(&options.report, OwnFile::Report)?;
+    let figure = options.figure.as_ref();
+    let figure = figure.map(|path| open(path, OwnFile::Figure)).transpose()?;
     match &figure {
         Some(figure) if figure.is_same_file(&report) => Err(Failure::Usage(
             "--report and --figure must be two files".to_owned(),
@@ -104,7 +114,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         return Err(Failure::Usage(reason.to_owned()));
     }
     let port = options.station.resolve()?;
-    let recording = opened.start(&Origin {
+    let origin = Origin {
         rig: RigFile {
             stage: Some(stage.clone()),
             ..RigFile::paper()
@@ -114,11 +124,15 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         twin: port.is_none().then_some(TWIN_B),
         is_real: port.is_some(),
         seed: Some(settings.seed),
-    })?;
+    };
+    let recording = opened.start(&origin)?;
+    let provenance = origin.provenance();
+    let story = StoryTaker::new(&origin.rig.names, HandEye::of(&stage, Mounting::OnStage));
     let place = options.station.place(port.as_deref());
     let mut progress = Progress::new("tracking");
     let tell = |share| progress.at(share);
-    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), tell);
+    let takers = vec![Arc::clone(&story) as Arc<dyn FrameSetTaker>];
+    let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), takers, tell);
     drop(progress);
     let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
     let run = recording.close(run)?;
@@ -128,13 +142,14 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
             writeln!(out, "{name:>22}: {value}")?;
         }
     }
-    present::page(&settings, &run)
+    let story = story.with(std::mem::take);
+    present::page(&settings, &run, &story, &provenance)
         .write(report)
         .map_err(Failure::Report)?;
     if let Some(output) = figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
         picture
-            .and_then(|svg| Ok(output.write(&marked(&svg))?))
+            .and_then(|svg| Ok(output.write(marked(&svg))?))
             .map_err(Failure::Report)?;
     }
     let written = printable(options.report.display());

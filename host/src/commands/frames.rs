@@ -1,6 +1,7 @@
 //! Frame sets that commands read: from a folder, from a recording, or from a ROS 2 bag.
 
 use crate::commands::failure::Failure;
+use crate::commands::warnings;
 use clap::Args;
 use std::path::Path;
 use trinocular_recording::read::frames::{FrameSets, TOLERANCE_US, Topics};
@@ -40,7 +41,9 @@ fn topic(text: &str) -> Result<(String, String), String> {
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {
-    let ms: f64 = text.parse().map_err(|_| "is not a number".to_owned())?;
+    let ms: f64 = text
+        .parse()
+        .map_err(|_| "expected a number, with a decimal point".to_owned())?;
     match (0.0..=1_000.0).contains(&ms) {
         true => Ok(ms),
         false => Err("must be 0 to 1000 ms".to_owned()),
@@ -79,7 +82,7 @@ impl RecordingInput {
         let source = Source::open(path)?;
         let survey = Survey::of(&source)?;
         if let Some(cut) = &survey.cut {
-            notice!("warning: {cut}");
+            warnings::raise(cut.to_string());
         }
         let rig = match rig {
             Some(rig) => {

@@ -18,7 +18,7 @@ pub const TEMPLATE: &str = "\
 /// Names of the commands by purpose.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Measure", &["estimate", "track", "serve"]),
-    ("Recordings", &["replay", "export"]),
+    ("Recordings", &["report", "replay", "export"]),
     (
         "Set up",
         &[

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::by_hand::{
-    Axis, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
+    AxisName, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
 };
 use super::json;
 use super::progress::Progress;
@@ -29,7 +29,7 @@ use trinocular_rig::rig_file::Stage;
 pub struct HomeOptions {
     /// Axes to home [default: all that have a home switch in the rig file; all three without --rig]
     #[arg(value_enum, ignore_case = true)]
-    axes: Vec<Axis>,
+    axes: Vec<AxisName>,
 
     #[command(flatten)]
     port: PortArgument,
@@ -47,11 +47,11 @@ Examples:
   trinocular home --port auto --rig rig.toml    # the first after the station's start: configure it
   trinocular home z --port /dev/ttyACM0         # one axis anew";
 
-fn chosen(axes: &[Axis], stage: Option<&Stage>) -> [bool; 3] {
+fn chosen(axes: &[AxisName], stage: Option<&Stage>) -> [bool; 3] {
     match (axes, stage) {
         ([], None) => [true; 3],
         ([], Some(stage)) => stage.care.home.map(|home| home.is_some()),
-        (axes, _) => [Axis::X, Axis::Y, Axis::Z].map(|axis| axes.contains(&axis)),
+        (axes, _) => [AxisName::X, AxisName::Y, AxisName::Z].map(|axis| axes.contains(&axis)),
     }
 }
 

@@ -10,7 +10,7 @@ use trinocular_rig::notice;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::rig_file::template::{self, StageTemplate, Template};
 use trinocular_rig::rig_file::{Driver, RigFile};
-use values::{Expected, Image, Names, Number, PerAxis, Travel};
+use values::{Image, Names, Number, PerAxis, Travel, UnknownWord};
 
 mod questions;
 mod values;
@@ -116,27 +116,41 @@ impl Board {
 }
 
 /// Parses the name of a driver.
-fn driver(text: &str) -> Result<Driver, Expected> {
+fn driver(text: &str) -> Result<Driver, WrongDriver> {
     let known = Driver::ALL
         .into_iter()
         .find(|driver| driver.name().eq_ignore_ascii_case(text));
     match known {
-        Some(Driver::Drv8825) => Err(Expected(
-            "A4988 or TMC2209: a DRV8825 needs longer pulses than the boards make",
-        )),
+        Some(Driver::Drv8825) => Err(WrongDriver::TooSlow),
         Some(driver) => Ok(driver),
-        None => Err(Expected("A4988 or TMC2209")),
+        None => Err(WrongDriver::Unknown(UnknownWord {
+            kind: "driver",
+            given: text.to_owned(),
+            known: &["A4988", "TMC2209"],
+        })),
     }
 }
 
+/// Reason why a text names no driver for `init`.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+enum WrongDriver {
+    #[error("a DRV8825 needs longer pulses than the boards make; known here: A4988, TMC2209")]
+    TooSlow,
+    #[error(transparent)]
+    Unknown(UnknownWord),
+}
+
 /// Parses a board, or none for a rig without a stage.
-fn board(text: &str) -> Result<Option<Board>, Expected> {
+fn board(text: &str) -> Result<Option<Board>, UnknownWord> {
     match text {
         "none" => Ok(None),
-        _ => match Board::from_str(text, true) {
-            Ok(board) => Ok(Some(board)),
-            Err(_) => Err(Expected("olimex-h405, feather-f405, skr-2 or none")),
-        },
+        _ => Board::from_str(text, true)
+            .map(Some)
+            .map_err(|_| UnknownWord {
+                kind: "board",
+                given: text.to_owned(),
+                known: &["olimex-h405", "feather-f405", "skr-2", "none"],
+            }),
     }
 }
 

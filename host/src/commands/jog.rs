@@ -14,6 +14,7 @@ use trinocular_client::allowance::Allowance;
 use trinocular_client::diagnosis;
 use trinocular_core::frame::message::{Command, Status};
 use trinocular_core::safety::Trust;
+use trinocular_rig::choice::unknown;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::Stage;
 
@@ -61,12 +62,14 @@ struct Distance {
     um: i32,
 }
 
+const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// Reason why a text is no [`Distance`].
 #[derive(Clone, Debug, thiserror::Error)]
 enum WrongDistance {
     #[error("write an axis, =, and mm: x=1.5")]
     Form,
-    #[error("no axis `{0}`: x, y, z")]
+    #[error("{}", unknown("axis", .0, &AXES))]
     Axis(String),
     #[error("`{0}` is not a number; write mm with a decimal point: x=1.5 or x=1.5mm")]
     NotANumber(String),
@@ -84,7 +87,7 @@ impl std::str::FromStr for Distance {
     fn from_str(text: &str) -> Result<Self, WrongDistance> {
         let parts = text.split_once('=');
         let (axis, mm) = parts.ok_or(WrongDistance::Form)?;
-        let axis = ["x", "y", "z"]
+        let axis = AXES
             .into_iter()
             .position(|name| axis.eq_ignore_ascii_case(name))
             .ok_or_else(|| WrongDistance::Axis(axis.to_owned()))?;

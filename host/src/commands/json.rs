@@ -5,7 +5,9 @@
 use std::io::{self, Write};
 
 use serde::Serialize;
-use serde_json::{Number, Value};
+use serde_json::{Map, Number, Value, json};
+
+use super::warnings;
 
 /// Version of the format. Grows when a key is removed or changes its meaning; new keys may come at
 /// any time.
@@ -15,14 +17,27 @@ pub const VERSION: u32 = 1;
 ///
 /// Keys whose name has `sigma` get three significant digits. All other numbers get six decimals
 /// (nanometres for mm, microseconds for s), and those whose key states no unit at least three
-/// significant digits. A number that is not finite becomes null.
+/// significant digits. A number that is not finite becomes null. Warnings since the last object are
+/// added to its `warnings`.
 pub fn line(out: &mut impl Write, object: &impl Serialize) -> io::Result<()> {
     let mut value = serde_json::to_value(object)?;
     round(&mut value, Digits::SixDecimals);
     if let Value::Object(keys) = &mut value {
         keys.insert("version".to_owned(), VERSION.into());
+        add_warnings(keys, warnings::take());
     }
     writeln!(out, "{value}")
+}
+
+/// Adds warnings before those that the object has.
+fn add_warnings(keys: &mut Map<String, Value>, raised: Vec<String>) {
+    if raised.is_empty() {
+        return;
+    }
+    let list = keys.entry("warnings").or_insert_with(|| json!([]));
+    if let Value::Array(list) = list {
+        list.splice(..0, raised.into_iter().map(Value::from));
+    }
 }
 
 /// Rounding of a number.
@@ -88,7 +103,6 @@ mod tests {
     use super::*;
     use crate::commands::Arguments;
     use clap::CommandFactory as _;
-    use serde_json::json;
 
     /// Commands whose output is a file or a page of its own kind, and those that run until they are
     /// ended: their results are those of the programs that connect to them.
@@ -117,6 +131,20 @@ mod tests {
     fn number_that_is_not_finite_is_null() {
         let text = written(&json!({ "x_mm": f64::NAN }));
         assert_eq!(text, "{\"version\":1,\"x_mm\":null}\n");
+    }
+
+    #[test]
+    fn raised_warnings_come_before_own() {
+        let with = |object: Value| {
+            let Value::Object(mut keys) = object else {
+                panic!("it is an object")
+            };
+            add_warnings(&mut keys, vec!["raised".to_owned()]);
+            Value::Object(keys)
+        };
+        assert_eq!(with(json!({})), json!({"warnings": ["raised"]}));
+        let own = json!({"warnings": ["own"]});
+        assert_eq!(with(own), json!({"warnings": ["raised", "own"]}));
     }
 
     fn check(command: &clap::Command, path: &str) {

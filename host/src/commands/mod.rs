@@ -17,7 +17,7 @@ mod completions;
 mod convert;
 mod destination;
 mod diagnose;
-mod doubts;
+
 mod estimate;
 mod experiment;
 mod export;
@@ -32,6 +32,7 @@ mod json;
 mod live_page;
 mod man;
 mod motors;
+pub mod numbers;
 mod port;
 mod ports;
 mod progress;
@@ -39,6 +40,7 @@ mod range;
 mod record;
 mod replay;
 mod report;
+mod report_option;
 mod reset;
 mod robustness;
 mod scene;
@@ -51,6 +53,7 @@ mod track;
 mod twin;
 mod verify;
 mod version;
+mod warnings;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
@@ -93,7 +96,8 @@ From a new rig to a target that is followed:
 
 Exit codes:
   0  done
-  1  the input was bad (the message names file, line and field), or frames were refused
+  1  the input was bad (the message names file, line and field), frame sets were refused,
+     or an expectation was missed
   2  the command line was wrong
   3  the station refused, faulted or is in use, or a signal ended a run that moves a stage
   130, 143  Ctrl-C (SIGINT) or SIGTERM ended a run without a real stage";
@@ -117,13 +121,14 @@ enum Command {
     Motors(motors::MotorsOptions),
     Ports(ports::PortsOptions),
     Replay(replay::ReplayOptions),
+    Report(report::ReportOptions),
     Reset(reset::ResetOptions),
     Serve(serve::ServeOptions),
     Simulate(simulate::SimulateOptions),
     Status(status::StatusOptions),
     Stop(stop::StopOptions),
     Tables(tables::TablesOptions),
-    Track(track::TrackOptions),
+    Track(Box<track::TrackOptions>),
     Twin(twin::TwinOptions),
     Verify(verify::VerifyOptions),
     Zero(zero::ZeroOptions),
@@ -169,6 +174,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
         Some(Command::Replay(options)) => replay::run(&options, out),
+        Some(Command::Report(options)) => report::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),
         Some(Command::Serve(options)) => serve::run(&options, out),
         Some(Command::Simulate(options)) => simulate::run(&options, out),

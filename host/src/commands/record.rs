@@ -3,16 +3,17 @@
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
+use trinocular::run_report::Provenance;
 use trinocular_client::owner;
 use trinocular_core::frame::{PROTOCOL, SCHEMA_HASH};
 use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings, Tap};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::sums::Estimator;
@@ -45,7 +46,7 @@ pub struct RecordOption {
 /// Forms of recorded images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Form {
-    /// Uncompressed: 14 MB/s for 60 frame sets of 3 x 320x240 per second
+    /// Uncompressed: some 16 MB/s in all for 60 frame sets of 3 x 320x240 per second
     Raw,
     /// Compressed without loss: smaller, as the noise allows, for 10 % of a core with these images
     Png,
@@ -64,6 +65,7 @@ impl From<Form> for ImageForm {
 }
 
 /// Origin of a recording: rig, estimator, station and seed.
+#[derive(Clone, Debug)]
 pub struct Origin {
     /// The rig, with the stage that the station moves.
     pub rig: RigFile,
@@ -79,7 +81,49 @@ pub struct Origin {
     pub seed: Option<u64>,
 }
 
+impl Origin {
+    /// Returns the texts by which recordings and reports name their origin. The run begins now.
+    pub fn texts(&self) -> BTreeMap<&'static str, String> {
+        let mut texts = here();
+        texts.insert("command", owner::this_program().command);
+        texts.insert("begun_unix_s", (now_us() / 1_000_000).to_string());
+        let estimator = match self.estimator {
+            Estimator::Midpoint => "midpoint",
+            Estimator::ClosedForm => "closed-form",
+        };
+        texts.insert("estimator", estimator.to_owned());
+        texts.insert("cameras", self.rig.names.join(","));
+        texts.insert("station", self.twin.map_or("line", |_| "twin").to_owned());
+        let optional = [
+            ("twin", self.twin.map(str::to_owned)),
+            ("seed", self.seed.map(|seed| seed.to_string())),
+        ];
+        for (name, text) in optional {
+            texts.extend(text.map(|text| (name, text)));
+        }
+        texts
+    }
+
+    /// Returns the text of the rig file.
+    pub fn rig_toml(&self) -> String {
+        let text = self.rig_text.clone();
+        text.unwrap_or_else(|| self.rig.to_toml())
+    }
+
+    /// Returns the provenance of a report of this run.
+    pub fn provenance(&self) -> Provenance {
+        Provenance::new(self.texts(), Some(self.rig_toml()))
+    }
+}
+
+/// Returns the present instant, µs since 1970.
+fn now_us() -> u64 {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+    since_1970.map_or(0, |since| since.as_micros() as u64)
+}
+
 /// Recording under way, and its file, if one was requested.
+#[derive(Debug)]
 pub struct Recording(Option<(Recorder, PathBuf)>);
 
 impl RecordOption {
@@ -90,7 +134,7 @@ impl RecordOption {
 
     /// Opens the file without changing it, so that an unwritable place is refused before the run.
     pub fn open(&self, force: bool) -> Result<Opened, InputError> {
-        let replace = Replace::Own.or_forced(force);
+        let replace = Replace::Own(OwnFile::Recording).or_forced(force);
         let open = |path: &PathBuf| Output::open(path, replace);
         Ok(Opened {
             output: self.record.as_ref().map(open).transpose()?,
@@ -106,6 +150,14 @@ pub struct Opened {
 }
 
 impl Opened {
+    /// Opens a new file for raw images at `path`; an existing file stays as it is.
+    pub fn new(path: &Path) -> Result<Self, InputError> {
+        Ok(Self {
+            output: Some(Output::open(path, Replace::Nothing)?),
+            images: ImageForm::Raw,
+        })
+    }
+
     /// Returns true if the file is that of `other`.
     pub fn is_same_file(&self, other: &Output) -> bool {
         let output = self.output.as_ref();
@@ -117,26 +169,8 @@ impl Opened {
         let Some(output) = self.output else {
             return Ok(Recording(None));
         };
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
-        let now_us = since_1970.map_or(0, |since| since.as_micros() as u64);
-        let mut texts = here();
-        texts.insert("command", owner::this_program().command);
-        texts.insert("begun_unix_s", (now_us / 1_000_000).to_string());
-        let estimator = match origin.estimator {
-            Estimator::Midpoint => "midpoint",
-            Estimator::ClosedForm => "closed-form",
-        };
-        texts.insert("estimator", estimator.to_owned());
-        texts.insert("cameras", origin.rig.names.join(","));
-        texts.insert("station", origin.twin.map_or("line", |_| "twin").to_owned());
-        let optional = [
-            ("twin", origin.twin.map(str::to_owned)),
-            ("seed", origin.seed.map(|seed| seed.to_string())),
-        ];
-        for (name, text) in optional {
-            texts.extend(text.map(|text| (name, text)));
-        }
-        let texts = texts.into_iter();
+        let now_us = now_us();
+        let texts = origin.texts().into_iter();
         let settings = Settings {
             images: self.images,
             pace: if origin.is_real {
@@ -146,7 +180,7 @@ impl Opened {
             },
             cameras: origin.rig.names.clone(),
             epoch_us: if origin.is_real { now_us } else { 0 },
-            rig: (origin.rig_text.clone()).unwrap_or_else(|| origin.rig.to_toml()),
+            rig: origin.rig_toml(),
             origin: texts.map(|(name, text)| (name.to_owned(), text)).collect(),
         };
         let path = output.path().to_owned();
@@ -160,10 +194,10 @@ impl Recording {
         self.0.as_ref().map(|(recorder, _)| recorder.tap())
     }
 
-    /// Ends the file, and prints its size and what was dropped.
-    fn finish(self) -> Result<(), Failure> {
+    /// Ends the file; returns its size and what was dropped, in words.
+    pub fn finish(self) -> Result<Option<String>, InputError> {
         let Some((recorder, path)) = self.0 else {
-            return Ok(());
+            return Ok(None);
         };
         let account = recorder.finish()?;
         let dropped = account.dropped;
@@ -174,17 +208,22 @@ impl Recording {
                 dropped.frame_sets, dropped.messages
             ),
         };
-        let (messages, kilobytes) = (account.messages, account.bytes >> 10);
+        let (messages, kilobytes) = (account.messages, account.bytes / 1_000);
         let path = printable(path.display());
-        notice!("recorded {messages} messages, {kilobytes} kB, in {path}{lost}");
-        Ok(())
+        Ok(Some(format!(
+            "recorded {messages} messages, {kilobytes} kB, in {path}{lost}"
+        )))
     }
 
     /// Ends the file after a run: the run's own failure comes first.
     pub fn close<T>(self, run: Result<T, Failure>) -> Result<T, Failure> {
         let finished = self.finish();
+        if let Ok(Some(account)) = &finished {
+            notice!("{account}");
+        }
         let value = run?;
-        finished.map(|()| value)
+        finished?;
+        Ok(value)
     }
 }
 

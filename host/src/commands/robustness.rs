@@ -9,6 +9,7 @@ use std::sync::Mutex;
 use trinocular::accuracy_study::condition::{self, Condition};
 use trinocular::accuracy_study::tally::{Tally, failures_of_all};
 use trinocular::accuracy_study::{phase, present, sweep};
+use trinocular_rig::choice;
 use trinocular_vision::images::SceneError;
 
 /// Measure rendered posters under bad conditions, and compare errors with the stated sigma
@@ -95,11 +96,9 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Condition>, Failure> {
                 .any(|condition| condition.name == **name)
     };
     if let Some(unknown) = names.iter().find(|name| !known(name)) {
-        let all: Vec<&str> = condition::ALL.iter().map(|c| c.name).collect();
-        return Err(Failure::Usage(format!(
-            "`{unknown}` is no condition: {}, {BIAS} are",
-            all.join(", ")
-        )));
+        let conditions = condition::ALL.iter().map(|condition| condition.name);
+        let all: Vec<&str> = conditions.chain([BIAS]).collect();
+        return Err(Failure::Usage(choice::unknown("condition", unknown, &all)));
     }
     let wanted = |c: &&Condition| names.is_empty() || names.iter().any(|name| name == c.name);
     Ok(condition::ALL.iter().filter(wanted).collect())

@@ -1,6 +1,7 @@
 //! `trinocular serve`: owns a station and shows it on a page in the browser.
 
 mod cameras;
+mod recordings;
 mod simulated;
 
 use super::live_page::LivePage;
@@ -11,17 +12,18 @@ use super::scene::SceneOptions;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use clap::Args;
+use recordings::FolderRecordings;
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::workbench::{Bench, Workbench};
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
-use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Server, Setup};
-use trinocular_recording::recorder::Tap;
+use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Server, Setup};
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::sums::Estimator;
@@ -125,7 +127,19 @@ pub struct ServeOptions {
     #[command(flatten)]
     record: RecordOption,
 
-    /// Replace the file of --record even if this program did not write it
+    /// Folder of the recordings that the page starts. Each is a new file,
+    /// trinocular-YYYYMMDD-HHMMSS.mcap (UTC)
+    #[arg(
+        long,
+        value_name = "DIR",
+        default_value = ".",
+        requires = "control",
+        conflicts_with = "record",
+        help_heading = "Recording"
+    )]
+    recordings: PathBuf,
+
+    /// Replace the file of --record even if it is no recording of this program
     #[arg(long, requires = "record")]
     force: bool,
 }
@@ -157,13 +171,13 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
     let rig = match &options.rig {
         Some(path) => {
             let rig = RigFile::read(path)?;
-            super::doubts::warn(path, &rig);
+            super::warnings::rig_and_stage(path, &rig);
             rig
         }
         None => RigFile::paper(),
     };
     let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
-    let recording = options.record.open(options.force)?.start(&Origin {
+    let origin = Origin {
         rig: RigFile {
             stage: Some(rig.stage.clone().unwrap_or_else(default_stage)),
             ..rig.clone()
@@ -174,11 +188,18 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
         twin: None,
         is_real: true,
         seed: options.cameras.is_none().then_some(options.scene.seed),
-    })?;
-    let tap = recording.tap();
+    };
+    let recording = options.record.open(options.force)?.start(&origin)?;
+    let on_page = match options.record.is_given() {
+        true => PageRecording::whole(recording.tap()),
+        false => {
+            let folder = options.recordings.clone();
+            PageRecording::on_request(Box::new(FolderRecordings::new(folder, origin)?))
+        }
+    };
     let outcome = match &options.cameras {
-        None => simulated::run(options, listener, &rig, tap),
-        Some(devices) => cameras::run(options, listener, &rig, devices, tap),
+        None => simulated::run(options, listener, &rig, on_page),
+        Some(devices) => cameras::run(options, listener, &rig, devices, on_page),
     };
     recording.close(outcome)
 }
@@ -190,7 +211,8 @@ fn serve<B: Bench>(
     (rig, stage, mounting): (&RigFile, &Stage, Mounting),
     mut bench: B,
     port: Option<&str>,
-    tap: Option<Arc<Tap>>,
+    recording: PageRecording,
+    drops: Option<DropSource>,
 ) -> Result<(), Failure> {
     let setup = Setup {
         station: match port {
@@ -207,8 +229,10 @@ fn serve<B: Bench>(
         page.stream(address)?;
     }
     let hub = Arc::clone(page.hub());
-    let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub);
-    bench.record(tap);
+    if let Some(drops) = drops {
+        hub.set_drop_source(drops);
+    }
+    let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
     if options.control {
         page.control(Arc::new(desk))?;
     }

@@ -2,19 +2,23 @@
 
 use super::progress::Progress;
 use super::record::{Opened, Origin, RecordOption};
-use super::report::ReportOption;
+use super::report_option::ReportOption;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use trinocular::run_report::{HandEye, Provenance, StoryTaker};
 use trinocular::scenario::csv;
 use trinocular::scenario::figures::Figures;
-use trinocular::scenario::file::{Scenario, Sight};
+use trinocular::scenario::file::{ImageSource, Scenario};
 use trinocular::scenario::present::{self, Outcome};
 use trinocular::scenario::run::{self, ScenarioOptions};
 use trinocular::scenario::trace::Trace;
+use trinocular::servo::recording::{FrameSetTaker, Takers};
+use trinocular_core::frame::message::Mounting;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
@@ -95,6 +99,7 @@ pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failur
         return Err(Failure::Usage(reason.to_owned()));
     }
     let mut recording = Some(options.record.open(options.report.is_forced())?);
+    let provenance = provenance(&scenarios);
     let mut work = Work::of(&scenarios, options);
     let mut outcomes = Vec::with_capacity(scenarios.len());
     for (path, scenario) in options.scenarios.iter().zip(scenarios) {
@@ -109,11 +114,11 @@ pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failur
     if !options.json {
         print(&outcomes, out)?;
     }
-    report.write(|| present::page(&outcomes))?;
+    report.write(|| present::page(&outcomes, &provenance))?;
     if let Some(table) = table {
         let runs = outcomes.iter();
         let runs = runs.map(|outcome| (outcome.name.as_str(), &outcome.trace));
-        table.write(&csv::table(runs))?;
+        table.write(csv::table(runs))?;
     }
     out.flush()?;
     let failed = options.scenarios.iter().zip(&outcomes);
@@ -158,6 +163,7 @@ impl Work {
         scenario: &Scenario,
         prediction: bool,
         tap: Option<Arc<Tap>>,
+        takers: Takers,
     ) -> Result<Trace, Failure> {
         let options = ScenarioOptions {
             prediction,
@@ -169,7 +175,7 @@ impl Work {
                 progress.at((self.done_s + share * run_s) / self.total_s);
             }
         };
-        let run = run::run_recorded(scenario, options, tap, tell);
+        let run = run::run_recorded(scenario, options, tap, takers, tell);
         let run = run.map_err(|error| Failure::of_servo(None, error))?;
         self.done_s += run_s;
         Ok(run.trace)
@@ -179,8 +185,8 @@ impl Work {
 /// Returns the work of one run, in seconds of rendered images; 0 for ideal points.
 fn work_s(scenario: &Scenario) -> f64 {
     match scenario.cameras.sight {
-        Sight::Rendered { .. } => scenario.seconds(),
-        Sight::Points { .. } => 0.0,
+        ImageSource::Rendered { .. } => scenario.seconds(),
+        ImageSource::Points { .. } => 0.0,
     }
 }
 
@@ -204,6 +210,24 @@ fn origin(scenario: &Scenario) -> Origin {
     }
 }
 
+/// Returns the provenance of a report, with the seeds of all scenarios.
+fn provenance(scenarios: &[Scenario]) -> Provenance {
+    let mut provenance = scenarios
+        .first()
+        .map(origin)
+        .map_or_else(Provenance::default, |origin| origin.provenance());
+    let seeds: BTreeSet<u64> = scenarios.iter().map(|scenario| scenario.seed).collect();
+    let seeds: Vec<String> = seeds.iter().map(ToString::to_string).collect();
+    provenance
+        .origin
+        .insert("seed".to_owned(), seeds.join(", "));
+    if scenarios.len() > 1 {
+        // Each scenario has a stage of its own.
+        provenance.rig = None;
+    }
+    provenance
+}
+
 fn simulate(
     path: &Path,
     scenario: Scenario,
@@ -214,18 +238,26 @@ fn simulate(
     let prediction = !options.no_prediction;
     let name = path.file_stem().unwrap_or(path.as_os_str());
     let name = name.to_string_lossy().into_owned();
+    let story = StoryTaker::new(
+        &RigFile::paper().names,
+        HandEye::of(&scenario.stage, Mounting::OnStage),
+    );
+    let takers: Takers = match options.report.is_given() {
+        true => vec![Arc::clone(&story) as Arc<dyn FrameSetTaker>],
+        false => Takers::new(),
+    };
     let trace = match recording {
-        None => work.run(&scenario, prediction, None)?,
+        None => work.run(&scenario, prediction, None, takers)?,
         Some(opened) => {
             let recording = opened.start(&origin(&scenario))?;
-            let trace = work.run(&scenario, prediction, recording.tap());
+            let trace = work.run(&scenario, prediction, recording.tap(), takers);
             recording.close(trace)?
         }
     };
     let figures = Figures::of(&scenario, &trace);
     let mut unpredicted = None;
     if is_compared(&scenario, prediction) {
-        let trace = work.run(&scenario, false, None)?;
+        let trace = work.run(&scenario, false, None, Takers::new())?;
         let figures = Figures::of(&scenario, &trace);
         unpredicted = Some((trace, figures));
     }
@@ -241,6 +273,7 @@ fn simulate(
         scenario,
         trace,
         figures,
+        story: story.with(std::mem::take),
         unpredicted,
         missed,
     })
@@ -248,7 +281,7 @@ fn simulate(
 
 /// Figures and verdict of a scenario, as they are printed.
 #[derive(Serialize)]
-struct Line<'a> {
+struct ScenarioLine<'a> {
     scenario: &'a str,
     #[serde(flatten)]
     figures: &'a Figures,
@@ -258,7 +291,7 @@ struct Line<'a> {
 }
 
 fn print_json(outcome: &Outcome, out: &mut impl Write) -> Result<(), Failure> {
-    let line = Line {
+    let line = ScenarioLine {
         scenario: &outcome.name,
         figures: &outcome.figures,
         without_prediction: outcome.unpredicted.as_ref().map(|(_, figures)| figures),

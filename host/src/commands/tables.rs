@@ -1,7 +1,7 @@
 //! `trinocular tables`: the paper's tables and figures, computed values beside the printed ones.
 
 use super::progress::Progress;
-use super::report::ReportOption;
+use super::report_option::ReportOption;
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::Args;

@@ -6,6 +6,7 @@ pub mod captures;
 pub mod live;
 pub mod page;
 mod recorded;
+mod report;
 mod simulated;
 
 use super::frames::{RecordingInput, rig_missing};
@@ -178,14 +179,17 @@ pub struct TrackOptions {
     record: RecordOption,
 
     #[command(flatten)]
+    report: report::TrackReport,
+
+    #[command(flatten)]
     recording: RecordingInput,
 
     /// Time between two frame sets of a recording, µs, which --fps does not change.
     #[arg(skip)]
     recorded_period_us: Cell<Option<u64>>,
 
-    /// Replace the file of --record even if this program did not write it
-    #[arg(long, requires = "record", help_heading = "Recording")]
+    /// Replace the files of --record and --report even if this program did not write them
+    #[arg(long, help_heading = "Recording")]
     force: bool,
 }
 
@@ -203,14 +207,16 @@ impl TrackOptions {
         let source = &self.source;
         let opened = self.record.open(self.force)?;
         let is_real = self.station.is_given() || source.cameras.is_some() || source.watch.is_some();
-        opened.start(&Origin {
+        let origin = Origin {
             rig: rig.clone(),
             rig_text: self.rig.as_ref().map(read).transpose()?,
             estimator: self.method.into(),
             twin: (!self.station.is_given()).then_some(TWIN_B),
             is_real,
             seed: source.sim.then_some(self.scene.seed),
-        })
+        };
+        self.report.begin(&origin, &opened, self.force)?;
+        opened.start(&origin)
     }
 
     /// Returns the time between two frame sets, µs.
@@ -267,7 +273,7 @@ impl Estimator {
             Self::ClosedForm => RigFile::read_in_line(path),
             Self::Midpoint => RigFile::read(path),
         }?;
-        super::doubts::warn(path, &rig);
+        super::warnings::rig_and_stage(path, &rig);
         Ok(rig)
     }
 }
@@ -293,7 +299,7 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
   trinocular track --sim --path lissajous --json > run.jsonl
-  trinocular track --sim --record run.mcap
+  trinocular track --sim --record run.mcap --report run.html
   trinocular track --sim --rig rig.toml --port /dev/ttyACM0 --path still
   trinocular track --images captures/ --rig rig.toml
   trinocular track --images run.mcap
@@ -333,6 +339,8 @@ pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> 
         "--watch",
         source.watch.is_some(),
     )?;
+    let is_written = options.record.is_given() || options.report.is_given();
+    goes_with("force", options.force, "--record and --report", is_written)?;
     goes_with("window", options.window.is_some(), "--cameras", is_live)?;
     goes_with("delay", options.delay != 0.0, "--cameras", is_live)?;
     let is_real = is_live && options.station.is_given();
@@ -344,7 +352,7 @@ pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> 
         return Err(Failure::Usage(reason.to_owned()));
     }
     options.page.check()?;
-    let outcome = follow(options, out);
+    let outcome = options.report.close(follow(options, out));
     if options.station.is_given()
         && let Err(Failure::Output(cause)) = &outcome
         && cause.kind() == std::io::ErrorKind::BrokenPipe

@@ -91,28 +91,28 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     let rig = rig(options.rig.as_deref())?;
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let stop = super::by_hand::on_interrupt()?;
-    let mut line = Line::open(options)?;
+    let mut port = Port::open(options)?;
     let mut lab = match options.with_target {
-        true => Some(lab(options, &rig, &line)?),
+        true => Some(lab(options, &rig, &port)?),
         false => None,
     };
-    writeln!(out, "station simulated on {}; Ctrl-C ends it", line.port)?;
+    writeln!(out, "station simulated on {}; Ctrl-C ends it", port.name)?;
     out.flush()?;
     let mut twin = RealTimeTwin::power_on(&stage);
     let console = Console::start();
     let mut buffer = [0; 1024];
     while !stop.load(Ordering::Relaxed) {
-        let count = line.read(&mut buffer)?;
+        let count = port.read(&mut buffer)?;
         let bytes = twin.turn(&buffer[..count]);
-        line.write(&bytes);
+        port.write(&bytes);
         if let Some(lab) = &mut lab {
             lab.at(twin.now(), twin.position_mm());
         }
         match console.order() {
             None => {}
             Some(Order::Quit) => break,
-            Some(Order::Unplug) => line.end = None,
-            Some(Order::Plug) => line.plug()?,
+            Some(Order::Unplug) => port.end = None,
+            Some(Order::Plug) => port.plug()?,
             Some(Order::Where) => {
                 let [x, y, z] = twin.position_mm();
                 let steps = twin.steps();
@@ -120,7 +120,7 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
                 out.flush()?;
             }
             Some(Order::Restart) => twin.power_cycle(),
-            Some(Order::Bench(change)) => twin.set_bench(change(twin.bench())),
+            Some(Order::Switches(change)) => twin.set_switches(change(twin.switches())),
             Some(Order::Unknown(line)) => notice!("`{line}` is unknown; {}", console::ORDERS),
         }
     }
@@ -140,7 +140,7 @@ fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
 }
 
 #[cfg(unix)]
-fn lab(options: &TwinOptions, rig: &RigFile, line: &Line<'_>) -> Result<lab::Lab, Failure> {
+fn lab(options: &TwinOptions, rig: &RigFile, port: &Port<'_>) -> Result<lab::Lab, Failure> {
     let setup = lab::LabSetup {
         rig: &rig.rig,
         texture: Texture::of_kind(options.scene.texture, options.scene.seed),
@@ -149,11 +149,11 @@ fn lab(options: &TwinOptions, rig: &RigFile, line: &Line<'_>) -> Result<lab::Lab
         path: options.path,
         fps: options.fps,
     };
-    lab::Lab::start(setup, &line.link)
+    lab::Lab::start(setup, &port.link)
 }
 
 #[cfg(not(unix))]
-fn lab(_: &TwinOptions, _: &RigFile, _: &Line<'_>) -> Result<NoLab, Failure> {
+fn lab(_: &TwinOptions, _: &RigFile, _: &Port<'_>) -> Result<NoLab, Failure> {
     let reason = "--with-target needs local sockets, which this system does not have";
     Err(Failure::Usage(reason.to_owned()))
 }
@@ -169,24 +169,24 @@ impl NoLab {
     }
 }
 
-/// The far end of the line, and the way to open it again.
-struct Line<'a> {
+/// The simulated port: its far end, and the way to open it again.
+struct Port<'a> {
     options: &'a TwinOptions,
     end: Option<Box<dyn FarEnd>>,
     /// Value of --port for the other programs.
-    port: String,
+    name: String,
     /// Link to the pseudo-terminal; empty with TCP.
     link: PathBuf,
 }
 
-impl<'a> Line<'a> {
+impl<'a> Port<'a> {
     fn open(options: &'a TwinOptions) -> Result<Self, Failure> {
         let link = link(options)?;
-        let (end, port) = far_end(options, &link, options.tcp.as_deref())?;
+        let (end, name) = far_end(options, &link, options.tcp.as_deref())?;
         Ok(Self {
             options,
             end: Some(end),
-            port,
+            name,
             link,
         })
     }
@@ -194,7 +194,7 @@ impl<'a> Line<'a> {
     fn plug(&mut self) -> Result<(), Failure> {
         if self.end.is_none() {
             // The same address again, if the system chose it before.
-            let (end, _) = far_end(self.options, &self.link, self.port.strip_prefix("tcp://"))?;
+            let (end, _) = far_end(self.options, &self.link, self.name.strip_prefix("tcp://"))?;
             self.end = Some(end);
         }
         Ok(())

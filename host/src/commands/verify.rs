@@ -11,7 +11,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 
 use super::json;
-use super::report::ReportOption;
+use super::report_option::ReportOption;
 
 /// Predict what a rig can measure, and name what limits it
 ///
@@ -71,7 +71,7 @@ The exit code is 1 if the station would refuse the rig's stage.";
 pub fn run(options: &VerifyOptions, out: &mut impl Write) -> Result<(), Failure> {
     let settings = settings(options)?;
     let rig = RigFile::read(&options.rig)?;
-    super::doubts::warn(&options.rig, &rig);
+    super::warnings::rig(&options.rig, &rig);
     let report = options.report.open()?;
     let found = Verification::of(&rig, settings);
     report.write(|| present::page(&options.rig.display().to_string(), &found))?;

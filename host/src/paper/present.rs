@@ -2,10 +2,10 @@
 
 use super::moves::{self, Row};
 use super::tracking::{self, BOUND_MM, MOVE_MM, Pulses, Run, Settings, Stop};
-use crate::report::{Cell, Figure, LinePlot, Page, Path3d, Scatter, Style, Table};
+use crate::report::{Cell, Mark, MarkKind, Page, Path3d, Scatter, Style, Table};
+use crate::run_report::curves::add_table;
+use crate::run_report::{Provenance, RunCurves, Story};
 use crate::servo::simulated::SimulatedStep;
-
-const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// Returns Table 6: the paper's station B, and this program's with this estimator.
 pub fn stops(estimator: &str, stops: &[Stop]) -> Table {
@@ -129,41 +129,34 @@ fn is_moving(run: &Run, time_s: f64) -> bool {
     now.map(|sample| sample.target_mm) != before.map(|sample| sample.target_mm)
 }
 
-/// Returns target and cameras over time, one plot per axis, and their difference.
-pub fn curves(run: &Run) -> Vec<Figure> {
-    let positions = (0..3).map(|i| {
-        let of = |get: fn(&tracking::Sample) -> [f64; 3]| {
-            run.samples.iter().map(move |s| [s.time_s, get(s)[i]])
-        };
-        LinePlot::new(
-            format!("{} of target and cameras", AXES[i]),
-            "time, s",
-            "mm",
-        )
-        .series("target (A)", Style::Dashed, of(|s| s.target_mm))
-        .series("cameras (B)", Style::Line, of(|s| s.camera_mm))
-        .into()
+/// Returns the plain values of a run: true positions, measurements and marks.
+fn curves(run: &Run, story: &Story) -> RunCurves {
+    let points = |get: fn(&tracking::Sample) -> [f64; 3]| {
+        let samples = run.samples.iter();
+        samples
+            .map(move |sample| (sample.time_s, get(sample)))
+            .collect()
+    };
+    let mut marks = story.marks();
+    // A rests a while after each move, so that a motion after rest is the start of a move.
+    let moves = run.samples.windows(3).filter_map(|three| match three {
+        [first, second, third] => {
+            let is_start =
+                first.target_mm == second.target_mm && second.target_mm != third.target_mm;
+            is_start.then_some(second.time_s)
+        }
+        _ => None,
     });
-    let difference = |i: usize| {
-        run.samples
-            .iter()
-            .map(move |s| [s.time_s, s.camera_mm[i] - s.target_mm[i]])
-    };
-    let lag = (0..3).fold(
-        LinePlot::new("Following error B - A", "time, s", "mm"),
-        |plot, i| plot.series(AXES[i], Style::Line, difference(i)),
-    );
-    let sigma = |i: usize| {
-        run.steps.iter().filter_map(move |step| {
-            let sigma_mm = step.turn.outcome.estimate()?.sigma_mm?;
-            Some([step.time_s, sigma_mm[i] * 1e3])
-        })
-    };
-    let sigmas = (0..3).fold(
-        LinePlot::new("Standard deviation of each estimate", "time, s", "µm").including(0.0),
-        |plot, i| plot.series(AXES[i], Style::Line, sigma(i)),
-    );
-    positions.chain([lag.into(), sigmas.into()]).collect()
+    marks.extend(moves.map(|at_s| Mark::at(MarkKind::Note, at_s, "A begins a move")));
+    marks.sort_by(|a, b| a.from.total_cmp(&b.from));
+    RunCurves {
+        target: points(|sample| sample.target_mm),
+        stage: points(|sample| sample.camera_mm),
+        measured: story.measured(),
+        moments: story.moments(),
+        marks,
+        ..RunCurves::default()
+    }
 }
 
 /// Returns settings and counts as name and value.
@@ -196,7 +189,7 @@ pub fn facts(settings: &Settings, run: &Run) -> Vec<(String, String)> {
     let step = list(run.steps_per_mm.map(f64::recip));
     [
         (
-            "pictures",
+            "frame sets",
             format!(
                 "{} taken, {} used by the station",
                 run.steps.len(),
@@ -254,7 +247,7 @@ fn list(axes: [f64; 3]) -> String {
 }
 
 /// Returns the page of the closed-loop experiment.
-pub fn page(settings: &Settings, run: &Run) -> Page {
+pub fn page(settings: &Settings, run: &Run, story: &Story, provenance: &Provenance) -> Page {
     let page = Page::new(
         "Trinocular: tracking in closed loop",
         format!("the paper's section 4.3 on {}", run.station),
@@ -270,9 +263,9 @@ pub fn page(settings: &Settings, run: &Run) -> Page {
     .table(stops("midpoint", &run.stops))
     .facts(&facts(settings, run))
     .plots([path(run, None).into(), laser(run).into()]);
-    curves(run)
-        .into_iter()
-        .fold(page.section("Over time", ""), |page, figure| {
-            page.plot(figure)
-        })
+    let page = curves(run, story).add_to(page, false);
+    let whole = "`--record RUN.mcap` and `trinocular export` write all rows.";
+    let page = page.section("Data", "");
+    let page = add_table(page, "Measurements", &story.table(), whole);
+    provenance.add_to(page)
 }

@@ -2,7 +2,7 @@
 //! cameras.
 
 use crate::servo::ServoError;
-use crate::servo::recording::observers;
+use crate::servo::recording::{FrameSetTaker, Takers, observers_of};
 use crate::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
 use crate::servo::station_link::StationPlace;
 use crate::servo::world::SimulatedWorld;
@@ -197,10 +197,11 @@ pub fn run(
     place: StationPlace<'_>,
     progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
-    run_recorded(settings, stage, place, None, progress)
+    run_recorded(settings, stage, place, None, Takers::new(), progress)
 }
 
-/// Runs the experiment as [`run`] does, and records it with `tap`.
+/// Runs the experiment as [`run`] does, records it with `tap`, and gives its frame sets to
+/// `takers`.
 ///
 /// # Errors
 /// As [`run`].
@@ -209,8 +210,10 @@ pub fn run_recorded(
     stage: &Stage,
     place: StationPlace<'_>,
     tap: Option<Arc<Tap>>,
+    mut takers: Takers,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
+    takers.extend(tap.clone().map(|tap| tap as Arc<dyn FrameSetTaker>));
     let rig = Rig::paper();
     let texture = Texture::of_kind(settings.texture, settings.seed);
     let mut world = SimulatedWorld::new_observed(
@@ -227,7 +230,7 @@ pub fn run_recorded(
         &rig,
         settings.timing,
         settings.estimator,
-        observers(tap.clone(), &rig),
+        observers_of(takers, &rig),
     )?;
     let (mut stops, mut steps, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let total_s = MOVES as f64 * settings.rest_s;

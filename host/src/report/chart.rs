@@ -1,11 +1,13 @@
 //! Title, legend, axes and grid of a plane figure; and the legend of any figure.
 
 use super::axis::Axis;
+use super::band;
 use super::canvas::{
     AXIS, DrawingError, GRID, INK, SOFT_INK, Sheet, Spot, TEXT, TITLE_LINE, UNIT, lettering, pen,
     text_width, units, write_text,
 };
-use super::stroke::{self, SAMPLE, Style};
+use super::mark::{self, MarkKind};
+use super::stroke::{self, Look, SAMPLE};
 use plotters::coord::CoordTranslate as _;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
@@ -14,12 +16,21 @@ use plotters::style::text_anchor::{HPos, VPos};
 /// Height of a legend's line, px.
 const LEGEND_LINE: f64 = 20.0;
 
-/// Legend entry of one series.
+/// Sample of a legend entry.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Sample {
+    /// A series.
+    Series(Look),
+    /// A band around the series of this number.
+    Band(usize),
+    /// Marks of a kind.
+    Mark(MarkKind),
+}
+
+/// Legend entry.
 pub(super) struct Entry<'a> {
     pub name: &'a str,
-    pub style: Style,
-    /// Number of the series, which selects colour and marker.
-    pub index: usize,
+    pub sample: Sample,
 }
 
 /// Draws the legend under the title and returns the height of both, px. Series without a name are
@@ -33,17 +44,22 @@ pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, Drawi
     let (mut x, mut y) = (8.0, TITLE_LINE + 0.5 * LEGEND_LINE);
     let style = lettering(TEXT, INK, HPos::Left, VPos::Center);
     for entry in &named {
-        let wide = SAMPLE + 6.0 + text_width(entry.name, TEXT) + 18.0;
+        let sample = match entry.sample {
+            Sample::Mark(_) => 16.0,
+            _ => SAMPLE,
+        };
+        let wide = sample + 6.0 + text_width(entry.name, TEXT) + 18.0;
         if x > 8.0 && x + wide > width {
             (x, y) = (8.0, y + LEGEND_LINE);
         }
-        stroke::sample(sheet, (units(x), units(y)), entry.style, entry.index)?;
-        write_text(
-            sheet,
-            entry.name,
-            (units(x + SAMPLE + 6.0), units(y)),
-            &style,
-        )?;
+        let at = (units(x), units(y));
+        match entry.sample {
+            Sample::Series(look) => stroke::sample(sheet, at, look)?,
+            Sample::Band(index) => band::sample(sheet, at, index)?,
+            Sample::Mark(kind) => mark::sample(sheet, at, kind)?,
+        }
+        let at = (units(x + sample + 6.0), units(y));
+        write_text(sheet, entry.name, at, &style)?;
         x += wide;
     }
     Ok(if named.is_empty() {

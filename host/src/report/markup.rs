@@ -33,7 +33,7 @@ fn printable(c: char) -> char {
 
 /// Checks for tests: every tag that opens closes in order, and every `&` starts an entity.
 #[cfg(test)]
-pub(super) mod balance {
+pub(crate) mod balance {
     /// Returns the first fault in `document`. Checks XML rules plus `<!doctype html>`, as far as
     /// the pages and figures of this module need them.
     pub fn fault(document: &str) -> Option<String> {

@@ -1,8 +1,9 @@
 //! Reports: the results of a run as one self-contained HTML file, and the same tables on screen.
 //!
 //! A command fills plain values ([`Table`], [`LinePlot`], [`Scatter`], [`Path3d`]) and adds them to
-//! a [`Page`]. The page is one file without scripts, fonts, images or external addresses, so that
-//! it can be mailed and archived beside a recording.
+//! a [`Page`]. The page is one file without external addresses, so that it can be mailed and
+//! archived beside a recording. Its one script turns paths in space and copies texts; without it
+//! the page shows the same.
 //!
 //! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same
 //!   cells.
@@ -27,18 +28,27 @@
 //! ```
 
 mod axis;
+mod band;
 mod canvas;
 mod chart;
+mod mark;
 mod markup;
 mod page;
 mod path3d;
+mod picture;
 mod plot;
 mod scatter;
 mod stroke;
 mod table;
 
+#[cfg(test)]
+pub(crate) use markup::balance;
+
+pub use band::Band;
+pub use mark::{Mark, MarkKind};
 pub use page::Page;
 pub use path3d::Path3d;
+pub use picture::{Moment, View};
 pub use plot::{LinePlot, Series};
 pub use scatter::{Circle, Scatter};
 pub use stroke::Style;
@@ -80,6 +90,16 @@ impl Figure {
             Self::Line(plot) => plot.to_svg(),
             Self::Scatter(plot) => plot.to_svg(),
             Self::Path3d(plot) => plot.to_svg(),
+        }
+    }
+}
+
+impl Figure {
+    /// Returns the figure for a page, whose script turns paths in space.
+    fn to_page_svg(&self) -> Result<String, Error> {
+        match self {
+            Self::Path3d(plot) => plot.to_turnable_svg(),
+            figure => figure.to_svg(),
         }
     }
 }

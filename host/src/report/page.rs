@@ -1,6 +1,9 @@
-//! The page: headings, paragraphs, tables and figures in one HTML file.
+//! The page: headings, paragraphs, tables, figures and data in one HTML file.
 
+use super::canvas;
+use super::mark;
 use super::markup::escape;
+use super::picture::Moment;
 use super::{Error, Figure, Table};
 use std::fmt::Write as _;
 use trinocular_rig::output::Output;
@@ -15,12 +18,29 @@ pub struct Page {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Part {
-    Section { heading: String, paragraph: String },
+    Heading(Heading),
     Paragraph(String),
     Table(Table),
     Figures(Vec<Figure>),
     Facts(Vec<(String, String)>),
+    Moments(Vec<Moment>),
+    Text {
+        summary: String,
+        note: String,
+        text: String,
+    },
 }
+
+/// Heading of a section or of a part of one.
+#[derive(Clone, Debug, PartialEq)]
+struct Heading {
+    text: String,
+    id: String,
+    is_part: bool,
+}
+
+/// Most sections of a page whose contents list the parts of each, too.
+const MOST_DETAILED: usize = 6;
 
 impl Page {
     /// Creates an empty page.
@@ -34,9 +54,44 @@ impl Page {
 
     /// Adds a heading and, unless it is empty, a paragraph under it.
     pub fn section(self, heading: impl Into<String>, paragraph: impl Into<String>) -> Self {
-        self.with(Part::Section {
-            heading: heading.into(),
-            paragraph: paragraph.into(),
+        self.headed(heading.into(), paragraph.into(), false)
+    }
+
+    /// Adds a heading within a section and, unless it is empty, a paragraph under it.
+    pub fn subsection(self, heading: impl Into<String>, paragraph: impl Into<String>) -> Self {
+        self.headed(heading.into(), paragraph.into(), true)
+    }
+
+    fn headed(self, text: String, paragraph: String, is_part: bool) -> Self {
+        let id = self.free_id(&text);
+        let page = self.with(Part::Heading(Heading { text, id, is_part }));
+        match paragraph.is_empty() {
+            true => page,
+            false => page.paragraph(paragraph),
+        }
+    }
+
+    /// Returns an address within the page that no other heading has.
+    fn free_id(&self, text: &str) -> String {
+        let words = text.split(|c: char| !c.is_ascii_alphanumeric());
+        let words: Vec<String> = words
+            .filter(|word| !word.is_empty())
+            .map(str::to_ascii_lowercase)
+            .collect();
+        let stem = match words.is_empty() {
+            true => "section".to_owned(),
+            false => words.join("-"),
+        };
+        let is_taken = |id: &str| self.headings().any(|heading| heading.id == id);
+        let numbered = (2..).map(|n: u32| format!("{stem}-{n}"));
+        let mut ids = std::iter::once(stem.clone()).chain(numbered);
+        ids.find(|id| !is_taken(id)).unwrap_or(stem)
+    }
+
+    fn headings(&self) -> impl Iterator<Item = &Heading> {
+        self.parts.iter().filter_map(|part| match part {
+            Part::Heading(heading) => Some(heading),
+            _ => None,
         })
     }
 
@@ -60,6 +115,25 @@ impl Page {
         self.with(Part::Figures(figures.into_iter().collect()))
     }
 
+    /// Adds pictures of the cameras, moment by moment.
+    pub fn moments(self, moments: impl IntoIterator<Item = Moment>) -> Self {
+        self.with(Part::Moments(moments.into_iter().collect()))
+    }
+
+    /// Adds a text to copy, folded away: a table in CSV, or a file. The `note` stands above it.
+    pub fn text(
+        self,
+        summary: impl Into<String>,
+        note: impl Into<String>,
+        text: impl Into<String>,
+    ) -> Self {
+        self.with(Part::Text {
+            summary: summary.into(),
+            note: note.into(),
+            text: text.into(),
+        })
+    }
+
     /// Adds names and their values: settings, versions, totals.
     pub fn facts<N: AsRef<str>, V: AsRef<str>>(self, facts: &[(N, V)]) -> Self {
         let owned = facts.iter();
@@ -78,25 +152,51 @@ impl Page {
     /// Returns the page as HTML.
     pub fn to_html(&self) -> Result<String, Error> {
         let title = escape(&self.title);
+        let shades = canvas::shades(&mark::SHADES);
         let mut html = format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\" />\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\" />\n\
-             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n\
+             <title>{title}</title>\n<style>\n{shades}{STYLE}</style>\n</head>\n<body>\n<main>\n\
              <header><h1>{title}</h1>"
         );
         if !self.subtitle.is_empty() {
             let _ = write!(html, "<p>{}</p>", escape(&self.subtitle));
         }
         html.push_str("</header>\n");
+        self.write_contents(&mut html);
         for part in &self.parts {
             write_part(&mut html, part)?;
         }
+        // The footer stays last: it is the mark by which the program knows its own pages.
         let _ = write!(
             html,
-            "<footer>Trinocular {}</footer>\n</main>\n</body>\n</html>\n",
+            "<script>\n{SCRIPT}</script>\n<footer>Trinocular {}</footer>\n</main>\n</body>\n\
+             </html>\n",
             env!("CARGO_PKG_VERSION")
         );
         Ok(html)
+    }
+
+    /// Writes the table of contents of a page with at least two sections.
+    fn write_contents(&self, html: &mut String) {
+        let sections = self.headings().filter(|heading| !heading.is_part).count();
+        if sections < 2 {
+            return;
+        }
+        let is_listed = |heading: &&Heading| !heading.is_part || sections <= MOST_DETAILED;
+        let listed: Vec<&Heading> = self.headings().filter(is_listed).collect();
+        html.push_str("<nav aria-label=\"Contents\"><ol>\n");
+        for (index, heading) in listed.iter().enumerate() {
+            let (text, id) = (escape(&heading.text), &heading.id);
+            let _ = write!(html, "<li><a href=\"#{id}\">{text}</a>");
+            let is_part = |i: usize| listed.get(i).is_some_and(|heading| heading.is_part);
+            html.push_str(match (heading.is_part, is_part(index + 1)) {
+                (false, true) => "\n<ol>\n",
+                (true, false) => "</li></ol>\n</li>\n",
+                _ => "</li>\n",
+            });
+        }
+        html.push_str("</ol></nav>\n");
     }
 
     /// Writes the page: the whole of it or, on any error, nothing.
@@ -111,11 +211,9 @@ impl Page {
 
 fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
     match part {
-        Part::Section { heading, paragraph } => {
-            let _ = writeln!(html, "<h2>{}</h2>", escape(heading));
-            if !paragraph.is_empty() {
-                let _ = writeln!(html, "<p>{}</p>", escape(paragraph));
-            }
+        Part::Heading(Heading { text, id, is_part }) => {
+            let level = if *is_part { "h3" } else { "h2" };
+            let _ = writeln!(html, "<{level} id=\"{id}\">{}</{level}>", escape(text));
         }
         Part::Paragraph(text) => {
             let _ = writeln!(html, "<p>{}</p>", escape(text));
@@ -124,9 +222,28 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
         Part::Figures(figures) => {
             html.push_str("<div class=\"figures\">\n");
             for figure in figures {
-                let _ = writeln!(html, "<figure>{}</figure>", figure.to_svg()?);
+                let _ = writeln!(html, "<figure>{}</figure>", figure.to_page_svg()?);
             }
             html.push_str("</div>\n");
+        }
+        Part::Moments(moments) => {
+            moments
+                .iter()
+                .for_each(|moment| html.push_str(&moment.to_html()));
+        }
+        Part::Text {
+            summary,
+            note,
+            text,
+        } => {
+            let (summary, note, text) = (escape(summary), escape(note), escape(text));
+            // A line end right after the tag is not part of the text.
+            let _ = writeln!(
+                html,
+                "<details><summary>{summary}</summary>\n<p>{note}</p>\n\
+                 <button type=\"button\" class=\"copy\" hidden=\"hidden\">Copy</button>\n\
+                 <pre>\n{text}</pre></details>"
+            );
         }
         Part::Facts(facts) => {
             html.push_str("<dl>\n");
@@ -145,45 +262,11 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
 }
 
 /// Style sheet of the page. It holds no `<` and no `&`, so that the page is also well-formed XML.
-const STYLE: &str = "\
-:root{color-scheme:light;--ink:#1f2933;--soft:#52606d;--line:#e4e7eb;--back:#f5f7fa;\
---accent:#0072b2}
-*{box-sizing:border-box}
-body{margin:0;background:var(--back);color:var(--ink);font:16px/1.55 system-ui,-apple-system,\
-'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
-main{max-width:1120px;margin:0 auto;padding:40px 32px 24px;background:#fff;min-height:100vh}
-header{border-bottom:3px solid var(--accent);padding-bottom:12px;margin-bottom:8px}
-h1{font-size:1.9rem;line-height:1.2;margin:0}
-header p{margin:6px 0 0;color:var(--soft)}
-h2{font-size:1.3rem;line-height:1.3;margin:40px 0 8px}
-p{max-width:72ch;margin:8px 0 16px}
-.table{overflow-x:auto;margin:16px 0 24px}
-table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
-caption{text-align:left;font-weight:600;padding:0 0 8px}
-th,td{padding:5px 12px 5px 6px;text-align:left;white-space:nowrap;\
-border-bottom:1px solid var(--line)}
-th{color:var(--soft);font-weight:600;white-space:normal;border-bottom:2px solid #cbd2d9;\
-vertical-align:bottom}
-tbody tr:hover{background:var(--back)}
-.n{text-align:right}
-td.n{white-space:pre}
-.strong{font-weight:700}
-.good{color:#00664b}
-.bad{color:#a63f00;font-weight:700}
-.muted{color:#6b7785}
-.figures{display:flex;flex-wrap:wrap;gap:16px 24px;margin:16px 0 24px}
-figure{margin:0;max-width:100%}
-svg{display:block;max-width:100%;height:auto}
-svg text{font-family:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}
-dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px 24px;\
-margin:16px 0 24px;padding:16px 20px;background:var(--back);border-radius:8px}
-dt{font-size:.8rem;color:var(--soft)}
-dd{margin:0;font-weight:600;font-variant-numeric:tabular-nums;overflow-wrap:anywhere}
-footer{margin-top:48px;padding-top:12px;border-top:1px solid var(--line);font-size:.8rem;\
-color:var(--soft)}
-@media print{body,main{background:#fff;padding:0}figure,tr,dl{break-inside:avoid}h2{\
-break-after:avoid}}
-";
+const STYLE: &str = include_str!("page.css");
+
+/// Script of the page, without `<` and `&` as the style sheet. Without scripts, paths stand still
+/// and texts are selected by hand.
+const SCRIPT: &str = include_str!("page.js");
 
 #[cfg(test)]
 mod tests {
@@ -216,9 +299,11 @@ mod tests {
         let html = page()
             .to_html()
             .unwrap()
-            .replace("http://www.w3.org/2000/svg", "");
+            .replace("http://www.w3.org/2000/svg", "")
+            .replace("href=\"#", "")
+            .replace("href=\"data:image/jpeg;base64,", "");
         for outside in [
-            "http", "src=", "href=", "url(", "@import", "<script", "<link", "<img",
+            "http", "src=", "href=", "url(", "@import", "import(", "fetch(", "<link", "<img",
         ] {
             assert!(!html.contains(outside), "{outside}");
         }
@@ -232,7 +317,7 @@ mod tests {
                 .unwrap_or_else(|| panic!("{text} is missing"))
         };
         let order = [
-            "<h2>Moves &lt;1&gt;",
+            "<h2 id=\"moves-1\">Moves &lt;1&gt;",
             "x &lt; y",
             "<dl>",
             "<table>",
@@ -240,6 +325,53 @@ mod tests {
             "aria-label=\"r\"",
         ];
         assert!(order.map(at).is_sorted());
+    }
+
+    #[test]
+    fn contents_lead_to_every_section() {
+        let page = page()
+            .subsection("Moves <1>", "")
+            .subsection("\u{b5}", "")
+            .section("Last", "");
+        let html = page.to_html().unwrap();
+        assert_eq!(balance::fault(&html), None);
+        let links: Vec<&str> = html
+            .split("href=\"#")
+            .skip(1)
+            .filter_map(|rest| rest.split('"').next())
+            .collect();
+        assert_eq!(links, ["moves-1", "moves-1-2", "section", "last"]);
+        for id in links {
+            assert_eq!(html.matches(&format!(" id=\"{id}\"")).count(), 1, "{id}");
+        }
+    }
+
+    #[test]
+    fn text_is_kept_for_copies() {
+        let page = page().text("Data & more", "note", "\na,b\n\"<1>\",2\n");
+        let html = page.to_html().unwrap();
+        assert_eq!(balance::fault(&html), None);
+        assert!(
+            html.contains("<pre>\n\na,b\n&quot;&lt;1&gt;&quot;,2\n</pre>"),
+            "{html}"
+        );
+    }
+
+    #[test]
+    fn every_colour_has_a_dark_form() {
+        let html = page().to_html().unwrap();
+        assert!(html.contains("(prefers-color-scheme:dark)"));
+        let drawn = html.split("</style>").nth(1).unwrap();
+        let colours = ["fill", "stroke"].map(|part| {
+            let attribute = format!(" {part}=\"#");
+            let values = drawn.split(&attribute).skip(1).map(|rest| &rest[..6]);
+            values
+                .map(|value| format!("svg [{part}=\"#{value}\"]"))
+                .collect::<Vec<_>>()
+        });
+        for rule in colours.concat() {
+            assert!(html.contains(&rule), "{rule}");
+        }
     }
 
     #[test]

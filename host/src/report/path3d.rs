@@ -1,17 +1,19 @@
-//! Paths and points in space, projected from one fixed direction without perspective, so that equal
-//! lengths along an axis look equal everywhere.
+//! Paths and points in space without perspective, so that equal lengths along an axis look equal
+//! everywhere. The drawing has one direction; a script of the page turns it.
 
 use super::Error;
 use super::axis::{Axis, drawable};
 use super::canvas::{
-    AXIS, DrawingError, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, pen,
-    render, text_width, units, write_text,
+    self, AXIS, COLOURS, DrawingError, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT,
+    document, drawn, lettering, pen, text_width, units, write_text,
 };
 use super::chart::draw_legend;
-use super::plot::{Series, entries, points, say_no_data, unbroken};
-use super::stroke::{self, Style};
+use super::markup::escape;
+use super::plot::{Series, entries, looks, points, say_no_data, unbroken};
+use super::stroke::{self, Look, Style};
 use plotters::prelude::{Circle, Color as _, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
+use serde_json::json;
 
 /// Positions in space. The box is as high as half its width for all ranges: depth moves are often
 /// much smaller than the others, and their scale is on the axis.
@@ -65,28 +67,101 @@ impl Path3d {
 
     /// Returns the figure as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
-        render(&self.title, self.size_px, |sheet| {
-            let top = draw_legend(sheet, &entries(&self.series))?;
-            let view = View::new(self.axes(), sheet, top);
-            view.draw_walls(sheet)?;
-            view.draw_labels(sheet, &self.labels)?;
-            for series in &self.series {
-                view.draw_shadow(sheet, series)?;
-            }
-            for (index, series) in self.series.iter().enumerate() {
-                let runs = unbroken(series.points.iter().map(|point| view.visible(*point)));
-                let style = if series.style == Style::Steps {
-                    Style::Line
-                } else {
-                    series.style
-                };
-                stroke::draw(sheet, &runs, style, index)?;
-            }
-            if points(&self.series).next().is_none() {
-                say_no_data(sheet, top)?;
-            }
+        self.document(false)
+    }
+
+    /// Returns the figure with the data by which the script of a page turns it.
+    pub(super) fn to_turnable_svg(&self) -> Result<String, Error> {
+        self.document(true)
+    }
+
+    fn document(&self, turnable: bool) -> Result<String, Error> {
+        let mut top = 0.0;
+        let frame = drawn(&self.title, self.size_px, |sheet| {
+            canvas::frame(sheet, &self.title)?;
+            top = draw_legend(sheet, &entries(&self.series))?;
             Ok(())
+        })?;
+        let mut data = String::new();
+        let scene = drawn(&self.title, self.size_px, |sheet| {
+            let view = View::new(self.axes(), sheet, top);
+            if turnable {
+                data = self.turning(&view);
+            }
+            self.draw(sheet, &view, top)
+        })?;
+        let attributes = match turnable {
+            true => format!(" class=\"turn\" data-scene=\"{}\"", escape(&data)),
+            false => String::new(),
+        };
+        let inside = format!("{frame}<g>{scene}</g>");
+        Ok(document(&self.title, self.size_px, &inside, &attributes))
+    }
+
+    fn draw(&self, sheet: &Sheet, view: &View, top: f64) -> Result<(), DrawingError> {
+        view.draw_walls(sheet)?;
+        view.draw_labels(sheet, &self.labels)?;
+        for series in &self.series {
+            view.draw_shadow(sheet, series)?;
+        }
+        for (series, look) in self.series.iter().zip(looks(&self.series)) {
+            let runs = unbroken(series.points.iter().map(|point| view.visible(*point)));
+            let style = match look.style {
+                Style::Steps => Style::Line,
+                style => style,
+            };
+            stroke::draw(sheet, &runs, Look { style, ..look })?;
+        }
+        match points(&self.series).next() {
+            None => say_no_data(sheet, top),
+            Some(_) => Ok(()),
+        }
+    }
+
+    /// Returns the scene as JSON: the view, the ticks of each axis, and every series in the box,
+    /// whose coordinates run from -1 to 1.
+    fn turning(&self, view: &View) -> String {
+        let axis = |i: usize| {
+            let ticks = view.ticks(i).zip(&view.axes[i].ticks);
+            let ticks: Vec<_> = ticks
+                .map(|(at, tick)| json!([rounded(at), view.axes[i].label(*tick)]))
+                .collect();
+            json!({"name": self.labels[i], "ticks": ticks})
+        };
+        let series = self.series.iter().zip(looks(&self.series));
+        let series: Vec<_> = series
+            .map(|(series, look)| {
+                let every = series.points.len().div_ceil(MOST_TURNED).max(1);
+                let seen = |point: &[f64; 3]| point.iter().all(|value| drawable(*value));
+                // The gaps stay, because the line is broken there.
+                let is_kept = |(i, point): &(usize, &[f64; 3])| {
+                    i.is_multiple_of(every) || i + 1 == series.points.len() || !seen(point)
+                };
+                let points = series.points.iter().enumerate().filter(is_kept);
+                let points =
+                    points.map(|(_, point)| seen(point).then(|| view.unit(*point).map(rounded)));
+                let (width, dashes) = look.pattern();
+                json!({
+                    "colour": look.index % COLOURS,
+                    "width": width,
+                    "dashes": dashes,
+                    "line": look.style.has_line(),
+                    "dots": look.style.has_markers(),
+                    "points": points.collect::<Vec<_>>(),
+                })
+            })
+            .collect();
+        json!({
+            "scale": view.scale,
+            "centre": view.centre,
+            "azimuth": AZIMUTH_DEG,
+            "elevation": ELEVATION_DEG,
+            "half": HALF,
+            "text": TEXT * UNIT,
+            "axes": [axis(0), axis(1), axis(2)],
+            "series": series,
         })
+        .to_string()
     }
 
     fn axes(&self) -> [Axis; 3] {
@@ -98,6 +173,13 @@ impl Path3d {
             .try_into()
             .unwrap_or_else(|_| [0, 1, 2].map(|_| Axis::spanning(0.0, 1.0, 4)))
     }
+}
+
+/// Points per series in a figure that is turned; the drawing itself has all.
+const MOST_TURNED: usize = 1_500;
+
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
 }
 
 /// Projection of the box onto the sheet.

@@ -2,11 +2,13 @@
 
 use super::Error;
 use super::axis::{Axis, drawable};
+use super::band::{self, Band};
 use super::canvas::{
     DrawingError, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, render, units, write_text,
 };
-use super::chart::{Axes, Entry, Place, draw_axes, draw_legend, ticks_for};
-use super::stroke::{self, Style};
+use super::chart::{Axes, Entry, Place, Sample, draw_axes, draw_legend, ticks_for};
+use super::mark::{self, Mark, MarkKind};
+use super::stroke::{self, Look, Style};
 use plotters::style::text_anchor::{HPos, VPos};
 
 /// Named points of a figure with `N` axes, in the axes' units.
@@ -46,6 +48,10 @@ pub struct LinePlot {
     pub y_label: String,
     /// Series, drawn from back to front.
     pub series: Vec<Series<2>>,
+    /// Bands, drawn behind the series.
+    pub bands: Vec<Band>,
+    /// Events, drawn behind the bands. They do not extend the horizontal axis.
+    pub marks: Vec<Mark>,
     /// Values that the vertical axis always includes (a bound, zero).
     pub y_include: Vec<f64>,
     /// Width and height, px.
@@ -64,6 +70,8 @@ impl LinePlot {
             x_label: x_label.into(),
             y_label: y_label.into(),
             series: Vec::new(),
+            bands: Vec::new(),
+            marks: Vec::new(),
             y_include: Vec::new(),
             size_px: [760, 340],
         }
@@ -77,6 +85,22 @@ impl LinePlot {
         points: impl IntoIterator<Item = [f64; 2]>,
     ) -> Self {
         self.series.push(Series::new(name, style, points));
+        self
+    }
+
+    /// Adds a band in the colour of the next series: position, lower and upper end.
+    pub fn band(mut self, name: &str, points: impl IntoIterator<Item = [f64; 3]>) -> Self {
+        self.bands.push(Band {
+            name: name.to_owned(),
+            points: points.into_iter().collect(),
+            index: self.series.len(),
+        });
+        self
+    }
+
+    /// Adds marks of events.
+    pub fn marked(mut self, marks: &[Mark]) -> Self {
+        self.marks.extend_from_slice(marks);
         self
     }
 
@@ -95,35 +119,68 @@ impl LinePlot {
     /// Returns the plot as one SVG document.
     pub fn to_svg(&self) -> Result<String, Error> {
         render(&self.title, self.size_px, |sheet| {
-            let top = draw_legend(sheet, &entries(&self.series))?;
             let [width, height] = size(sheet);
-            let values = |i: usize| points(&self.series).map(move |point| point[i]);
+            let drawn = || self.bands.iter().flat_map(Band::drawable);
+            let x = points(&self.series).map(|point| point[0]);
+            let x = x.chain(drawn().map(|point| point[0]));
+            let x = Axis::around(x, ticks_for(width - 80.0));
+            let ends = [x.low, x.high];
+            let top = draw_legend(sheet, &self.legend(ends))?;
+            let y = points(&self.series).map(|point| point[1]);
+            let y = y.chain(drawn().flat_map(|[_, low, high]| [low, high]));
+            let y = Axis::around(
+                y.chain(self.y_include.iter().copied()),
+                ticks_for(1.4 * (height - top - 60.0)),
+            );
+            let y_ends = [y.low, y.high];
             let axes = Axes {
                 x_label: &self.x_label,
                 y_label: &self.y_label,
-                x: Axis::around(values(0), ticks_for(width - 80.0)),
-                y: Axis::around(
-                    values(1).chain(self.y_include.iter().copied()),
-                    ticks_for(1.4 * (height - top - 60.0)),
-                ),
+                x,
+                y,
                 equal: false,
                 y_down: false,
             };
             let place = draw_axes(sheet, &axes, top)?;
+            mark::draw(sheet, &self.marks, &place, ends, y_ends)?;
+            for band in &self.bands {
+                band::draw(sheet, band, &place)?;
+            }
             draw_series(sheet, &self.series, &place, top)
         })
     }
+
+    /// Returns the legend: series, bands, and the kinds of marks between the ends of the axis.
+    fn legend(&self, ends: [f64; 2]) -> Vec<Entry<'_>> {
+        let mut legend = entries(&self.series);
+        legend.extend(self.bands.iter().map(|band| Entry {
+            name: &band.name,
+            sample: Sample::Band(band.index),
+        }));
+        let shown = |kind: &MarkKind| {
+            let mut marks = self.marks.iter();
+            marks.any(|mark| mark.kind == *kind && mark::is_within(mark, ends))
+        };
+        let kinds = MarkKind::ALL.into_iter().filter(shown);
+        legend.extend(kinds.map(|kind| Entry {
+            name: kind.name(),
+            sample: Sample::Mark(kind),
+        }));
+        legend
+    }
+}
+
+pub(super) fn looks<const N: usize>(series: &[Series<N>]) -> Vec<Look> {
+    Look::all(series.iter().map(|series| series.style))
 }
 
 pub(super) fn entries<const N: usize>(series: &[Series<N>]) -> Vec<Entry<'_>> {
-    let numbered = series.iter().enumerate();
-    numbered
-        .map(|(index, series)| Entry {
-            name: &series.name,
-            style: series.style,
-            index,
-        })
-        .collect()
+    let all = series.iter().zip(looks(series));
+    all.map(|(series, look)| Entry {
+        name: &series.name,
+        sample: Sample::Series(look),
+    })
+    .collect()
 }
 
 fn size(sheet: &Sheet) -> [f64; 2] {
@@ -145,12 +202,12 @@ pub(super) fn draw_series(
     place: &Place,
     top: f64,
 ) -> Result<(), DrawingError> {
-    for (index, series) in series.iter().enumerate() {
+    for (series, look) in series.iter().zip(looks(series)) {
         let spots = series.points.iter().map(|point| {
             let seen = point.iter().all(|value| drawable(*value));
             seen.then(|| place.spot(*point))
         });
-        stroke::draw(sheet, &unbroken(spots), series.style, index)?;
+        stroke::draw(sheet, &unbroken(spots), look)?;
     }
     if points(series).next().is_none() {
         say_no_data(sheet, top)?;
@@ -190,6 +247,23 @@ mod tests {
         assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         svg
+    }
+
+    #[test]
+    fn mark_within_the_axis_is_drawn_once() {
+        let marks = [
+            Mark::at(MarkKind::Fault, 1.5, "fault 3"),
+            Mark::at(MarkKind::Fault, 1.5, "the same column"),
+            Mark::at(MarkKind::Limit, 900.0, "beyond the axis"),
+        ];
+        let plot = LinePlot::new("marked", "t, s", "x, mm");
+        let plot = plot.series("", Style::Line, [[0.0, 1.0], [3.0, 2.0]]);
+        let plain = checked(plot.clone().to_svg());
+        let marked = checked(plot.clone().marked(&marks).to_svg());
+        let one = checked(plot.marked(&marks[..1]).to_svg());
+        let lines = |svg: &str| svg.matches("<polyline").count() + svg.matches("<path").count();
+        assert!(lines(&one) > lines(&plain), "{one}");
+        assert_eq!(marked, one);
     }
 
     #[test]

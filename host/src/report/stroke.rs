@@ -1,7 +1,6 @@
 //! Strokes of series in the plane of the sheet, for plots and for paths in space.
 
-use super::canvas::{DrawingError, Sheet, Spot, UNIT, colour, pen, units};
-use plotters::element::DashedPathElement;
+use super::canvas::{DASHED, DrawingError, STROKES, Sheet, Spot, UNIT, colour, units};
 use plotters::prelude::*;
 use std::collections::BTreeSet;
 
@@ -22,34 +21,61 @@ pub enum Style {
 }
 
 impl Style {
-    fn has_line(self) -> bool {
+    pub(super) fn has_line(self) -> bool {
         self != Self::Points
     }
 
-    fn has_markers(self) -> bool {
+    pub(super) fn has_markers(self) -> bool {
         matches!(self, Self::Marked | Self::Points)
     }
 }
 
 /// Half the size of a marker, px.
 const MARKER: f64 = 3.6;
-/// Width of a series' line, px.
-const LINE: f64 = 1.8;
-/// Length of a dash and of a gap, px.
-const DASH: f64 = 7.0;
-const GAP: f64 = 5.0;
-/// Longest curve drawn with dashes, px. Dashes are separate elements of the file, so a longer curve
-/// is drawn solid and thin.
-const LONGEST_DASHED: f64 = 6000.0;
+/// Look of a series: curves that lie on each other differ in width and dashes, points in shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Look {
+    pub style: Style,
+    /// Number of the series, which selects colour and marker.
+    pub index: usize,
+    /// Number of the series among those that are not [`Style::Dashed`], which selects the stroke.
+    pub rank: usize,
+}
+
+impl Look {
+    /// Returns the looks of all series of a figure.
+    pub fn all(styles: impl IntoIterator<Item = Style>) -> Vec<Self> {
+        let mut next = 0;
+        let numbered = styles.into_iter().enumerate();
+        let look = |(index, style)| {
+            let rank = next;
+            next += usize::from(style != Style::Dashed);
+            Self { style, index, rank }
+        };
+        numbered.map(look).collect()
+    }
+
+    /// Returns width and dashes of the stroke, units.
+    pub fn pattern(self) -> (u32, &'static str) {
+        match self.style {
+            Style::Dashed => DASHED,
+            _ => STROKES[self.rank % STROKES.len()],
+        }
+    }
+
+    fn stroke(self) -> ShapeStyle {
+        ShapeStyle {
+            color: colour(self.index).to_rgba(),
+            filled: false,
+            stroke_width: self.pattern().0,
+        }
+    }
+}
 
 /// Draws one series. `runs` are its unbroken stretches; a stretch of a single point gets a marker,
 /// because a line of one point is invisible.
-pub(super) fn draw(
-    sheet: &Sheet,
-    runs: &[Vec<Spot>],
-    style: Style,
-    index: usize,
-) -> Result<(), DrawingError> {
+pub(super) fn draw(sheet: &Sheet, runs: &[Vec<Spot>], look: Look) -> Result<(), DrawingError> {
+    let Look { style, index, .. } = look;
     for run in runs {
         if style.has_line() && run.len() > 1 {
             let path = if style == Style::Steps {
@@ -57,7 +83,7 @@ pub(super) fn draw(
             } else {
                 run.clone()
             };
-            draw_line(sheet, thinned(&path), style, index)?;
+            sheet.draw(&PathElement::new(thinned(&path), look.stroke()))?;
         }
     }
     let mut seen = BTreeSet::new();
@@ -72,24 +98,6 @@ pub(super) fn draw(
         }
     }
     Ok(())
-}
-
-fn draw_line(
-    sheet: &Sheet,
-    path: Vec<Spot>,
-    style: Style,
-    index: usize,
-) -> Result<(), DrawingError> {
-    let solid = pen(colour(index), LINE);
-    if style != Style::Dashed {
-        return sheet.draw(&PathElement::new(path, solid));
-    }
-    if length_px(&path) > LONGEST_DASHED {
-        let thin = pen(colour(index), LINE / 2.0);
-        return sheet.draw(&PathElement::new(path, thin));
-    }
-    let dashes = DashedPathElement::new(path, units(DASH), units(GAP), solid);
-    sheet.draw(&dashes)
 }
 
 /// Draws the marker of series number `index`: shapes differ as well as colours.
@@ -128,18 +136,14 @@ fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
 pub(super) const SAMPLE: f64 = 28.0;
 
 /// Draws the sample of a series in a legend, from `at` to the right.
-pub(super) fn sample(
-    sheet: &Sheet,
-    at: Spot,
-    style: Style,
-    index: usize,
-) -> Result<(), DrawingError> {
+pub(super) fn sample(sheet: &Sheet, at: Spot, look: Look) -> Result<(), DrawingError> {
     let width = units(SAMPLE);
-    if style.has_line() {
-        draw_line(sheet, vec![at, (at.0 + width, at.1)], style, index)?;
+    if look.style.has_line() {
+        let line = vec![at, (at.0 + width, at.1)];
+        sheet.draw(&PathElement::new(line, look.stroke()))?;
     }
-    if style.has_markers() {
-        marker(sheet, (at.0 + width / 2, at.1), index)?;
+    if look.style.has_markers() {
+        marker(sheet, (at.0 + width / 2, at.1), look.index)?;
     }
     Ok(())
 }
@@ -172,14 +176,6 @@ pub(super) fn thinned(path: &[Spot]) -> Vec<Spot> {
     kept
 }
 
-fn length_px(path: &[Spot]) -> f64 {
-    let steps = path.windows(2).map(|pair| match pair {
-        [a, b] => f64::from(b.0.saturating_sub(a.0)).hypot(f64::from(b.1.saturating_sub(a.1))),
-        _ => 0.0,
-    });
-    steps.sum::<f64>() / UNIT
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,6 +195,21 @@ mod tests {
             };
             assert_eq!(of(&thin), of(&path), "column {column}");
         }
+    }
+
+    #[test]
+    fn equal_curves_differ_in_stroke() {
+        let looks = Look::all([Style::Dashed, Style::Line, Style::Line, Style::Steps]);
+        let widths: BTreeSet<u32> = looks
+            .iter()
+            .map(|look| look.stroke().stroke_width)
+            .collect();
+        assert_eq!(widths.len(), looks.len(), "{looks:?}");
+        assert_eq!(
+            looks[1].stroke().stroke_width,
+            STROKES[0].0,
+            "the first line is solid"
+        );
     }
 
     #[test]

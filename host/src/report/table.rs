@@ -26,6 +26,8 @@ pub struct Cell {
     pub text: String,
     /// True for right alignment (numbers), false for left (words).
     pub right: bool,
+    /// True if long words are broken into lines on the page.
+    pub wraps: bool,
     /// Emphasis of the cell on the page.
     pub emphasis: Emphasis,
 }
@@ -36,6 +38,14 @@ impl Cell {
         Self {
             text: text.into(),
             ..Self::default()
+        }
+    }
+
+    /// Creates a cell of a sentence, which is broken into lines on the page.
+    pub fn words(text: impl Into<String>) -> Self {
+        Self {
+            wraps: true,
+            ..Self::text(text)
         }
     }
 
@@ -226,6 +236,7 @@ fn class(cell: &Cell) -> String {
         .right
         .then_some("n")
         .into_iter()
+        .chain(cell.wraps.then_some("w"))
         .chain(emphasis)
         .collect();
     if names.is_empty() {

@@ -1,15 +1,13 @@
 //! The cameras on the stage: converts the position of the target to the flow sums of a frame.
 
-use super::file::{Cameras, Sight};
+use super::file::{Cameras, ImageSource};
 use crate::servo::ServoError;
-use crate::servo::recording::{measurement, observers};
+use crate::servo::recording::{Takers, measurement, observers_of};
 use crate::servo::visual_servo::{Measured, VisualServo};
-use std::sync::Arc;
 use trinocular_core::frame::message::Sums as FrameSums;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_recording::message::Measurement;
-use trinocular_recording::recorder::Tap;
 use trinocular_rig::random::Random;
 use trinocular_vision::flow::Correspondence;
 use trinocular_vision::images::{FrameSet, Image, Scene, SceneSettings, Texture};
@@ -30,9 +28,11 @@ pub struct Eyes {
     rig: Rig,
     seed: u64,
     kind: Kind,
-    /// Taps of a recorded run, with the capture time and the stage's position of the next frame
-    /// set, on the station's clock and in mm.
-    tap: Option<(Arc<Tap>, Instant, [f64; 3])>,
+    /// Takers of the frame sets.
+    takers: Takers,
+    /// Capture time of the next frame set on the station's clock, and position of the stage then,
+    /// mm.
+    next: (Instant, [f64; 3]),
 }
 
 #[derive(Debug)]
@@ -51,26 +51,22 @@ impl Eyes {
     /// # Errors
     /// If the scene cannot be rendered, or its images cannot serve as a keyframe.
     pub fn open(cameras: &Cameras, seed: u64) -> Result<Self, ServoError> {
-        Self::open_recorded(cameras, seed, None)
+        Self::open_recorded(cameras, seed, Takers::new())
     }
 
-    /// Takes the keyframe as [`Eyes::open`] does, and records it and all frame sets with `tap`.
+    /// Takes the keyframe as [`Eyes::open`] does, and gives it and all frame sets to `takers`.
     ///
     /// # Errors
     /// As [`Eyes::open`].
-    pub fn open_recorded(
-        cameras: &Cameras,
-        seed: u64,
-        tap: Option<Arc<Tap>>,
-    ) -> Result<Self, ServoError> {
+    pub fn open_recorded(cameras: &Cameras, seed: u64, takers: Takers) -> Result<Self, ServoError> {
         let rig = Rig::paper();
         let mut servo =
             VisualServo::new(&rig, Estimator::Midpoint).map_err(ServoError::Reference)?;
-        for observer in observers(tap.clone(), &rig) {
+        for observer in observers_of(takers.clone(), &rig) {
             servo.add_observer(observer);
         }
         let kind = match cameras.sight {
-            Sight::Rendered {
+            ImageSource::Rendered {
                 texture,
                 noise_grey,
             } => {
@@ -85,7 +81,7 @@ impl Eyes {
                     .map_err(ServoError::Reference)?;
                 Kind::Rendered(Box::new(scene))
             }
-            Sight::Points { count, noise_px } => {
+            ImageSource::Points { count, noise_px } => {
                 let mut random = Random::new(capture_seed(seed, 0), 0);
                 let mut point = |_| {
                     let [x, y, z] = CLOUD_MM.map(|half| random.between(-half, half));
@@ -107,34 +103,35 @@ impl Eyes {
             rig,
             seed,
             kind,
-            tap: tap.map(|tap| (tap, Instant::default(), [0.0; 3])),
+            takers,
+            next: (Instant::default(), [0.0; 3]),
         })
     }
 
     /// Takes note of the capture time and the stage's position of the next frame set, for the
     /// recording.
     pub fn taken(&mut self, capture: Option<Instant>, camera_mm: [f64; 3]) {
-        if let (Some((_, at, stage_mm)), Some(capture)) = (&mut self.tap, capture) {
-            (*at, *stage_mm) = (capture, camera_mm);
+        if let Some(capture) = capture {
+            self.next = (capture, camera_mm);
         }
     }
 
     fn measure(&mut self, mut images: FrameSet) -> Result<FrameSums, MeasureRefusal> {
         let measured = self.servo.measure(&images);
-        if let Some((tap, capture, stage_mm)) = &self.tap {
-            images.time_us = capture.micros();
-            let message = self.message(measured.as_ref(), *capture, *stage_mm);
-            tap.frame_set(Some(&images), message);
-        }
+        images.time_us = self.next.0.micros();
+        self.give(Some(&images), measured.as_ref());
         measured.map(|measured| measured.sums)
     }
 
-    fn message(
-        &self,
-        measured: Result<&Measured, &MeasureRefusal>,
-        capture: Instant,
-        stage_mm: [f64; 3],
-    ) -> Measurement {
+    /// Gives a frame set and its measurement to all takers.
+    fn give(&self, images: Option<&FrameSet>, measured: Result<&Measured, &MeasureRefusal>) {
+        for taker in &self.takers {
+            taker.take(images, self.message(measured));
+        }
+    }
+
+    fn message(&self, measured: Result<&Measured, &MeasureRefusal>) -> Measurement {
+        let (capture, stage_mm) = self.next;
         Measurement {
             stamp_us: capture.micros(),
             capture_us: capture.micros(),
@@ -159,10 +156,7 @@ impl Eyes {
             Kind::Points { noise_px, points } => {
                 let points = Self::project(&self.rig, points, *noise_px, relative_mm, seed);
                 let measured = self.servo.measure_points(&points);
-                if let Some((tap, capture, stage_mm)) = &self.tap {
-                    let message = self.message(measured.as_ref(), *capture, *stage_mm);
-                    tap.frame_set(None, message);
-                }
+                self.give(None, measured.as_ref());
                 measured.map(|measured| measured.sums)
             }
         }
@@ -244,7 +238,7 @@ mod tests {
     use trinocular_core::estimate::midpoint;
     use trinocular_vision::images::TextureKind;
 
-    fn cameras(sight: Sight) -> Cameras {
+    fn cameras(sight: ImageSource) -> Cameras {
         Cameras {
             sight,
             frames_per_s: 60.0,
@@ -265,11 +259,11 @@ mod tests {
     /// hard with either.
     #[test]
     fn points_match_image_uncertainty() {
-        let rendered = Sight::Rendered {
+        let rendered = ImageSource::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
         };
-        let spread = |sight: Sight| -> [f64; 3] {
+        let spread = |sight: ImageSource| -> [f64; 3] {
             let mut eyes = Eyes::open(&cameras(sight), 1).expect("a scene");
             let seen: Vec<[f64; 3]> = (1..=30)
                 .map(|number| displacement_mm(&eyes.see(number, [0.3, -0.2, 0.4]).expect("seen")))
@@ -279,7 +273,7 @@ mod tests {
                 (seen.iter().map(|v| (v[axis] - mean).powi(2)).sum::<f64>() / 29.0).sqrt()
             })
         };
-        let [pictures, points] = [rendered, Sight::POINTS].map(spread);
+        let [pictures, points] = [rendered, ImageSource::POINTS].map(spread);
         println!("images {pictures:.5?} mm, points {points:.5?} mm");
         for (pictures, points) in pictures.into_iter().zip(points) {
             assert!(
@@ -291,11 +285,11 @@ mod tests {
 
     #[test]
     fn target_seen_unless_occluded() {
-        let rendered = Sight::Rendered {
+        let rendered = ImageSource::Rendered {
             texture: TextureKind::Natural,
             noise_grey: 2.0,
         };
-        let points = Sight::Points {
+        let points = ImageSource::Points {
             count: 100,
             noise_px: 0.03,
         };
@@ -311,7 +305,7 @@ mod tests {
             assert!(eyes.see_occluder(7).is_err());
             assert!(
                 eyes.see(9, [0.0, 5_000.0, 0.0]).is_err()
-                    || matches!(sight, Sight::Rendered { .. })
+                    || matches!(sight, ImageSource::Rendered { .. })
             );
         }
     }

@@ -182,11 +182,11 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {
     mean(values.map(|x| x * x)).sqrt()
 }
 
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, f64::max)
 }
 
@@ -229,18 +229,18 @@ fn overshoot(trace: &Trace, way: &Way) -> Option<f64> {
 }
 
 fn latency(latencies_us: &[u32]) -> Latency {
-    let mut sorted = latencies_us.to_vec();
-    sorted.sort_unstable();
-    // Nearest rank: the smallest value with at least this share of values at or below it.
-    let percentile = |share: f64| {
-        let rank = (share * sorted.len() as f64).ceil() as usize;
-        let value = sorted.get(rank.max(1) - 1)?;
-        Some(f64::from(*value) / 1e3)
-    };
+    let mut sorted: Vec<f64> = latencies_us.iter().map(|us| f64::from(*us) / 1e3).collect();
+    sorted.sort_by(f64::total_cmp);
     Latency {
-        p50: percentile(0.50),
-        p99: percentile(0.99),
+        p50: percentile(&sorted, 0.50),
+        p99: percentile(&sorted, 0.99),
     }
+}
+
+/// Returns the smallest value with at least this share of the values at or below it (nearest rank).
+pub(crate) fn percentile(sorted: &[f64], share: f64) -> Option<f64> {
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.max(1) - 1).copied()
 }
 
 fn reversals_per_s(samples: &[Sample]) -> [f64; 3] {

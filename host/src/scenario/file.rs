@@ -70,7 +70,7 @@ pub struct Scenario {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cameras {
     /// Source of the flow.
-    pub sight: Sight,
+    pub sight: ImageSource,
     /// Frame sets per second, 1 to 200.
     pub frames_per_s: f64,
     /// Time from a frame set to its frame's arrival at the station, ms.
@@ -81,7 +81,7 @@ pub struct Cameras {
 
 /// Source of a frame set's flow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sight {
+pub enum ImageSource {
     /// Images of a poster, rendered through lens and sensor, and the flow found in them.
     Rendered {
         /// Texture of the poster.
@@ -207,7 +207,7 @@ pub struct Measure {
     pub settle_within_mm: [f64; 3],
 }
 
-impl Sight {
+impl ImageSource {
     /// Points that are about as uncertain as images with 2 grey levels of noise.
     pub const POINTS: Self = Self::Points {
         count: 200,
@@ -221,10 +221,10 @@ impl Scenario {
         self.legs.iter().map(|leg| leg.seconds).sum()
     }
 
-    /// Returns the scenario with [`Sight::POINTS`] instead of rendered images, which is about as
+    /// Returns the scenario with [`ImageSource::POINTS`] instead of rendered images, which is about as
     /// hard and much faster.
     pub fn with_points(mut self) -> Self {
-        self.cameras.sight = Sight::POINTS;
+        self.cameras.sight = ImageSource::POINTS;
         self
     }
 }

@@ -1,14 +1,22 @@
 //! Results of scenarios for the screen and for the page.
 
+use super::csv;
 use super::figures::Figures;
-use super::file::Scenario;
+use super::file::{Happening, Scenario};
 use super::trace::{SAMPLE_S, Sample, Trace};
-use crate::report::{Cell, Figure, LinePlot, Page, Style, Table};
+use crate::report::{Cell, LinePlot, Mark, MarkKind, Page, Style, Table};
+use crate::run_report::curves;
+use crate::run_report::{Provenance, RunCurves, Story};
+use trinocular_client::diagnosis;
+use trinocular_core::frame::message::Mounting;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// Number of samples over which velocities are differences.
 const VELOCITY_SAMPLES: usize = 10;
+
+/// Most moments in pictures on a page, over all scenarios.
+const MOST_MOMENTS: usize = 12;
 
 /// A scenario that has been run, once or twice, and judged.
 #[derive(Debug)]
@@ -21,6 +29,8 @@ pub struct Outcome {
     pub trace: Trace,
     /// Figures of the run.
     pub figures: Figures,
+    /// Frame sets of the run; empty unless a page was requested.
+    pub story: Story,
     /// The run without prediction, if the scenario wants one.
     pub unpredicted: Option<(Trace, Figures)>,
     /// Missed expectations.
@@ -150,7 +160,7 @@ pub fn facts(outcome: &Outcome) -> Vec<(String, String)> {
 }
 
 /// Returns the page: the tables, and every scenario over time.
-pub fn page(outcomes: &[Outcome]) -> Page {
+pub fn page(outcomes: &[Outcome], provenance: &Provenance) -> Page {
     let page = Page::new("Trinocular: scenarios", "on the built-in twin")
         .section(
             "Figures",
@@ -159,51 +169,135 @@ pub fn page(outcomes: &[Outcome]) -> Page {
         )
         .table(following(outcomes))
         .table(stage(outcomes));
-    outcomes.iter().fold(page, |page, outcome| {
+    let page = outcomes.iter().fold(page, |page, outcome| {
+        let mut curves = curves(outcome);
+        let most = (MOST_MOMENTS / outcomes.len().max(1)).max(1);
+        let every = curves.moments.len().div_ceil(most).max(1);
+        curves.moments = curves.moments.into_iter().step_by(every).collect();
         let page = page
             .section(&outcome.name, &outcome.scenario.title)
-            .facts(&facts(outcome))
-            .plots(curves(&outcome.trace));
+            .facts(&facts(outcome));
+        let page = curves.add_to(page, true);
+        let page = page
+            .subsection("Velocity", "")
+            .plot(velocities(outcome, &curves));
         match &outcome.unpredicted {
             None => page,
-            Some((trace, _)) => page.plots([error_plot("Error without prediction", trace)]),
+            Some((trace, _)) => {
+                let unpredicted = RunCurves {
+                    marks: curves.marks.clone(),
+                    ..of_trace(trace)
+                };
+                let page = page.subsection("Error without prediction", "");
+                page.plots(unpredicted.errors())
+            }
         }
+    });
+    let runs = outcomes.iter();
+    let runs = runs.map(|outcome| (outcome.name.as_str(), &outcome.trace));
+    let whole = "`trinocular simulate SCENARIO.toml --csv FILE.csv` writes all rows.";
+    let page = page.section("Data", "");
+    let page = curves::add_table(page, "Positions, one row per ms", &csv::table(runs), whole);
+    provenance.add_to(page)
+}
+
+/// Returns the plain values of a run: true positions, measurements of the images, and marks of the
+/// scenario's own events beside those of the frame sets and of the station.
+fn curves(outcome: &Outcome) -> RunCurves {
+    let story = &outcome.story;
+    let mut marks = story.marks();
+    // An occlusion of the scenario says why its frame sets were refused.
+    marks.extend(outcome.scenario.events.iter().map(|event| {
+        let (kind, text) = described(&event.what);
+        let until_s = event.at_s + event.what.seconds();
+        Mark::spanning(kind, event.at_s, until_s, text)
+    }));
+    marks.extend(states(&outcome.trace));
+    marks.sort_by(|a, b| a.from.total_cmp(&b.from));
+    RunCurves {
+        measured: story.measured(),
+        moments: story.moments(),
+        marks,
+        ..of_trace(&outcome.trace)
+    }
+}
+
+/// Returns the true positions of a trace.
+fn of_trace(trace: &Trace) -> RunCurves {
+    let points = |get: fn(&Sample) -> [f64; 3]| {
+        let samples = trace.samples.iter();
+        samples
+            .map(move |sample| (sample.time_s, get(sample)))
+            .collect()
+    };
+    RunCurves {
+        mounting: Mounting::OnStage,
+        target: points(|sample| sample.target_mm),
+        stage: points(|sample| sample.camera_mm),
+        ..RunCurves::default()
+    }
+}
+
+/// Returns the marks of changes of the station's state and of its faults.
+fn states(trace: &Trace) -> Vec<Mark> {
+    let pairs = trace.samples.windows(2);
+    let changes = pairs.filter_map(|pair| match pair {
+        [before, after] if before.state != after.state => Some(after),
+        _ => None,
+    });
+    let marks = changes.map(|sample| {
+        let name = diagnosis::state(sample.state).name;
+        Mark::at(MarkKind::State, sample.time_s, name)
+    });
+    let faults = trace.faults.iter().zip(&trace.faults_s);
+    let faults = faults.map(|(fault, at_s)| {
+        let text = format!("fault {}: {}", fault.number(), diagnosis::explain(*fault));
+        Mark::at(MarkKind::Fault, *at_s, text)
+    });
+    marks.chain(faults).collect()
+}
+
+/// Returns kind and text of the mark of an event.
+fn described(what: &Happening) -> (MarkKind, String) {
+    let sets = |frames: u32| match frames {
+        1 => "1 frame set".to_owned(),
+        n => format!("{n} frame sets"),
+    };
+    match what {
+        Happening::Occlusion { .. } => {
+            (MarkKind::Occlusion, "the cameras see even grey".to_owned())
+        }
+        Happening::Drop { frames } => (MarkKind::Note, format!("{} dropped", sets(*frames))),
+        Happening::Late { frames, by_ms } => (
+            MarkKind::Note,
+            format!("{} late by {by_ms} ms", sets(*frames)),
+        ),
+        Happening::Outlier { frames, by_mm } => (
+            MarkKind::Note,
+            format!("{} wrong by {by_mm:?} mm", sets(*frames)),
+        ),
+        Happening::Silence { .. } => (MarkKind::Note, "the host is silent".to_owned()),
+        Happening::Limit { axis, end, .. } => {
+            let end = ["negative", "positive"].get(*end).unwrap_or(&"");
+            let axis = AXES.get(*axis).unwrap_or(&"");
+            (
+                MarkKind::Limit,
+                format!("{end} limit switch of {axis} tripped"),
+            )
+        }
+        Happening::EmergencyStop { .. } => (MarkKind::Limit, "emergency stop open".to_owned()),
+        Happening::DriverFault { .. } => (MarkKind::Limit, "a driver reports a fault".to_owned()),
+        Happening::Stop => (MarkKind::Note, "the host sends a stop".to_owned()),
+        Happening::Reset => (MarkKind::Note, "the host sends a reset".to_owned()),
+        Happening::Zero => (MarkKind::Note, "the position is declared zero".to_owned()),
+    }
+}
+
+fn velocities(outcome: &Outcome, curves: &RunCurves) -> LinePlot {
+    let plot = LinePlot::new("Velocity of the stage", "time, s", "mm/s").marked(&curves.marks);
+    (0..3).fold(plot, |plot, i| {
+        plot.series(AXES[i], Style::Line, velocity(&outcome.trace, i))
     })
-}
-
-/// Returns target and stage on each axis, their difference, and their velocities.
-pub fn curves(trace: &Trace) -> Vec<Figure> {
-    let positions = (0..3).map(|i| {
-        let of = |get: fn(&Sample) -> [f64; 3]| {
-            let samples = trace.samples.iter();
-            samples.map(move |sample| [sample.time_s, get(sample)[i]])
-        };
-        let title = format!("{} of target and stage", AXES[i]);
-        LinePlot::new(title, "time, s", "mm")
-            .series("target", Style::Dashed, of(|sample| sample.target_mm))
-            .series("stage", Style::Line, of(|sample| sample.camera_mm))
-            .into()
-    });
-    let velocities = LinePlot::new("Velocity of the stage", "time, s", "mm/s");
-    let velocities = (0..3).fold(velocities, |plot, i| {
-        plot.series(AXES[i], Style::Line, velocity(trace, i))
-    });
-    positions
-        .chain([
-            error_plot("Error, stage - target", trace),
-            velocities.into(),
-        ])
-        .collect()
-}
-
-fn error_plot(title: &str, trace: &Trace) -> Figure {
-    let plot = LinePlot::new(title, "time, s", "mm").including(0.0);
-    let plot = (0..3).fold(plot, |plot, i| {
-        let error = trace.samples.iter();
-        let error = error.map(move |sample| [sample.time_s, sample.error_mm()[i]]);
-        plot.series(AXES[i], Style::Line, error)
-    });
-    plot.into()
 }
 
 fn velocity(trace: &Trace, axis: usize) -> impl Iterator<Item = [f64; 2]> + '_ {

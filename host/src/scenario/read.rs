@@ -89,7 +89,7 @@ fn cameras(section: &Field<'_>) -> Result<Cameras, InputError> {
     let sight = match kind.text()? {
         "rendered" => {
             section.only(&[&SHARED[..], &["texture", "noise_grey"]].concat())?;
-            file::Sight::Rendered {
+            file::ImageSource::Rendered {
                 texture: match section.optional("texture")? {
                     Some(field) => field.text()?.parse().map_err(
                         |unknown: trinocular_vision::images::texture::UnknownTexture| {
@@ -103,15 +103,13 @@ fn cameras(section: &Field<'_>) -> Result<Cameras, InputError> {
         }
         "points" => {
             section.only(&[&SHARED[..], &["points", "noise_px"]].concat())?;
-            file::Sight::Points {
+            file::ImageSource::Points {
                 count: section.required("points")?.whole(8..=4_000)? as usize,
                 noise_px: between(&section.required("noise_px")?, 0.0, 10.0)?,
             }
         }
-        other => {
-            return Err(kind.fault(format!(
-                "unknown kind `{other}`; known here: rendered, points"
-            )));
+        _ => {
+            return Err(kind.unknown("kind", &["rendered", "points"]));
         }
     };
     Ok(Cameras {
@@ -173,10 +171,8 @@ fn leg(table: &Field<'_>) -> Result<Leg, InputError> {
                 peak_mm_s: table.required("peak_mm_s")?.positive(FARTHEST_MM)?,
             }
         }
-        other => {
-            return Err(kind.fault(format!(
-                "unknown motion `{other}`; known here: still, step, line, lissajous"
-            )));
+        _ => {
+            return Err(kind.unknown("motion", &["still", "step", "line", "lissajous"]));
         }
     };
     let seconds = table.required("seconds")?.positive(LONGEST_S)?;
@@ -278,11 +274,21 @@ fn happening(table: &Field<'_>) -> Result<Happening, InputError> {
             known(&[])?;
             Happening::Zero
         }
-        other => {
-            return Err(kind.fault(format!(
-                "unknown event `{other}`; known here: occlusion, drop, late, outlier, silence, \
-                 limit, emergency_stop, driver_fault, stop, reset, zero"
-            )));
+        _ => {
+            const EVENTS: [&str; 11] = [
+                "occlusion",
+                "drop",
+                "late",
+                "outlier",
+                "silence",
+                "limit",
+                "emergency_stop",
+                "driver_fault",
+                "stop",
+                "reset",
+                "zero",
+            ];
+            return Err(kind.unknown("event", &EVENTS));
         }
     })
 }
@@ -291,7 +297,7 @@ fn happening(table: &Field<'_>) -> Result<Happening, InputError> {
 fn choice(field: &Field<'_>, words: &[&str]) -> Result<usize, InputError> {
     let given = field.text()?;
     let found = words.iter().position(|word| *word == given);
-    found.ok_or_else(|| field.fault(format!("`{given}` is none of {}", words.join(", "))))
+    found.ok_or_else(|| field.unknown("word", words))
 }
 
 fn measure(section: Option<Field<'_>>, seconds: f64) -> Result<Measure, InputError> {

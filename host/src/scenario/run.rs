@@ -12,6 +12,7 @@ use super::file::{Happening, Scenario};
 use super::motion::Way;
 use super::trace::{Sample, Trace};
 use crate::servo::ServoError;
+use crate::servo::recording::{FrameSetTaker, Takers};
 use look::Look;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -162,10 +163,10 @@ pub fn run(
     options: ScenarioOptions,
     progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
-    run_recorded(scenario, options, None, progress)
+    run_recorded(scenario, options, None, Takers::new(), progress)
 }
 
-/// Runs a scenario as [`run`] does, and records it with `tap`.
+/// Runs a scenario as [`run`] does, records it with `tap`, and gives its frame sets to `takers`.
 ///
 /// # Errors
 /// As [`run`].
@@ -173,9 +174,11 @@ pub fn run_recorded(
     scenario: &Scenario,
     options: ScenarioOptions,
     tap: Option<Arc<Tap>>,
+    mut takers: Takers,
     mut progress: impl FnMut(f64),
 ) -> Result<Run, ServoError> {
-    let mut world = RunningScenario::new(scenario, options, tap.clone())?;
+    takers.extend(tap.clone().map(|tap| tap as Arc<dyn FrameSetTaker>));
+    let mut world = RunningScenario::new(scenario, options, tap.clone(), takers)?;
     let end_us = seconds_us(world.way.seconds());
     while let Some(entry) = world.agenda.first_entry() {
         let at_us = entry.key().0;
@@ -209,8 +212,9 @@ impl<'a> RunningScenario<'a> {
         scenario: &'a Scenario,
         options: ScenarioOptions,
         tap: Option<Arc<Tap>>,
+        takers: Takers,
     ) -> Result<Self, ServoError> {
-        let mut eyes = Eyes::open_recorded(&scenario.cameras, scenario.seed, tap.clone())?;
+        let mut eyes = Eyes::open_recorded(&scenario.cameras, scenario.seed, takers)?;
         let mut config = configuration(&scenario.stage, Mounting::OnStage)?;
         config.tracking.prediction &= options.prediction;
         let (stage, board) = (&scenario.stage, options.board);
@@ -356,7 +360,7 @@ impl<'a> RunningScenario<'a> {
         self.collect_answers(time_s);
         let status = self.twin.status().copied();
         if let Some(status) = &status {
-            self.watch(status);
+            self.watch(time_s, status);
         }
         self.trace.samples.push(Sample {
             time_s,
@@ -367,7 +371,7 @@ impl<'a> RunningScenario<'a> {
         });
     }
 
-    fn watch(&mut self, status: &Status) {
+    fn watch(&mut self, time_s: f64, status: &Status) {
         let (trace, latched) = (&mut self.trace, &mut self.latched);
         if trace.states.last() != Some(&status.state) {
             trace.states.push(status.state);
@@ -377,6 +381,7 @@ impl<'a> RunningScenario<'a> {
         }
         if *latched != status.fault {
             trace.faults.extend(status.fault);
+            trace.faults_s.extend(status.fault.map(|_| time_s));
             *latched = status.fault;
         }
         if let Some(estimate) = status.estimate

@@ -75,6 +75,8 @@ pub struct Trace {
     pub sights: Vec<Sight>,
     /// Faults in their order; a fault that is latched again counts again.
     pub faults: Vec<Fault>,
+    /// Time at which the station reported each fault, s.
+    pub faults_s: Vec<f64>,
     /// Instants at which the stage may have stopped without a ramp, s.
     pub abrupt_s: Vec<f64>,
     /// Capture time of each frame set, s.

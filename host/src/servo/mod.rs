@@ -21,6 +21,7 @@
 pub mod frame_sets;
 pub mod live;
 pub mod observer;
+pub mod page_recording;
 pub mod path;
 pub mod recording;
 pub mod simulated;

@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
 
+use trinocular_rig::choice::unknown;
+
 /// Motion of the target over time, from zero.
 ///
 /// ```
@@ -79,7 +81,7 @@ impl fmt::Display for TargetPath {
 
 /// A name that no [`TargetPath`] has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no path: steps, line, circle, lissajous and still are")]
+#[error("{}", unknown("path", .0, &TargetPath::ALL.map(TargetPath::name)))]
 pub struct UnknownTargetPath(String);
 
 impl FromStr for TargetPath {

@@ -3,21 +3,44 @@
 use super::observer::{ServoEvent, ServoObserver};
 use super::visual_servo::{Measured, ServoEstimate, ServoOutcome};
 use std::sync::Arc;
+use trinocular_core::frame::message::Status;
 use trinocular_core::rig::Rig;
 use trinocular_recording::message::{Measurement, Outcome, absent};
 use trinocular_recording::recorder::Tap;
+use trinocular_vision::images::FrameSet;
 use trinocular_vision::measure::MeasureRefusal;
 
-/// Observer of a loop whose run is recorded.
+/// Taker of frame sets and their measurements: a recording, or a report.
+pub trait FrameSetTaker: std::fmt::Debug + Send + Sync {
+    /// Takes in a frame set, whose images may be missing, and its measurement.
+    fn take(&self, images: Option<&FrameSet>, measurement: Measurement);
+
+    /// Takes in the latest status of the station, just before the frame set. A recording has all
+    /// packets and needs none.
+    fn status(&self, status: &Status) {
+        let _ = status;
+    }
+}
+
+impl FrameSetTaker for Tap {
+    fn take(&self, images: Option<&FrameSet>, measurement: Measurement) {
+        self.frame_set(images, measurement);
+    }
+}
+
+/// Takers of the frame sets of a run.
+pub type Takers = Vec<Arc<dyn FrameSetTaker>>;
+
+/// Observer of a loop whose run is recorded or reported.
 #[derive(Debug)]
 pub struct RecordingObserver {
-    tap: Arc<Tap>,
+    tap: Arc<dyn FrameSetTaker>,
     rig: Rig,
 }
 
 impl RecordingObserver {
     /// Makes the observer of a loop with the cameras of `rig`.
-    pub fn new(tap: Arc<Tap>, rig: &Rig) -> Self {
+    pub fn new(tap: Arc<dyn FrameSetTaker>, rig: &Rig) -> Self {
         Self {
             tap,
             rig: rig.clone(),
@@ -27,8 +50,17 @@ impl RecordingObserver {
 
 /// Returns the observers of a loop: one if its run is recorded, otherwise none.
 pub fn observers(tap: Option<Arc<Tap>>, rig: &Rig) -> Vec<Box<dyn ServoObserver>> {
-    let observer = |tap| Box::new(RecordingObserver::new(tap, rig)) as Box<dyn ServoObserver>;
-    tap.map(observer).into_iter().collect()
+    let tap = tap.map(|tap| tap as Arc<dyn FrameSetTaker>);
+    observers_of(tap, rig)
+}
+
+/// Returns one observer of a loop per taker of its frame sets.
+pub fn observers_of(
+    takers: impl IntoIterator<Item = Arc<dyn FrameSetTaker>>,
+    rig: &Rig,
+) -> Vec<Box<dyn ServoObserver>> {
+    let observer = |taker| Box::new(RecordingObserver::new(taker, rig)) as Box<dyn ServoObserver>;
+    takers.into_iter().map(observer).collect()
 }
 
 /// Converts the result of measuring one frame set to the message of a recording.
@@ -57,7 +89,7 @@ impl ServoObserver for RecordingObserver {
                     outcome: Outcome::Keyframe,
                     ..Measurement::default()
                 };
-                self.tap.frame_set(Some(images), message);
+                self.tap.take(Some(images), message);
             }
             ServoEvent::Step {
                 images,
@@ -66,8 +98,11 @@ impl ServoObserver for RecordingObserver {
                 measured,
                 step,
                 stage_mm,
-                ..
+                status,
             } => {
+                if let Some(status) = status {
+                    self.tap.status(status);
+                }
                 let mut message = match (measured, &step.outcome) {
                     (Some(measured), _) => measurement(&self.rig, Ok(measured)),
                     (None, ServoOutcome::Refused(refusal)) => measurement(&self.rig, Err(refusal)),
@@ -88,7 +123,7 @@ impl ServoObserver for RecordingObserver {
                 if message.absent.is_empty() {
                     message.absent = absent(&step.absent);
                 }
-                self.tap.frame_set(Some(images), message);
+                self.tap.take(Some(images), message);
             }
         }
     }

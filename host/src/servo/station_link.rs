@@ -146,6 +146,14 @@ impl StationLink {
         }
     }
 
+    /// Sets the observer of every byte between host and station from now on. The built-in twin in
+    /// virtual time keeps its first observer.
+    pub fn set_observer(&mut self, observer: Option<Arc<dyn StationObserver>>) {
+        if let Self::Live(live) = self {
+            live.serial.set_observer(observer);
+        }
+    }
+
     /// Returns the board's name and its place, for messages.
     pub fn name(&self) -> String {
         match self {

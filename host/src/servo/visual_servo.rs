@@ -160,6 +160,11 @@ impl VisualServo {
         self.observers.push(observer);
     }
 
+    /// Replaces all observers from now on.
+    pub fn set_observers(&mut self, observers: Vec<Box<dyn ServoObserver>>) {
+        self.observers = observers;
+    }
+
     /// Takes the keyframe: the view to be kept.
     ///
     /// # Errors

@@ -9,7 +9,8 @@
 
 use super::ServoError;
 use super::live::LiveObserver;
-use super::recording::observers;
+use super::observer::ServoObserver;
+use super::page_recording::PageRecording;
 use super::station_link::StationLink;
 use super::visual_servo::VisualServo;
 use std::sync::Arc;
@@ -24,7 +25,6 @@ use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
 use trinocular_live::controls::{Action, Offers};
 use trinocular_live::{Controls, Hub};
-use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -100,7 +100,9 @@ pub struct Workbench<B> {
     servo: Option<VisualServo>,
     /// Deadline of a reset that waits for the stage to stand.
     reset: Option<HostInstant>,
-    tap: Option<Arc<Tap>>,
+    recording: PageRecording,
+    /// Images of the keyframe, while the target is followed.
+    keyframe: Option<FrameSet>,
 }
 
 impl<B: Bench> Workbench<B> {
@@ -111,6 +113,7 @@ impl<B: Bench> Workbench<B> {
         stage: &Stage,
         estimator: Estimator,
         hub: Arc<Hub>,
+        recording: PageRecording,
     ) -> (Self, Desk) {
         let (sender, requests) = sync_channel(REQUESTS);
         let stopper = bench.station().serial().map(|serial| serial.stopper());
@@ -119,6 +122,7 @@ impl<B: Bench> Workbench<B> {
                 stop: stopper.is_some(),
                 motion: true,
                 home: stage.care.home.iter().any(Option::is_some),
+                record: recording.is_on_request(),
                 mark: true,
             },
             stopper,
@@ -133,15 +137,11 @@ impl<B: Bench> Workbench<B> {
             requests,
             servo: None,
             reset: None,
-            tap: None,
+            recording,
+            keyframe: None,
         };
         bench.share();
         (bench, desk)
-    }
-
-    /// Passes what is followed from now on to a recording.
-    pub fn record(&mut self, tap: Option<Arc<Tap>>) {
-        self.tap = tap;
     }
 
     /// Lets other runs drive the station.
@@ -161,12 +161,15 @@ impl<B: Bench> Workbench<B> {
     /// moves stops when the workbench is dropped.
     ///
     /// # Errors
-    /// If the station cannot be reached, restarted, or does not stop.
+    /// If the station cannot be reached, restarted, or does not stop, or if a recording that a page
+    /// started was ended early.
     pub fn run(&mut self, is_over: impl Fn() -> bool) -> Result<(), ServoError> {
         let outcome = self.turn_until(is_over);
         self.servo = None;
+        self.recording.end(&self.hub, self.bench.station());
+        let recorded = self.recording.wait();
         match outcome {
-            Err(ServoError::Station(StationError::Cancelled)) => Ok(()),
+            Ok(()) | Err(ServoError::Station(StationError::Cancelled)) => Ok(recorded?),
             outcome => outcome,
         }
     }
@@ -177,6 +180,7 @@ impl<B: Bench> Workbench<B> {
                 self.act(action)?;
             }
             self.try_reset()?;
+            self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
                 Ok(Some(shot)) => self.take(&shot)?,
@@ -199,7 +203,10 @@ impl<B: Bench> Workbench<B> {
         };
         if servo.keyframe_time() == Instant::default() {
             match servo.set_keyframe(&shot.images) {
-                Ok(()) => servo.set_keyframe_time(shot.taken),
+                Ok(()) => {
+                    servo.set_keyframe_time(shot.taken);
+                    self.keyframe = Some(shot.images.clone());
+                }
                 Err(refusal) => {
                     self.hub
                         .warn(format!("these images cannot be the reference: {refusal}"));
@@ -250,6 +257,7 @@ impl<B: Bench> Workbench<B> {
 
     fn end_following(&mut self) {
         self.servo = None;
+        self.keyframe = None;
         self.share();
         self.hub.set_following(false);
     }
@@ -276,10 +284,7 @@ impl<B: Bench> Workbench<B> {
         }
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
-                servo.add_observer(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
-                for observer in observers(self.tap.clone(), &self.rig) {
-                    servo.add_observer(observer);
-                }
+                servo.set_observers(self.observers());
                 self.servo = Some(servo);
                 self.hub.set_following(true);
             }
@@ -287,6 +292,30 @@ impl<B: Bench> Workbench<B> {
                 self.hub.warn(refusal.to_string());
                 self.share();
             }
+        }
+    }
+
+    /// Makes the observers of the loop: the pages, and the recording if there is one.
+    fn observers(&self) -> Vec<Box<dyn ServoObserver>> {
+        let mut observers = self.recording.observers(&self.rig);
+        observers.push(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
+        observers
+    }
+
+    /// Starts or ends a recording, and goes on with what is followed.
+    fn record(&mut self, on: bool) {
+        let station = self.bench.station();
+        match on {
+            true => {
+                let keyframe = self.keyframe.as_ref();
+                self.recording
+                    .begin(&self.hub, station, (&self.rig, keyframe));
+            }
+            false => self.recording.end(&self.hub, station),
+        }
+        let observers = self.observers();
+        if let Some(servo) = &mut self.servo {
+            servo.set_observers(observers);
         }
     }
 
@@ -317,7 +346,11 @@ impl<B: Bench> Workbench<B> {
                     self.reset = Some(HostInstant::now() + REST_PATIENCE);
                 }
             }
-            Action::Mark { text } => self.hub.mark(text),
+            Action::Record { on } => self.record(on),
+            Action::Mark { text } => {
+                self.recording.event("mark", &text);
+                self.hub.mark(text);
+            }
             Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
                 self.hub.warn("end following first");
             }
@@ -375,10 +408,7 @@ impl<B: Bench> Workbench<B> {
         match station.command("reset", Command::Reset) {
             Ok(()) => self.reset = None,
             // The ramp or the report of the fault is still under way.
-            Err(StationError::Denied {
-                denial: Denial::Moving | Denial::FaultUnread,
-                ..
-            }) if HostInstant::now() < end => {}
+            Err(error) if error.is_passing() && HostInstant::now() < end => {}
             Err(error @ StationError::Denied { denial, .. }) => {
                 self.reset = None;
                 self.refused(&error, denial);

@@ -20,6 +20,7 @@ use std::collections::hash_map::Entry;
 use std::path::Path;
 
 use crate::flow::Correspondence;
+use trinocular_rig::choice;
 use trinocular_rig::error::InputError;
 use trinocular_rig::input::{self, Limit};
 use trinocular_rig::printable::printable_up_to;
@@ -317,10 +318,8 @@ impl<'a> Collector<'a> {
         }
         let camera = self.rig.names.iter().position(|known| known == name);
         let camera = camera.ok_or_else(|| {
-            let known = self.rig.names.join(", ");
-            let name = quoted(name);
-            let reason = format!("`{name}` is none of the rig's cameras ({known})");
-            refuse("camera", reason)
+            let known: Vec<&str> = self.rig.names.iter().map(String::as_str).collect();
+            refuse("camera", choice::unknown("camera", &quoted(name), &known))
         })?;
         let pixel = |i: usize, text: &str| {
             coordinate(text, self.rig.rig.image_size_px[i % 2])

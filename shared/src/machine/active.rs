@@ -5,8 +5,8 @@ use crate::fixed::{multiply_shift, ratio, times, wide};
 use crate::frame::message::{Config, ConfigField, MATRIX_BITS, Mounting, Setting};
 use crate::motion::{AxisConfig, Bound, ConfigFault, Limits};
 use crate::steps::WordRate;
-use crate::track::Fine;
-use crate::track::filter::Reach;
+use crate::track::StepVector;
+use crate::track::filter::KinematicLimits;
 use crate::track::pursuit::Settings;
 use crate::track::watch::Bounds;
 use nalgebra::{Matrix3, Vector3};
@@ -39,7 +39,7 @@ pub(super) struct Active {
     /// Scale of each axis, 2⁻³² steps per nm, Q48.16. Below 2⁵¹.
     fine_per_nm: [i64; 3],
     /// Kinematic limits of each axis, which bound the motion of a target that can be followed.
-    pub reach: [Reach; 3],
+    pub reach: [KinematicLimits; 3],
     /// Limits of the supervision by the cameras. Without prediction the stage lags behind the
     /// target, which looks like a stall.
     pub bounds: Option<Bounds>,
@@ -140,7 +140,7 @@ impl Active {
     }
 
     /// Converts a displacement in camera axes to one in stage axes: matrix, then resolution.
-    pub fn to_stage(&self, camera_nm: DisplacementNm) -> Fine {
+    pub fn to_stage(&self, camera_nm: DisplacementNm) -> StepVector {
         // Loops over references: mapping arrays by value copies them.
         let mut stage_nm = [0_i64; 3];
         for (sum, row) in stage_nm.iter_mut().zip(&self.config.matrix) {
@@ -160,7 +160,7 @@ impl Active {
     }
 
     /// Converts stage distances in nm to 2⁻³² steps, saturating.
-    pub fn fine(&self, stage_nm: [i64; 3]) -> Fine {
+    pub fn fine(&self, stage_nm: [i64; 3]) -> StepVector {
         let mut fine = [0; 3];
         for ((fine, nm), scale) in fine.iter_mut().zip(stage_nm).zip(&self.fine_per_nm) {
             let product = wide(nm, *scale) >> SCALE_BITS;
@@ -170,14 +170,14 @@ impl Active {
     }
 
     /// Converts stage distances in µm to 2⁻³² steps, saturating.
-    pub fn fine_from_um(&self, stage_um: [i32; 3]) -> Fine {
+    pub fn fine_from_um(&self, stage_um: [i32; 3]) -> StepVector {
         self.fine(stage_um.map(|um| i64::from(um) * 1000))
     }
 }
 
-fn reach(axis: AxisConfig) -> Reach {
+fn reach(axis: AxisConfig) -> KinematicLimits {
     let steps_per_um = axis.steps_per_m as f32 * 1e-6;
-    Reach {
+    KinematicLimits {
         speed: axis.max_speed_um_s as f32 * steps_per_um * 1e-3,
         acceleration: axis.max_acceleration_um_s2 as f32 * steps_per_um * 1e-6,
     }

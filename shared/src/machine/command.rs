@@ -6,8 +6,7 @@ use super::window::Window;
 use crate::fixed::times;
 use crate::frame::message::{Command, Config, Denial};
 use crate::safety::{Faults, State, Trust};
-use crate::steps::Position;
-use crate::track::Fine;
+use crate::track::StepVector;
 
 impl Machine {
     pub(super) fn apply(&mut self, sequence: u16, command: &Command) -> Result<(), Denial> {
@@ -48,7 +47,7 @@ impl Machine {
         // Another backlash can change the load's position without a step of the motor.
         let after = self.position();
         let jump = core::array::from_fn(|axis| {
-            let of = |place: Fine| place.get(axis).copied().unwrap_or_default();
+            let of = |place: StepVector| place.get(axis).copied().unwrap_or_default();
             of(after).saturating_sub(of(before))
         });
         self.window.shift(jump);
@@ -176,10 +175,4 @@ impl Machine {
             Trust::Unknown | Trust::Degraded => Err(Denial::PositionUnknown),
         }
     }
-}
-
-/// Returns the resting position nearest to a distance from zero.
-pub(super) fn to_centre(fine: i64) -> Position {
-    let nearest = Position::from_fine(fine.saturating_add(Position::centre(0).fine()));
-    Position::centre(nearest.whole_steps())
 }

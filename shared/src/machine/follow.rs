@@ -1,7 +1,6 @@
 //! Processing of one flow frame: gate, estimate, target, and the motion that follows from it.
 
 use super::Machine;
-use super::command::to_centre;
 use crate::estimate::{DisplacementNm, Gate, Refusal, closed_form, midpoint};
 use crate::frame::message::{Denial, EstimateReport, Frame, Sums};
 use crate::safety::State;
@@ -44,7 +43,7 @@ impl Machine {
         let view = reference.moved(frame.capture, displacement);
         let position = view.target(stage);
         for (axis, target) in position.into_iter().enumerate() {
-            self.require_free_way(axis, to_centre(target))?;
+            self.require_free_way(axis, Position::nearest_rest(target))?;
         }
         let unstated = || active.gate().max_sigma_nm.map(|most| most / UNSTATED);
         let measurement = Measurement {
@@ -141,7 +140,7 @@ impl Machine {
             // Beyond a soft limit the planner moves only to the limit and rests there.
             let [low, high] = limits.range();
             if (low..high).contains(&wanted.whole_steps()) {
-                *speed = per_slot(aim.speed, slots);
+                *speed = per_slot(aim.velocity, slots);
             }
         }
         planner.follow(targets, speeds);
@@ -156,10 +155,10 @@ impl Machine {
 /// Converts the aim to a position: a resting target lies in the middle of a step, a moving one
 /// anywhere.
 fn resting_or_moving(aim: Aim) -> Position {
-    if aim.speed == 0.0 {
-        to_centre(aim.position)
+    if aim.velocity == 0.0 {
+        Position::nearest_rest(aim.position)
     } else {
-        Position::centre(0).saturating_add(aim.position)
+        Position::from_zero(aim.position)
     }
 }
 

@@ -19,11 +19,11 @@
 //! ticks at rest is stuck.
 
 use super::Machine;
-use super::command::to_centre;
 use crate::fixed::{shift_right_rounded, times};
 use crate::frame::message::{Denial, HomeSwitch, Side};
 use crate::motion::Limits;
 use crate::safety::{Fault, State, Trust};
+use crate::steps::Position;
 
 /// Ticks for which a contact must be steady.
 const STEADY: u16 = 5;
@@ -310,7 +310,7 @@ impl Machine {
         };
         let mut targets = [None; 3];
         if let Some(target) = targets.get_mut(axis) {
-            *target = Some(to_centre(place));
+            *target = Some(Position::nearest_rest(place));
         }
         planner.set_targets_of(targets);
     }

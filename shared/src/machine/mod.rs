@@ -40,7 +40,7 @@ use crate::safety::{Fault, Faults, Inputs, State, Trust};
 use crate::steps::{Position, Segment};
 use crate::time::Instant;
 use crate::track::history::History;
-use crate::track::{Fine, Tracker};
+use crate::track::{StepVector, Tracker};
 use active::Active;
 use conversation::stamped;
 use homing::Homing;
@@ -312,18 +312,18 @@ impl Machine {
     }
 
     /// Returns the planned position of the stage, 2⁻³² steps from zero.
-    pub fn position(&self) -> Fine {
-        self.planner
-            .as_ref()
-            .map_or([0; 3], |planner| planner.loads().map(from_centre))
+    pub fn position(&self) -> StepVector {
+        self.planner.as_ref().map_or([0; 3], |planner| {
+            planner.loads().map(Position::distance_from_zero)
+        })
     }
 
     /// Returns the planned position of the motors, 2⁻³² steps from zero: that of the stage but for
     /// backlash. Their whole steps are where the motors stand.
-    pub fn motors(&self) -> Fine {
-        self.planner
-            .as_ref()
-            .map_or([0; 3], |planner| planner.positions().map(from_centre))
+    pub fn motors(&self) -> StepVector {
+        self.planner.as_ref().map_or([0; 3], |planner| {
+            planner.positions().map(Position::distance_from_zero)
+        })
     }
 
     /// Returns the instant at which the next segment is due.
@@ -408,9 +408,4 @@ impl Machine {
             self.answer(sequence, Ok(()));
         }
     }
-}
-
-/// Converts a planner position to the distance from zero: resting positions become whole steps.
-fn from_centre(position: Position) -> i64 {
-    position.fine().saturating_sub(Position::centre(0).fine())
 }

@@ -10,7 +10,6 @@
 //! From there it only moves inwards, when it is named, at the speed of an unknown position.
 
 use super::Machine;
-use super::command::to_centre;
 use crate::fixed::{narrow, times};
 use crate::frame::message::Denial;
 use crate::motion::{Limits, Planner};
@@ -144,13 +143,14 @@ impl Machine {
             (0_u8..).zip(&mut targets).zip(goals).zip(axes)
         {
             let Some(goal) = goal else { continue };
-            let stands = |goal| rests && to_centre(goal).whole_steps() == load.whole_steps();
+            let stands =
+                |goal| rests && Position::nearest_rest(goal).whole_steps() == load.whole_steps();
             if stands(goal) {
                 continue;
             }
             let goal = self.inwards(axis, goal)?;
-            self.require_free_way(axis.into(), to_centre(goal))?;
-            *target = (!stands(goal)).then(|| to_centre(goal));
+            self.require_free_way(axis.into(), Position::nearest_rest(goal))?;
+            *target = (!stands(goal)).then(|| Position::nearest_rest(goal));
         }
         if let Some(planner) = &mut self.planner {
             planner.move_in_step(targets);

@@ -4,17 +4,17 @@
 //! the power came on, or where trust was lost. Only a known position moves the window: no further
 //! loss of trust, no stop, and no configuration does.
 
-use crate::track::{Fine, add};
+use crate::track::{StepVector, add};
 
 /// Anchor of the window: the place at which the position became unknown, 2⁻³² steps from zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Window {
-    anchor: Fine,
+    anchor: StepVector,
 }
 
 impl Window {
     /// Creates the window around a place that is known, or at which trust is lost.
-    pub fn around(anchor: Fine) -> Self {
+    pub fn around(anchor: StepVector) -> Self {
         Self { anchor }
     }
 
@@ -26,7 +26,7 @@ impl Window {
     }
 
     /// Shifts the window with positions that changed without a motion, 2⁻³² steps.
-    pub fn shift(&mut self, by: Fine) {
+    pub fn shift(&mut self, by: StepVector) {
         self.anchor = add(self.anchor, by);
     }
 
@@ -49,7 +49,7 @@ impl Window {
 
     /// Returns true if no axis moves more than half a step farther than `width` from where it may
     /// be. The way back is always allowed.
-    pub fn allows(&self, from: Fine, to: Fine, width: Fine) -> bool {
+    pub fn allows(&self, from: StepVector, to: StepVector, width: StepVector) -> bool {
         let ends = from.into_iter().zip(to);
         let mut axes = ends.zip(self.anchor.into_iter().zip(width));
         axes.all(|((from, to), (anchor, width))| {

@@ -2,8 +2,8 @@ use super::Limits;
 use super::backlash::Backlash;
 use crate::fixed::{product, quotient, times};
 use crate::steps::{AXES, Position, Segment, WordRate};
-use axis::{Axis, near, within};
-use line::Line;
+use axis::{AxisPlan, near, within};
+use line::StraightMove;
 use ramp::Ramp;
 
 mod axis;
@@ -66,8 +66,8 @@ const SEGMENTS: usize = WordRate::SEGMENTS_PER_TICK;
 pub struct Planner {
     limits: Limits,
     /// Axes at the end of the planned tick.
-    axes: [Axis; AXES],
-    line: Option<Line>,
+    axes: [AxisPlan; AXES],
+    line: Option<StraightMove>,
     tick: [Segment; SEGMENTS],
     /// Number of the tick's segments that were handed out.
     given: usize,
@@ -83,7 +83,11 @@ impl Planner {
     pub fn new(limits: Limits, positions: [Position; AXES]) -> Self {
         let [x, y, z] = limits.axes;
         let [px, py, pz] = positions;
-        let axes = [Axis::new(x, px), Axis::new(y, py), Axis::new(z, pz)];
+        let axes = [
+            AxisPlan::new(x, px),
+            AxisPlan::new(y, py),
+            AxisPlan::new(z, pz),
+        ];
         Self {
             limits,
             axes,
@@ -211,7 +215,7 @@ impl Planner {
         self.set_targets_of(targets);
         if self.is_at_rest() {
             self.choose_flanks();
-            self.line = Line::through(&self.axes);
+            self.line = StraightMove::through(&self.axes);
             if let Some(line) = self.line {
                 let pace = line.pace(&self.axes);
                 if let Some(leader) = self.axes.get_mut(line.leader) {
@@ -261,7 +265,7 @@ impl Planner {
         let quantum = self.distance_quantum();
         self.choose_flanks();
         let accelerations = self.accelerations(quantum);
-        let ramp = |axis: &Axis, acceleration| Ramp {
+        let ramp = |axis: &AxisPlan, acceleration| Ramp {
             speed: axis.speed,
             acceleration,
         };
@@ -333,12 +337,12 @@ impl Planner {
     /// Returns true for each axis that does not move in the present tick and has no speed left
     /// after it.
     pub fn resting(&self) -> [bool; AXES] {
-        self.axes.each_ref().map(Axis::is_at_rest)
+        self.axes.each_ref().map(AxisPlan::is_at_rest)
     }
 
     /// Returns true if no axis moves in the present tick or has speed left after it.
     pub fn is_at_rest(&self) -> bool {
-        self.axes.iter().all(Axis::is_at_rest)
+        self.axes.iter().all(AxisPlan::is_at_rest)
     }
 
     /// Returns true if every axis is at rest less than 1/128 step from its target, or less than
@@ -347,7 +351,7 @@ impl Planner {
     pub fn has_arrived(&self) -> bool {
         let near = near(self.distance_quantum());
         let arrived =
-            |axis: &Axis| axis.is_at_rest() && axis.drift == 0 && within(axis.distance(), near);
+            |axis: &AxisPlan| axis.is_at_rest() && axis.drift == 0 && within(axis.distance(), near);
         self.axes.iter().all(arrived)
     }
 

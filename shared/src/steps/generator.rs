@@ -1,38 +1,7 @@
 use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use super::{AXES, AxisMotion, Position, Segment};
-
-/// Pins of the port (0-15) that carry the signals.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PortMap {
-    /// STEP pin of each axis; a rising edge makes a step.
-    pub step: [u8; AXES],
-    /// DIR pin of each axis; high is forwards.
-    pub dir: [u8; AXES],
-    /// Axes whose DIR is low forwards.
-    pub invert: [bool; AXES],
-}
-
-/// Reason to refuse a [`PortMap`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PortFault {
-    /// The port has no such pin: its pins are 0 to 15.
-    NoSuchPin(u8),
-    /// Two signals share this pin.
-    PinTwice(u8),
-}
-
-impl fmt::Display for PortFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSuchPin(pin) => write!(f, "pin {pin} is not one of 0..15"),
-            Self::PinTwice(pin) => write!(f, "pin {pin} carries two signals"),
-        }
-    }
-}
-
-impl core::error::Error for PortFault {}
+use super::{AXES, AxisMotion, PortFault, PortMap, Position, Segment};
 
 /// Reason for which [`Generator::load`] refused a segment. The generator is then unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +29,7 @@ impl core::error::Error for LoadFault {}
 
 /// State of one axis between two slots.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct AxisPins {
     /// Steps emitted, backward ones subtracted.
     count: i64,
     /// Fraction of a step, 2⁻³²: of the position when moving forwards, of its complement backwards.
@@ -79,7 +48,7 @@ struct Axis {
     dir_backward: u32,
 }
 
-impl Axis {
+impl AxisPins {
     fn turns(&self, motion: &AxisMotion) -> bool {
         !motion.is_rest() && (!self.dir_written || self.backward != motion.backward)
     }
@@ -182,7 +151,7 @@ impl Axis {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Generator {
-    axes: [Axis; AXES],
+    axes: [AxisPins; AXES],
     /// Slots left of the loaded segment.
     left: u16,
     /// Slots left that need the careful path: two when an axis reverses.
@@ -210,7 +179,7 @@ impl Generator {
         }
         let axis = |((step, dir), invert): ((u8, u8), bool)| {
             let (high, low) = (1u32 << dir, 1u32 << (dir + 16));
-            Axis {
+            AxisPins {
                 count: 0,
                 phase: Position::centre(0).phase(),
                 increment: 0,
@@ -225,7 +194,8 @@ impl Generator {
         };
         let [x, y, z] = [0, 1, 2].map(|i| axis(((map.step[i], map.dir[i]), map.invert[i])));
         let raise = core::array::from_fn(|code| {
-            let bit = |i: usize, axis: &Axis| if code >> i & 1 == 1 { axis.step_bit } else { 0 };
+            let bit =
+                |i: usize, axis: &AxisPins| if code >> i & 1 == 1 { axis.step_bit } else { 0 };
             bit(0, &x) | bit(1, &y) | bit(2, &z)
         });
         Ok(Self {

@@ -41,11 +41,13 @@
 //! alone.
 
 mod generator;
+mod port_map;
 mod position;
 mod segment;
 mod timing;
 
-pub use generator::{Generator, LoadFault, PortFault, PortMap};
+pub use generator::{Generator, LoadFault};
+pub use port_map::{PortFault, PortMap};
 pub use position::Position;
 pub use segment::{AxisMotion, Segment, SegmentFault};
 pub use timing::{DriverTiming, Requirement, TimingFault, WordRate, WordRateFault};

@@ -25,6 +25,31 @@ impl Position {
         Self(((steps as i64) << 32) | (1 << 31))
     }
 
+    /// Creates the position at `distance` · 2⁻³² steps from the zero of the stage, which is the
+    /// middle of step 0.
+    pub const fn from_zero(distance: i64) -> Self {
+        Self::centre(0).saturating_add(distance)
+    }
+
+    /// Returns the distance from the zero of the stage, in 2⁻³² steps. Resting positions have whole
+    /// steps.
+    pub const fn distance_from_zero(self) -> i64 {
+        self.0.saturating_sub(Self::centre(0).0)
+    }
+
+    /// Returns the resting position nearest to `distance` · 2⁻³² steps from the zero of the stage.
+    ///
+    /// ```
+    /// use trinocular_core::steps::Position;
+    ///
+    /// let rest = Position::nearest_rest((7 << 32) + 5);
+    /// assert_eq!(rest, Position::centre(7));
+    /// assert_eq!(rest.distance_from_zero(), 7 << 32);
+    /// ```
+    pub const fn nearest_rest(distance: i64) -> Self {
+        Self::centre(Self::from_zero(distance).whole_steps())
+    }
+
     /// Returns the position in 2⁻³² step.
     pub const fn fine(self) -> i64 {
         self.0
@@ -49,6 +74,23 @@ impl Position {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rest_is_nearest_whole_step_from_zero() {
+        const HALF: i64 = 1 << 31;
+        for (distance, steps) in [
+            (0, 0),
+            (HALF - 1, 0),
+            (HALF, 1),
+            (-HALF, 0),
+            (-HALF - 1, -1),
+        ] {
+            assert_eq!(Position::nearest_rest(distance), Position::centre(steps));
+            assert_eq!(Position::from_zero(distance).distance_from_zero(), distance);
+        }
+        let far = [i64::MIN, i64::MAX].map(|end| Position::nearest_rest(end).whole_steps());
+        assert_eq!(far, [i32::MIN, i32::MAX]);
+    }
 
     #[test]
     fn floor_and_phase_add_up() {

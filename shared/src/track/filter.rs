@@ -28,8 +28,8 @@
 //! The covariance tells how well the velocity is known now. The stage, however, needs time to match
 //! it, and the velocity of a target that accelerates or brakes changes within that time. So the
 //! filter averages the acceleration over the last frames and keeps its highest square, which fades
-//! from frame to frame. [`Filter::doubt`] adds the resulting change of the velocity. Unevenness,
-//! now faster and now slower, averages out.
+//! from frame to frame. [`Filter::velocity_uncertainty`] adds the resulting change of the velocity.
+//! Unevenness, now faster and now slower, averages out.
 //!
 //! # The same bits everywhere
 //! The filter uses only `+ - * /` in a fixed order and comparisons; Rust contracts no product and
@@ -44,7 +44,7 @@ const MOST_VARIANCE: f32 = 1e12;
 /// Quantisation noise that steps add to the variance of a measurement, steps²: 1/12 because the
 /// stage stands in whole steps while its position is remembered as planned, and 1/12 for the drive
 /// of the target.
-const GRAIN: f32 = 1.0 / 6.0;
+const QUANTISATION_NOISE: f32 = 1.0 / 6.0;
 
 /// Highest speed, steps per ms.
 const MOST_SPEED: f32 = 1e6;
@@ -57,7 +57,7 @@ const MOST_ACCELERATION: f32 = 1e6;
 const MOST_MS: f32 = 10_000.0;
 
 /// Lowest process noise as a share of the highest: that of 1/2048 of the stage's acceleration.
-const STILL: f32 = 1.0 / 4_194_304.0;
+const LEAST_NOISE_SHARE: f32 = 1.0 / 4_194_304.0;
 
 /// Decay per frame of the mean acceleration and of its highest square; both span some three frames.
 const FADE: f32 = 0.7;
@@ -66,22 +66,22 @@ const FADE: f32 = 0.7;
 /// speed; squared.
 const CATCH_UP: f32 = 4.0 * 4.0;
 
-/// Sigmas of the velocity in [`Filter::doubt`], squared.
-const CAUTION: f32 = 4.0;
+/// Sigmas of the velocity in [`Filter::velocity_uncertainty`], squared.
+const VELOCITY_SIGMAS: f32 = 4.0;
 
 /// Largest relative change of the process noise per frame.
 const RATE: f32 = 0.25;
 
 /// Innovation gate in sigmas, squared. A larger innovation is an outlier if the stage's
 /// acceleration does not explain it.
-const GATE: f32 = 25.0;
+const INNOVATION_GATE: f32 = 25.0;
 
 /// Innovation in sigmas above which the target manoeuvres, squared.
 const MANOEUVRE: f32 = 9.0;
 
 /// Limits of the stage along one axis, and so of the motion of a target that it can follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Reach {
+pub struct KinematicLimits {
     /// Highest speed, steps/ms.
     pub speed: f32,
     /// Highest acceleration, steps/ms².
@@ -94,9 +94,9 @@ pub struct Covariance {
     /// Variance of the position.
     pub position: f32,
     /// Covariance of position and velocity.
-    pub both: f32,
+    pub cross: f32,
     /// Variance of the velocity.
-    pub speed: f32,
+    pub velocity: f32,
 }
 
 /// Kalman filter of one axis of the target. See the [module](self).
@@ -105,58 +105,64 @@ pub struct Filter {
     /// Position, 2⁻³² steps from zero.
     position: i64,
     /// Velocity, steps/ms.
-    speed: f32,
+    velocity: f32,
     covariance: Covariance,
     /// The process noise `q`, steps²/ms³.
-    noise: f32,
+    process_noise: f32,
     /// Mean acceleration over the last frames, steps/ms².
     acceleration: f32,
     /// Square of the acceleration, or of its decayed highest value before, (steps/ms²)².
-    swing: f32,
+    peak_squared_acceleration: f32,
     /// Last innovation, steps.
-    last: f32,
+    last_innovation: f32,
 }
 
 impl Filter {
     /// Creates a filter from the first measurement; the velocity may be any within `reach`.
     /// `variance` is in steps².
-    pub fn new(position: i64, variance: f32, reach: Reach) -> Self {
-        let speed = within(0.5 * reach.speed, 1e-3, MOST_SPEED);
+    pub fn new(position: i64, variance: f32, reach: KinematicLimits) -> Self {
+        let velocity = within(0.5 * reach.speed, 1e-3, MOST_SPEED);
         Self {
             position,
-            speed: 0.0,
+            velocity: 0.0,
             covariance: Covariance {
-                position: believed(variance),
-                both: 0.0,
-                speed: speed * speed,
+                position: with_quantisation(variance),
+                cross: 0.0,
+                velocity: velocity * velocity,
             },
-            noise: least_noise(reach),
+            process_noise: least_noise(reach),
             acceleration: 0.0,
-            swing: 0.0,
-            last: 0.0,
+            peak_squared_acceleration: 0.0,
+            last_innovation: 0.0,
         }
     }
 
     /// Creates a filter after a jump of the target, from two measurements `dt` ms apart that agree
     /// with each other but not with the prediction.
-    pub fn restart(before: i64, position: i64, dt: f32, variances: [f32; 2], reach: Reach) -> Self {
+    pub fn restart(
+        before: i64,
+        position: i64,
+        dt: f32,
+        variances: [f32; 2],
+        reach: KinematicLimits,
+    ) -> Self {
         let dt = within(dt, 1e-3, MOST_MS);
-        let [first, second] = variances.map(believed);
+        let [first, second] = variances.map(with_quantisation);
         let restless = process(most_noise(reach), dt);
-        let speed = steps(position.saturating_sub(before)) / dt;
+        let velocity = steps(position.saturating_sub(before)) / dt;
         let covariance = Covariance {
             position: second,
-            both: second / dt,
-            speed: (first + second + restless.position) / (dt * dt),
+            cross: second / dt,
+            velocity: (first + second + restless.position) / (dt * dt),
         };
         Self {
             position,
-            speed: within(speed, -MOST_SPEED, MOST_SPEED),
+            velocity: within(velocity, -MOST_SPEED, MOST_SPEED),
             covariance: covariance.bounded(),
-            noise: least_noise(reach),
+            process_noise: least_noise(reach),
             acceleration: 0.0,
-            swing: 0.0,
-            last: 0.0,
+            peak_squared_acceleration: 0.0,
+            last_innovation: 0.0,
         }
     }
 
@@ -166,8 +172,8 @@ impl Filter {
     }
 
     /// Returns the velocity, steps/ms.
-    pub const fn speed(&self) -> f32 {
-        self.speed
+    pub const fn velocity(&self) -> f32 {
+        self.velocity
     }
 
     /// Returns the covariance of position and velocity.
@@ -177,18 +183,25 @@ impl Filter {
 
     /// Returns the square of the error that the velocity may have, or of its change before the
     /// stage has matched it, (steps/ms)².
-    pub fn doubt(&self, reach: Reach) -> f32 {
+    pub fn velocity_uncertainty(&self, reach: KinematicLimits) -> f32 {
         let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
         let change = within(reach.speed / acceleration, 0.0, MOST_MS);
-        CAUTION * self.covariance.speed + CATCH_UP * change * change * self.swing
+        VELOCITY_SIGMAS * self.covariance.velocity
+            + CATCH_UP * change * change * self.peak_squared_acceleration
     }
 
     /// Returns true if the measurement passes the innovation gate: its squared innovation is at
     /// most that of five sigmas plus that of full acceleration for `recent` ms. Call
     /// [`Filter::predict`] first.
-    pub fn admits(&self, measured: i64, variance: f32, recent: f32, reach: Reach) -> bool {
+    pub fn admits(
+        &self,
+        measured: i64,
+        variance: f32,
+        recent: f32,
+        reach: KinematicLimits,
+    ) -> bool {
         let innovation = steps(measured.saturating_sub(self.position));
-        let sigmas = GATE * (self.covariance.position + believed(variance));
+        let sigmas = INNOVATION_GATE * (self.covariance.position + with_quantisation(variance));
         let way = 0.5 * reach.acceleration * recent * recent;
         innovation * innovation <= sigmas + way * way
     }
@@ -196,24 +209,24 @@ impl Filter {
     /// Predicts the state `dt` ms ahead. The covariance is bounded at the next update.
     pub fn predict(&mut self, dt: f32) {
         let dt = within(dt, 0.0, MOST_MS);
-        self.position = self.position.saturating_add(fine(self.speed * dt));
+        self.position = self.position.saturating_add(fine(self.velocity * dt));
         let Covariance {
             position,
-            both,
-            speed,
+            cross,
+            velocity,
         } = self.covariance;
-        let carried = both + speed * dt;
-        let added = process(self.noise, dt);
+        let carried = cross + velocity * dt;
+        let added = process(self.process_noise, dt);
         self.covariance = Covariance {
-            position: position + dt * (both + carried) + added.position,
-            both: carried + added.both,
-            speed: speed + added.speed,
+            position: position + dt * (cross + carried) + added.position,
+            cross: carried + added.cross,
+            velocity: velocity + added.velocity,
         };
     }
 
     /// Updates the state with a measurement, after a prediction of `dt` ms.
-    pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: Reach) {
-        let variance = believed(variance);
+    pub fn update(&mut self, measured: i64, variance: f32, dt: f32, reach: KinematicLimits) {
+        let variance = with_quantisation(variance);
         let innovation = steps(measured.saturating_sub(self.position));
         let most = most_noise(reach);
         let expected = self.covariance.position + variance;
@@ -222,17 +235,17 @@ impl Filter {
             let unit = process(1.0, within(dt, 0.0, MOST_MS));
             let needed = within(excess / unit.position, 0.0, most);
             self.covariance.position += unit.position * needed;
-            self.covariance.both += unit.both * needed;
-            self.covariance.speed += unit.speed * needed;
+            self.covariance.cross += unit.cross * needed;
+            self.covariance.velocity += unit.velocity * needed;
         }
-        let alike = within(innovation * self.last / expected, -1.0, 1.0);
+        let alike = within(innovation * self.last_innovation / expected, -1.0, 1.0);
         let wanted = if alike > 0.0 {
-            self.noise * (1.0 + RATE * alike)
+            self.process_noise * (1.0 + RATE * alike)
         } else {
-            self.noise / (1.0 - RATE * alike)
+            self.process_noise / (1.0 - RATE * alike)
         };
-        self.noise = within(wanted, most * STILL, most);
-        self.last = innovation;
+        self.process_noise = within(wanted, most * LEAST_NOISE_SHARE, most);
+        self.last_innovation = innovation;
         self.correct(innovation, variance, dt);
     }
 
@@ -240,25 +253,29 @@ impl Filter {
     fn correct(&mut self, innovation: f32, variance: f32, dt: f32) {
         let Covariance {
             position,
-            both,
-            speed,
+            cross,
+            velocity,
         } = self.covariance;
-        let share = 1.0 / (position + variance);
-        let change = both * share * innovation;
+        let inverse = 1.0 / (position + variance);
+        let change = cross * inverse * innovation;
         self.position = self
             .position
-            .saturating_add(fine(position * share * innovation));
-        self.speed = within(self.speed + change, -MOST_SPEED, MOST_SPEED);
+            .saturating_add(fine(position * inverse * innovation));
+        self.velocity = within(self.velocity + change, -MOST_SPEED, MOST_SPEED);
         self.covariance = Covariance {
-            position: position * (variance * share),
-            both: both * (variance * share),
-            speed: speed - both * share * both,
+            position: position * (variance * inverse),
+            cross: cross * (variance * inverse),
+            velocity: velocity - cross * inverse * cross,
         }
         .bounded();
         let acceleration = change / within(dt, 1.0, MOST_MS);
         let mean = FADE * self.acceleration + (1.0 - FADE) * acceleration;
         self.acceleration = within(mean, -MOST_ACCELERATION, MOST_ACCELERATION);
-        self.swing = within(FADE * self.swing, mean * mean, MOST_VARIANCE);
+        self.peak_squared_acceleration = within(
+            FADE * self.peak_squared_acceleration,
+            mean * mean,
+            MOST_VARIANCE,
+        );
     }
 }
 
@@ -267,38 +284,42 @@ impl Covariance {
     fn bounded(self) -> Self {
         Self {
             position: within(self.position, 1e-6, MOST_VARIANCE),
-            both: within(self.both, -MOST_VARIANCE, MOST_VARIANCE),
-            speed: within(self.speed, 1e-12, MOST_VARIANCE),
+            cross: within(self.cross, -MOST_VARIANCE, MOST_VARIANCE),
+            velocity: within(self.velocity, 1e-12, MOST_VARIANCE),
         }
     }
 }
 
 /// Returns the highest process noise, steps²/ms³: that of full acceleration, drawn anew every 32
 /// ms.
-fn most_noise(reach: Reach) -> f32 {
+fn most_noise(reach: KinematicLimits) -> f32 {
     let acceleration = within(reach.acceleration, LEAST_ACCELERATION, MOST_ACCELERATION);
     32.0 * acceleration * acceleration
 }
 
 /// Returns the lowest process noise, steps²/ms³.
-fn least_noise(reach: Reach) -> f32 {
-    most_noise(reach) * STILL
+fn least_noise(reach: KinematicLimits) -> f32 {
+    most_noise(reach) * LEAST_NOISE_SHARE
 }
 
 /// Returns the covariance that white noise of the acceleration adds in `dt` ms.
 fn process(noise: f32, dt: f32) -> Covariance {
-    let speed = noise * dt;
-    let both = 0.5 * speed * dt;
+    let velocity = noise * dt;
+    let cross = 0.5 * velocity * dt;
     Covariance {
-        position: both * dt * (2.0 / 3.0),
-        both,
-        speed,
+        position: cross * dt * (2.0 / 3.0),
+        cross,
+        velocity,
     }
 }
 
 /// Returns the variance of a measurement with quantisation noise, within bounds.
-pub(super) fn believed(variance: f32) -> f32 {
-    within(variance + GRAIN, GRAIN, MOST_VARIANCE)
+pub(super) fn with_quantisation(variance: f32) -> f32 {
+    within(
+        variance + QUANTISATION_NOISE,
+        QUANTISATION_NOISE,
+        MOST_VARIANCE,
+    )
 }
 
 /// Returns the value within bounds; the lower one if the value is not a number.
@@ -326,8 +347,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn any_reach() -> impl Strategy<Value = Reach> {
-        any::<[f32; 2]>().prop_map(|[speed, acceleration]| Reach {
+    fn any_reach() -> impl Strategy<Value = KinematicLimits> {
+        any::<[f32; 2]>().prop_map(|[speed, acceleration]| KinematicLimits {
             speed,
             acceleration,
         })
@@ -335,11 +356,16 @@ mod tests {
 
     fn is_sound(filter: &Filter) -> bool {
         let known = filter.covariance();
-        let positive = known.position > 0.0 && known.speed > 0.0;
+        let positive = known.position > 0.0 && known.velocity > 0.0;
         positive
-            && [known.position, known.both, known.speed, filter.speed()]
-                .iter()
-                .all(|value| value.is_finite())
+            && [
+                known.position,
+                known.cross,
+                known.velocity,
+                filter.velocity(),
+            ]
+            .iter()
+            .all(|value| value.is_finite())
     }
 
     proptest! {
@@ -357,7 +383,7 @@ mod tests {
                 filter.admits(position, variance, dt, reach);
                 filter.update(position, variance, dt, reach);
                 prop_assert!(is_sound(&filter), "{filter:?}");
-                prop_assert!(filter.doubt(reach) > 0.0);
+                prop_assert!(filter.velocity_uncertainty(reach) > 0.0);
                 let anew = Filter::restart(before.0, position, dt, [before.1, variance], reach);
                 prop_assert!(is_sound(&anew), "{anew:?}");
                 before = (position, variance);

@@ -1,6 +1,6 @@
 //! History of the stage: emitted positions of the last half second.
 
-use super::Fine;
+use super::StepVector;
 use crate::time::Instant;
 
 /// Number of control ticks in the history.
@@ -17,11 +17,23 @@ const BITS: u32 = 8;
 /// Positions are kept in 1/256 step and interpolated linearly, with an error of at most 0.25 µm at
 /// 2,000 mm/s². Only the lowest 32 bits of each are kept; the newest is known in full. Within the
 /// history no axis moves 2²³ steps away from it, because the fastest words make 8 million steps/s.
+///
+/// ```
+/// use trinocular_core::time::Instant;
+/// use trinocular_core::track::history::History;
+///
+/// let mut history = History::default();
+/// history.record(Instant::from_micros(1_000), [0; 3]);
+/// history.record(Instant::from_micros(2_000), [1 << 32, 0, 0]);
+/// let [x, _, _] = history.at(Instant::from_micros(1_500)).expect("it is remembered");
+/// assert_eq!(x >> 24, 128); // half a step, in 1/256 step
+/// assert!(history.at(Instant::from_micros(500)).is_err());
+/// ```
 #[derive(Clone, Debug)]
 pub struct History {
     positions: [[i32; 3]; TICKS],
     /// Newest position, in full, 1/256 step.
-    last: Fine,
+    last: StepVector,
     /// Instant at which the pins reach the newest position.
     newest: Instant,
     /// Number of valid positions.
@@ -54,7 +66,7 @@ impl Default for History {
 impl History {
     /// Records that the pins reach `position` (2⁻³² steps) at `instant`, which is one tick after
     /// the one before. A gap or a step back in time clears all older positions.
-    pub fn record(&mut self, instant: Instant, position: Fine) {
+    pub fn record(&mut self, instant: Instant, position: StepVector) {
         let follows = self.count > 0 && self.newest.plus_micros(TICK_US) == instant;
         self.count = if follows {
             (self.count + 1).min(TICKS)
@@ -75,7 +87,7 @@ impl History {
     }
 
     /// Shifts all positions after a change of the origin.
-    pub fn shift(&mut self, by: Fine) {
+    pub fn shift(&mut self, by: StepVector) {
         let by = by.map(|p| p >> (32 - BITS));
         for (last, d) in self.last.iter_mut().zip(by) {
             *last = last.wrapping_add(d);
@@ -91,7 +103,7 @@ impl History {
     ///
     /// # Errors
     /// [`Unknown`] if the instant is outside the remembered time.
-    pub fn at(&self, instant: Instant) -> Result<Fine, Unknown> {
+    pub fn at(&self, instant: Instant) -> Result<StepVector, Unknown> {
         if instant > self.newest || self.count == 0 {
             return Err(Unknown::Future);
         }

@@ -27,25 +27,27 @@ pub mod watch;
 use crate::frame::message::Denial;
 use crate::time::Instant;
 
-/// Positions and distances on three stage axes, 2⁻³² steps.
-pub type Fine = [i64; 3];
+/// Distances on the three stage axes, 2⁻³² steps. A position is its distance from the zero of
+/// the stage, as [`Position::distance_from_zero`](crate::steps::Position::distance_from_zero)
+/// returns it.
+pub type StepVector = [i64; 3];
 
-/// Number of used captures that stay available as references.
+/// Number of used frames that stay available as references.
 const RECENT: usize = 8;
 
 /// Position of the target relative to the stage at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct View {
+pub struct Sighting {
     instant: Instant,
     /// Target minus stage, relative to the first reference.
-    error: Fine,
+    error: StepVector,
 }
 
 /// References of later frames, pursuit and watch.
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
-    reference: Option<View>,
-    recent: heapless::Deque<View, RECENT>,
+    reference: Option<Sighting>,
+    recent: heapless::Deque<Sighting, RECENT>,
     /// Filters of the target and goal of the stage.
     pub pursuit: pursuit::Pursuit,
     /// Detection of a stage that does not follow its steps.
@@ -62,7 +64,7 @@ impl Tracker {
     ///
     /// # Errors
     /// [`Denial::UnknownReference`] or [`Denial::CaptureOutOfOrder`].
-    pub fn reference(&self, reference: Instant, capture: Instant) -> Result<View, Denial> {
+    pub fn reference(&self, reference: Instant, capture: Instant) -> Result<Sighting, Denial> {
         let newest = self.recent.back().map(|view| view.instant);
         if capture <= reference || newest.is_some_and(|newest| capture <= newest) {
             return Err(Denial::CaptureOutOfOrder);
@@ -76,14 +78,14 @@ impl Tracker {
             None if self.reference.is_none() => [0; 3],
             None => return Err(Denial::UnknownReference),
         };
-        Ok(View {
+        Ok(Sighting {
             instant: reference,
             error: [x, y, z],
         })
     }
 
     /// Records a view that is going to be used, and the view it refers to.
-    pub fn keep(&mut self, reference: View, view: View) {
+    pub fn keep(&mut self, reference: Sighting, view: Sighting) {
         if self.recent.is_full() {
             self.recent.pop_front();
         }
@@ -93,9 +95,9 @@ impl Tracker {
     }
 }
 
-impl View {
+impl Sighting {
     /// Returns the view at a later instant, after the target was displaced.
-    pub fn moved(&self, instant: Instant, displacement: Fine) -> Self {
+    pub fn moved(&self, instant: Instant, displacement: StepVector) -> Self {
         Self {
             instant,
             error: add(self.error, displacement),
@@ -104,13 +106,13 @@ impl View {
 
     /// Returns the position of the target, if the stage was at `stage` at this view's instant. With
     /// cameras beside the stage, any constant serves.
-    pub fn target(&self, stage: Fine) -> Fine {
+    pub fn target(&self, stage: StepVector) -> StepVector {
         add(stage, self.error)
     }
 }
 
 /// Returns the sum on each axis, saturating.
-pub fn add(a: Fine, b: Fine) -> Fine {
+pub fn add(a: StepVector, b: StepVector) -> StepVector {
     let [[ax, ay, az], [bx, by, bz]] = [a, b];
     [
         ax.saturating_add(bx),
@@ -133,9 +135,9 @@ mod tests {
             &mut self,
             reference: Instant,
             capture: Instant,
-            displacement: Fine,
-            stage: Fine,
-        ) -> Result<Fine, Denial> {
+            displacement: StepVector,
+            stage: StepVector,
+        ) -> Result<StepVector, Denial> {
             let from = self.reference(reference, capture)?;
             let view = from.moved(capture, displacement);
             self.keep(from, view);
@@ -151,8 +153,8 @@ mod tests {
         let error = |t: i64| {
             core::array::from_fn(|i| target(t)[i] - stage(t)[i] - target(0)[i] + stage(0)[i])
         };
-        let displacement = |from: i64, to: i64| -> Fine {
-            let (a, b): (Fine, Fine) = (error(from), error(to));
+        let displacement = |from: i64, to: i64| -> StepVector {
+            let (a, b): (StepVector, StepVector) = (error(from), error(to));
             core::array::from_fn(|i| b[i] - a[i])
         };
         let expected = |t: i64| add(stage(t), error(t));

@@ -15,8 +15,8 @@
 //! # Velocity gain
 //! A velocity that is hardly known, or about to change, is worse than none: after a jump it would
 //! throw the stage far beyond its goal. Of `v` the share `v⁴/(v⁴ + d²)` is used, with `d` the
-//! filter's [doubt](Filter::doubt): nearly all of a steady motion, nearly nothing of noise or of a
-//! target that is braking hard. The share is low-pass filtered.
+//! filter's [velocity uncertainty](Filter::velocity_uncertainty): nearly all of a steady motion,
+//! nearly nothing of noise or of a target that is braking hard. The share is low-pass filtered.
 //!
 //! # A still target
 //! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests
@@ -31,9 +31,12 @@
 //! follows again after one frame near the place where the target was lost, or after two frames
 //! beyond that agree. The limits of the axes hold as for any motion.
 
-use super::Fine;
-use super::filter::{Filter, Reach, believed, fine, steps, within};
+mod axis;
+
+use super::StepVector;
+use super::filter::{Filter, KinematicLimits, steps, within};
 use crate::time::Instant;
+use axis::TrackedAxis;
 use serde::{Deserialize, Serialize};
 
 /// Time without a measurement after which the target counts as out of sight, ms.
@@ -49,28 +52,8 @@ const MOST_PERIOD_MS: f32 = 1_000.0;
 /// Low-pass gain of the mean period, per measurement.
 const INTERVAL: f32 = 0.125;
 
-/// Low-pass gain of the velocity share, per frame.
-const EASE: f32 = 0.4;
-
-/// Speed over sigma, squared, above which a resting axis starts (`START`) and below which a moving
-/// one comes to rest (`STOP`).
-const START: f32 = 9.0;
-const STOP: f32 = 2.25;
-
-/// Distance of the filter's position from the step in sigmas, squared, at which a resting axis
-/// starts anew.
-const FAR: f32 = 9.0;
-
-/// Weight of the mean over a still target, in measurements: at its beginning (`FEW`) and at most
-/// (`MANY`), which is a second's worth.
-const FEW: f32 = 4.0;
-const MANY: f32 = 64.0;
-
 /// Longest time since the last frame in which full acceleration explains a displacement, ms.
 const RECENT_MS: f32 = 34.0;
-
-/// Half a step, 2⁻³² steps.
-const HALF: i64 = 1 << 31;
 
 /// Settings of tracking. Part of the station's configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -118,7 +101,7 @@ pub struct Measurement {
     /// Capture time.
     pub capture: Instant,
     /// Position, 2⁻³² steps from zero.
-    pub position: Fine,
+    pub position: StepVector,
     /// Variance per axis, steps².
     pub variance: [f32; 3],
 }
@@ -129,118 +112,13 @@ pub struct Aim {
     /// Position, 2⁻³² steps from zero.
     pub position: i64,
     /// Velocity at that position, steps/ms.
-    pub speed: f32,
-}
-
-/// One axis that follows the target.
-#[derive(Clone, Copy, Debug)]
-struct Axis {
-    filter: Filter,
-    /// State of an axis at rest, while the target is still.
-    rest: Option<Rest>,
-    /// Velocity gain, 0 to 1.
-    share: f32,
-}
-
-/// State of an axis at a still target.
-#[derive(Clone, Copy, Debug)]
-struct Rest {
-    /// Position of the axis: a whole step, in 2⁻³² steps.
-    step: i64,
-    /// Mean of the measurements, 2⁻³² steps.
-    mean: i64,
-    /// Number of measurements in the mean.
-    count: f32,
-    /// Variance of the mean, steps².
-    variance: f32,
-}
-
-impl Rest {
-    /// Rests the axis in the step nearest to the filter's position.
-    fn new(filter: &Filter) -> Self {
-        Self {
-            step: nearest_step(filter.position()),
-            mean: filter.position(),
-            count: FEW,
-            variance: filter.covariance().position,
-        }
-    }
-
-    /// Averages another measurement, and goes to another step if the mean requires it.
-    fn average(&mut self, position: i64, variance: f32) {
-        self.count = within(self.count + 1.0, FEW, MANY);
-        let off = steps(position.saturating_sub(self.mean));
-        self.mean = self.mean.saturating_add(fine(off / self.count));
-        self.variance = believed(variance) / self.count;
-        if !self.holds(self.mean, self.variance, 1.0) {
-            self.step = nearest_step(self.mean);
-        }
-    }
-
-    /// Returns true if `position` is no farther beyond the step than `sigmas` sigmas, squared.
-    fn holds(&self, position: i64, variance: f32, sigmas: f32) -> bool {
-        let off = steps(position.saturating_sub(self.step));
-        let beyond = if off < 0.0 { -off } else { off } - 0.5;
-        beyond < 0.0 || beyond * beyond < sigmas * variance
-    }
-}
-
-impl Axis {
-    fn new(filter: Filter) -> Self {
-        Self {
-            filter,
-            rest: None,
-            share: 0.0,
-        }
-    }
-
-    /// Takes the filter after its update with a measurement.
-    fn go_on(&mut self, filter: Filter, position: i64, variance: f32) {
-        self.filter = filter;
-        if let Some(rest) = &mut self.rest {
-            rest.average(position, variance);
-        }
-    }
-
-    /// Computes the goal of the axis `lead` ms after the capture.
-    fn aim(&mut self, lead: f32, prediction: bool, reach: Reach) -> Aim {
-        let known = self.filter.covariance();
-        let (position, speed) = (self.filter.position(), self.filter.speed());
-        let square = speed * speed;
-        let sigmas = if self.rest.is_some() { START } else { STOP };
-        if !prediction || square < sigmas * known.speed {
-            let resting = self
-                .rest
-                .filter(|rest| rest.holds(position, known.position, FAR));
-            let rest = resting.unwrap_or_else(|| Rest::new(&self.filter));
-            self.rest = Some(rest);
-            self.share = 0.0;
-            return Aim {
-                position: rest.step,
-                speed: 0.0,
-            };
-        }
-        self.rest = None;
-        let (doubt, fourth) = (self.filter.doubt(reach), square * square);
-        let wanted = fourth / (fourth + doubt * doubt);
-        self.share += (wanted - self.share) * EASE;
-        let speed = speed * self.share;
-        Aim {
-            position: position.saturating_add(fine(speed * lead)),
-            speed,
-        }
-    }
-}
-
-/// Returns the whole step nearest to a position, both in 2⁻³² steps.
-fn nearest_step(position: i64) -> i64 {
-    position.saturating_add(HALF) & !(2 * HALF - 1)
+    pub velocity: f32,
 }
 
 /// The target that the stage follows.
 #[derive(Clone, Debug)]
 struct Target {
-    axes: [Axis; 3],
+    axes: [TrackedAxis; 3],
     /// Capture time of the last measurement.
     capture: Instant,
     /// Instant at which that measurement arrived.
@@ -259,7 +137,7 @@ pub struct Pursuit {
 }
 
 impl Pursuit {
-    /// Takes in a measurement that arrived at `now`; captures must come in order.
+    /// Takes in a measurement that arrived at `now`; capture times must come in order.
     ///
     /// # Errors
     /// [`Outlier`] if the measurement fails the innovation gate. It is then only remembered.
@@ -267,17 +145,17 @@ impl Pursuit {
         &mut self,
         now: Instant,
         measurement: &Measurement,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> Result<(), Outlier> {
-        let believed = match &mut self.target {
+        let is_plausible = match &mut self.target {
             None => {
                 self.target = Some(Target::new(measurement, reach, now));
                 true
             }
             Some(target) => target.take_in(measurement, reach, settings),
         };
-        if !believed {
+        if !is_plausible {
             let Some(axes) = self.jump(measurement, reach) else {
                 self.suspect = Some(*measurement);
                 return Err(Outlier);
@@ -297,7 +175,11 @@ impl Pursuit {
     }
 
     /// Returns the axes after a jump, if `measurement` agrees with the last outlier.
-    fn jump(&self, measurement: &Measurement, reach: &[Reach; 3]) -> Option<[Axis; 3]> {
+    fn jump(
+        &self,
+        measurement: &Measurement,
+        reach: &[KinematicLimits; 3],
+    ) -> Option<[TrackedAxis; 3]> {
         let suspect = self.suspect.as_ref()?;
         let dt = milliseconds(measurement.capture.since(suspect.capture));
         if !(dt > 0.0) {
@@ -314,7 +196,7 @@ impl Pursuit {
             let way = steps(position.saturating_sub(before));
             let most = reach.speed * dt;
             let near = way * way <= most * most + 25.0 * (variances[0] + variances[1]);
-            near.then(|| Axis::new(Filter::restart(before, position, dt, variances, reach)))
+            near.then(|| TrackedAxis::new(Filter::restart(before, position, dt, variances, reach)))
         });
         Some([x?, y?, z?])
     }
@@ -323,7 +205,7 @@ impl Pursuit {
     pub fn aim(
         &mut self,
         at: Instant,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> Option<[Aim; 3]> {
         let target = self.target.as_mut().filter(|target| !target.lost)?;
@@ -367,11 +249,12 @@ impl Pursuit {
 }
 
 impl Target {
-    fn new(measurement: &Measurement, reach: &[Reach; 3], now: Instant) -> Self {
+    fn new(measurement: &Measurement, reach: &[KinematicLimits; 3], now: Instant) -> Self {
         let [px, py, pz] = measurement.position;
         let [vx, vy, vz] = measurement.variance;
         let [rx, ry, rz] = *reach;
-        let first = |position, variance, reach| Axis::new(Filter::new(position, variance, reach));
+        let first =
+            |position, variance, reach| TrackedAxis::new(Filter::new(position, variance, reach));
         Self {
             axes: [first(px, vx, rx), first(py, vy, ry), first(pz, vz, rz)],
             capture: measurement.capture,
@@ -404,7 +287,7 @@ impl Target {
     fn take_in(
         &mut self,
         measurement: &Measurement,
-        reach: &[Reach; 3],
+        reach: &[KinematicLimits; 3],
         settings: &Settings,
     ) -> bool {
         let dt = milliseconds(measurement.capture.since(self.capture));
@@ -433,133 +316,4 @@ fn milliseconds(us: u64) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn any_measurement() -> impl Strategy<Value = Measurement> {
-        any::<(u64, Fine, [f32; 3])>().prop_map(|(capture, position, variance)| Measurement {
-            capture: Instant::from_micros(capture),
-            position,
-            variance,
-        })
-    }
-
-    const REACH: [Reach; 3] = [Reach {
-        speed: 8.0,
-        acceleration: 0.16,
-    }; 3];
-
-    /// Returns a measurement with the same position on all axes, `ms` ms after the start.
-    fn seen(ms: u64, steps: i64) -> Measurement {
-        Measurement {
-            capture: Instant::from_micros(ms * 1_000),
-            position: [steps << 32; 3],
-            variance: [0.1; 3],
-        }
-    }
-
-    fn measure(pursuit: &mut Pursuit, measurement: &Measurement) -> Result<(), Outlier> {
-        pursuit.measure(measurement.capture, measurement, &REACH, &Settings::DEFAULT)
-    }
-
-    /// Returns a pursuit after one second at a still target.
-    fn settled() -> Pursuit {
-        let mut pursuit = Pursuit::default();
-        for k in 1..=60 {
-            assert_eq!(measure(&mut pursuit, &seen(16 * k, 0)), Ok(()));
-        }
-        pursuit
-    }
-
-    impl Pursuit {
-        fn filters(&self) -> Option<[Filter; 3]> {
-            self.target
-                .as_ref()
-                .map(|target| target.axes.map(|axis| axis.filter))
-        }
-    }
-
-    proptest! {
-        /// Feeds any measurements, in any order and at any time.
-        #[test]
-        fn every_aim_is_finite(
-            reach in any::<[[f32; 2]; 3]>(), prediction: bool, coast_ms: u16,
-            measurements in prop::collection::vec((any_measurement(), any::<[u64; 2]>()), 0..40),
-        ) {
-            let settings = Settings { prediction, coast_ms };
-            let reach = reach.map(|[speed, acceleration]| Reach { speed, acceleration });
-            let mut pursuit = Pursuit::default();
-            for (measurement, [now, at]) in measurements {
-                let _ = pursuit.measure(Instant::from_micros(now), &measurement, &reach, &settings);
-                let aims = pursuit.aim(Instant::from_micros(at), &reach, &settings);
-                for aim in aims.into_iter().flatten() {
-                    prop_assert!(aim.speed.is_finite());
-                }
-                pursuit.lose(Instant::from_micros(at), &settings);
-            }
-        }
-    }
-
-    #[test]
-    fn second_agreeing_outlier_is_jump() {
-        let mut pursuit = settled();
-        let before = pursuit.filters();
-        // 5 mm.
-        assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
-        assert_eq!(pursuit.filters(), before);
-        // Neither near the last outlier nor near the prediction.
-        assert_eq!(measure(&mut pursuit, &seen(992, -400)), Err(Outlier));
-        assert_eq!(pursuit.filters(), before);
-        assert_eq!(measure(&mut pursuit, &seen(1_008, -400)), Ok(()));
-        let positions = pursuit
-            .filters()
-            .map(|axes| axes.map(|axis| axis.position()));
-        assert_eq!(positions, Some([-400 << 32; 3]));
-    }
-
-    #[test]
-    fn expected_frame_clears_suspicion() {
-        let mut pursuit = settled();
-        assert_eq!(measure(&mut pursuit, &seen(976, 400)), Err(Outlier));
-        assert_eq!(measure(&mut pursuit, &seen(992, 0)), Ok(()));
-        assert_eq!(measure(&mut pursuit, &seen(1_008, 400)), Err(Outlier));
-    }
-
-    #[test]
-    fn slow_frames_keep_target_in_sight() {
-        let mut pursuit = Pursuit::default();
-        for k in 1..=20 {
-            assert_eq!(measure(&mut pursuit, &seen(200 * k, 0)), Ok(()));
-            let before = Instant::from_micros((200 * k + 199) * 1_000);
-            // The first interval must be known.
-            let expected = if k == 1 {
-                Sight::Coasting
-            } else {
-                Sight::Tracking
-            };
-            assert_eq!(pursuit.sight(before), expected);
-        }
-        let late = |ms: u64| Instant::from_micros((4_000 + ms) * 1_000);
-        assert_eq!(pursuit.sight(late(500)), Sight::Tracking);
-        assert_eq!(pursuit.sight(late(501)), Sight::Coasting);
-    }
-
-    #[test]
-    fn target_coasts_then_is_lost_once() {
-        let mut pursuit = settled();
-        let last = Instant::from_micros(960_000);
-        let after = |ms: u64| last.plus_micros(ms * 1_000);
-        assert_eq!(Pursuit::default().sight(last), Sight::None);
-        assert_eq!(pursuit.sight(after(100)), Sight::Tracking);
-        assert_eq!(pursuit.sight(after(101)), Sight::Coasting);
-        assert!(!pursuit.lose(after(800), &Settings::DEFAULT));
-        assert!(pursuit.lose(after(801), &Settings::DEFAULT));
-        assert!(!pursuit.lose(after(802), &Settings::DEFAULT));
-        assert_eq!(pursuit.sight(after(900)), Sight::Lost);
-        assert_eq!(pursuit.age_us(after(900)), 900_000);
-        assert_eq!(pursuit.aim(after(900), &REACH, &Settings::DEFAULT), None);
-        assert_eq!(measure(&mut pursuit, &seen(9_000, 3)), Ok(()));
-        assert_eq!(pursuit.sight(after(8_100)), Sight::Tracking);
-    }
-}
+mod tests;

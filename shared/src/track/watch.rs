@@ -54,7 +54,7 @@ mod trial;
 mod unseen;
 mod window;
 
-use super::Fine;
+use super::StepVector;
 use super::filter::steps;
 use crate::safety::Fault;
 use crate::time::Instant;
@@ -95,9 +95,9 @@ const COUNTS_FRAMES: f32 = 20.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bounds {
     /// Largest motion towards the target that does not bring it nearer.
-    pub unseen: Fine,
+    pub unseen: StepVector,
     /// Largest distance of the target.
-    pub error: Fine,
+    pub error: StepVector,
     /// Longest time above that distance, µs.
     pub longest_us: u64,
 }
@@ -108,9 +108,9 @@ pub struct Sample {
     /// Capture time.
     pub capture: Instant,
     /// Position of the stage at the capture, 2⁻³² steps.
-    pub stage: Fine,
+    pub stage: StepVector,
     /// Target minus stage, 2⁻³² steps.
-    pub error: Fine,
+    pub error: StepVector,
     /// Variance of the error, steps².
     pub variance: [f32; 3],
 }
@@ -151,7 +151,7 @@ pub struct Watch {
     /// Number of refused frames in succession.
     refused: u32,
     /// Distance that the stage went astray.
-    astray: Fine,
+    astray: StepVector,
     pardons: u8,
     trial: Option<Trial>,
     case: Option<Case>,

@@ -60,7 +60,7 @@ impl Scene {
         }
     }
 
-    /// Returns the flow frame between two captures, with a fifth of a pixel of noise.
+    /// Returns the flow frame between two frame sets, with a fifth of a pixel of noise.
     pub fn frame(&mut self, from: Picture, to: Picture, estimator: Estimator) -> Command {
         let shift: [f64; 3] = std::array::from_fn(|i| to.view_mm[i] - from.view_mm[i]);
         let (rig, random) = (&self.rig, &mut self.random);

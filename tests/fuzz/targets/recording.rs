@@ -11,7 +11,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::OnceLock;
 use trinocular_client::observer::StationObserver as _;
-use trinocular_recording::export;
+use trinocular_recording::export::{self, Table};
 use trinocular_recording::message::{Measurement, Outcome};
 use trinocular_recording::queue::Pace;
 use trinocular_recording::read::frames::{FrameSets, Topics};
@@ -165,8 +165,19 @@ fuzz_target!(|edits: Vec<Edit>| {
             }
         }
     }
-    if let Err(error) = export::csv(&source) {
-        check_error(&error, &[&path]);
+    match Table::read(&source) {
+        Ok(table) => {
+            let text = export::csv(&table.rows);
+            assert_eq!(
+                text.lines().next().map(|line| line.matches(',').count()),
+                Some(16)
+            );
+            let parquet = table.parquet().expect("every table is encoded");
+            assert!(parquet.starts_with(b"PAR1") && parquet.ends_with(b"PAR1"));
+        }
+        Err(error) => {
+            check_error(&error, &[&path]);
+        }
     }
     let settings = replay::Settings {
         rig: rig.rig,

@@ -20,7 +20,7 @@ use trinocular_core::machine::{Machine, Output, TICK_US};
 use trinocular_core::motion::{Limits, Planner};
 use trinocular_core::steps::{AxisMotion, Generator, Position, Segment};
 use trinocular_core::time::Instant;
-use trinocular_core::track::filter::Reach;
+use trinocular_core::track::filter::KinematicLimits;
 use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 use trinocular_core::track::watch::{Bounds, Sample, Watch};
 
@@ -151,7 +151,7 @@ fn wire(counter: &mut Counter, table: &mut Table) {
 
 /// Measures a target at 50 mm/s, seen 60 times a second.
 fn tracking(counter: &mut Counter, table: &mut Table) {
-    let reach = Reach {
+    let reach = KinematicLimits {
         speed: 8.0,
         acceleration: 0.16,
     };

@@ -3,7 +3,7 @@
 use super::super::StationError;
 use std::path::Path;
 use std::time::{Duration, Instant};
-#[cfg(target_os = "linux")]
+#[cfg(unix)]
 use trinocular_rig::printable::printable;
 
 /// Timeout for another program to stop its stage and leave: a stop is repeated for 2 s, and a
@@ -40,7 +40,17 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
 
 /// Returns the user's next action after a port did not open.
 fn way_out(path: &str, cause: &serialport::Error) -> String {
-    use std::io::ErrorKind::{NotFound, PermissionDenied};
+    use std::io::ErrorKind::{InvalidInput, NotFound, PermissionDenied};
+    if path.starts_with(super::port::TCP) {
+        return match cause.kind {
+            serialport::ErrorKind::Io(InvalidInput) => {
+                "write tcp://HOST:PORT, such as tcp://192.168.1.5:4000".to_owned()
+            }
+            _ => "see that the other end runs (`trinocular twin --tcp`, or a serial server) and \
+                  listens on this address"
+                .to_owned(),
+        };
+    }
     let is_absent = !Path::new(path).exists();
     match cause.kind {
         serialport::ErrorKind::Io(PermissionDenied) => {

@@ -9,7 +9,7 @@ use super::sender::Sender;
 use super::{LOOK, REST_PATIENCE, Serial, Shared, sharing};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
-use trinocular_core::frame::message::{Command, Config, Denial, Mounting};
+use trinocular_core::frame::message::{Command, Config, Mounting};
 use trinocular_core::safety::Fault;
 use trinocular_rig::interruption;
 use trinocular_rig::rig_file::Stage;
@@ -28,7 +28,9 @@ impl Serial {
     /// # Errors
     /// [`StationError::Port`] if the port cannot be used, [`StationError::Busy`] if another program
     /// has it, [`StationError::Silent`] or [`StationError::Garbled`] if no station answers. A
-    /// station with other firmware is no error here: see [`mismatches`](trinocular_core::frame::message::Hello::mismatches).
+    /// station with other firmware is no error here: see [`Hello::mismatches`].
+    ///
+    /// [`Hello::mismatches`]: trinocular_core::frame::message::Hello::mismatches
     ///
     /// # Example
     /// ```
@@ -186,10 +188,9 @@ impl Serial {
         let end = Instant::now() + REST_PATIENCE;
         loop {
             match serial.command("reset", Command::Reset) {
-                Err(StationError::Denied {
-                    denial: Denial::Moving | Denial::FaultUnread,
-                    ..
-                }) if Instant::now() < end => std::thread::sleep(10 * LOOK),
+                Err(error) if error.is_passing() && Instant::now() < end => {
+                    std::thread::sleep(10 * LOOK);
+                }
                 outcome => break outcome?,
             }
         }

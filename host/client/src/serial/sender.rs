@@ -41,6 +41,11 @@ impl Writer {
         sequence
     }
 
+    fn ping(&mut self) {
+        let host_us = micros_since(self.epoch);
+        self.send(Command::Ping { host_us });
+    }
+
     fn write(&mut self, bytes: &[u8]) {
         let Some(port) = &mut self.port else { return };
         if let Some(observer) = &self.observer {
@@ -115,8 +120,7 @@ impl Sender {
         writer.pings = on;
         writer.next_ping = Instant::now();
         if on {
-            let host_us = self.now_us();
-            writer.send(Command::Ping { host_us });
+            writer.ping();
             writer.next_ping += PING;
         }
         self.changed.notify_all();
@@ -165,8 +169,7 @@ impl Sender {
                 false => IDLE,
             };
             if pause.is_zero() {
-                let host_us = self.now_us();
-                writer.send(Command::Ping { host_us });
+                writer.ping();
                 // After a pause of this process one ping is enough.
                 writer.next_ping = (writer.next_ping + PING).max(now);
                 continue;

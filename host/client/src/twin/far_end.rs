@@ -117,11 +117,13 @@ impl PseudoTerminal {
 
     /// Opens a pseudo-terminal and makes the link to it, while the lock is held.
     fn link(link: &Path) -> io::Result<Terminal> {
-        // The user's own links lead elsewhere.
-        if std::fs::read_link(link).is_ok_and(|leads_to| leads_to.starts_with("/dev")) {
+        let terminal = Terminal::open()?;
+        // A link that an earlier twin left leads to another pseudo-terminal; links to anything
+        // else are the user's own.
+        let folder = Path::new(terminal.name()).parent();
+        if std::fs::read_link(link).is_ok_and(|leads_to| leads_to.parent() == folder) {
             std::fs::remove_file(link)?;
         }
-        let terminal = Terminal::open()?;
         std::os::unix::fs::symlink(terminal.name(), link)?;
         Ok(terminal)
     }

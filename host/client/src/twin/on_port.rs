@@ -3,27 +3,25 @@
 use super::far_end::{FarEnd as _, Terminal};
 use super::real_time::RealTimeTwin;
 use crate::StationError;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// Station in real time on a thread of this process. It ends with this value.
 #[derive(Debug)]
 pub struct TwinOnPort {
     path: String,
-    started: Instant,
     pins: Arc<Pins>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// Edges at the step pins.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Pins {
-    steps: Mutex<[i64; 3]>,
-    /// Instant of the last edge, µs of host time since the start.
-    last_edge_us: AtomicU64,
+    /// Steps since the start, backward ones subtracted, and the time of the last edge.
+    edges: Mutex<([i64; 3], Instant)>,
     is_over: AtomicBool,
 }
 
@@ -40,16 +38,17 @@ impl TwinOnPort {
         let terminal =
             Terminal::open().map_err(|cause| failed(format!("no pseudo-terminal: {cause}")))?;
         let path = terminal.name().to_owned();
-        let pins = Arc::new(Pins::default());
+        let pins = Arc::new(Pins {
+            edges: Mutex::new(([0; 3], Instant::now())),
+            is_over: AtomicBool::new(false),
+        });
         let twin = RealTimeTwin::power_on(stage);
         let theirs = Arc::clone(&pins);
-        let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("twin".to_owned())
-            .spawn(move || live(twin, terminal, started, &theirs));
+            .spawn(move || live(twin, terminal, &theirs));
         Ok(Self {
             path,
-            started,
             pins,
             thread: Some(thread.map_err(|cause| failed(format!("no thread: {cause}")))?),
         })
@@ -62,14 +61,19 @@ impl TwinOnPort {
 
     /// Returns the steps that the pins made since the start, backward ones subtracted.
     pub fn steps(&self) -> [i64; 3] {
-        let steps = self.pins.steps.lock();
-        *steps.unwrap_or_else(PoisonError::into_inner)
+        self.pins.edges().0
     }
 
     /// Returns the time of the last edge at the step pins, to a millisecond or two. It is the start
     /// of the station before the first edge.
     pub fn last_edge(&self) -> Instant {
-        self.started + Duration::from_micros(self.pins.last_edge_us.load(Ordering::Relaxed))
+        self.pins.edges().1
+    }
+}
+
+impl Pins {
+    fn edges(&self) -> MutexGuard<'_, ([i64; 3], Instant)> {
+        self.edges.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -83,19 +87,17 @@ impl Drop for TwinOnPort {
 }
 
 /// Runs the station until the end.
-fn live(mut twin: RealTimeTwin, mut line: Terminal, started: Instant, pins: &Pins) {
+fn live(mut twin: RealTimeTwin, mut line: Terminal, pins: &Pins) {
     let mut buffer = [0; 512];
     while !pins.is_over.load(Ordering::Relaxed) {
         let count = line.read(&mut buffer).unwrap_or(0);
         let answer = twin.turn(&buffer[..count]);
         let steps = twin.steps();
-        let mut known = pins.steps.lock().unwrap_or_else(PoisonError::into_inner);
-        if *known != steps {
-            *known = steps;
-            let since_us = twin.now().saturating_duration_since(started).as_micros();
-            pins.last_edge_us.store(since_us as u64, Ordering::Relaxed);
+        let mut edges = pins.edges();
+        if edges.0 != steps {
+            *edges = (steps, twin.now());
         }
-        drop(known);
+        drop(edges);
         line.write(&answer);
     }
 }
@@ -105,12 +107,14 @@ mod tests {
     use super::*;
     use crate::serial::Serial;
     use crate::stage::default_stage;
+    use std::time::Duration;
     use trinocular_core::frame::message::{Command, Mounting};
 
     #[test]
     fn station_on_pseudo_terminal_moves() {
         let stage = default_stage();
         let twin = TwinOnPort::start(&stage).unwrap();
+        let started = twin.last_edge();
         let mut serial = Serial::start(twin.path(), &stage, Mounting::OnStage).unwrap();
         let distance_um = [500, 0, -250];
         serial.command("jog", Command::Jog { distance_um }).unwrap();
@@ -119,6 +123,6 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         assert_eq!(twin.steps(), [40, 0, -20]);
-        assert!(twin.last_edge() > twin.started);
+        assert!(twin.last_edge() > started);
     }
 }

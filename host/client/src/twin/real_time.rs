@@ -18,9 +18,9 @@ const LONGEST_TURN: Duration = Duration::from_millis(20);
 /// Distance from the end of the travel to the rail's limit switch, mm.
 const BEYOND_TRAVEL_MM: f64 = 5.0;
 
-/// Switches and lines that a person at the bench can change.
+/// Switches and lines that a person at the stage can change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bench {
+pub struct Switches {
     /// True while the emergency stop is pressed.
     pub emergency_stop: bool,
     /// True while a motor driver reports a fault.
@@ -34,7 +34,7 @@ pub struct RealTimeTwin {
     stage: Stage,
     /// Steps at which the limit switches of each axis trip, negative end first.
     ends_steps: [[i64; 2]; 3],
-    bench: Bench,
+    switches: Switches,
     session: u32,
     last: Instant,
 }
@@ -57,7 +57,7 @@ impl RealTimeTwin {
             hardware: Hardware::new(stage, NAME, session),
             stage: stage.clone(),
             ends_steps: std::array::from_fn(|axis| [end_steps(axis, 0), end_steps(axis, 1)]),
-            bench: Bench::default(),
+            switches: Switches::default(),
             session,
             last: Instant::now(),
         }
@@ -76,8 +76,8 @@ impl RealTimeTwin {
                 let [low, high] = self.ends_steps[axis];
                 [steps[axis] <= low, steps[axis] >= high]
             }),
-            emergency_stop: self.bench.emergency_stop,
-            driver_fault: self.bench.driver_fault,
+            emergency_stop: self.switches.emergency_stop,
+            driver_fault: self.switches.driver_fault,
             words_emitted: 0,
         });
         // Whole microseconds pass, and the rest counts in the next turn: the clock keeps its rate.
@@ -99,14 +99,14 @@ impl RealTimeTwin {
         self.last
     }
 
-    /// Returns the switches of the bench.
-    pub fn bench(&self) -> Bench {
-        self.bench
+    /// Returns the state of the switches.
+    pub fn switches(&self) -> Switches {
+        self.switches
     }
 
-    /// Sets the switches of the bench.
-    pub fn set_bench(&mut self, bench: Bench) {
-        self.bench = bench;
+    /// Changes the state of the switches.
+    pub fn set_switches(&mut self, switches: Switches) {
+        self.switches = switches;
     }
 
     /// Cuts the power and switches it on again. The stage stays where it is, and the switches as

@@ -1,8 +1,7 @@
 //! Frame sets of a source: images of all cameras, matched by the stamps in their headers.
 
 use super::image::{self, KINDS};
-use super::records::Record;
-use super::survey::{Channels, Survey};
+use super::survey::{Channels, Message, Survey};
 use super::{Contents, Source};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -157,11 +156,14 @@ impl<'a> FrameSets<'a> {
     fn read_on(&mut self) -> Result<bool, InputError> {
         for record in self.contents.by_ref() {
             let (file, record) = record?;
-            self.channels.take(file, &record);
-            let Record::Message { channel, data, .. } = record else {
-                continue;
-            };
-            let Some((topic, kind, encoding)) = self.channels.get(file, channel) else {
+            let Some(Message {
+                topic,
+                kind,
+                encoding,
+                data,
+                ..
+            }) = self.channels.message(file, record)
+            else {
                 continue;
             };
             let camera = self.topics.0.iter().position(|known| known == topic);

@@ -140,6 +140,11 @@ fn parse(opcode: u8, content: &[u8]) -> Result<Option<Record>, Unfit> {
             let name = fields.text("an attachment's name")?;
             fields.text("an attachment's type")?;
             let data = fields.long_block("an attachment's content")?.to_vec();
+            let summed = content.len() - fields.0.len();
+            let checksum = fields.u32("an attachment's checksum")?;
+            if checksum != 0 && crc32fast::hash(&content[..summed]) != checksum {
+                return Err(Unfit("an attachment, by its checksum,"));
+            }
             Record::Attachment { name, data }
         }
         op::METADATA => {

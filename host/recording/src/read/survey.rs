@@ -65,6 +65,23 @@ pub struct Channels {
     channels: HashMap<(usize, u16), (String, String, String)>,
 }
 
+/// Message with what its channel says of it.
+#[derive(Debug)]
+pub struct Message<'a> {
+    /// Topic.
+    pub topic: &'a str,
+    /// Type, such as `sensor_msgs/Image`.
+    pub kind: &'a str,
+    /// Encoding, such as `cdr`.
+    pub encoding: &'a str,
+    /// Sequence number.
+    pub sequence: u32,
+    /// Instant of recording, ns.
+    pub log_time: u64,
+    /// Encoded message.
+    pub data: Vec<u8>,
+}
+
 impl Channels {
     /// Takes in a schema or a channel. Other records change nothing.
     pub fn take(&mut self, file: usize, record: &Record) {
@@ -84,6 +101,29 @@ impl Channels {
             }
             _ => {}
         }
+    }
+
+    /// Takes in a record; returns it as a message if it is one on a known channel.
+    pub fn message(&mut self, file: usize, record: Record) -> Option<Message<'_>> {
+        self.take(file, &record);
+        let Record::Message {
+            channel,
+            sequence,
+            log_time,
+            data,
+        } = record
+        else {
+            return None;
+        };
+        let (topic, kind, encoding) = self.get(file, channel)?;
+        Some(Message {
+            topic,
+            kind,
+            encoding,
+            sequence,
+            log_time,
+            data,
+        })
     }
 
     /// Returns topic, type and encoding of a channel.

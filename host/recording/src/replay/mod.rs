@@ -15,9 +15,8 @@ pub use difference::{Comparison, Difference};
 use crate::message::{Measurement, read_entry};
 use crate::read::Source;
 use crate::read::image;
-use crate::read::records::Record;
-use crate::read::survey::Channels;
-use crate::topic::{self, Topic};
+use crate::read::survey::{Channels, Message};
+use crate::topic::{ImageTopics, Topic};
 use measuring::Measuring;
 use station::StationReplay;
 use trinocular_core::rig::Rig;
@@ -87,16 +86,15 @@ pub fn log(source: &Source) -> Result<(Vec<u8>, Vec<trinocular_core::replay::Rec
     let mut channels = Channels::default();
     for record in source.records() {
         let (file, record) = record?;
-        channels.take(file, &record);
-        let Record::Message { channel, data, .. } = record else {
+        let Some(message) = channels.message(file, record) else {
             continue;
         };
-        let name = channels.get(file, channel).map(|(name, ..)| name);
-        let is_input = name == Some(Topic::Input.name());
-        if !is_input && name != Some(Topic::Output.name()) {
+        let is_input = message.topic == Topic::Input.name();
+        if !is_input && message.topic != Topic::Output.name() {
             continue;
         }
-        let mut entry = read_entry(&data).map_err(|fault| bad(format!("an entry: {fault}")))?;
+        let mut entry =
+            read_entry(&message.data).map_err(|fault| bad(format!("an entry: {fault}")))?;
         match is_input {
             true => log.extend_from_slice(entry),
             false => {
@@ -118,11 +116,7 @@ pub fn replay(
     mut progress: impl FnMut(u32),
 ) -> Result<Replayed, InputError> {
     let bad = |what: String| InputError::file(source.path(), what);
-    let topics: Vec<[String; 2]> = settings
-        .names
-        .iter()
-        .map(|name| [topic::image(name), topic::compressed(name)])
-        .collect();
+    let topics = ImageTopics::new(&settings.names);
     let mut measuring =
         Measuring::new(settings).map_err(|refusal| bad(format!("no measurement: {refusal}")))?;
     let mut station = match &settings.twin {
@@ -133,24 +127,18 @@ pub fn replay(
     let mut records = source.records();
     for record in records.by_ref() {
         let (file, record) = record?;
-        channels.take(file, &record);
-        let Record::Message {
-            channel,
+        let Some(Message {
+            topic: name,
+            kind,
             sequence,
             data,
             ..
-        } = record
+        }) = channels.message(file, record)
         else {
             continue;
         };
-        let Some((name, kind, _)) = channels.get(file, channel) else {
-            continue;
-        };
         let malformed = |fault| bad(format!("a message on {name} is malformed: {fault}"));
-        if let Some(camera) = topics
-            .iter()
-            .position(|pair| pair.iter().any(|t| t == name))
-        {
+        if let Some(camera) = topics.camera(name) {
             let image = image::read(kind, &data);
             let image = image.map_err(|fault| bad(format!("an image on {name}: {fault}")))?;
             measuring.image(sequence, camera, image);

@@ -33,7 +33,14 @@ fn foreign_file_needs_force() {
     fs::write(&path, "mine").unwrap();
     for (replace, reason) in [
         (Replace::Nothing, "exists"),
-        (Replace::Own, "did not write it"),
+        (
+            Replace::Own(OwnFile::Report),
+            "is no report of this program",
+        ),
+        (
+            Replace::Own(OwnFile::Recording),
+            "is no recording of this program",
+        ),
     ] {
         let error = Output::open(&path, replace).unwrap_err();
         assert!(
@@ -50,10 +57,27 @@ fn own_output_is_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     let page = "<html><footer>Trinocular 0.1.0</footer></html>\n".to_owned();
-    for text in [page, marked("<svg></svg>\n"), String::new()] {
-        fs::write(&path, &text).unwrap();
-        write(&path, Replace::Own, "new").unwrap();
-        assert_eq!(fs::read_to_string(&path).unwrap(), "new", "after {text}");
+    let recording = "\u{89}MCAP0\r\n"
+        .chars()
+        .map(|c| c as u8)
+        .collect::<Vec<_>>();
+    let recording = [&recording[..], b"\x01....ros2....trinocular 0.1.0...."].concat();
+    let files = [
+        (OwnFile::Report, page.into_bytes()),
+        (OwnFile::Figure, marked("<svg></svg>\n").into_bytes()),
+        (OwnFile::Recording, recording),
+    ];
+    for (kind, _) in &files {
+        for (found, bytes) in &files {
+            fs::write(&path, bytes).unwrap();
+            let outcome = write(&path, Replace::Own(*kind), "new");
+            // A page in the place of a recording would be a loss, too.
+            assert_eq!(outcome.is_ok(), kind == found, "{kind:?} over {found:?}");
+            let left = fs::read(&path).unwrap();
+            assert_eq!(left == b"new", kind == found, "{kind:?} over {found:?}");
+        }
+        fs::write(&path, "").unwrap();
+        write(&path, Replace::Own(*kind), "new").unwrap();
     }
 }
 

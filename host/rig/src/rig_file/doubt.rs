@@ -1,6 +1,6 @@
 //! Doubts about a rig that obeys every rule but probably has wrong units or exchanged names.
 
-use super::RigFile;
+use super::{RigFile, Stage};
 
 /// Least distance of cameras side by side, mm, because of their housings.
 const CLOSEST_MM: f64 = 5.0;
@@ -12,6 +12,16 @@ const WIDEST_MM: f64 = 5_000.0;
 const LEAST_FOCAL: f64 = 0.25;
 /// Greatest focal length over the image's width: a field of view of 1 degree.
 const GREATEST_FOCAL: f64 = 50.0;
+
+impl Stage {
+    /// Returns the probable mistake in the settings of tracking, as a sentence for the user.
+    pub fn doubt(&self) -> Option<&'static str> {
+        let doubt = "stage.prediction is false, which switches off the watch for lost steps, too \
+                     (largest_unseen_mm): a stalled motor is not noticed; leave it true unless you \
+                     compare";
+        (!self.tracking.prediction).then_some(doubt)
+    }
+}
 
 impl RigFile {
     /// Returns the probable mistakes of units or names, as sentences for the user.

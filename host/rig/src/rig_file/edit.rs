@@ -72,6 +72,19 @@ pub fn write(table: &mut dyn TableLike, key: &str, numbers: impl ExactSizeIterat
 /// Writes cameras and image size of `rig` into `text`, a rig file with cameras of the same names.
 /// Everything else stays, comments and the stage included. Errors name `file`.
 ///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::RigFile;
+/// use trinocular_rig::rig_file::edit::with_cameras;
+///
+/// let mut rig = RigFile::paper();
+/// let text = format!("# our bench\n{}", rig.to_toml());
+/// rig.rig.cameras[0].focal_px = [540.5, 541.5];
+/// let text = with_cameras(Path::new("rig.toml"), &text, &rig)?;
+/// assert!(text.starts_with("# our bench\n") && text.contains("540.5"));
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
+///
 /// # Errors
 /// If the text is no rig file, or has other cameras.
 pub fn with_cameras(file: &Path, text: &str, rig: &RigFile) -> Result<String, InputError> {

@@ -7,6 +7,7 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::choice;
 use crate::error::InputError;
 
 /// Name and text of the file.
@@ -38,8 +39,8 @@ impl Source<'_> {
         // The parser reports an unfinished value at the end of the text, maybe past its line.
         let line = self.line(span.start);
         let text = self.text.lines().nth(line - 1).unwrap_or_default();
-        if has_decimal_comma(text) {
-            reason.push_str(" (decimal commas? write 5.5, not 5,5)");
+        if decimal_commas(text) > 0 {
+            reason.push_str(DECIMAL_COMMAS);
         }
         match text.split_once('=') {
             Some((key, _)) if !key.trim().is_empty() => {
@@ -72,13 +73,18 @@ fn other_format(text: &str) -> Option<&'static str> {
     }
 }
 
-/// Returns true if a comma stands directly between two digits, as in `5,5`.
-fn has_decimal_comma(line: &str) -> bool {
-    let value = line.split_once('=').map_or(line, |(_, value)| value);
+/// Hint at numbers with decimal commas.
+const DECIMAL_COMMAS: &str = " (decimal commas? write 5.5, not 5,5)";
+
+/// Counts the commas directly between two digits, as in `5,5`.
+fn decimal_commas(text: &str) -> usize {
+    let value = text.split_once('=').map_or(text, |(_, value)| value);
     let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
     let bytes = value.as_bytes();
-    let mut commas = value.match_indices(',').map(|(at, _)| at);
-    commas.any(|at| is_digit(bytes.get(at.wrapping_sub(1))) && is_digit(bytes.get(at + 1)))
+    let commas = value.match_indices(',').map(|(at, _)| at);
+    commas
+        .filter(|&at| is_digit(bytes.get(at.wrapping_sub(1))) && is_digit(bytes.get(at + 1)))
+        .count()
 }
 
 /// One value: its path from the root of the file, its place, its content.
@@ -142,12 +148,23 @@ impl<'a> Field<'a> {
             .min_by_key(|key| key.span().start);
         match unknown {
             None => Ok(()),
-            Some(key) => Err(InputError::field(
-                self.source.file,
-                self.source.line(key.span().start),
-                self.key_path(key.get_ref()),
-                format!("unknown field; known here: {}", known.join(", ")),
-            )),
+            Some(key) => {
+                let hint = choice::hint(key.get_ref(), known);
+                Err(InputError::field(
+                    self.source.file,
+                    self.source.line(key.span().start),
+                    self.key_path(key.get_ref()),
+                    format!("unknown field{hint}; known here: {}", known.join(", ")),
+                ))
+            }
+        }
+    }
+
+    /// Returns the error of a word that is none of those `known` for a `kind` of thing.
+    pub fn unknown(&self, kind: &str, known: &[&str]) -> InputError {
+        match self.text() {
+            Ok(given) => self.fault(choice::unknown(kind, given, known)),
+            Err(error) => error,
         }
     }
 
@@ -225,10 +242,12 @@ impl<'a> Field<'a> {
             .map_err(|elements: Vec<Field<'a>>| {
                 let count = elements.len();
                 let line = self.source.text.get(self.span.clone()).unwrap_or_default();
-                let hint = match count == 2 * N && has_decimal_comma(line) {
-                    true => " (decimal commas? write 5.5, not 5,5)",
-                    false => "",
-                };
+                // Each decimal comma makes two elements of one number. Where numbers are not set
+                // apart in any other way, all of them must have one.
+                let commas = decimal_commas(line);
+                let is_plain = commas + 1 == count;
+                let is_split = count > N && count - N <= commas && (!is_plain || count == 2 * N);
+                let hint = if is_split { DECIMAL_COMMAS } else { "" };
                 self.fault(format!("expected {N} elements, found {count}{hint}"))
             })
     }

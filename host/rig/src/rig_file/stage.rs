@@ -33,6 +33,28 @@ impl Driver {
 }
 
 /// The stage that carries the cameras. Arrays are per stage axis X, Y, Z.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::{Driver, RigFile};
+///
+/// let stage = "
+/// [stage]
+/// steps_per_mm = [80, 80, 400]
+/// max_speed_mm_s = [100, 100, 20]
+/// max_acceleration_mm_s2 = [2000, 2000, 400]
+/// max_jerk_mm_s3 = [50000, 50000, 10000]
+/// travel_mm = [[-60, 60], [-60, 60], [0, 40]]
+/// invert = [false, false, true]
+/// matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+/// driver = 'TMC2209'
+/// ";
+/// let text = RigFile::paper().to_toml() + stage;
+/// let stage = RigFile::parse(Path::new("rig.toml"), &text)?.stage.expect("a stage");
+/// assert_eq!(stage.driver, Driver::Tmc2209);
+/// assert_eq!(stage.steps_per_mm, [80.0, 80.0, 400.0]);
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
     /// Steps (micro steps included) per mm of travel, > 0.
@@ -47,7 +69,7 @@ pub struct Stage {
     pub travel_mm: [[f64; 2]; 3],
     /// True if the motor's positive direction is the axis's negative one.
     pub invert: [bool; 3],
-    /// Hand-eye matrix: its rows take a displacement along the camera axes to one along the stage
+    /// Hand-eye matrix, for [`along_stage`]: its rows take a displacement along the camera axes to one along the stage
     /// axes. Dimensionless, invertible.
     pub matrix: [[f64; 3]; 3],
     /// The step drivers, the same on all axes.
@@ -206,11 +228,20 @@ fn matrix(field: &Field<'_>) -> Result<[[f64; 3]; 3], InputError> {
 
 fn driver(field: &Field<'_>) -> Result<Driver, InputError> {
     let name = field.text()?;
-    Driver::ALL
-        .into_iter()
-        .find(|driver| driver.name() == name)
-        .ok_or_else(|| {
-            let known = Driver::ALL.map(Driver::name).join(", ");
-            field.fault(format!("unknown driver `{name}`; known: {known}"))
-        })
+    let found = Driver::ALL.into_iter().find(|driver| driver.name() == name);
+    found.ok_or_else(|| field.unknown("driver", &Driver::ALL.map(Driver::name)))
+}
+
+/// Returns a displacement along the camera axes as one along the stage axes, by the rows of the
+/// hand-eye matrix [`Stage::matrix`].
+///
+/// ```
+/// use trinocular_rig::rig_file::along_stage;
+///
+/// // The stage's X axis is the cameras' Z axis.
+/// let matrix = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+/// assert_eq!(along_stage(&matrix, [1.0, 2.0, 3.0]), [3.0, 2.0, -1.0]);
+/// ```
+pub fn along_stage(matrix: &[[f64; 3]; 3], displacement: [f64; 3]) -> [f64; 3] {
+    matrix.map(|row| (0..3).map(|i| row[i] * displacement[i]).sum())
 }

@@ -147,7 +147,7 @@ const STAGE_TAIL: &str = "\
 matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 # Optional. The values hold without the lines, except where a comment says otherwise.
-# prediction = true                     # follow the predicted target; false: the last measured one
+# prediction = true                     # false: no prediction, no watch for lost steps
 # coast_ms = 800                        # go on at the last velocity for this time without a frame
 # backlash_mm = [0.0, 0.0, 0.0]         # play of each axis when it reverses
 # home_switch = [\"none\", \"none\", \"none\"] \

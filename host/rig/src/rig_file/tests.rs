@@ -406,10 +406,21 @@ fn other_formats_are_named() {
 fn decimal_commas_are_named() {
     let whole = RigFile::paper().to_toml();
     let line = whole.lines().find(|line| line.starts_with("focal_px"));
-    for wrong in ["focal_px = [533,16, 529,12]", "focal_px = 533,16 529,12"] {
+    for wrong in [
+        "focal_px = [533,16, 529,12]",
+        "focal_px = [533,16, 529.12]",
+        "focal_px = [533.16, 529,12]",
+        "focal_px = 533,16 529,12",
+    ] {
         let text = whole.replacen(line.expect("it has one"), wrong, 1);
         let error = RigFile::parse(Path::new("rig.toml"), &text).expect_err("two numbers");
         let error = error.to_string();
         assert!(error.contains("decimal commas?"), "{error}");
+    }
+    // A third number that no comma explains, with blanks and without.
+    for wrong in ["focal_px = [533.16, 529.12, 1]", "focal_px = [533,529,1]"] {
+        let text = whole.replacen(line.expect("it has one"), wrong, 1);
+        let error = RigFile::parse(Path::new("rig.toml"), &text).expect_err("three numbers");
+        assert!(!error.to_string().contains("decimal commas?"), "{error}");
     }
 }

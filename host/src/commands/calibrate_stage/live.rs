@@ -5,7 +5,7 @@
 //! took effect, by the station's answer, tells when.
 
 use super::driven::Driven;
-use super::{Bench, CalibrateStageOptions, Pass};
+use super::{CalibrateStageOptions, Pass, StageBench};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
@@ -115,7 +115,7 @@ impl Live {
     }
 }
 
-impl Bench for Live {
+impl StageBench for Live {
     fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
         self.driven.position_mm()
     }

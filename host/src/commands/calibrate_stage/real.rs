@@ -1,9 +1,9 @@
 //! A station on a port, and a folder in which frame sets appear.
 
 use super::driven::Driven;
-use super::{Bench, CalibrateStageOptions};
-use crate::commands::doubts;
+use super::{CalibrateStageOptions, StageBench};
 use crate::commands::failure::Failure;
+use crate::commands::warnings;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -58,7 +58,7 @@ impl Real {
     }
 }
 
-impl Bench for Real {
+impl StageBench for Real {
     fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
         self.driven.position_mm()
     }
@@ -96,7 +96,7 @@ impl Bench for Real {
             }
             if Instant::now() >= end {
                 if let Some(folder) = &folder {
-                    doubts::unread(folder.warnings());
+                    warnings::unread(folder.warnings());
                 }
                 let waited = self.patience.as_secs();
                 let reason = format!("no frame set came within {waited} s");

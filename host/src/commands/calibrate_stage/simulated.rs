@@ -1,6 +1,6 @@
 //! A twin whose stage carries rendered cameras, in a mounting that the calibration does not get.
 
-use super::{Bench, CalibrateStageOptions, Pass};
+use super::{CalibrateStageOptions, Pass, StageBench};
 use crate::commands::failure::Failure;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_client::stage::setpoint;
@@ -61,7 +61,7 @@ pub fn bench(
     })
 }
 
-impl Bench for Simulated {
+impl StageBench for Simulated {
     fn position_mm(&mut self) -> Result<[f64; 3], Failure> {
         Ok(self.twin.position_mm())
     }

@@ -2,10 +2,24 @@
 
 use std::str::FromStr;
 
+use trinocular_rig::choice::unknown;
+
 /// Error of a value that could not be read; holds the expected form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected {0}")]
 pub struct Expected(pub &'static str);
+
+/// Error of a word that is none of the known ones.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}", unknown(self.kind, &self.given, self.known))]
+pub struct UnknownWord {
+    /// Kind of thing that the word names.
+    pub kind: &'static str,
+    /// The word.
+    pub given: String,
+    /// The known words.
+    pub known: &'static [&'static str],
+}
 
 /// Names of cameras, from left to right.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -8,12 +8,10 @@ use crate::commands::failure::Failure;
 use crate::commands::track::live;
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 use trinocular::servo::frame_sets::CameraBench;
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::station_link::StationLink;
-use trinocular_client::observer::StationObserver;
-use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
@@ -26,7 +24,7 @@ pub fn run(
     listener: TcpListener,
     rig: &RigFile,
     devices: &[PathBuf],
-    tap: Option<Arc<Tap>>,
+    recording: PageRecording,
 ) -> Result<(), Failure> {
     let rig_path = options.rig.clone().unwrap_or_default();
     let devices = cameras::per_camera(devices, rig, &rig_path)?;
@@ -39,11 +37,20 @@ pub fn run(
     let delay_us = (options.delay * 1e3).round() as i64;
     let live = LiveCameras::start(cameras, window, delay_us, on_interrupt()?, tell)?;
     let station = Station::open(options, &stage)?;
-    let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
+    let observer = recording.station_observer();
     let link = StationLink::start_observed(station.place(options), &stage, mounting, observer)
         .map_err(|error| Failure::of_station(station.port(), error))?;
     let offset_us = offset_us(|| link.now().micros(), || live.now_us());
+    let drops = cameras::drop_source(&live);
     let bench = CameraBench::new(live, link, offset_us);
     let facts = (rig, &stage, mounting);
-    super::serve(options, listener, facts, bench, station.port(), tap)
+    super::serve(
+        options,
+        listener,
+        facts,
+        bench,
+        station.port(),
+        recording,
+        Some(drops),
+    )
 }

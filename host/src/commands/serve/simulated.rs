@@ -3,15 +3,13 @@
 use super::{ServeOptions, serve};
 use crate::commands::failure::Failure;
 use std::net::TcpListener;
-use std::sync::Arc;
+use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::world::SimulatedWorld;
-use trinocular_client::observer::StationObserver;
 use trinocular_client::stage::default_stage;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_core::frame::message::Mounting;
-use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::Texture;
 
@@ -62,7 +60,7 @@ pub fn run(
     options: &ServeOptions,
     listener: TcpListener,
     rig: &RigFile,
-    tap: Option<Arc<Tap>>,
+    recording: PageRecording,
 ) -> Result<(), Failure> {
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let station = Station::open(options, &stage)?;
@@ -73,10 +71,18 @@ pub fn run(
         &Texture::of_kind(options.scene.texture, options.scene.seed),
         options.scene.settings(),
         options.scene.seed,
-        tap.clone().map(|tap| tap as Arc<dyn StationObserver>),
+        recording.station_observer(),
     );
     let world = world.map_err(|error| Failure::of_servo(station.port(), error))?;
     let bench = SimulatedBench::new(world, options.path, options.fps);
     let facts = (rig, &stage, Mounting::OnStage);
-    serve(options, listener, facts, bench, station.port(), tap)
+    serve(
+        options,
+        listener,
+        facts,
+        bench,
+        station.port(),
+        recording,
+        None,
+    )
 }

@@ -10,6 +10,7 @@ use serde_json::json;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
+use trinocular::run_report::HandEye;
 use trinocular::servo::ServoError;
 use trinocular::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
 use trinocular::servo::recording::observers;
@@ -18,12 +19,13 @@ use trinocular::servo::visual_servo::ServoStep;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::Mounting;
+use trinocular_live::DropSource;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::flow::FlowRefusal;
-use trinocular_vision::flow::exchanged::explain_keyframe;
+use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::stamp::offset_us;
 
@@ -56,6 +58,13 @@ pub struct Captures<'a> {
 }
 
 impl<'a> Captures<'a> {
+    /// Shows on the live page, if there is one, the images that never came to the loop.
+    pub fn count_drops(&self, source: DropSource) {
+        if let Some(page) = &self.page {
+            page.count_drops(source);
+        }
+    }
+
     /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
     /// times, if the frame sets are live.
     pub fn new(
@@ -82,10 +91,15 @@ impl<'a> Captures<'a> {
                 period_us: options.period_us(),
             },
         };
-        let page = options.page.open(rig, stage, mounting, &station)?;
+        let page = options
+            .page
+            .open(rig, stage, mounting, &station, tap.clone())?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
-        for observer in observers(tap.clone(), &rig.rig) {
+        let reported = options
+            .report
+            .observers(&rig.rig, HandEye::of(stage, mounting));
+        for observer in observers(tap.clone(), &rig.rig).into_iter().chain(reported) {
             servo.add_observer(observer);
         }
         if let Some(page) = &page {

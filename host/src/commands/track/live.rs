@@ -82,6 +82,7 @@ fn follow(
         Some(&now_us),
         recording.tap(),
     )?;
+    captures.count_drops(cameras::drop_source(&live));
     let end_us = options
         .seconds
         .map(|seconds| live.now_us() + (seconds * 1e6) as u64);

@@ -14,7 +14,10 @@ use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
 use trinocular_core::frame::message::Mounting;
 use trinocular_live::controls::{Action, Offers};
-use trinocular_live::{Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, Hub, Server, Setup};
+use trinocular_live::{
+    Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Hub, Server, Setup,
+};
+use trinocular_recording::recorder::Tap;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 const PAGE: &str = "With --live: the page in a browser";
@@ -72,6 +75,7 @@ impl PageOptions {
         stage: &Stage,
         mounting: Mounting,
         station: &StationLink,
+        tap: Option<Arc<Tap>>,
     ) -> Result<Option<TrackPage>, Failure> {
         let Some(address) = self.live else {
             return Ok(None);
@@ -84,16 +88,16 @@ impl PageOptions {
             stage: stage.clone(),
             mounting,
         };
-        let stop = Arc::new(Stop {
-            stopper: station.serial().map(|serial| serial.stopper()),
-            is_asked: AtomicBool::new(false),
-            hub: std::sync::OnceLock::new(),
-        });
         let mut page = LivePage::open(listener, setup)?;
         if let Some(address) = self.foxglove {
             page.stream(address)?;
         }
-        let _ = stop.hub.set(Arc::clone(page.hub()));
+        let stop = Arc::new(RunControls {
+            stopper: station.serial().map(|serial| serial.stopper()),
+            is_asked: AtomicBool::new(false),
+            hub: Arc::clone(page.hub()),
+            tap,
+        });
         if self.control {
             page.control(Arc::clone(&stop) as Arc<dyn Controls>)?;
         }
@@ -110,7 +114,7 @@ impl PageOptions {
 /// Open page of a run.
 pub struct TrackPage {
     page: LivePage,
-    stop: Arc<Stop>,
+    stop: Arc<RunControls>,
     started: Instant,
 }
 
@@ -118,6 +122,11 @@ impl TrackPage {
     /// Makes the observer that shows the run.
     pub fn observer(&self) -> Box<dyn ServoObserver> {
         Box::new(LiveObserver::new(Arc::clone(self.page.hub())))
+    }
+
+    /// Shows the images that never came to the loop.
+    pub fn count_drops(&self, source: DropSource) {
+        self.page.hub().set_drop_source(source);
     }
 
     /// Returns true if a page asked for a stop.
@@ -145,13 +154,15 @@ pub fn stopped() -> StationError {
 }
 
 /// Controls of a run that follows from its start to its end: the page may only stop it.
-struct Stop {
+struct RunControls {
     stopper: Option<Stopper>,
     is_asked: AtomicBool,
-    hub: std::sync::OnceLock<Arc<Hub>>,
+    hub: Arc<Hub>,
+    /// Taps of the recording, if there is one.
+    tap: Option<Arc<Tap>>,
 }
 
-impl Controls for Stop {
+impl Controls for RunControls {
     fn offers(&self) -> Offers {
         Offers {
             stop: true,
@@ -168,9 +179,12 @@ impl Controls for Stop {
     }
 
     fn request(&self, action: Action) -> Result<(), String> {
-        match (action, self.hub.get()) {
-            (Action::Mark { text }, Some(hub)) => {
-                hub.mark(text);
+        match action {
+            Action::Mark { text } => {
+                if let Some(tap) = &self.tap {
+                    tap.event("mark", text.clone());
+                }
+                self.hub.mark(text);
                 Ok(())
             }
             _ => Err("this run follows until it is stopped; `trinocular serve` does it".to_owned()),

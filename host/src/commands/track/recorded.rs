@@ -3,9 +3,9 @@
 use super::captures::{Captures, Summary};
 use super::{Estimator, TrackOptions};
 use crate::commands::by_hand::on_interrupt;
-use crate::commands::doubts;
 use crate::commands::failure::Failure;
 use crate::commands::frames::Rigged;
+use crate::commands::warnings;
 use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
@@ -34,7 +34,7 @@ pub fn run(
     let rig = options.method.read_rig(rig_path)?;
     let size_px = rig.rig.image_size_px;
     let captures = Folder::open(folder, &rig.names, size_px, options.period_us())?;
-    doubts::unread(captures.warnings());
+    warnings::unread(captures.warnings());
     if captures.len() < 2 {
         return Err(few(folder, captures.len()));
     }

@@ -10,6 +10,7 @@ use crate::commands::json;
 use serde_json::json;
 use std::io::Write;
 use std::sync::Arc;
+use trinocular::run_report::HandEye;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::recording::observers;
 use trinocular::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
@@ -75,9 +76,14 @@ fn follow(
     introduce(&world.b);
     let page = options
         .page
-        .open(&file, &stage, Mounting::OnStage, &world.b)?;
+        .open(&file, &stage, Mounting::OnStage, &world.b, tap.clone())?;
     let mut observers = observers(tap.clone(), &rig);
     observers.extend(page.iter().map(TrackPage::observer));
+    observers.extend(
+        options
+            .report
+            .observers(&rig, HandEye::of(&stage, Mounting::OnStage)),
+    );
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
@@ -95,49 +101,56 @@ fn follow(
             "time s", "target mm", "cameras mm", "cameras - target mm"
         )?;
     }
-    let mut is_stopped = false;
     let seconds = options.seconds.unwrap_or(default_seconds(options.path));
     // Ctrl-C ends the run with its summary, and a recording whole.
     by_hand::on_interrupt()?;
-    while servo.time_s(&world) + 1.0 / options.fps() <= seconds && !interruption::is_requested() {
-        // A gets its setpoint at every picture, one picture ahead.
-        let next_mm = options.path.at(servo.time_s(&world));
-        world.a.send(setpoint(next_mm));
-        let step = servo.step(&mut world).map_err(failed)?;
-        if let Some(page) = &page {
-            if world.b.twin().is_some() {
-                page.pace(step.time_s);
+    let mut follow = || -> Result<bool, Failure> {
+        while servo.time_s(&world) + 1.0 / options.fps() <= seconds && !interruption::is_requested()
+        {
+            // A gets its setpoint at every frame set, one frame set ahead.
+            let next_mm = options.path.at(servo.time_s(&world));
+            world.a.send(setpoint(next_mm));
+            let step = servo.step(&mut world).map_err(failed)?;
+            if let Some(page) = &page {
+                if world.b.twin().is_some() {
+                    page.pace(step.time_s);
+                }
+                if page.is_stopped() {
+                    return Ok(true);
+                }
             }
-            if page.is_stopped() {
-                is_stopped = true;
-                break;
+            progress.at(step.time_s / seconds);
+            let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
+            // The first second is for catching up.
+            if step.time_s > 1.0 {
+                count += 1;
+                for i in 0..3 {
+                    squares[i] += error[i] * error[i];
+                    worst[i] = worst[i].max(error[i].abs());
+                }
+            }
+            unused += u32::from(!step.turn.outcome.is_used());
+            absences.warn(&step.turn.absent);
+            match &mut line {
+                Some(line) => line.show(|rate| status(&step, error, rate)),
+                None => print(options.json, &step, error, &absences, out)?,
             }
         }
-        progress.at(step.time_s / seconds);
-        let error: [f64; 3] = std::array::from_fn(|i| step.camera_mm[i] - step.target_mm[i]);
-        // The first second is for catching up.
-        if step.time_s > 1.0 {
-            count += 1;
-            for i in 0..3 {
-                squares[i] += error[i] * error[i];
-                worst[i] = worst[i].max(error[i].abs());
-            }
-        }
-        unused += u32::from(!step.turn.outcome.is_used());
-        absences.warn(&step.turn.absent);
-        match &mut line {
-            Some(line) => line.show(|rate| status(&step, error, rate)),
-            None => print(options.json, &step, error, &absences, out)?,
-        }
-    }
+        Ok(false)
+    };
+    let followed = follow();
     drop((line, progress));
-    world
-        .b
-        .command("stop", Command::Stop)
-        .map_err(|error| failed(error.into()))?;
+    // After a failure the line itself stops the stage as it is dropped, and says so.
+    let stopped = match followed {
+        Ok(_) => world.b.command("stop", Command::Stop),
+        Err(_) => Ok(()),
+    };
+    // A run that fails leaves a whole recording, too.
     if let Some(tap) = tap {
         tap.end(world.b.now().micros());
     }
+    let is_stopped = followed?;
+    stopped.map_err(|error| failed(error.into()))?;
     let rms = squares.map(|sum| (sum / f64::from(count.max(1))).sqrt());
     if let Some((_, bound_us)) = world.b.serial().and_then(Serial::offset_us) {
         notice!("the station's clock was known to {bound_us} us");

@@ -2,7 +2,7 @@
 
 use std::io::{BufRead as _, Read as _};
 use std::sync::mpsc::{Receiver, channel};
-use trinocular_client::twin::real_time::Bench;
+use trinocular_client::twin::real_time::Switches;
 use trinocular_rig::printable::printable;
 
 /// Orders, for messages.
@@ -14,7 +14,7 @@ const LONGEST: u64 = 200;
 /// One order.
 pub enum Order {
     /// Change what the station senses.
-    Bench(fn(Bench) -> Bench),
+    Switches(fn(Switches) -> Switches),
     /// Cut the line.
     Unplug,
     /// Connect the line again.
@@ -32,21 +32,21 @@ pub enum Order {
 impl Order {
     fn read(line: &str) -> Self {
         match line {
-            "press" => Self::Bench(|bench| Bench {
+            "press" => Self::Switches(|switches| Switches {
                 emergency_stop: true,
-                ..bench
+                ..switches
             }),
-            "release" => Self::Bench(|bench| Bench {
+            "release" => Self::Switches(|switches| Switches {
                 emergency_stop: false,
-                ..bench
+                ..switches
             }),
-            "fault" => Self::Bench(|bench| Bench {
+            "fault" => Self::Switches(|switches| Switches {
                 driver_fault: true,
-                ..bench
+                ..switches
             }),
-            "clear" => Self::Bench(|bench| Bench {
+            "clear" => Self::Switches(|switches| Switches {
                 driver_fault: false,
-                ..bench
+                ..switches
             }),
             "unplug" => Self::Unplug,
             "plug" => Self::Plug,

@@ -41,8 +41,8 @@ pub struct LabSetup<'a> {
     pub fps: f64,
 }
 
-/// One exposure of all cameras.
-struct Exposure {
+/// Instant at which all cameras take an image.
+struct Shot {
     number: u32,
     /// Time since the start.
     since: Duration,
@@ -53,7 +53,7 @@ struct Exposure {
 
 /// The simulated bench: renders in a thread of its own, so that the station keeps its time.
 pub struct Lab {
-    exposures: SyncSender<Exposure>,
+    shots: SyncSender<Shot>,
     started: Instant,
     period: Duration,
     taken: u32,
@@ -74,8 +74,8 @@ impl Lab {
         let _ = std::fs::remove_file(&path);
         let listener = UnixListener::bind(&path).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
-        // One that is being rendered and one that waits: a slow computer skips exposures.
-        let (exposures, orders) = sync_channel(1);
+        // One that is being rendered and one that waits: a slow computer skips shots.
+        let (shots, orders) = sync_channel(1);
         let renderer = Renderer {
             scene,
             seed: setup.seed,
@@ -90,7 +90,7 @@ impl Lab {
             .spawn(move || renderer.run(&orders))
             .map_err(failed)?;
         Ok(Self {
-            exposures,
+            shots,
             started: Instant::now(),
             period: Duration::from_secs_f64(1.0 / setup.fps),
             taken: 0,
@@ -105,14 +105,14 @@ impl Lab {
             return;
         }
         self.taken += 1;
-        let exposure = Exposure {
+        let shot = Shot {
             number: self.taken,
             since,
             captured: monotonic().saturating_sub(at.elapsed()),
             cameras_mm: stage_mm,
         };
         // A full queue is a lost image, which the readers see by its number.
-        if let Err(TrySendError::Disconnected(_)) = self.exposures.try_send(exposure) {
+        if let Err(TrySendError::Disconnected(_)) = self.shots.try_send(shot) {
             self.taken = u32::MAX;
         }
     }
@@ -155,24 +155,24 @@ struct Renderer {
 }
 
 impl Renderer {
-    fn run(mut self, exposures: &Receiver<Exposure>) {
-        while let Ok(exposure) = exposures.recv() {
+    fn run(mut self, shots: &Receiver<Shot>) {
+        while let Ok(shot) = shots.recv() {
             self.receive_readers();
             // The setpoint comes one image ahead, as in `track --sim`.
-            let since_s = exposure.since.as_secs_f64();
+            let since_s = shot.since.as_secs_f64();
             let next_mm = self.path.at(since_s + self.period_s);
-            let since_us = exposure.since.as_micros() as u64;
+            let since_us = shot.since.as_micros() as u64;
             self.target.advance(StationInstant::from_micros(since_us));
             self.target.send(setpoint(next_mm));
             if self.readers.is_empty() {
                 continue;
             }
             let target_mm = self.target.position_mm();
-            let relative_mm = std::array::from_fn(|i| target_mm[i] - exposure.cameras_mm[i]);
+            let relative_mm = std::array::from_fn(|i| target_mm[i] - shot.cameras_mm[i]);
             let seed = self.seed.wrapping_mul(1_000_003);
-            let seed = seed.wrapping_add(u64::from(exposure.number));
+            let seed = seed.wrapping_add(u64::from(shot.number));
             let images = self.scene.render(relative_mm, since_us, seed);
-            let sent = |reader: &mut Reader| send(reader, &exposure, &images);
+            let sent = |reader: &mut Reader| send(reader, &shot, &images);
             self.readers.retain_mut(sent);
         }
     }
@@ -201,13 +201,13 @@ fn camera(stream: &UnixStream) -> Option<usize> {
 }
 
 /// Sends an image to a reader; returns false if the reader has gone or does not keep up.
-fn send(reader: &mut Reader, exposure: &Exposure, images: &FrameSet) -> bool {
+fn send(reader: &mut Reader, shot: &Shot, images: &FrameSet) -> bool {
     let Some(image) = images.images.get(reader.camera) else {
         return false;
     };
     let header = StreamHeader {
-        number: exposure.number,
-        captured: exposure.captured,
+        number: shot.number,
+        captured: shot.captured,
         size_px: [image.width, image.height].map(|side| side as u16),
     };
     let sent = reader.stream.write_all(&header.bytes());

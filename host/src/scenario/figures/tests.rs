@@ -1,5 +1,5 @@
 use super::*;
-use crate::scenario::file::{Cameras, Sight};
+use crate::scenario::file::{Cameras, ImageSource};
 use crate::scenario::motion::{Leg, Motion};
 use trinocular_client::stage::default_stage;
 use trinocular_core::safety::State;
@@ -10,7 +10,7 @@ fn scenario(legs: Vec<Leg>) -> Scenario {
         title: String::new(),
         seed: 1,
         cameras: Cameras {
-            sight: Sight::Points {
+            sight: ImageSource::Points {
                 count: 100,
                 noise_px: 0.0,
             },

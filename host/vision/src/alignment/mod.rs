@@ -34,7 +34,7 @@ pub mod rough;
 use serde::Serialize;
 use trinocular_core::rig::Rig;
 
-use crate::flow::{self, Flow};
+use crate::flow::{self, Flow, mistake};
 use crate::images::FrameSet;
 use crate::matching::MatchSettings;
 use crate::matching::geometry::RigGeometry;
@@ -66,6 +66,17 @@ pub enum AlignmentRefusal {
     /// The rig does not have two cameras in different places.
     #[error("the rig needs two cameras in different places")]
     WrongRig,
+    /// Two cameras have the same images.
+    #[error(
+        "`{}` and `{}` have the same images, so one camera's images are there twice: give each \
+         camera its own",
+        cameras[0],
+        cameras[1]
+    )]
+    SameImages {
+        /// Names of the two cameras.
+        cameras: [String; 2],
+    },
     /// No offset within the search range explains the images.
     #[error(
         "no offset of up to {reach_px} px explains the images: {agree} of {found} rough matches \
@@ -181,6 +192,9 @@ pub struct Alignment {
     pub penalty: Penalty,
     /// True if the common error of all disparities was found from a known depth.
     pub depth_known: bool,
+    /// Names of two cameras that see all points at the same pixels, as one camera does.
+    #[serde(skip)]
+    pub same_view: Option<[String; 2]>,
     /// Corrected rig.
     #[serde(skip)]
     pub rig: Rig,
@@ -212,6 +226,11 @@ impl Alignment {
         settings: &AlignmentSettings,
     ) -> Result<Self, AlignmentRefusal> {
         let original = &file.rig;
+        if let Some(pair) = frame_sets.iter().find_map(mistake::same_image) {
+            return Err(AlignmentRefusal::SameImages {
+                cameras: pair.map(|k| file.names[k].clone()),
+            });
+        }
         let roughly = rough::align(original, frame_sets, settings.reach_px)?;
         let first = refine(&roughly, frame_sets, FIRST_TOLERANCE_PX, settings)?;
         let mut last = refine(&first.rig, frame_sets, first.tolerance_px(), settings)?;
@@ -257,6 +276,9 @@ impl Alignment {
                 settings.depth_mm.is_some(),
             ),
             depth_known: settings.depth_mm.is_some(),
+            same_view: last
+                .same_view
+                .map(|pair| pair.map(|k| file.names[k].clone())),
             rig: last.rig,
         })
     }
@@ -282,6 +304,7 @@ struct Refined {
     fit: Fit,
     captures: usize,
     scatter_px: f64,
+    same_view: Option<[usize; 2]>,
 }
 
 /// Matches all frame sets with `rig` and corrects it.
@@ -305,6 +328,27 @@ fn refine(
         fit,
         captures: matched,
         scatter_px,
+        same_view: same_view(&points),
+    })
+}
+
+/// Largest distance of a point's pixels in two cameras that are one camera, px.
+const SAME_PIXEL_PX: f64 = 0.25;
+/// Least share of the points with the same pixels in two cameras that are one camera.
+const SAME_PIXEL_SHARE: f64 = 0.95;
+
+/// Returns two cameras that see nearly all points at the same pixels. Cameras in different places
+/// do so only if their images were shifted for a flat target at just this distance.
+fn same_view(points: &[Point]) -> Option<[usize; 2]> {
+    let count = points.first()?.pixels.len();
+    let mut pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| [a, b]));
+    pairs.find(|&[a, b]| {
+        let is_same = |point: &&Point| {
+            let [p, q] = [point.pixels[a], point.pixels[b]];
+            (p[0] - q[0]).hypot(p[1] - q[1]) <= SAME_PIXEL_PX
+        };
+        let same = points.iter().filter(is_same).count();
+        same as f64 >= SAME_PIXEL_SHARE * points.len() as f64
     })
 }
 

@@ -82,6 +82,12 @@ fn unseen(found: &Alignment) -> String {
 /// Formats warnings for the user.
 pub fn warnings(found: &Alignment) -> Vec<String> {
     let mut warnings = Vec::new();
+    if let Some([a, b]) = &found.same_view {
+        warnings.push(format!(
+            "`{a}` and `{b}` see all points at the same pixels, although they are at different \
+             places: are these images of one camera?"
+        ));
+    }
     let worst = found.cameras.iter().flat_map(|c| c.sigma_px);
     let worst = worst.fold(0.0, f64::max);
     if worst > GOAL_PX {

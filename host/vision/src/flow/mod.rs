@@ -64,12 +64,13 @@ mod cloud;
 pub mod consensus;
 mod coverage;
 pub mod displacement_search;
-pub mod exchanged;
+
 pub mod filter;
 pub mod frozen;
 mod keyframe;
 mod measure;
 mod measurement;
+pub mod mistake;
 mod pyramid_pool;
 mod refusal;
 pub mod rotation;

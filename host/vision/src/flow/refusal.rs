@@ -8,7 +8,7 @@ pub enum FlowRefusal {
     #[error("the rig has no baseline: two cameras in different places are the least")]
     WrongRig,
     /// The frame set does not have one image per camera.
-    #[error("the frame set has {found} views, the rig {cameras} cameras")]
+    #[error("the frame set has {found} images, the rig {cameras} cameras")]
     WrongViews {
         /// Images in the frame set.
         found: usize,
@@ -17,7 +17,7 @@ pub enum FlowRefusal {
     },
     /// The size of an image is not that of the rig file.
     #[error(
-        "view {camera} is {}x{} px, the rig's images are {}x{}",
+        "the image of camera {camera} is {} x {} px, but the rig's are {} x {} px",
         found[0], found[1], rig[0], rig[1]
     )]
     WrongSize {
@@ -140,7 +140,7 @@ impl FlowRefusal {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::WrongRig => "wrong rig",
-            Self::WrongViews { .. } => "wrong views",
+            Self::WrongViews { .. } => "wrong number of images",
             Self::WrongSize { .. } => "wrong size",
             Self::NoKeyframe => "no reference",
             Self::FewCorners { .. } => "few corners",

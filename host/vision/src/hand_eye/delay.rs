@@ -136,7 +136,7 @@ pub fn delay(passings: &[Passing], path: &Path, matrix: &[[f64; 3]; 3]) -> Resul
                 .sum::<f64>()
         })
     };
-    // Position seen, and weight, per picture and axis.
+    // Position seen, and weight, per frame set and axis.
     let seen: Vec<(f64, [f64; 3], [f64; 3])> = passings
         .iter()
         .map(|passing| {

@@ -335,7 +335,7 @@ pub fn save(
 ) -> Result<(), InputError> {
     let (cameras, views) = (names.len(), capture.images.len());
     if cameras != views {
-        let reason = format!("cannot save {views} views for {cameras} cameras");
+        let reason = format!("cannot save {views} images for {cameras} cameras");
         return Err(InputError::file(dir, reason));
     }
     for (name, view) in names.iter().zip(&capture.images) {
@@ -362,7 +362,15 @@ fn read_deep(path: &Path, size_px: [u32; 2]) -> Result<Picture, InputError> {
             Refusal::OtherSize {
                 given: [width, height],
                 wanted: [w, h],
-            } => format!("{width} x {height} px, but the rig's images are {w} x {h} px"),
+            } => {
+                let is_turned = width == h && height == w && width != height;
+                let hint = if is_turned {
+                    ": turn the camera or its images by 90 degrees"
+                } else {
+                    ""
+                };
+                format!("{width} x {height} px, but the rig's images are {w} x {h} px{hint}")
+            }
             other => other.to_string(),
         };
         InputError::file(path, reason)

@@ -10,6 +10,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::Image;
+use trinocular_rig::choice::unknown;
 use trinocular_rig::random::Random;
 
 /// Width and height of the drawn posters, texels.
@@ -19,6 +20,15 @@ const SIZE: usize = 2048;
 const MM_PER_TEXEL: f64 = 0.4;
 
 /// Flat grey image of known size, repeated endlessly in both directions.
+///
+/// ```
+/// use trinocular_vision::images::{Texture, TextureKind};
+///
+/// let kind: TextureKind = "bricks".parse()?;
+/// let texture = Texture::of_kind(kind, 1);
+/// assert_eq!(texture.grey.len(), texture.width * texture.height);
+/// # Ok::<(), trinocular_vision::images::texture::UnknownTexture>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Number of columns, at least 1.
@@ -176,7 +186,7 @@ impl fmt::Display for TextureKind {
 
 /// Error of a name that no [`TextureKind`] has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no texture: natural, notes, blobs, bricks and grid are")]
+#[error("{}", unknown("texture", .0, &TextureKind::ALL.map(TextureKind::name)))]
 pub struct UnknownTexture(String);
 
 impl FromStr for TextureKind {
@@ -243,6 +253,6 @@ mod tests {
             assert_eq!(kind.to_string().parse(), Ok(kind));
         }
         let error = "Grid".parse::<TextureKind>().unwrap_err();
-        assert!(error.to_string().starts_with("`Grid` is no texture"));
+        assert!(error.to_string().contains("did you mean `grid`?"));
     }
 }

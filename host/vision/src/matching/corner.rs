@@ -30,6 +30,21 @@ type Peak = (f32, [usize; 2]);
 
 /// Finds at most `count` corners of `plane`, at least `margin` px from its border and `spacing_px`
 /// from each other, the best of every part of the image first.
+///
+/// ```
+/// use trinocular_core::rig::Rig;
+/// use trinocular_vision::images::{Scene, SceneSettings, Texture};
+/// use trinocular_vision::matching::corner::corners;
+/// use trinocular_vision::matching::pyramid::Pyramid;
+/// use trinocular_vision::thread_pool::ThreadPool;
+///
+/// let scene = Scene::new(&Rig::paper(), &Texture::natural(1), SceneSettings::default())?;
+/// let frame_set = scene.render([0.0; 3], 0, 1);
+/// let pyramid = Pyramid::new(&frame_set.images[0], 1);
+/// let found = corners(&pyramid.levels[0], 10, 5.0, 50, &ThreadPool::default());
+/// assert_eq!(found.len(), 50);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn corners(
     plane: &Plane,
     margin: usize,

@@ -170,6 +170,16 @@ impl Plane {
 }
 
 /// Image at several scales, the finest first.
+///
+/// ```
+/// use trinocular_vision::images::Image;
+/// use trinocular_vision::matching::pyramid::Pyramid;
+///
+/// let image = Image { width: 64, height: 48, grey: vec![128; 64 * 48] };
+/// let pyramid = Pyramid::new(&image, 3);
+/// let sizes: Vec<_> = pyramid.levels.iter().map(|level| (level.width, level.height)).collect();
+/// assert_eq!(sizes, [(64, 48), (32, 24), (16, 12)]);
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Pyramid {
     /// Levels: level 0 has the image's size, each further one half of the size before.

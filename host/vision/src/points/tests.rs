@@ -84,7 +84,7 @@ fn bad_values_name_line_and_field() {
     refused("b,left,93", "b,left,-320.1", 6, "x0", "farther outside");
     refused("93,11", "93,480.1", 6, "y0", "farther outside");
     refused("b,left", "b,outer", 6, "camera", "left, middle, right");
-    refused("b,left", "b,Left", 6, "camera", "none of the rig's");
+    refused("b,left", "b,Left", 6, "camera", "did you mean `left`?");
     refused("b,left", ",left", 6, "id", "empty");
     refused("b,middle", "a,middle", 7, "id", "line 3 already");
 }

@@ -8,7 +8,7 @@ use core::cmp::Ordering;
 
 /// State of one axis between two ticks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Axis {
+pub(super) struct AxisPlan {
     pub(super) limits: AxisLimits,
     /// Pace of the axis's own limits.
     pub(super) own: Pace,
@@ -28,7 +28,7 @@ pub(super) struct Axis {
     margin: i64,
 }
 
-impl Axis {
+impl AxisPlan {
     pub(super) fn new(limits: AxisLimits, position: Position) -> Self {
         let own = Pace::of(&limits);
         Self {

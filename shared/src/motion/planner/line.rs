@@ -1,6 +1,6 @@
 //! Straight moves of several axes in step.
 
-use super::axis::Axis;
+use super::axis::AxisPlan;
 use crate::fixed::product;
 use crate::motion::AxisLimits;
 use crate::motion::stopping::Pace;
@@ -9,7 +9,7 @@ use crate::steps::AXES;
 /// Axes on a straight line: the axis with the longest distance leads, each other axis gets its
 /// share of the leader's speed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Line {
+pub(super) struct StraightMove {
     pub(super) leader: usize,
     /// Distances of all axes in one unit, below 2³¹ in size; the leader's is positive, the others'
     /// negative when opposed to it.
@@ -21,9 +21,9 @@ pub(super) struct Line {
     excess: [i64; AXES],
 }
 
-impl Line {
+impl StraightMove {
     /// Creates the line through the targets of `axes`, or returns `None` if no axis has to move.
-    pub(super) fn through(axes: &[Axis; AXES]) -> Option<Self> {
+    pub(super) fn through(axes: &[AxisPlan; AXES]) -> Option<Self> {
         let distances = axes.map(|axis| axis.distance());
         let (leader, distance) = distances
             .into_iter()
@@ -45,7 +45,7 @@ impl Line {
     ///
     /// Rounding adds less than two quanta to the acceleration of the others and less than four to
     /// their jerk, which this leaves free where there is room.
-    pub(super) fn pace(&self, axes: &[Axis; AXES]) -> Pace {
+    pub(super) fn pace(&self, axes: &[AxisPlan; AXES]) -> Pace {
         let least = |limit: fn(&AxisLimits) -> u32, margin: u32| {
             let mut least = u32::MAX;
             for (i, (axis, distance)) in axes.iter().zip(self.distances).enumerate() {

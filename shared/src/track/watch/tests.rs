@@ -93,8 +93,8 @@ proptest! {
     /// Feeds any figures, in any order: nothing panics, and a trial ends when the stage stands.
     #[test]
     fn any_frames_are_survived(
-        frames in prop::collection::vec(any::<(u64, Fine, Fine, [f32; 3], bool)>(), 0..60),
-        bounds: [Fine; 2],
+        frames in prop::collection::vec(any::<(u64, StepVector, StepVector, [f32; 3], bool)>(), 0..60),
+        bounds: [StepVector; 2],
     ) {
         let bounds = Bounds { unseen: bounds[0], error: [0; 3], longest_us: 0 };
         let mut watch = Watch::default();

@@ -14,7 +14,7 @@
 //! A target may come to rest with the stage by coincidence. So a verdict is a matter of points: 6
 //! make the fault, and the points of a trial depend on the probability of the coincidence.
 
-use super::super::filter::{believed, within};
+use super::super::filter::{with_quantisation, within};
 use super::Sample;
 use super::window::{Energy, Spread, Window};
 use crate::time::Instant;
@@ -164,7 +164,7 @@ impl Trial {
         // Sum over the axes on which the apparent target moved.
         let (mut moved, mut rested, mut noise) = (0.0, 0.0, 0.0);
         for ((m, r), variance) in moving.spreads.iter().zip(rest).zip(variance) {
-            let variance = believed(variance);
+            let variance = with_quantisation(variance);
             if m.target > 8.0 * variance && m.target > energy.stage / 16.0 {
                 moved += m.target;
                 rested += r.target;
@@ -217,7 +217,7 @@ fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bo
     let all = x.stage + y.stage + z.stage;
     let (mut lost, mut others) = (None, false);
     for ((m, r), variance) in ramp.iter().zip(rest).zip(variance) {
-        let noise = believed(variance);
+        let noise = with_quantisation(variance);
         let seen = 0.5 * (m.stage + m.error - m.target) - 0.05 * m.stage;
         let moved = m.stage > 16.0 + 8.0 * noise && m.stage > 0.25 * all;
         let alike = m.target > 0.5 * m.stage && m.target < 2.0 * m.stage;

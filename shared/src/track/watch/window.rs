@@ -11,8 +11,8 @@
 //!
 //! A window of fewer than seven frames uses a straight line: `P₀, P₁` and `n - 2`.
 
-use super::super::Fine;
-use super::super::filter::{believed, steps, within};
+use super::super::StepVector;
+use super::super::filter::{steps, with_quantisation, within};
 use super::Sample;
 use crate::time::Instant;
 
@@ -37,7 +37,7 @@ struct Sums {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Window {
     /// Capture, stage and error of the first frame.
-    first: Option<(Instant, Fine, Fine)>,
+    first: Option<(Instant, StepVector, StepVector)>,
     /// Number of frames, and sums of t, t², t³, t⁴.
     times: [f32; 5],
     axes: [Sums; 3],
@@ -76,7 +76,7 @@ impl Energy {
     pub fn new(spreads: &[Spread; 3], variance: [f32; 3]) -> Self {
         let mut sum = Self::default();
         for (spread, variance) in spreads.iter().zip(variance) {
-            let noise = believed(variance);
+            let noise = with_quantisation(variance);
             sum.stage += spread.stage;
             sum.error += spread.error - noise;
             sum.target += spread.target - noise;
@@ -252,7 +252,7 @@ impl Basis {
 }
 
 /// Returns the difference of two positions, steps.
-fn from([x, y, z]: Fine, [a, b, c]: Fine) -> [f32; 3] {
+fn from([x, y, z]: StepVector, [a, b, c]: StepVector) -> [f32; 3] {
     [
         steps(x.saturating_sub(a)),
         steps(y.saturating_sub(b)),

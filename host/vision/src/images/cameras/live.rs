@@ -83,6 +83,21 @@ pub struct Tally {
     pub lost: u64,
 }
 
+impl Tally {
+    /// Returns the reasons why images were not used, each with the number of images, without zeros.
+    pub fn drops(&self) -> Vec<(&'static str, u64)> {
+        let drops = [
+            ("damaged", self.damaged),
+            ("lost by the driver", self.lost),
+            ("of unknown time", self.stale),
+            ("out of order", self.matching.disordered),
+            ("overtaken by newer images", self.matching.overtaken),
+            ("without partners in time", self.matching.unmatched),
+        ];
+        drops.into_iter().filter(|(_, count)| *count > 0).collect()
+    }
+}
+
 /// State that the threads share.
 struct State {
     matching: Matching<Image>,
@@ -91,6 +106,17 @@ struct State {
     failed: Option<InputError>,
     /// Reasons why cameras are left out, not yet reported.
     losses: Vec<InputError>,
+}
+
+impl State {
+    fn tallies(&self) -> Vec<Tally> {
+        let counts = self.matching.counts().iter();
+        let tallies = counts.zip(&self.tallies).map(|(matching, tally)| Tally {
+            matching: *matching,
+            ..*tally
+        });
+        tallies.collect()
+    }
 }
 
 struct Shared {
@@ -178,15 +204,13 @@ impl LiveCameras {
 
     /// Returns the fate of the images, camera by camera.
     pub fn tallies(&self) -> Vec<Tally> {
-        let state = self.shared.state();
-        let counts = state.matching.counts().iter();
-        counts
-            .zip(&state.tallies)
-            .map(|(matching, tally)| Tally {
-                matching: *matching,
-                ..*tally
-            })
-            .collect()
+        self.shared.state().tallies()
+    }
+
+    /// Returns a function that returns [`LiveCameras::tallies`], for another thread.
+    pub fn counter(&self) -> impl Fn() -> Vec<Tally> + Send + Sync + 'static {
+        let shared = Arc::clone(&self.shared);
+        move || shared.state().tallies()
     }
 
     /// Returns the reason why no frame set came within [`PATIENCE`].

@@ -226,7 +226,7 @@ fn unwritable_image_is_refused() {
     let error = save(dir.path(), &names(), 0, &bad).unwrap_err();
     assert_eq!(error.file, dir.path().join("middle/000000.png"));
     let error = save(dir.path(), &names()[..2], 0, &capture(0)).unwrap_err();
-    assert_eq!(error.reason, "cannot save 3 views for 2 cameras");
+    assert_eq!(error.reason, "cannot save 3 images for 2 cameras");
     fs::write(dir.path().join("file"), "").unwrap();
     let error = save(&dir.path().join("file"), &names(), 0, &capture(0)).unwrap_err();
     assert!(

@@ -199,8 +199,8 @@ impl<T: FnMut(&InputError)> Watch<T> {
                 }
                 if files.iter().flatten().count() < 2 {
                     let file = self.cameras[missing].join(&key.1);
-                    let reason = "never came, but another camera has a file of this name; the frame set is \
-                         skipped";
+                    let reason = "never came, but another camera has a file of this name; the frame \
+                         set is skipped";
                     (self.tell)(&InputError::file(&file, reason));
                     self.done(key);
                     continue;
