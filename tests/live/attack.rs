@@ -158,6 +158,23 @@ fn pages_are_bounded() {
 }
 
 #[test]
+fn unknown_action_is_refused() {
+    let site = Site::new();
+    let mut page = Peer::open(site.address());
+    page.exchange(&site.token()).expect("the link is new");
+    for unknown in [
+        serde_json::json!({"reboot": {}}),
+        serde_json::json!({"jog": {"distance_mm": [1, 0, 0]}}),
+        serde_json::json!("stop"),
+        serde_json::json!(null),
+    ] {
+        let refusal = page.ask(&unknown).expect("it is refused");
+        assert!(refusal.contains("no such action"), "{unknown}: {refusal}");
+    }
+    assert_eq!(page.ask(&serde_json::json!({"stop": {}})), None);
+}
+
+#[test]
 fn garbage_closes_only_its_own_page() {
     let site = Site::new();
     let mut page = Peer::open(site.address());
@@ -166,7 +183,7 @@ fn garbage_closes_only_its_own_page() {
     for garbage in [
         Message::text("{"),
         Message::text("[]"),
-        Message::text(r#"{"do":{"reboot":{}},"id":1}"#),
+        Message::text(r#"{"do":{"reboot":{}}}"#),
         Message::text(r#"{"drawn":-1}"#),
         Message::text(r#"{"drawn":1,"key":"x"}"#),
         Message::text(format!(r#"{{"key":"{long}"}}"#)),

@@ -15,6 +15,7 @@ use crate::controls::Action;
 use crate::hub::{ControlsHandle, Hub};
 use axum::extract::ws::{Message, WebSocket};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -37,6 +38,8 @@ enum Request {
     Token { token: String },
     Key { key: String },
     Do { r#do: Action, id: u64 },
+    /// An action of another version. The variants are tried in this order.
+    Unknown { r#do: IgnoredAny, id: u64 },
 }
 
 /// A page, and what it has got.
@@ -162,12 +165,21 @@ impl Page {
                 let is_known = self.access().is_some_and(|access| access.knows(&key));
                 self.admit(is_known.then_some(key)).await
             }
+            Request::Unknown { r#do: IgnoredAny, id } => {
+                let error = "there is no such action, or it has other fields".to_owned();
+                self.answer(id, Some(error)).await
+            }
             Request::Do { r#do: action, id } => {
                 let error = self.act(action).err();
-                let done = json!({"type": "done", "id": id, "error": error});
-                self.send(Message::text(done.to_string())).await
+                self.answer(id, error).await
             }
         }
+    }
+
+    /// Answers a request for an action.
+    async fn answer(&mut self, id: u64, error: Option<String>) -> Result<(), Gone> {
+        let done = json!({"type": "done", "id": id, "error": error});
+        self.send(Message::text(done.to_string())).await
     }
 
     fn access(&self) -> Option<&Access> {
