@@ -38,9 +38,10 @@ use super::progress::Progress;
 pub struct CalibrateOptions {
     /// The photographs: a subfolder per camera, equal file names for images of the same instant
     ///
-    /// PNG, JPEG or PNM. The subfolders' names become the cameras' names: left, middle, right for
-    /// the paper's rig. Or all images in one folder, named by camera and number: left01.jpg,
-    /// right01.jpg. One camera alone is calibrated too, but makes no rig.
+    /// PNG, JPEG, PNM, TIFF, BMP or WebP. The subfolders' names become the cameras' names: left,
+    /// middle, right for the paper's rig. Or all images in one folder, named by camera and number:
+    /// left01.jpg, right01.jpg. Names with a date or a time are those of one camera. One camera
+    /// alone is calibrated too, but makes no rig.
     input: PathBuf,
 
     /// Inner corners of the board along its two sides, where four squares meet

@@ -17,9 +17,10 @@ use super::json;
 
 /// Turn calibrations of OpenCV and ROS into a rig file, or a rig file into theirs
 ///
-/// Reads one rig file (.toml), or one file per camera in the YAML of OpenCV's FileStorage or of
-/// ROS's camera_info (.yml, .yaml), whose name is the camera's. Prints the rig file on standard
-/// output unless an option names a file or folder.
+/// Reads one rig file (.toml), or one file per camera, whose name is the camera's: the YAML, JSON
+/// or XML of OpenCV's FileStorage, or the YAML of ROS's camera_info. Other known layouts, such as
+/// Kalibr's, are named with the way to one of these. Prints the rig file on standard output unless
+/// an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ConvertOptions {
@@ -98,7 +99,7 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
         },
         files if files.iter().any(is_toml) => {
             return Err(Failure::Usage(
-                "give one rig file, or YAML files alone".to_owned(),
+                "give one rig file, or camera files alone".to_owned(),
             ));
         }
         files => {
@@ -139,6 +140,10 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
 /// Assembles the rig of these cameras.
 fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     if !(2..=MAX_CAMERAS).contains(&files.len()) {
+        // A file of all cameras, as other programs write, is named for what it is.
+        if let [only] = files {
+            CameraFile::read(only)?;
+        }
         let count = files.len();
         return Err(Failure::Usage(format!(
             "{count} file of a camera; a rig has 2 to {MAX_CAMERAS}"

@@ -33,10 +33,11 @@ pub struct EstimateOptions {
     /// instant and now. A point that some camera has not seen is rejected and counted.
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
-    /// taken at the same instant (PNG, JPEG or PNM; colour becomes grey). Frame sets are taken in
-    /// the order of their names, in which numbers count as numbers. Frame 1 is the second frame
-    /// set. If a camera's file is missing, the frame is measured without that camera, with a
-    /// warning; if a file cannot be read, the frame is refused.
+    /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Colour becomes grey; values
+    /// of 16-bit files are scaled by the bits that they use. Frame sets are taken in the order of
+    /// their names, in which numbers count as numbers. Frame 1 is the second frame set. If a
+    /// camera's file is missing, the frame is measured without that camera, with a warning; if a
+    /// file cannot be read, the frame is refused.
     ///
     /// Recording: a file of --record, or sensor_msgs/Image or CompressedImage of all cameras in an
     /// MCAP file or in the folder of a ROS 2 bag. Frame sets are matched by the stamps in the

@@ -43,10 +43,10 @@ pub struct Source {
     /// A folder of frame sets: one subfolder per camera, named as in the rig file, equal file names
     /// for one instant
     ///
-    /// PNG, JPEG or PNM, in the order of their names, in which numbers count as numbers. If a
-    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable
-    /// frame sets are skipped with a warning; the exit code is then 1. Or a recording (MCAP, ROS 2
-    /// bag), which may hold the rig, and whose frame rate is used.
+    /// PNG, JPEG, PNM, TIFF, BMP or WebP, in the order of their names, in which numbers count as
+    /// numbers. If a camera's file is missing, the others carry on, and the row names that camera.
+    /// Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
+    /// (MCAP, ROS 2 bag), which may hold the rig, and whose frame rate is used.
     #[arg(long, value_name = "DIR", help_heading = SOURCE)]
     images: Option<PathBuf>,
 

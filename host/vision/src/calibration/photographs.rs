@@ -5,7 +5,8 @@
 //! boards/left01.png    boards/right01.png    or all in one: the camera's name, then a number
 //! ```
 //!
-//! The names' endings (`.png`, `.jpg`) do not matter.
+//! The names' endings (`.png`, `.jpg`) do not matter. Names in one folder with a date or a time are
+//! those of one camera: their last number does not distinguish cameras.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -66,7 +67,8 @@ pub fn list(dir: &Path) -> Result<Photographs, InputError> {
         series = by_prefix(dir, listing.files);
     }
     if series.is_empty() {
-        let reason = "holds no images; expected a folder of PNG, JPEG or PNM files for each camera";
+        let reason = "holds no images; expected a folder of PNG, JPEG, PNM, TIFF, BMP or WebP files \
+                      for each camera";
         let reason = std::iter::once(reason.to_owned()).chain(unread);
         return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
     }
@@ -104,8 +106,16 @@ fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Groups the images of several cameras in one folder. Names that do not all end in numbers belong
-/// to one camera.
+/// Returns true if the part of a name before its last number holds a date or a time: two or more
+/// numbers, or one of six digits or more.
+fn has_time_stamp(camera: &str) -> bool {
+    let numbers = camera.split(|c: char| !c.is_ascii_digit());
+    let lengths: Vec<usize> = numbers.map(str::len).filter(|length| *length > 0).collect();
+    lengths.len() >= 2 || lengths.iter().any(|length| *length >= 6)
+}
+
+/// Groups the images of several cameras in one folder. Names that do not all end in numbers, or that
+/// hold a time stamp, belong to one camera.
 fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let all = named(dir, names);
     let split = |stem: &str| {
@@ -126,7 +136,11 @@ fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series>
         let (camera, instant) = split(stem);
         !camera.is_empty() && !instant.is_empty()
     });
-    if !is_numbered {
+    if !is_numbered
+        || all
+            .iter()
+            .any(|(stem, _)| has_time_stamp(split(stem).0.as_str()))
+    {
         return vec![Series {
             name: own_name(),
             files: all,
@@ -198,6 +212,24 @@ mod tests {
         let found = listed(&["cam-1.png", "board.png"]);
         assert_eq!(found.len(), 1, "{found:?}");
         assert_eq!(found[0].1, ["board", "cam-1"]);
+    }
+
+    #[test]
+    fn names_with_time_stamps_are_one_camera() {
+        for names in [
+            [
+                "Image__2026-01-05__10-29-10.png",
+                "Image__2026-01-05__10-30-11.png",
+            ],
+            ["img_20260105_102910.png", "img_20260106_103011.png"],
+            ["frame 10.29.10.png", "frame 10.30.11.png"],
+        ] {
+            let found = listed(&names);
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert_eq!(found[0].1.len(), 2, "{found:?}");
+        }
+        // One short number is part of a camera's name.
+        assert_eq!(listed(&["cam0_01.png", "cam1_01.png"]).len(), 2);
     }
 
     #[test]

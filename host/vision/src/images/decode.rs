@@ -1,22 +1,29 @@
-//! Decoding of images: bytes of a PNG, JPEG or PNM file to a grey image.
+//! Decoding of images: bytes of a PNG, JPEG, PNM, TIFF, BMP or WebP file to a grey image.
+//!
+//! Of a TIFF file with several pages, the first is the image.
 //!
 //! All claims of a file are checked before they cost anything: its size in pixels, the memory that
 //! decoding takes, and that the file is whole and long enough for such an image. Metadata are never
 //! inflated. A panic of a decoder is an error of the file and does not end the program.
 //!
-//! *Invariant:* every image of every command comes through [`decode`], live JPEG images too.
+//! *Invariant:* every image of every command comes through [`decode_deep`], live JPEG images too.
 
 use std::io::Cursor;
 
+use image::codecs::bmp::BmpDecoder;
 use image::codecs::jpeg::JpegDecoder;
 use image::codecs::png::PngDecoder;
 use image::codecs::pnm::PnmDecoder;
-use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
+use image::codecs::tiff::TiffDecoder;
+use image::codecs::webp::WebPDecoder;
+use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
 use super::Image;
 
+pub use depth::Picture;
 pub use panic::caught;
 
+mod depth;
 mod jpeg;
 mod panic;
 mod png;
@@ -28,6 +35,11 @@ pub const LARGEST_FILE: u64 = 256 << 20;
 pub const MOST_PIXELS: u64 = 48 << 20;
 /// Largest memory for one image, bytes: the file, the decoder's own memory, and the grey image.
 pub const MEMORY: u64 = 512 << 20;
+
+/// Largest number of pixels that a byte of a TIFF file makes: deflate of 1-bit pixels.
+const TIFF_AT_BEST: u64 = 1032 * 8;
+/// Largest number of pixels that a byte of a BMP file makes: half of a run of 255.
+const BMP_AT_BEST: u64 = 128;
 
 /// Reason why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -66,18 +78,30 @@ impl From<ImageError> for Refusal {
     }
 }
 
-/// Decodes an image as grey. `size_px` (width, height) is the size it must have, if that is known.
+/// Decodes an image as 8-bit grey, scaled by the bits that it uses. `size_px` (width, height) is
+/// the size it must have, if that is known.
 ///
 /// # Errors
 /// [`Refusal`], also if the decoder panics.
 pub fn decode(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, Refusal> {
+    let picture = decode_deep(bytes, size_px)?;
+    let bits = picture.bits_in_use();
+    Ok(picture.scaled(bits))
+}
+
+/// Decodes an image as grey with the depth of its file, 8 or 16 bits. `size_px` (width, height) is
+/// the size it must have, if that is known.
+///
+/// # Errors
+/// [`Refusal`], also if the decoder panics.
+pub fn decode_deep(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture, Refusal> {
     panic::caught(|| decode_as_claimed(bytes, size_px)).unwrap_or_else(|| {
         let reason = "its content confuses the decoder";
         Err(Refusal::Malformed(reason.to_owned()))
     })
 }
 
-fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, Refusal> {
+fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture, Refusal> {
     let format = image::guess_format(bytes).ok();
     match format {
         Some(ImageFormat::Png) => {
@@ -105,17 +129,28 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, R
         }
         Some(ImageFormat::Pnm) => {
             let decoder = PnmDecoder::new(Cursor::new(bytes))?;
-            let judge = Judge {
-                bytes,
-                size_px,
-                extra: 0,
-            };
+            let judge = Judge::plain(bytes, size_px);
             let least = pnm::least_bytes(decoder.header());
             judge.size(decoder.dimensions().into(), |_| least)?;
             judge.decode(decoder)
         }
+        Some(ImageFormat::Tiff) => {
+            let decoder = TiffDecoder::new(Cursor::new(bytes))?;
+            Judge::plain(bytes, size_px)
+                .whole(decoder, |[width, height]| width * height / TIFF_AT_BEST)
+        }
+        Some(ImageFormat::Bmp) => {
+            let decoder = BmpDecoder::new(Cursor::new(bytes))?;
+            Judge::plain(bytes, size_px)
+                .whole(decoder, |[width, height]| width * height / BMP_AT_BEST)
+        }
+        Some(ImageFormat::WebP) => {
+            let decoder = WebPDecoder::new(Cursor::new(bytes))?;
+            // An even image of any size is a few bytes.
+            Judge::plain(bytes, size_px).whole(decoder, |_| 0)
+        }
         _ => {
-            let reason = "neither PNG nor JPEG nor PNM";
+            let reason = "none of PNG, JPEG, PNM, TIFF, BMP and WebP";
             Err(Refusal::Malformed(reason.to_owned()))
         }
     }
@@ -129,7 +164,26 @@ struct Judge<'a> {
     extra: u64,
 }
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    /// Creates the judge of a file whose decoder needs no more memory than its output.
+    fn plain(bytes: &'a [u8], size_px: Option<[u32; 2]>) -> Self {
+        Self {
+            bytes,
+            size_px,
+            extra: 0,
+        }
+    }
+
+    /// Checks the size that the decoder has read, then decodes.
+    fn whole(
+        &self,
+        decoder: impl ImageDecoder,
+        least: impl FnOnce([u64; 2]) -> u64,
+    ) -> Result<Picture, Refusal> {
+        self.size(decoder.dimensions().into(), least)?;
+        self.decode(decoder)
+    }
+
     /// Checks the claimed size. `least` returns the least length of a file of this size, bytes.
     fn size(&self, given: [u32; 2], least: impl FnOnce([u64; 2]) -> u64) -> Result<(), Refusal> {
         let [width, height] = given;
@@ -157,23 +211,39 @@ impl Judge<'_> {
     }
 
     /// Decodes if the memory suffices.
-    fn decode(&self, mut decoder: impl ImageDecoder) -> Result<Image, Refusal> {
+    fn decode(&self, mut decoder: impl ImageDecoder) -> Result<Picture, Refusal> {
         let (width, height) = decoder.dimensions();
         // The decoded image is the one that was checked.
         self.size([width, height], |_| 0)?;
         let pixels = u64::from(width) * u64::from(height);
         let file = self.bytes.len() as u64;
-        let needed = [decoder.total_bytes(), pixels, file, self.extra];
+        let grey = match decoder.color_type() {
+            // The decoder's output is the grey image.
+            ColorType::L16 => pixels,
+            ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 3 * pixels,
+            _ => pixels,
+        };
+        let needed = [decoder.total_bytes(), grey, file, self.extra];
         let needed = needed.into_iter().fold(0, u64::saturating_add);
         if needed > MEMORY {
             return Err(Refusal::TooMuchMemory(needed));
         }
         decoder.set_limits(self.limits())?;
         let picture = DynamicImage::from_decoder(decoder)?;
-        Ok(Image {
-            width: width as usize,
-            height: height as usize,
-            grey: picture.into_luma8().into_raw(),
+        let (width, height) = (width as usize, height as usize);
+        Ok(match picture.color() {
+            ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
+                Picture::Sixteen {
+                    width,
+                    height,
+                    levels: picture.into_luma16().into_raw(),
+                }
+            }
+            _ => Picture::Eight(Image {
+                width,
+                height,
+                grey: picture.into_luma8().into_raw(),
+            }),
         })
     }
 }

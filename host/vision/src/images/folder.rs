@@ -5,8 +5,9 @@
 //! captures/left/000001.png    captures/middle/000001.png    captures/right/000001.png
 //! ```
 //!
-//! PNG, JPEG and PNM files are read. Images in other formats are named once and skipped; hidden
-//! files and all others are skipped. A name of an image that is not a file (a pipe, a folder, a
+//! PNG, JPEG, PNM, TIFF, BMP and WebP files are read. Values of 16-bit files are scaled by the bits
+//! that the frame sets use, all images of a frame set alike. Images in other formats are named
+//! once and skipped; hidden files and all others are skipped. A name of an image that is not a file (a pipe, a folder, a
 //! dangling link) is an unreadable image. Colour is converted to grey by its luminance. Frame sets
 //! come in the order of their names, in which numbers count as numbers: `view9.png` comes before
 //! `view10.png`.
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 use image::{ExtendedColorType, ImageFormat};
 
-use super::decode::{LARGEST_FILE, Refusal, decode};
+use super::decode::{LARGEST_FILE, Picture, Refusal, decode, decode_deep};
 use super::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 use trinocular_rig::input::{self, Limit};
@@ -30,13 +31,14 @@ pub mod watch;
 /// Default time between frame sets, µs: 30 per second.
 pub const DEFAULT_PERIOD_US: u64 = 33_333;
 
-const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm"];
+const EXTENSIONS: [&str; 12] = [
+    "png", "jpg", "jpeg", "pgm", "ppm", "pbm", "pnm", "tif", "tiff", "bmp", "dib", "webp",
+];
 
 /// Endings of images in formats that are not read.
-const UNREAD: [&str; 27] = [
-    "tif", "tiff", "bmp", "dib", "webp", "gif", "avif", "heic", "heif", "jp2", "j2k", "jxl", "jpe",
-    "jfif", "jxr", "exr", "hdr", "tga", "qoi", "pam", "pfm", "dng", "raw", "cr2", "nef", "arw",
-    "apng",
+const UNREAD: [&str; 22] = [
+    "gif", "avif", "heic", "heif", "jp2", "j2k", "jxl", "jpe", "jfif", "jxr", "exr", "hdr", "tga",
+    "qoi", "pam", "pfm", "dng", "raw", "cr2", "nef", "arw", "apng",
 ];
 
 /// Largest number of unread images that a message lists.
@@ -66,7 +68,10 @@ impl Listing {
         };
         (!listed.is_empty()).then(|| {
             let names = listed.join(", ");
-            format!("not read: {names}{more}; only PNG, JPEG and PNM are, so convert them")
+            format!(
+                "not read: {names}{more}; only PNG, JPEG, PNM, TIFF, BMP and WebP are, so convert \
+                 them"
+            )
         })
     }
 
@@ -85,15 +90,18 @@ pub struct Folder {
     frames: Vec<String>,
     size_px: [u32; 2],
     period_us: u64,
-    /// Images that are not read, per folder.
+    /// Images that are not read, per folder, and the depth of the first frame set.
     warnings: Vec<InputError>,
+    /// Bits in use in the first whole frame set.
+    depth_bits: u32,
 }
 
 impl Folder {
     /// Lists the frame sets in `dir`, whose subfolders are `names`, one per camera in the rig's
     /// order.
     ///
-    /// No image is opened yet. `image_size_px` (width, height) is the size that every image must
+    /// Only the first whole frame set is opened, for the bits in use. `image_size_px`
+    /// (width, height) is the size that every image must
     /// have, `period_us` the time between frame sets.
     ///
     /// # Errors
@@ -150,17 +158,20 @@ impl Folder {
         frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
         frames.dedup();
         if frames.is_empty() {
-            let reason = "holds no images; each camera's folder should have PNG, JPEG or PNM files";
+            let reason = "holds no images; each camera's folder should have PNG, JPEG, PNM, TIFF, \
+                          BMP or WebP files";
             let reason = std::iter::once(reason.to_owned()).chain(unread);
             return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
         }
-        let folder = Self {
+        let mut folder = Self {
             cameras,
             frames,
             size_px: image_size_px,
             period_us,
             warnings,
+            depth_bits: 8,
         };
+        folder.look_at_depth(dir);
         let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
         match lost.as_deref() {
             Some([first, ..]) => {
@@ -185,7 +196,38 @@ impl Folder {
         }
     }
 
-    /// Returns warnings of images in formats that are not read, one per folder.
+    /// Finds the bits in use in the first whole frame set, and warns of the scale and of saturation.
+    fn look_at_depth(&mut self, dir: &Path) {
+        let mut frames = self.frames.iter();
+        let Some(first) = frames.find(|frame| self.lost(frame).is_none()) else {
+            return;
+        };
+        let views = self.cameras.iter();
+        let views = views.map(|(camera, _)| read_deep(&camera.join(first), self.size_px));
+        // An error is reported when the frame set's turn comes.
+        let Ok(views) = views.collect::<Result<Vec<_>, _>>() else {
+            return;
+        };
+        if views.iter().all(|view| matches!(view, Picture::Eight(_))) {
+            return;
+        }
+        self.depth_bits = bits_in_use(&views, 8);
+        self.warnings
+            .push(InputError::file(dir, scale(self.depth_bits)));
+        for ((camera, _), view) in self.cameras.iter().zip(&views) {
+            let share = view.saturated(self.depth_bits);
+            if share > MOST_SATURATED {
+                let percent = 100.0 * share;
+                let reason =
+                    format!("{percent:.1} % of the pixels are saturated; shorten the exposure");
+                self.warnings
+                    .push(InputError::file(&camera.join(first), reason));
+            }
+        }
+    }
+
+    /// Returns warnings: images in formats that are not read, one per folder; the scale of 16-bit
+    /// images, and saturation in the first frame set.
     pub fn warnings(&self) -> &[InputError] {
         &self.warnings
     }
@@ -240,22 +282,40 @@ impl Folder {
     /// Reads the frame sets in order, each at its turn, with placeholders for missing images. A
     /// frame set that cannot be read does not end the iteration.
     pub fn frame_sets(&self) -> impl ExactSizeIterator<Item = Result<FrameSet, InputError>> + '_ {
-        self.frames.iter().enumerate().map(|(index, name)| {
+        let mut depth_bits = self.depth_bits;
+        self.frames.iter().enumerate().map(move |(index, name)| {
             let views = self
                 .cameras
                 .iter()
                 .map(|(camera, files)| match files.contains(name) {
-                    true => read(&camera.join(name), self.size_px),
-                    false => Ok(Image::missing()),
+                    true => read_deep(&camera.join(name), self.size_px),
+                    false => Ok(Picture::Eight(Image::missing())),
                 })
-                .collect::<Result<_, _>>()?;
+                .collect::<Result<Vec<_>, _>>()?;
+            depth_bits = bits_in_use(&views, depth_bits);
             let time_us = self.period_us.saturating_mul(index as u64);
+            let images = views.into_iter().map(|view| view.scaled(depth_bits));
             Ok(FrameSet {
                 time_us,
-                images: views,
+                images: images.collect(),
             })
         })
     }
+}
+
+/// Largest share of saturated pixels without a warning.
+const MOST_SATURATED: f64 = 0.01;
+
+/// Returns the most bits in use in the images, `so_far` or more.
+fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
+    let bits = views.iter().map(Picture::bits_in_use);
+    bits.fold(so_far, u32::max)
+}
+
+/// Describes the scale of 16-bit images.
+fn scale(bits: u32) -> String {
+    let divisor = 1 << (bits - 8);
+    format!("16-bit images that use {bits} bits; values are divided by {divisor}")
 }
 
 fn incomplete(missing: &Path) -> InputError {
@@ -287,9 +347,17 @@ pub fn save(
     Ok(())
 }
 
-/// Reads one image file as grey. `size_px` (width, height) is the size it must have.
+/// Reads one image file as 8-bit grey, scaled by the bits that it uses. `size_px` (width, height)
+/// is the size it must have.
 pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
-    decode(&bytes(path)?, Some(size_px)).map_err(|refusal| {
+    let picture = read_deep(path, size_px)?;
+    let bits = picture.bits_in_use();
+    Ok(picture.scaled(bits))
+}
+
+/// Reads one image file as grey with the depth of the file.
+fn read_deep(path: &Path, size_px: [u32; 2]) -> Result<Picture, InputError> {
+    decode_deep(&bytes(path)?, Some(size_px)).map_err(|refusal| {
         let reason = match refusal {
             Refusal::OtherSize {
                 given: [width, height],

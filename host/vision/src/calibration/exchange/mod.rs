@@ -1,5 +1,5 @@
-//! Camera files of other programs: OpenCV's FileStorage YAML and ROS's `camera_info` YAML, one file
-//! per camera.
+//! Camera files of other programs: OpenCV's FileStorage (YAML, JSON, XML) and ROS's `camera_info`
+//! YAML, one file per camera.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -9,7 +9,11 @@
 //!
 //! Rotation and position are optional in OpenCV's files. Only the keys that the other programs
 //! write are read, all others are ignored; a missing or impossible value is refused with file, line
-//! and name. Both kinds are read by the same code, according to their content.
+//! and name. Both kinds are read by the same code, according to their content. Known layouts that
+//! are not read are named, with the way to one that is.
+//!
+//! `distortion_model` may also be empty, if all coefficients are 0, or `rational_polynomial`, if
+//! k4 k5 k6 are 0.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -24,6 +28,8 @@ use trinocular_rig::rig_file::{NOT_A_LENS, can_undistort, focal_fault};
 use yaml::{Document, Node, quoted};
 
 mod assemble;
+mod foreign;
+mod xml;
 mod yaml;
 
 pub use assemble::{Assembled, Member, assemble};
@@ -46,7 +52,10 @@ const LIMIT: Limit = Limit {
     bytes: 4 << 20,
 };
 /// Names of the values that are read.
-const KEYS: [&str; 11] = [
+const KEYS: [&str; 14] = [
+    "binning_x",
+    "binning_y",
+    "roi",
     "image_width",
     "image_height",
     "camera_name",
@@ -113,19 +122,29 @@ impl CameraFile {
         let text = std::str::from_utf8(bytes).map_err(|error| {
             not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
         })?;
-        let document = Document::parse(file, text, &KEYS)?;
+        let document = match xml::is_xml(text) {
+            true => xml::parse(file, text, &KEYS)?,
+            false => {
+                foreign::check(file, text)?;
+                Document::parse(file, text, &KEYS)?
+            }
+        };
         let root = document.root();
         let side = |key: &str| root.required(key)?.whole(8..=65_535);
         let image_size_px = [side("image_width")?, side("image_height")?];
-        if let Some(model) = root.optional("distortion_model")?
-            && model.text()? != "plumb_bob"
+        let model = root.optional("distortion_model")?;
+        let name = model.as_ref().map_or(Ok("plumb_bob"), Node::text)?;
+        if let Some(model) = &model
+            && !["", "plumb_bob", "rational_polynomial"].contains(&name)
         {
             let reason = format!(
-                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read",
-                quoted(model.text()?)
+                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read, and \
+                 rational_polynomial whose k4 k5 k6 are 0",
+                quoted(name)
             );
             return Err(model.fault(reason));
         }
+        not_binned(&root)?;
         // OpenCV's own calibration program marks fisheyes; the four coefficients alone look like k1
         // k2 p1 p2.
         if let Some(flag) = root.optional("fisheye_model")?
@@ -139,6 +158,15 @@ impl CameraFile {
         let [fx, fy, cx, cy] = camera_matrix(&matrix, image_size_px)?;
         let coefficients = root.required("distortion_coefficients")?;
         let [k1, k2, p1, p2, k3] = distortion(&coefficients)?;
+        // Drivers of rectified and simulated cameras leave the model empty.
+        if let Some(model) = &model
+            && name.is_empty()
+            && [k1, k2, p1, p2, k3] != [0.0; KNOWN]
+        {
+            let reason = "the model is empty, but some coefficients are not 0; name the model \
+                          they belong to, such as plumb_bob";
+            return Err(model.fault(reason));
+        }
         let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
         if !can_undistort(&lens.camera(), image_size_px) {
             return Err(coefficients.fault(NOT_A_LENS));
@@ -172,10 +200,39 @@ impl CameraFile {
     }
 }
 
+/// Refuses a file whose images are binned or cut: its matrix may be that of the full sensor.
+fn not_binned(root: &Node<'_>) -> Result<(), InputError> {
+    for key in ["binning_x", "binning_y"] {
+        if let Some(binning) = root.optional(key)?
+            && binning.whole(0..=64)? > 1
+        {
+            let reason = "binned images are not supported: the matrix is that of the full sensor. \
+                          Divide image size, focal lengths and principal point by the binning, \
+                          and leave this line out";
+            return Err(binning.fault(reason));
+        }
+    }
+    let Some(roi) = root.optional("roi")? else {
+        return Ok(());
+    };
+    for key in ["x_offset", "y_offset", "width", "height"] {
+        if let Some(side) = roi.optional(key)?
+            && side.whole(0..=65_535)? > 0
+        {
+            let reason = "a region of interest is not supported: the matrix is that of the full \
+                          image. Subtract the offsets from the principal point, give the region's \
+                          size as the image's, and leave `roi` out";
+            return Err(side.fault(reason));
+        }
+    }
+    Ok(())
+}
+
 /// Returns the elements of a matrix in either spelling: `rows`, `cols` and `data`, which must
 /// agree.
 fn elements(field: &Node<'_>) -> Result<Vec<f64>, InputError> {
-    let size = |key: &str| field.required(key)?.whole(1..=1000);
+    // No coefficients at all: a camera without distortion.
+    let size = |key: &str| field.required(key)?.whole(0..=1000);
     let expected = size("rows")? as usize * size("cols")? as usize;
     let data = field.required("data")?;
     let elements = data
@@ -219,8 +276,8 @@ fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], 
 fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
     let elements = elements(field)?;
     if elements.iter().skip(KNOWN).any(|k| *k != 0.0) {
-        let reason =
-            "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism models";
+        let reason = "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism models, that \
+             is, with 5 coefficients (ROS: cameracalibrator -k 3)";
         return Err(field.fault(reason));
     }
     Ok(std::array::from_fn(|i| {

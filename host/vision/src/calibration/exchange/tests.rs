@@ -145,6 +145,106 @@ fn unknown_coefficients_must_be_zero() {
     );
 }
 
+const XML: &str = "<?xml version=\"1.0\"?>
+<!-- written by a test -->
+<opencv_storage>
+<calibration_time>\"Mon\"</calibration_time>
+<image_width>640</image_width>
+<image_height>480</image_height>
+<camera_matrix type_id=\"opencv-matrix\">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    533.5 0. 342.25 0.
+    533. 234.5 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id=\"opencv-matrix\">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    -0.28 0.03 1e-3 -1e-4 0.13</data></distortion_coefficients>
+</opencv_storage>
+";
+
+#[test]
+fn opencv_xml_is_read() {
+    let file = parse(XML).unwrap();
+    assert_eq!(file.image_size_px, [640, 480]);
+    let lens = [533.5, 533.0, 342.25, 234.5, -0.28, 0.03, 1e-3, -1e-4, 0.13];
+    assert_eq!(file.lens.0, lens);
+    assert_eq!(
+        (file.places.matrix.line, file.places.distortion.line),
+        (7, 14)
+    );
+}
+
+#[test]
+fn bad_xml_is_refused_by_line() {
+    let error = parse(&XML.replace("533. 234.5", "533. x")).unwrap_err();
+    assert_eq!(error.line, Some(13), "{error}");
+    assert_eq!(error.field.as_deref(), Some("camera_matrix.data[5]"));
+    let error = parse(&XML.replace("image_width", "width")).unwrap_err();
+    assert!(error.to_string().contains("image_width"), "{error}");
+    let error = parse(&XML.replace("opencv_storage", "html")).unwrap_err();
+    assert!(error.reason.contains("opencv_storage"), "{error}");
+    for length in 0..XML.trim_end().len() {
+        assert!(parse(&XML[..length]).is_err(), "{length}");
+    }
+}
+
+/// Returns a ROS file with this model and coefficients.
+fn with_model(model: &str, data: &str, cols: usize) -> String {
+    format!(
+        "image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: [500, 0, \
+         320, 0, 500, 240, 0, 0, 1]}}\ndistortion_model: {model}\ndistortion_coefficients: \
+         {{rows: 1, cols: {cols}, data: [{data}]}}\n"
+    )
+}
+
+#[test]
+fn model_is_judged_by_its_coefficients() {
+    let eight = "0.1, 0.2, 0.003, 0.004, 0.5, 0, 0, 0";
+    let rational = parse(&with_model("rational_polynomial", eight, 8)).unwrap();
+    assert_eq!(rational.lens.0[4..], [0.1, 0.2, 0.003, 0.004, 0.5]);
+    let plain = parse(&with_model("''", "0, 0, 0, 0, 0", 5)).unwrap();
+    assert_eq!(plain.lens.0[4..], [0.0; 5]);
+    let none = parse(&with_model("''", "", 0)).unwrap();
+    assert_eq!(none.lens.0[4..], [0.0; 5]);
+    for (text, field, reason) in [
+        (
+            with_model("rational_polynomial", "0.1, 0, 0, 0, 0, 0.3, 0, 0", 8),
+            "distortion_coefficients",
+            "5 coefficients",
+        ),
+        (
+            with_model("''", "0.1, 0, 0, 0, 0", 5),
+            "distortion_model",
+            "the model is empty",
+        ),
+    ] {
+        let error = parse(&text).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+}
+
+#[test]
+fn binning_and_roi_are_refused_by_name() {
+    let plain = with_model("plumb_bob", "0, 0, 0, 0, 0", 5);
+    let none = "binning_x: 1\nbinning_y: 0\nroi: {x_offset: 0, y_offset: 0, height: 0, width: \
+                0, do_rectify: false}\n";
+    assert!(parse(&format!("{plain}{none}")).is_ok());
+    for (line, field) in [
+        ("binning_x: 4", "binning_x"),
+        ("roi: {x_offset: 16, y_offset: 0}", "roi.x_offset"),
+    ] {
+        let error = parse(&format!("{plain}{line}\n")).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains("not supported"), "{error}");
+    }
+}
+
 #[track_caller]
 fn refused(from: &str, to: &str, line: usize, field: &str, reason: &str) {
     assert!(OPENCV.contains(from), "the change must apply");

@@ -34,6 +34,21 @@ pub(super) struct Document<'a> {
     root: Tree<'a>,
 }
 
+/// Value of a document that is not YAML.
+pub(super) enum Entry<'a> {
+    /// Single value.
+    Scalar(&'a str),
+    /// Matrix, with the line of each element.
+    Matrix {
+        /// Number of rows.
+        rows: &'a str,
+        /// Number of columns.
+        cols: &'a str,
+        /// Elements, row by row.
+        data: Vec<(usize, &'a str)>,
+    },
+}
+
 /// Value with its place.
 struct Tree<'a> {
     line: usize,
@@ -88,6 +103,37 @@ impl<'a> Document<'a> {
                 }
             }
         }
+    }
+
+    /// Makes a document of names with values, each with its line.
+    pub fn of_entries(file: &'a Path, entries: Vec<(&'a str, usize, Entry<'a>)>) -> Self {
+        let scalar = |line: usize, text: &'a str| Tree {
+            line,
+            value: Value::Scalar(Cow::Borrowed(text)),
+        };
+        let tree = |line: usize, entry: Entry<'a>| match entry {
+            Entry::Scalar(text) => scalar(line, text),
+            Entry::Matrix { rows, cols, data } => {
+                let data = data.into_iter().map(|(line, text)| scalar(line, text));
+                let list = Tree {
+                    line,
+                    value: Value::List(data.collect()),
+                };
+                let value = Value::Map(vec![
+                    (Cow::Borrowed("rows"), scalar(line, rows)),
+                    (Cow::Borrowed("cols"), scalar(line, cols)),
+                    (Cow::Borrowed("data"), list),
+                ]);
+                Tree { line, value }
+            }
+        };
+        let entries = entries.into_iter();
+        let entries = entries.map(|(name, line, entry)| (Cow::Borrowed(name), tree(line, entry)));
+        let root = Tree {
+            line: 1,
+            value: Value::Map(entries.collect()),
+        };
+        Self { file, root }
     }
 
     /// Returns the root of the document.

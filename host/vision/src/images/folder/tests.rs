@@ -59,11 +59,11 @@ fn other_image_formats_are_named() {
     let dir = saved(1);
     let left = dir.path().join("left");
     for number in 0..12 {
-        fs::write(left.join(format!("{number:02}.TIF")), "II*").unwrap();
+        fs::write(left.join(format!("{number:02}.GIF")), "GIF89a").unwrap();
     }
     let remark = listing(&left).unwrap().remark().unwrap();
     assert!(
-        remark.contains("00.TIF, 01.TIF") && remark.contains("2 more"),
+        remark.contains("00.GIF, 01.GIF") && remark.contains("2 more"),
         "{remark}"
     );
     let folder = open(dir.path()).unwrap();
@@ -76,7 +76,7 @@ fn other_image_formats_are_named() {
         fs::remove_file(dir.path().join(camera).join("000000.png")).unwrap();
     }
     let error = open(dir.path()).unwrap_err();
-    assert!(error.reason.contains("left: not read: 00.TIF"), "{error}");
+    assert!(error.reason.contains("left: not read: 00.GIF"), "{error}");
 }
 
 #[cfg(unix)]
@@ -233,4 +233,91 @@ fn unwritable_image_is_refused() {
         error.reason.starts_with("cannot make the folder"),
         "{error}"
     );
+}
+
+/// Saves a frame set of 16-bit values: those of `capture`, times `factor`.
+fn save_deep(dir: &Path, file: &str, capture: &FrameSet, factor: u16) {
+    for (name, view) in names().iter().zip(&capture.images) {
+        fs::create_dir_all(dir.join(name)).unwrap();
+        let levels = view.grey.iter().map(|grey| u16::from(*grey) * factor);
+        let (width, height) = (view.width as u32, view.height as u32);
+        let image = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(
+            width,
+            height,
+            levels.collect::<Vec<_>>(),
+        );
+        image.unwrap().save(dir.join(name).join(file)).unwrap();
+    }
+}
+
+#[test]
+fn images_of_10_to_16_bits_equal_8_bits() {
+    let mut expected = capture(3);
+    for (index, view) in expected.images.iter_mut().enumerate() {
+        // The cameras differ in brightness, but are scaled alike.
+        view.grey[0] = if index == 0 { 255 } else { 90 };
+    }
+    for file in ["0.png", "0.tif", "0.tiff"] {
+        for (bits, factor) in [(10, 4), (12, 16), (14, 64), (16, 256)] {
+            let dir = TempDir::new().unwrap();
+            save_deep(dir.path(), file, &expected, factor);
+            let folder = Folder::open(dir.path(), &names(), [6, 4], 1).unwrap();
+            let found = folder.frame_sets().next().unwrap().unwrap();
+            assert_eq!(found.images, expected.images, "{file}, {bits} bits");
+            let warning = folder.warnings()[0].to_string();
+            let said = format!("use {bits} bits; values are divided by {factor}");
+            assert!(warning.contains(&said), "{warning}");
+        }
+    }
+}
+
+#[test]
+fn scale_of_16_bit_images_never_falls() {
+    let dir = TempDir::new().unwrap();
+    let mut bright = capture(0);
+    bright.images[0].grey[0] = 255;
+    let mut dark = capture(1);
+    for grey in dark.images.iter_mut().flat_map(|view| &mut view.grey) {
+        *grey = 8;
+    }
+    save_deep(dir.path(), "0.png", &bright, 16);
+    save_deep(dir.path(), "1.png", &dark, 16);
+    let folder = Folder::open(dir.path(), &names(), [6, 4], 1).unwrap();
+    let found: Vec<FrameSet> = folder.frame_sets().map(Result::unwrap).collect();
+    assert_eq!(found[0].images, bright.images);
+    assert_eq!(found[1].images, dark.images);
+}
+
+#[test]
+fn saturation_of_16_bit_images_is_named() {
+    let dir = TempDir::new().unwrap();
+    let mut bright = capture(0);
+    bright.images[1].grey[..6].fill(255);
+    save_deep(dir.path(), "0.png", &bright, 257);
+    let folder = Folder::open(dir.path(), &names(), [6, 4], 1).unwrap();
+    let warnings: Vec<String> = folder.warnings().iter().map(ToString::to_string).collect();
+    let said = |w: &String| w.contains("25.0 % of the pixels are saturated");
+    assert!(warnings.iter().any(said), "{warnings:?}");
+}
+
+#[test]
+fn tiff_bmp_and_webp_are_read() {
+    let dir = TempDir::new().unwrap();
+    for file in ["a.tif", "a.tiff", "a.bmp", "a.webp"] {
+        let path = dir.path().join(file);
+        let grey = image::GrayImage::from_fn(6, 4, |x, y| image::Luma([(x * 40 + y) as u8]));
+        let image = image::DynamicImage::from(grey.clone());
+        // WebP has no grey images.
+        let image = match file {
+            "a.webp" => image::DynamicImage::from(image.to_rgb8()),
+            _ => image,
+        };
+        image.save(&path).unwrap();
+        assert_eq!(read(&path, [6, 4]).unwrap().grey, grey.into_raw(), "{file}");
+        let whole = fs::read(&path).unwrap();
+        for length in 0..whole.len() / 2 {
+            fs::write(&path, &whole[..length]).unwrap();
+            assert!(read(&path, [6, 4]).is_err(), "{file} cut to {length} bytes");
+        }
+    }
 }

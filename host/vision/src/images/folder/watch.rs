@@ -24,7 +24,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{Listing, listing, numbers_padded, read};
+use super::{Listing, bits_in_use, listing, numbers_padded, read_deep};
+use crate::images::decode::Picture;
 use crate::images::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 
@@ -120,6 +121,8 @@ pub struct Watch<T> {
     has_told_unheard: bool,
     /// Per camera: true after the report of images in formats that are not read.
     has_told_unread: Vec<bool>,
+    /// Most bits in use so far.
+    depth_bits: u32,
     over: bool,
     tell: T,
 }
@@ -163,6 +166,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
             heard: vec![None; names.len()],
             has_told_unheard: false,
             has_told_unread: vec![false; names.len()],
+            depth_bits: 8,
             over: false,
             tell,
         })
@@ -332,15 +336,18 @@ impl<T: FnMut(&InputError)> Watch<T> {
     }
 
     /// Reads the frame set of this name, from the cameras whose file exists.
-    fn read(&self, name: &str, files: &[Option<Seen>]) -> Result<FrameSet, InputError> {
+    fn read(&mut self, name: &str, files: &[Option<Seen>]) -> Result<FrameSet, InputError> {
         let cameras = self.cameras.iter().zip(files);
         let views = cameras.map(|(camera, seen)| match seen {
-            Some(_) => read(&camera.join(name), self.size_px),
-            None => Ok(Image::missing()),
+            Some(_) => read_deep(&camera.join(name), self.size_px),
+            None => Ok(Picture::Eight(Image::missing())),
         });
+        let views = views.collect::<Result<Vec<_>, _>>()?;
+        self.depth_bits = bits_in_use(&views, self.depth_bits);
+        let images = views.into_iter().map(|view| view.scaled(self.depth_bits));
         Ok(FrameSet {
             time_us: self.settings.period_us.saturating_mul(self.taken),
-            images: views.collect::<Result<_, _>>()?,
+            images: images.collect(),
         })
     }
 }

@@ -112,12 +112,12 @@ fn settled_frame_set_is_given() {
 fn unread_formats_are_reported_once() {
     let bench = Bench::new();
     let mut watch = bench.watch(None);
-    fs::write(bench.path("left", "0.tif"), "II*").unwrap();
+    fs::write(bench.path("left", "0.gif"), "GIF89a").unwrap();
     nothing(watch.look(bench.at(100)));
     nothing(watch.look(bench.at(900)));
     let told = bench.told();
     assert!(
-        told.len() == 1 && told[0].contains("not read: 0.tif"),
+        told.len() == 1 && told[0].contains("not read: 0.gif"),
         "{told:?}"
     );
 }

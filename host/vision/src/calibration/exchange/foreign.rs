@@ -1,0 +1,140 @@
+//! Well-known layouts of calibrations that are not read, with the way to one that is.
+
+use std::path::Path;
+
+use trinocular_rig::error::InputError;
+
+/// Layout of another program.
+struct Layout {
+    /// Names that all start a line of such a file, up to the colon or equals sign.
+    names: &'static [&'static str],
+    /// Description of the layout, and the way out.
+    reason: &'static str,
+}
+
+/// Layouts of YAML and INI, recognised by the names that start lines. The first that fits counts.
+const LAYOUTS: [Layout; 8] = [
+    Layout {
+        names: &["camera_model", "distortion_coeffs", "intrinsics"],
+        reason: "a Kalibr camchain, which is not read: write one file per camera with image_width, \
+                 image_height, camera_matrix from `intrinsics` (fu fv pu pv), \
+                 distortion_coefficients from `distortion_coeffs` (radtan: k1 k2 p1 p2), and R and \
+                 T from T_cn_cnm1 (T in mm: times 1000); the \
+                 first camera's R is the unit matrix and its T zero",
+    },
+    Layout {
+        names: &["M1", "D1"],
+        reason: "the intrinsics of OpenCV's stereo_calib, which are not read: write one file per \
+                 camera with image_width and image_height, M1 or M2 as camera_matrix, D1 or D2 as \
+                 distortion_coefficients, R and T of the extrinsics for the second camera, \
+                 and the unit matrix and zero for the first",
+    },
+    Layout {
+        names: &["R", "T", "R1", "P1"],
+        reason: "the extrinsics of OpenCV's stereo_calib, which are not read alone: write one file \
+                 per camera with image_width, image_height, camera_matrix and \
+                 distortion_coefficients, and put R and T (mm) into the second camera's",
+    },
+    Layout {
+        names: &["D", "K", "R", "P"],
+        reason: "a printed camera_info message (rostopic echo), which is not read: rename height, \
+                 width, D, K, R and P to image_height, image_width, distortion_coefficients, \
+                 camera_matrix, rectification_matrix and projection_matrix, each matrix with rows, \
+                 cols and data",
+    },
+    Layout {
+        names: &["Camera_Matrix"],
+        reason: "the spelling of OpenCV 2.4, which is not read: rename Camera_Matrix, \
+                 Distortion_Coefficients, image_Width and image_Height to camera_matrix, \
+                 distortion_coefficients, image_width and image_height",
+    },
+    Layout {
+        names: &["projection_parameters"],
+        reason: "a camodocal file (VINS), which is not read: write fx, fy, cx, cy as camera_matrix \
+                 and k1 k2 p1 p2 as distortion_coefficients",
+    },
+    Layout {
+        names: &["Camera.fx"],
+        reason: "a settings file of ORB-SLAM, which is not read: write Camera.fx, fy, cx, cy as \
+                 camera_matrix and Camera.k1, k2, p1, p2, k3 as distortion_coefficients",
+    },
+    Layout {
+        names: &["fc", "cc", "kc"],
+        reason: "Calib_Results.m of the MATLAB toolbox, which is not read: write nx and ny as \
+                 image_width and image_height, fc and cc as camera_matrix [fx 0 cx; 0 fy cy; 0 0 \
+                 1], and kc (k1 k2 p1 p2 k3) as distortion_coefficients",
+    },
+];
+
+const INI: &str = "the INI file of ROS's camera calibration (oST), which is not read: use the \
+                   .yaml beside it, or convert it with `rosrun camera_calibration_parsers convert \
+                   ost.ini camera.yaml`";
+
+/// Refuses a file in a known layout that is not read.
+///
+/// # Errors
+/// [`InputError`] with the name of the layout and the way out.
+pub(super) fn check(file: &Path, text: &str) -> Result<(), InputError> {
+    let refuse = |reason: &str| Err(InputError::file(file, reason));
+    let lines = || text.lines().map(str::trim);
+    if lines().any(|line| line == "[image]" || line == "# oST version 5.0 parameters") {
+        return refuse(INI);
+    }
+    // A name that is read settles that the file is one of those that are.
+    let has = |name: &str| lines().any(|line| starts_with_name(line, name));
+    if has("camera_matrix") || has("\"camera_matrix\"") {
+        return Ok(());
+    }
+    let mut layouts = LAYOUTS.iter();
+    match layouts.find(|layout| layout.names.iter().all(|name| has(name))) {
+        Some(layout) => refuse(layout.reason),
+        None => Ok(()),
+    }
+}
+
+/// Returns true if the line gives a value to `name`.
+fn starts_with_name(line: &str, name: &str) -> bool {
+    let rest = line.strip_prefix(name).map(str::trim_start);
+    rest.is_some_and(|rest| rest.starts_with([':', '=']))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_foreign_layouts_are_named() {
+        for (text, name) in [
+            ("# Camera intrinsics\n\n[image]\n\nwidth\n640\n", "oST"),
+            (
+                "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0]\n  intrinsics: [1]\n",
+                "Kalibr",
+            ),
+            (
+                "%YAML:1.0\nM1: 1\nD1: 2\n",
+                "the intrinsics of OpenCV's stereo",
+            ),
+            (
+                "R: 1\nT: 2\nR1: 3\nR2: 4\nP1: 5\n",
+                "the extrinsics of OpenCV's stereo",
+            ),
+            (
+                "height: 480\nwidth: 640\nD: []\nK: []\nR: []\nP: []\n",
+                "rostopic",
+            ),
+            ("image_Width: 640\nCamera_Matrix: 1\n", "OpenCV 2.4"),
+            ("projection_parameters:\n  fx: 1\n", "camodocal"),
+            ("Camera.fx: 500\n", "ORB-SLAM"),
+            ("fc = [ 1 ; 2 ];\ncc = [ 3 ; 4 ];\nkc = [ 0 ];\n", "MATLAB"),
+        ] {
+            let error = check(Path::new("left.yml"), text).unwrap_err().to_string();
+            assert!(
+                error.contains(name) && error.contains("not read"),
+                "{text}: {error}"
+            );
+        }
+        for text in ["", "camera_matrix: 1\nM1: 1\nD1: 2\n", "[1, 2]", "a: b"] {
+            assert!(check(Path::new("left.yml"), text).is_ok(), "{text}");
+        }
+    }
+}
