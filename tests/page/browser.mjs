@@ -62,9 +62,10 @@ export class Browser {
 
   async close() {
     const ended = new Promise((resolve) => this.process.once("exit", resolve));
-    this.process.kill();
+    // Killed, it would leave helpers that still write into the folder.
+    await this.call("Browser.close");
     await ended;
-    rmSync(this.folder, { recursive: true, force: true });
+    rmSync(this.folder, { recursive: true, force: true, maxRetries: 20 });
   }
 }
 

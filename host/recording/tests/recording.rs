@@ -157,6 +157,12 @@ fn flipped_bit_is_named_with_its_place() {
     let error = Survey::of(&Source::open(&path).unwrap()).unwrap_err();
     assert!(error.reason.contains("damaged at byte"), "{error}");
     assert!(error.reason.contains("checksum"), "{error}");
+    // The way out that it names.
+    let (_, rest) = error.reason.split_once("head -c ").expect("a command");
+    let place = rest.split(' ').next().and_then(|word| word.parse().ok());
+    std::fs::write(&path, &bytes[..place.expect("a place")]).unwrap();
+    let survey = Survey::of(&Source::open(&path).unwrap()).expect("it is read");
+    assert!(survey.cut.is_some());
 }
 
 #[test]

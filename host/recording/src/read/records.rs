@@ -89,7 +89,10 @@ pub enum Damage {
     #[error("is cut off at byte {0}: what stands before was read")]
     CutOff(u64),
     /// A record contradicts the format.
-    #[error("is damaged at byte {at}: {what}")]
+    #[error(
+        "is damaged at byte {at}: {what}; to read what stands before, cut it off there: \
+         head -c {at} FILE > PART.mcap"
+    )]
     Malformed {
         /// Place of the record in the file.
         at: u64,
