@@ -39,12 +39,16 @@ fn eventful_run_replays_without_difference() {
     assert_eq!(replayed.not_measured, 0);
 }
 
-/// `RECORDED_FRAMES=10000`, as in `tests/run --all`, makes the long run.
+/// Returns the number of frames of the long runs: 10,000 in `tests/run --all`.
+fn frames_or(few: usize) -> usize {
+    let frames = std::env::var("RECORDED_FRAMES").ok();
+    frames.map_or(few, |count| count.parse().expect("a number"))
+}
+
 #[test]
 #[ignore = "takes a minute; tests/run includes it"]
 fn long_run_replays_without_difference() {
-    let frames = std::env::var("RECORDED_FRAMES").ok();
-    let frames: usize = frames.map_or(600, |count| count.parse().expect("a number"));
+    let frames = frames_or(600);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let run = Run::record(&path, frames, None);
@@ -95,7 +99,7 @@ fn every_alteration_is_noticed() {
 fn recording_replays_on_emulated_processor() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
-    let run = Run::record(&path, 240, None);
+    let run = Run::record(&path, frames_or(240), None);
     let source = Source::open(&path).expect("a recording");
     let (log, records) = replay::log(&source).expect("a whole recording");
     let recording = Recording {

@@ -135,13 +135,14 @@ pub fn calibrate(
             _ => Ok(f64::NAN),
         })
         .collect();
+    let rolls_rad = rolls(board, eyes, reference, instants);
     loop {
         let kept: Vec<usize> = (0..instants.len())
             .filter(|i| verdicts[*i].is_ok())
             .collect();
         let sights: Vec<Vec<Sighting>> = kept
             .iter()
-            .map(|i| sightings(board, eyes, &instants[*i]))
+            .map(|i| sightings(board, eyes, &rolls_rad, &instants[*i]))
             .collect();
         let motions = initial_motions(count, reference, &sights)?;
         let views = kept
@@ -212,10 +213,16 @@ struct Sighting {
 
 /// Computes all cameras' sightings with the same numbering of the corners. On boards that look the
 /// same after a turn, each camera's corners are renumbered so that its view of the board is turned
-/// least against the first camera's.
-fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighting> {
+/// against the first camera's as nearly as possible by the difference of their `rolls_rad`.
+fn sightings(
+    board: &Board,
+    eyes: &[RigCamera],
+    rolls_rad: &[f64],
+    instant: &Instant,
+) -> Vec<Sighting> {
     let mut all: Vec<Sighting> = Vec::new();
-    for (camera, (eye, corners)) in eyes.iter().zip(instant).enumerate() {
+    let cameras = eyes.iter().zip(rolls_rad).zip(instant);
+    for (camera, ((eye, roll_rad), corners)) in cameras.enumerate() {
         let Some(corners) = corners else { continue };
         let turned = board.symmetries().iter().filter_map(|quarters| {
             let mut named = corners.clone();
@@ -229,13 +236,63 @@ fn sightings(board: &Board, eyes: &[RigCamera], instant: &Instant) -> Vec<Sighti
             })
         });
         let angle = |sighting: &Sighting| match all.first() {
-            Some(first) => sighting.pose.rotation.angle_to(&first.pose.rotation),
+            Some(first) => {
+                let roll = rolled(roll_rad - rolls_rad[first.camera]);
+                let expected = roll * first.pose.rotation;
+                sighting.pose.rotation.angle_to(&expected)
+            }
             None => 0.0,
         };
         let best = turned.min_by(|a, b| angle(a).total_cmp(&angle(b)));
         all.extend(best);
     }
     all
+}
+
+/// Returns a rotation about the optical axis.
+fn rolled(angle_rad: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
+}
+
+/// Finds the rough roll of each camera against the reference camera, rad, for boards that look the
+/// same after a turn. Wrongly numbered corners make the cameras' relative rotation depend on the
+/// pose of the board: of eight rolls, the one with the most constant relative rotation is chosen,
+/// and none unless it is twice as constant as that without a roll.
+fn rolls(board: &Board, eyes: &[RigCamera], reference: usize, instants: &[Instant]) -> Vec<f64> {
+    let mut rolls_rad = vec![0.0; eyes.len()];
+    if board.symmetries().len() < 2 {
+        return rolls_rad;
+    }
+    for camera in (0..eyes.len()).filter(|camera| *camera != reference) {
+        let pair = [camera.min(reference), camera.max(reference)];
+        let scatter_rad = |eighths: u32| {
+            let mut trial = vec![0.0; eyes.len()];
+            trial[camera] = f64::from(eighths) * std::f64::consts::FRAC_PI_4;
+            let relative = instants.iter().filter_map(|instant| {
+                let of_pair = |k: usize| instant[k].clone().filter(|_| pair.contains(&k));
+                let instant: Instant = (0..instant.len()).map(of_pair).collect();
+                match sightings(board, eyes, &trial, &instant).as_slice() {
+                    [a, b] => Some(b.pose.rotation * a.pose.rotation.inverse()),
+                    _ => None,
+                }
+            });
+            let relative: Vec<UnitQuaternion<f64>> = relative.collect();
+            let from_others = |one: &UnitQuaternion<f64>| {
+                median(relative.iter().map(|r| r.angle_to(one)).collect())
+            };
+            let scatters = relative.iter().map(from_others);
+            scatters.min_by(f64::total_cmp).unwrap_or(0.0)
+        };
+        let upright = scatter_rad(0);
+        let turned = (1..8).map(|eighths| (eighths, scatter_rad(eighths)));
+        let best = turned.min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((eighths, scatter)) = best
+            && 2.0 * scatter < upright
+        {
+            rolls_rad[camera] = f64::from(eighths) * std::f64::consts::FRAC_PI_4;
+        }
+    }
+    rolls_rad
 }
 
 /// Computes initial motions from the reference camera's axes to each camera's: medians over the

@@ -2,7 +2,9 @@
 //!
 //! *The rig's axes* are chosen so that the estimators' rig, a plane of parallel cameras, comes as
 //! near to the real one as it can. The plane's x axis runs along the line of the cameras,
-//! or, if they are not in line, along the mean of their x axes. Its z axis is the mean of
+//! or, if they are not in line, along the mean of their x axes. If the cameras are turned against
+//! each other about their optical axes, such as one that is mounted upside down, it runs along the
+//! line whatever their x axes, in the direction of most of them. Its z axis is the mean of
 //! their optical axes, put at right angles to the line or, for cameras that spread in two
 //! directions, the plane's normal. The rest is a rotation per camera, which
 //! [`trinocular_core::rig::Camera`] undoes exactly, and an offset along z, which is reported
@@ -16,6 +18,9 @@ use super::lens::Lens;
 /// Cameras spread in a second direction if they reach this far across their line, as a share of its
 /// length.
 const SPREAD: f64 = 0.1;
+/// Length of the mean of the cameras' x axes below which they point in different directions: two of
+/// them 60 degrees apart, or one of several turned by more.
+const ALIKE: f64 = 0.87;
 /// The line of the cameras is the x axis if it is this near to it, as a cosine.
 const ALONG_X: f64 = 0.8;
 
@@ -137,9 +142,9 @@ fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
             .iter()
             .map(|m| m.inverse_transform_vector(&axis))
             .sum::<Vector3<f64>>()
-            .normalize()
     };
-    let (right, ahead) = (own(Vector3::x()), own(Vector3::z()));
+    let right = own(Vector3::x()) / count;
+    let ahead = own(Vector3::z()).normalize();
     let Some(u) = svd.u else {
         return Matrix3::identity();
     };
@@ -152,12 +157,50 @@ fn axes(motions: &[Isometry3<f64>]) -> Matrix3<f64> {
     } else {
         (ahead - line * line.dot(&ahead)).normalize()
     };
+    let is_mixed = right.norm() < ALIKE;
     let along = line.dot(&right);
-    let x = if !is_flat && along.abs() > ALONG_X {
+    let x = if !is_flat && is_mixed {
+        line * majority(motions, &line)
+    } else if !is_flat && along.abs() > ALONG_X * right.norm() {
         line * along.signum()
+    } else if is_mixed {
+        first_right(motions, &right)
     } else {
         right
     };
     let x = (x - z * z.dot(&x)).normalize();
     Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+/// Returns the sign of `line` along which most cameras' x axes point. Of as many in both directions,
+/// the first camera's counts; if all are across the line, it runs from the first camera to the last.
+fn majority(motions: &[Isometry3<f64>], line: &Vector3<f64>) -> f64 {
+    /// Cosine below which an x axis is across the line.
+    const ACROSS: f64 = 0.5;
+    let rights = motions
+        .iter()
+        .map(|motion| line.dot(&motion.inverse_transform_vector(&Vector3::x())));
+    let rights: Vec<f64> = rights.filter(|along| along.abs() > ACROSS).collect();
+    let sum: f64 = rights.iter().map(|along| along.signum()).sum();
+    match rights.first() {
+        Some(first) if sum == 0.0 => first.signum(),
+        Some(_) => sum.signum(),
+        None => {
+            let ends = [motions.first(), motions.last()].map(|motion| motion.map(centre));
+            match ends {
+                [Some(first), Some(last)] => line.dot(&(last - first)).signum(),
+                _ => 1.0,
+            }
+        }
+    }
+}
+
+/// Returns the mean of the cameras' x axes, or the first camera's if they cancel each other.
+fn first_right(motions: &[Isometry3<f64>], mean: &Vector3<f64>) -> Vector3<f64> {
+    /// Length of the mean that still is a direction.
+    const LEAST: f64 = 0.2;
+    match motions.first() {
+        Some(first) if mean.norm() < LEAST => first.inverse_transform_vector(&Vector3::x()),
+        _ => *mean,
+    }
 }

@@ -1,5 +1,7 @@
 //! Calibration of known cameras from known boards with known noise: errors must agree with sigma.
 
+mod rolled;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::board::Board;
