@@ -106,33 +106,23 @@ pub(super) fn draw_axes(sheet: &mut Sheet, axes: &Axes, top: f64) -> Place {
         y: Scale::new(&y, ends),
     };
     let [top, right, bottom, left] = [top, right, bottom, left].map(units);
-    let columns = x.ticks.iter().map(|tick| (place.x.at(*tick), tick));
-    let columns: Vec<_> = columns.collect();
-    let rows: Vec<_> = y
-        .ticks
-        .iter()
-        .map(|tick| (place.y.at(*tick), tick))
-        .collect();
-    let grid = Stroke::solid(GRID, 1.0);
-    for (at, _) in &columns {
-        sheet.line(&[(*at, bottom), (*at, top)], grid);
-    }
-    for (at, _) in &rows {
-        sheet.line(&[(left, *at), (right, *at)], grid);
-    }
-    let axis = Stroke::solid(AXIS, 1.2);
-    sheet.line(&[(left, top), (left, bottom), (right, bottom)], axis);
+    let (grid, axis) = (Stroke::solid(GRID, 1.0), Stroke::solid(AXIS, 1.2));
     let label = |anchor| Lettering::new(SOFT_INK, TEXT, anchor);
-    for (at, tick) in columns {
+    for tick in &x.ticks {
+        let at = place.x.at(*tick);
+        sheet.line(&[(at, bottom), (at, top)], grid);
         sheet.line(&[(at, bottom), (at, bottom + units(TICK))], axis);
         let spot = (at, bottom + units(2.0 * TICK + 0.4 * TEXT));
         sheet.text(&x.label(*tick), spot, label(Anchor::Middle));
     }
-    for (at, tick) in rows {
+    for tick in &y.ticks {
+        let at = place.y.at(*tick);
+        sheet.line(&[(left, at), (right, at)], grid);
         sheet.line(&[(left - units(TICK), at), (left, at)], axis);
         let spot = (left - units(2.0 * TICK), at);
         sheet.text(&y.label(*tick), spot, label(Anchor::End));
     }
+    sheet.line(&[(left, top), (left, bottom), (right, bottom)], axis);
     let name = Lettering::new(INK, TEXT, Anchor::Middle);
     let spot = ((left + right) / 2, units(height - NAME));
     sheet.text(axes.x_label, spot, name);
@@ -201,4 +191,70 @@ pub(super) fn equalised(x: &Axis, y: &Axis, area_px: [f64; 2]) -> (Axis, Axis) {
 /// Returns the number of labels that fit on `pixels` px.
 pub(super) fn ticks_for(pixels: f64) -> usize {
     (pixels / 52.0).floor().clamp(3.0, 12.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axes(y_down: bool) -> Axes<'static> {
+        Axes {
+            x_label: "x, mm",
+            y_label: "y, mm",
+            x: Axis::spanning(0.0, 10.0, 4),
+            y: Axis::spanning(-1.0, 1.0, 4),
+            equal: false,
+            y_down,
+        }
+    }
+
+    #[test]
+    fn axes_run_right_and_up_or_down() {
+        for y_down in [false, true] {
+            let place = draw_axes(&mut Sheet::new([400, 300]), &axes(y_down), 30.0);
+            let [low, high] = [[0.0, -1.0], [10.0, 1.0]].map(|point| place.spot(point));
+            assert!(low.0 < high.0);
+            assert_eq!(high.0, 3780, "right margin");
+            let [top, bottom] = if y_down { [low, high] } else { [high, low] };
+            assert_eq!([top.1, bottom.1], [380, 2560]);
+        }
+    }
+
+    #[test]
+    fn ticks_have_grid_mark_and_label() {
+        let mut sheet = Sheet::new([400, 300]);
+        let axes = axes(false);
+        let place = draw_axes(&mut sheet, &axes, 30.0);
+        let svg = sheet.document("t", "");
+        let has_line = |[a, b]: [Spot; 2]| {
+            let points = format!("points=\"{},{} {},{}\"", a.0, a.1, b.0, b.1);
+            assert!(svg.contains(&points), "{points} in {svg}");
+        };
+        assert_eq!((axes.x.ticks.len(), axes.y.ticks.len()), (3, 5));
+        for tick in &axes.x.ticks {
+            let (x, bottom) = place.spot([*tick, -1.0]);
+            has_line([(x, bottom), (x, 380)]);
+            has_line([(x, bottom), (x, bottom + 40)]);
+        }
+        for tick in &axes.y.ticks {
+            let (left, y) = place.spot([0.0, *tick]);
+            has_line([(left, y), (3780, y)]);
+            has_line([(left - 40, y), (left, y)]);
+        }
+        for label in [
+            "0",
+            "5",
+            "10",
+            "\u{2212}1.0",
+            "\u{2212}0.5",
+            "0.0",
+            "0.5",
+            "1.0",
+        ] {
+            assert!(svg.contains(&format!(">{label}</text>")), "{label}");
+        }
+        for name in [axes.x_label, axes.y_label] {
+            assert!(svg.contains(&format!(">{name}</text>")), "{name}");
+        }
+    }
 }

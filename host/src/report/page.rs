@@ -205,7 +205,7 @@ impl Page {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, output: Output) -> Result<(), InputError> {
-        output.write(&self.to_html())
+        output.write(self.to_html())
     }
 }
 

@@ -1,8 +1,8 @@
 //! The sheet of a figure: a writer of SVG elements.
 //!
-//! A position is two whole units of a tenth of a pixel. That is fine enough for a slow curve to be a
-//! curve and not a staircase, is short in the document, and is never NaN. The document's view box
-//! scales the units back to pixels.
+//! A position is two whole numbers of units; a unit is a tenth of a pixel. It is fine enough for a
+//! slow curve to be a curve and not a staircase, short in the document, and never NaN. The
+//! document's view box scales the units back to pixels.
 //!
 //! Every colour is an attribute in upper-case hex, because the page's style sheet selects elements
 //! by it ([`super::canvas::shades`]).
