@@ -3,7 +3,7 @@
 use super::axis::drawable;
 use super::canvas::colour;
 use super::chart::Place;
-use super::sheet::{Fill, Sheet, Spot, UNIT, units};
+use super::sheet::{Sheet, Spot, UNIT, units};
 use super::stroke::SAMPLE;
 
 /// Range of values over an axis, filled in the colour of a series.
@@ -18,8 +18,8 @@ pub struct Band {
     pub index: usize,
 }
 
-/// Opacity of a band.
-const OPACITY: f64 = 0.22;
+/// Opacity of a band, %.
+const OPACITY: u8 = 22;
 
 impl Band {
     pub(super) fn drawable(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
@@ -49,7 +49,7 @@ pub(super) fn draw(sheet: &mut Sheet, band: &Band, place: &Place) {
             upper.extend(high.map(|y| (x, y)));
         }
         let rim: Vec<Spot> = lower.into_iter().chain(upper.into_iter().rev()).collect();
-        sheet.polygon(&rim, fill(band.index));
+        sheet.polygon(&rim, colour(band.index).faint(OPACITY));
     }
 }
 
@@ -59,14 +59,7 @@ pub(super) fn sample(sheet: &mut Sheet, at: Spot, index: usize) {
         (at.0, at.1 - units(5.0)),
         (at.0 + units(SAMPLE), at.1 + units(5.0)),
     ];
-    sheet.rectangle(corners, fill(index));
-}
-
-fn fill(index: usize) -> Fill {
-    Fill {
-        colour: colour(index),
-        opacity: OPACITY,
-    }
+    sheet.rectangle(corners, colour(index).faint(OPACITY));
 }
 
 #[cfg(test)]

@@ -10,23 +10,23 @@ pub(super) const TITLE: f64 = 15.0;
 /// Height of the title's line, px.
 pub(super) const TITLE_LINE: f64 = 28.0;
 
-const PAPER: Colour = Colour(0xff_ff_ff);
-pub(super) const INK: Colour = Colour(0x1f_29_33);
-pub(super) const SOFT_INK: Colour = Colour(0x52_60_6d);
-pub(super) const GRID: Colour = Colour(0xe4_e7_eb);
-pub(super) const AXIS: Colour = Colour(0x9a_a5_b1);
-pub(super) const SHADOW: Colour = Colour(0xc3_ca_d2);
+const PAPER: Colour = Colour::new(0xff_ff_ff);
+pub(super) const INK: Colour = Colour::new(0x1f_29_33);
+pub(super) const SOFT_INK: Colour = Colour::new(0x52_60_6d);
+pub(super) const GRID: Colour = Colour::new(0xe4_e7_eb);
+pub(super) const AXIS: Colour = Colour::new(0x9a_a5_b1);
+pub(super) const SHADOW: Colour = Colour::new(0xc3_ca_d2);
 
 /// Colours that people with any of the common colour vision deficiencies can distinguish, also on
 /// paper in grey (Okabe and Ito's set without its yellow, which is unreadable on white).
 const PALETTE: [Colour; 7] = [
-    Colour(0x00_72_b2),
-    Colour(0xd5_5e_00),
-    Colour(0x00_9e_73),
-    Colour(0xcc_79_a7),
-    Colour(0x3d_3d_3d),
-    Colour(0xe6_9f_00),
-    Colour(0x56_b4_e9),
+    Colour::new(0x00_72_b2),
+    Colour::new(0xd5_5e_00),
+    Colour::new(0x00_9e_73),
+    Colour::new(0xcc_79_a7),
+    Colour::new(0x3d_3d_3d),
+    Colour::new(0xe6_9f_00),
+    Colour::new(0x56_b4_e9),
 ];
 
 /// Number of colours of series.

@@ -2,7 +2,7 @@
 
 use super::canvas::TEXT;
 use super::chart::Place;
-use super::sheet::{Anchor, Colour, Fill, Lettering, Sheet, Spot, Stroke, units};
+use super::sheet::{Anchor, Colour, Lettering, Sheet, Spot, Stroke, units};
 use std::collections::HashSet;
 
 /// Kind of an event. Each has a letter, so that colour alone carries no meaning.
@@ -59,12 +59,12 @@ impl MarkKind {
 
     const fn colour(self) -> Colour {
         match self {
-            Self::Fault => Colour(0xb4_23_18),
-            Self::Limit => Colour(0x8a_4b_08),
-            Self::Occlusion => Colour(0x5b_5f_97),
-            Self::Refused => Colour(0x9c_5a_9c),
-            Self::State => Colour(0x4a_6f_7c),
-            Self::Note => Colour(0x2e_6f_40),
+            Self::Fault => Colour::new(0xb4_23_18),
+            Self::Limit => Colour::new(0x8a_4b_08),
+            Self::Occlusion => Colour::new(0x5b_5f_97),
+            Self::Refused => Colour::new(0x9c_5a_9c),
+            Self::State => Colour::new(0x4a_6f_7c),
+            Self::Note => Colour::new(0x2e_6f_40),
         }
     }
 }
@@ -150,17 +150,12 @@ pub(super) fn is_within(mark: &Mark, x: [f64; 2]) -> bool {
 
 /// Shades a span between two corners.
 fn shade(sheet: &mut Sheet, kind: MarkKind, corners: [Spot; 2]) {
-    let (colour, opacity) = (kind.colour(), 0.12);
-    sheet.rectangle(corners, Fill { colour, opacity });
+    sheet.rectangle(corners, kind.colour().faint(12));
 }
 
 /// Draws the line at the start of a mark.
 fn edge(sheet: &mut Sheet, kind: MarkKind, ends: [Spot; 2]) {
-    let stroke = Stroke {
-        opacity: 0.75,
-        ..Stroke::solid(kind.colour(), 1.1)
-    };
-    sheet.line(&ends, stroke);
+    sheet.line(&ends, Stroke::solid(kind.colour().faint(75), 1.1));
 }
 
 fn letter(sheet: &mut Sheet, kind: MarkKind, at: Spot) {

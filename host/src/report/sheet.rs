@@ -21,13 +21,38 @@ pub(super) fn units(pixels: f64) -> i32 {
     (pixels * UNIT).round() as i32
 }
 
-/// Colour as 0xRRGGBB.
+/// Colour and opacity of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Colour(pub u32);
+pub(super) struct Colour {
+    /// Red, green and blue as 0xRRGGBB.
+    rgb: u32,
+    /// Opacity, 0 to 100 %.
+    percent: u8,
+}
+
+impl Colour {
+    /// Creates an opaque colour from 0xRRGGBB.
+    pub const fn new(rgb: u32) -> Self {
+        Self { rgb, percent: 100 }
+    }
+
+    /// Returns the colour with an opacity of `percent` %.
+    pub const fn faint(self, percent: u8) -> Self {
+        Self { percent, ..self }
+    }
+
+    /// Returns the colour as attribute `name`, with an opacity unless it is opaque.
+    fn attribute(self, name: &str) -> String {
+        match self.percent {
+            100.. => format!("{name}=\"{self}\""),
+            percent => format!("{name}=\"{self}\" opacity=\"0.{percent:02}\""),
+        }
+    }
+}
 
 impl fmt::Display for Colour {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "#{:06X}", self.0)
+        write!(f, "#{:06X}", self.rgb)
     }
 }
 
@@ -39,8 +64,6 @@ pub(super) struct Stroke {
     pub width: u32,
     /// Lengths of dashes and gaps, units; empty for a solid line.
     pub dashes: &'static str,
-    /// Opacity, 0 to 1.
-    pub opacity: f64,
 }
 
 impl Stroke {
@@ -50,40 +73,6 @@ impl Stroke {
             colour,
             width: units(pixels).max(1).unsigned_abs(),
             dashes: "",
-            opacity: 1.0,
-        }
-    }
-}
-
-/// Filling of a shape.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fill {
-    pub colour: Colour,
-    /// Opacity, 0 to 1.
-    pub opacity: f64,
-}
-
-impl From<Colour> for Fill {
-    fn from(colour: Colour) -> Self {
-        let opacity = 1.0;
-        Self { colour, opacity }
-    }
-}
-
-impl fmt::Display for Fill {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "fill=\"{}\"{}", self.colour, Opacity(self.opacity))
-    }
-}
-
-/// Attribute of an opacity, which an opaque element does not need.
-struct Opacity(f64);
-
-impl fmt::Display for Opacity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 < 1.0 {
-            true => write!(f, " opacity=\"{:.2}\"", self.0.max(0.0)),
-            false => Ok(()),
         }
     }
 }
@@ -146,30 +135,29 @@ impl Sheet {
 
     /// Draws a line through all spots.
     pub fn line(&mut self, path: &[Spot], stroke: Stroke) {
-        let Stroke { colour, width, .. } = stroke;
-        let points = Points(path);
-        let _ = write!(
+        let (points, colour) = (Points(path), stroke.colour.attribute("stroke"));
+        let dashes = match stroke.dashes {
+            "" => String::new(),
+            dashes => format!(" stroke-dasharray=\"{dashes}\""),
+        };
+        let _ = writeln!(
             self.elements,
-            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" \
-             stroke-width=\"{width}\""
+            "<polyline points=\"{points}\" fill=\"none\" {colour} stroke-width=\"{}\"{dashes}/>",
+            stroke.width
         );
-        if !stroke.dashes.is_empty() {
-            let _ = write!(self.elements, " stroke-dasharray=\"{}\"", stroke.dashes);
-        }
-        let _ = writeln!(self.elements, "{}/>", Opacity(stroke.opacity));
     }
 
     /// Draws a filled polygon.
-    pub fn polygon(&mut self, rim: &[Spot], fill: impl Into<Fill>) {
-        let (points, fill) = (Points(rim), fill.into());
+    pub fn polygon(&mut self, rim: &[Spot], fill: Colour) {
+        let (points, fill) = (Points(rim), fill.attribute("fill"));
         let _ = writeln!(self.elements, "<polygon points=\"{points}\" {fill}/>");
     }
 
     /// Draws a filled rectangle between two opposite corners.
-    pub fn rectangle(&mut self, [a, b]: [Spot; 2], fill: impl Into<Fill>) {
+    pub fn rectangle(&mut self, [a, b]: [Spot; 2], fill: Colour) {
         let (x, y) = (a.0.min(b.0), a.1.min(b.1));
         let (width, height) = (a.0.abs_diff(b.0), a.1.abs_diff(b.1));
-        let fill = fill.into();
+        let fill = fill.attribute("fill");
         let _ = writeln!(
             self.elements,
             "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" {fill}/>"
@@ -177,8 +165,8 @@ impl Sheet {
     }
 
     /// Draws a filled circle of `radius` px.
-    pub fn circle(&mut self, (x, y): Spot, radius: f64, fill: impl Into<Fill>) {
-        let (radius, fill) = (units(radius).max(0), fill.into());
+    pub fn circle(&mut self, (x, y): Spot, radius: f64, fill: Colour) {
+        let (radius, fill) = (units(radius).max(0), fill.attribute("fill"));
         let _ = writeln!(
             self.elements,
             "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" {fill}/>"
@@ -202,11 +190,11 @@ impl Sheet {
             true => format!(" transform=\"rotate(-90 {x} {y})\""),
             false => String::new(),
         };
-        let (colour, text) = (lettering.colour, escape(text));
+        let (fill, text) = (lettering.colour.attribute("fill"), escape(text));
         let _ = writeln!(
             self.elements,
             "<text x=\"{x}\" y=\"{baseline}\"{anchor} font-size=\"{size}\" \
-             fill=\"{colour}\"{weight}{turn}>{text}</text>"
+             {fill}{weight}{turn}>{text}</text>"
         );
     }
 
@@ -249,7 +237,7 @@ mod tests {
     use super::super::markup::balance;
     use super::*;
 
-    const BLUE: Colour = Colour(0x00_72_b2);
+    const BLUE: Colour = Colour::new(0x00_72_b2);
 
     fn drawn(draw: impl FnOnce(&mut Sheet)) -> String {
         let mut sheet = Sheet::new([300, 200]);
@@ -277,26 +265,18 @@ mod tests {
         );
         let stroke = Stroke {
             dashes: "70 50",
-            opacity: 0.75,
             ..Stroke::solid(BLUE, 1.5)
         };
         let svg = drawn(|sheet| sheet.line(&path, stroke));
-        assert!(
-            svg.ends_with(" stroke-dasharray=\"70 50\" opacity=\"0.75\"/>"),
-            "{svg}"
-        );
+        assert!(svg.ends_with(" stroke-dasharray=\"70 50\"/>"), "{svg}");
     }
 
     #[test]
     fn rectangle_takes_corners_in_any_order() {
-        let fill = Fill {
-            colour: BLUE,
-            opacity: 0.12,
-        };
-        let svg = drawn(|sheet| sheet.rectangle([(30, 5), (10, 25)], fill));
+        let svg = drawn(|sheet| sheet.rectangle([(30, 5), (10, 25)], BLUE.faint(5)));
         assert_eq!(
             svg,
-            "<rect x=\"10\" y=\"5\" width=\"20\" height=\"20\" fill=\"#0072B2\" opacity=\"0.12\"/>"
+            "<rect x=\"10\" y=\"5\" width=\"20\" height=\"20\" fill=\"#0072B2\" opacity=\"0.05\"/>"
         );
     }
 

@@ -81,7 +81,6 @@ impl Look {
             colour: colour(self.index),
             width,
             dashes,
-            opacity: 1.0,
         }
     }
 }
