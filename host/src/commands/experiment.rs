@@ -143,14 +143,10 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         }
     }
     let story = story.with(std::mem::take);
-    present::page(&settings, &run, &story, &provenance)
-        .write(report)
-        .map_err(Failure::Report)?;
+    present::page(&settings, &run, &story, &provenance).write(report)?;
     if let Some(output) = figure {
         let picture = present::path(&run, None).sized(760, 520).to_svg();
-        picture
-            .and_then(|svg| Ok(output.write(marked(&svg))?))
-            .map_err(Failure::Report)?;
+        output.write(marked(&picture))?;
     }
     let written = printable(options.report.display());
     if options.json {

@@ -51,9 +51,6 @@ pub enum Failure {
     /// A study found claims of the documentation that do not hold.
     #[error("claims that do not hold: {}", .0.join("; "))]
     Claims(Vec<String>),
-    /// The report cannot be made or written.
-    #[error(transparent)]
-    Report(#[from] trinocular::report::Error),
     /// The live page cannot be served.
     #[error(transparent)]
     Page(LiveError),
@@ -80,7 +77,6 @@ impl Failure {
             | Self::Images(_)
             | Self::Estimate(_)
             | Self::Claims(_)
-            | Self::Report(_)
             | Self::Page(_)
             | Self::Signals(_)
             | Self::Output(_) => 1,

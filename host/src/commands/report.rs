@@ -81,7 +81,7 @@ pub fn run(options: &ReportOptions, out: &mut impl Write) -> Result<(), Failure>
         Some(_) => of_run(options, &title, &source, &survey)?,
         None => (of_images(options, &title, &source, &survey)?, None),
     };
-    page.write(output).map_err(Failure::Report)?;
+    page.write(output)?;
     if options.json {
         let cut = survey.cut.as_ref().map(ToString::to_string);
         let object = object(options, &path, &figures, cut);

@@ -48,7 +48,7 @@ impl Report {
     /// Writes the page, if one was requested.
     pub fn write(self, page: impl FnOnce() -> Page) -> Result<(), Failure> {
         match self.0 {
-            Some(output) => page().write(output).map_err(Failure::Report),
+            Some(output) => Ok(page().write(output)?),
             None => Ok(()),
         }
     }

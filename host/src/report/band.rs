@@ -1,10 +1,10 @@
 //! Bands around curves: the range of one standard deviation, for example.
 
 use super::axis::drawable;
-use super::canvas::{DrawingError, Sheet, Spot, UNIT, colour, units};
+use super::canvas::colour;
 use super::chart::Place;
+use super::sheet::{Sheet, Spot, UNIT, units};
 use super::stroke::SAMPLE;
-use plotters::prelude::*;
 
 /// Range of values over an axis, filled in the colour of a series.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,8 +18,8 @@ pub struct Band {
     pub index: usize,
 }
 
-/// Opacity of a band.
-const OPACITY: f64 = 0.22;
+/// Opacity of a band, %.
+const OPACITY: u8 = 22;
 
 impl Band {
     pub(super) fn drawable(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
@@ -29,7 +29,7 @@ impl Band {
 }
 
 /// Draws the band, one polygon per unbroken stretch.
-pub(super) fn draw(sheet: &Sheet, band: &Band, place: &Place) -> Result<(), DrawingError> {
+pub(super) fn draw(sheet: &mut Sheet, band: &Band, place: &Place) {
     let is_drawable = |point: &[f64; 3]| point.iter().all(|value| drawable(*value));
     let runs = band.points.split(|point| !is_drawable(point));
     for run in runs.filter(|run| !run.is_empty()) {
@@ -49,20 +49,17 @@ pub(super) fn draw(sheet: &Sheet, band: &Band, place: &Place) -> Result<(), Draw
             upper.extend(high.map(|y| (x, y)));
         }
         let rim: Vec<Spot> = lower.into_iter().chain(upper.into_iter().rev()).collect();
-        let fill = colour(band.index).mix(OPACITY).filled();
-        sheet.draw(&Polygon::new(rim, fill))?;
+        sheet.polygon(&rim, colour(band.index).faint(OPACITY));
     }
-    Ok(())
 }
 
 /// Draws the sample of a band in a legend, from `at` to the right.
-pub(super) fn sample(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
+pub(super) fn sample(sheet: &mut Sheet, at: Spot, index: usize) {
     let corners = [
         (at.0, at.1 - units(5.0)),
         (at.0 + units(SAMPLE), at.1 + units(5.0)),
     ];
-    let fill = colour(index).mix(OPACITY).filled();
-    sheet.draw(&Rectangle::new(corners, fill))
+    sheet.rectangle(corners, colour(index).faint(OPACITY));
 }
 
 #[cfg(test)]
@@ -83,8 +80,7 @@ mod tests {
         let plot = LinePlot::new("t", "x", "y").band("sigma", points);
         let svg = plot
             .series("a", Style::Line, [[0.0, 0.0], [5e4, 0.0]])
-            .to_svg()
-            .unwrap();
+            .to_svg();
         assert_eq!(svg.matches("<polygon").count(), 2, "two stretches");
         assert!(svg.len() < 60_000, "{} bytes", svg.len());
         assert!(svg.contains("sigma"));

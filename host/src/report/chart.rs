@@ -2,16 +2,10 @@
 
 use super::axis::Axis;
 use super::band;
-use super::canvas::{
-    AXIS, DrawingError, GRID, INK, SOFT_INK, Sheet, Spot, TEXT, TITLE_LINE, UNIT, lettering, pen,
-    text_width, units, write_text,
-};
+use super::canvas::{AXIS, GRID, INK, SOFT_INK, TEXT, TITLE_LINE, text_width};
 use super::mark::{self, MarkKind};
+use super::sheet::{Anchor, Lettering, Sheet, Spot, Stroke, units};
 use super::stroke::{self, Look, SAMPLE};
-use plotters::coord::CoordTranslate as _;
-use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
 
 /// Height of a legend's line, px.
 const LEGEND_LINE: f64 = 20.0;
@@ -35,14 +29,14 @@ pub(super) struct Entry<'a> {
 
 /// Draws the legend under the title and returns the height of both, px. Series without a name are
 /// left out. A single named series is shown, because its name says what is drawn.
-pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, DrawingError> {
-    let width = f64::from(sheet.dim_in_pixel().0) / UNIT;
+pub(super) fn draw_legend(sheet: &mut Sheet, entries: &[Entry]) -> f64 {
+    let [width, _] = sheet.size();
     let named: Vec<&Entry> = entries
         .iter()
         .filter(|entry| !entry.name.is_empty())
         .collect();
     let (mut x, mut y) = (8.0, TITLE_LINE + 0.5 * LEGEND_LINE);
-    let style = lettering(TEXT, INK, HPos::Left, VPos::Center);
+    let lettering = Lettering::new(INK, TEXT, Anchor::Start);
     for entry in &named {
         let sample = match entry.sample {
             Sample::Mark(_) => 16.0,
@@ -54,19 +48,19 @@ pub(super) fn draw_legend(sheet: &Sheet, entries: &[Entry]) -> Result<f64, Drawi
         }
         let at = (units(x), units(y));
         match entry.sample {
-            Sample::Series(look) => stroke::sample(sheet, at, look)?,
-            Sample::Band(index) => band::sample(sheet, at, index)?,
-            Sample::Mark(kind) => mark::sample(sheet, at, kind)?,
+            Sample::Series(look) => stroke::sample(sheet, at, look),
+            Sample::Band(index) => band::sample(sheet, at, index),
+            Sample::Mark(kind) => mark::sample(sheet, at, kind),
         }
         let at = (units(x + sample + 6.0), units(y));
-        write_text(sheet, entry.name, at, &style)?;
+        sheet.text(entry.name, at, lettering);
         x += wide;
     }
-    Ok(if named.is_empty() {
+    if named.is_empty() {
         TITLE_LINE
     } else {
         y + 0.5 * LEGEND_LINE
-    })
+    }
 }
 
 /// Axes of a plane figure, before their size in pixels is known.
@@ -81,96 +75,99 @@ pub(super) struct Axes<'a> {
     pub y_down: bool,
 }
 
+/// Space above and right of the grid, px.
+const MARGIN: [f64; 2] = [8.0, 22.0];
+/// Height of the labels and the name of a horizontal axis, px.
+const BELOW: f64 = 2.0 * TEXT + 18.0;
+/// Length of a tick mark, and its distance from a label, px.
+const TICK: f64 = 4.0;
+/// Distance of the middle of an axis's name from the edge of the sheet, px.
+const NAME: f64 = 8.0;
+
 /// Draws grid, axes and labels below `top` px, and returns the place of the data on the sheet.
-pub(super) fn draw_axes(sheet: &Sheet, axes: &Axes, top: f64) -> Result<Place, DrawingError> {
-    let (width, height) = sheet.dim_in_pixel();
-    let (width, height) = (f64::from(width) / UNIT, f64::from(height) / UNIT);
-    let margin_right = 22.0;
-    let below = 2.0 * TEXT + 18.0;
+pub(super) fn draw_axes(sheet: &mut Sheet, axes: &Axes, top: f64) -> Place {
+    let [width, height] = sheet.size();
+    let (top, right, bottom) = (top + MARGIN[0], width - MARGIN[1], height - BELOW);
     // An equal scale changes the labels of y, hence its width; a second pass converges.
     let (mut x, mut y) = (axes.x.clone(), axes.y.clone());
     let mut left = label_area(&y);
     if axes.equal {
         for _ in 0..2 {
-            let area = [width - left - margin_right, height - top - 8.0 - below];
-            (x, y) = equalised(&axes.x, &axes.y, area);
+            (x, y) = equalised(&axes.x, &axes.y, [right - left, bottom - top]);
             left = label_area(&y);
         }
     }
-    let (_, area) = sheet.split_vertically(units(top));
-    let y_ends = if axes.y_down {
-        (y.high, y.low)
-    } else {
-        (y.low, y.high)
+    let ends = match axes.y_down {
+        true => [top, bottom],
+        false => [bottom, top],
     };
-    let mut chart = ChartBuilder::on(&area)
-        .margin_top(units(8.0))
-        .margin_right(units(margin_right))
-        .set_label_area_size(LabelAreaPosition::Left, units(left))
-        .set_label_area_size(LabelAreaPosition::Bottom, units(below))
-        .build_cartesian_2d(
-            Scale {
-                ends: (x.low, x.high),
-                ticks: x.ticks.clone(),
-            },
-            Scale {
-                ends: y_ends,
-                ticks: y.ticks.clone(),
-            },
-        )?;
-    chart
-        .configure_mesh()
-        .bold_line_style(pen(GRID, 1.0))
-        .light_line_style(TRANSPARENT)
-        .axis_style(pen(AXIS, 1.2))
-        .set_all_tick_mark_size(units(4.0))
-        .label_style(lettering(TEXT, SOFT_INK, HPos::Center, VPos::Center))
-        .axis_desc_style(lettering(TEXT, INK, HPos::Center, VPos::Center))
-        .x_label_formatter(&|tick| x.label(*tick))
-        .y_label_formatter(&|tick| y.label(*tick))
-        .x_desc(axes.x_label)
-        .y_desc(axes.y_label)
-        .draw()?;
-    Ok(Place(chart.as_coord_spec().clone()))
-}
-
-/// Axis for `plotters` with exactly the labels of [`Axis`].
-#[derive(Clone)]
-struct Scale {
-    /// Values at the axis's two ends; the first may be the larger.
-    ends: (f64, f64),
-    ticks: Vec<f64>,
-}
-
-impl Ranged for Scale {
-    type FormatOption = DefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
-        let fraction = (value - self.ends.0) / (self.ends.1 - self.ends.0);
-        (f64::from(from) + fraction * f64::from(to - from)).round() as i32
+    let place = Place {
+        x: Scale::new(&x, [left, right]),
+        y: Scale::new(&y, ends),
+    };
+    let [top, right, bottom, left] = [top, right, bottom, left].map(units);
+    let (grid, axis) = (Stroke::solid(GRID, 1.0), Stroke::solid(AXIS, 1.2));
+    let label = |anchor| Lettering::new(SOFT_INK, TEXT, anchor);
+    for tick in &x.ticks {
+        let at = place.x.at(*tick);
+        sheet.line(&[(at, bottom), (at, top)], grid);
+        sheet.line(&[(at, bottom), (at, bottom + units(TICK))], axis);
+        let spot = (at, bottom + units(2.0 * TICK + 0.4 * TEXT));
+        sheet.text(&x.label(*tick), spot, label(Anchor::Middle));
     }
+    for tick in &y.ticks {
+        let at = place.y.at(*tick);
+        sheet.line(&[(left, at), (right, at)], grid);
+        sheet.line(&[(left - units(TICK), at), (left, at)], axis);
+        let spot = (left - units(2.0 * TICK), at);
+        sheet.text(&y.label(*tick), spot, label(Anchor::End));
+    }
+    sheet.line(&[(left, top), (left, bottom), (right, bottom)], axis);
+    let name = Lettering::new(INK, TEXT, Anchor::Middle);
+    let spot = ((left + right) / 2, units(height - NAME));
+    sheet.text(axes.x_label, spot, name);
+    let upright = Lettering {
+        is_upright: true,
+        ..name
+    };
+    sheet.text(axes.y_label, (units(NAME), (top + bottom) / 2), upright);
+    place
+}
 
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        if hint.weight().allow_light_points() {
-            Vec::new()
-        } else {
-            self.ticks.clone()
+/// Linear mapping from the values of an axis to positions.
+struct Scale {
+    low: f64,
+    /// Position of `low`, px.
+    start: f64,
+    /// Pixels per value, negative for an axis that runs upwards.
+    slope: f64,
+}
+
+impl Scale {
+    /// Creates a scale on which the axis runs between two positions in px.
+    fn new(axis: &Axis, [from, to]: [f64; 2]) -> Self {
+        Self {
+            low: axis.low,
+            start: from,
+            slope: (to - from) / (axis.high - axis.low),
         }
     }
 
-    fn range(&self) -> std::ops::Range<f64> {
-        self.ends.0..self.ends.1
+    fn at(&self, value: f64) -> i32 {
+        units(self.start + self.slope * (value - self.low))
     }
 }
 
 /// Mapping from data to positions on the sheet.
-pub(super) struct Place(Cartesian2d<Scale, Scale>);
+pub(super) struct Place {
+    x: Scale,
+    y: Scale,
+}
 
 impl Place {
-    /// Returns the spot of a drawable point, units.
-    pub fn spot(&self, point: [f64; 2]) -> Spot {
-        self.0.translate(&(point[0], point[1]))
+    /// Returns the spot of a drawable point.
+    pub fn spot(&self, [x, y]: [f64; 2]) -> Spot {
+        (self.x.at(x), self.y.at(y))
     }
 }
 
@@ -194,4 +191,70 @@ pub(super) fn equalised(x: &Axis, y: &Axis, area_px: [f64; 2]) -> (Axis, Axis) {
 /// Returns the number of labels that fit on `pixels` px.
 pub(super) fn ticks_for(pixels: f64) -> usize {
     (pixels / 52.0).floor().clamp(3.0, 12.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axes(y_down: bool) -> Axes<'static> {
+        Axes {
+            x_label: "x, mm",
+            y_label: "y, mm",
+            x: Axis::spanning(0.0, 10.0, 4),
+            y: Axis::spanning(-1.0, 1.0, 4),
+            equal: false,
+            y_down,
+        }
+    }
+
+    #[test]
+    fn axes_run_right_and_up_or_down() {
+        for y_down in [false, true] {
+            let place = draw_axes(&mut Sheet::new([400, 300]), &axes(y_down), 30.0);
+            let [low, high] = [[0.0, -1.0], [10.0, 1.0]].map(|point| place.spot(point));
+            assert!(low.0 < high.0);
+            assert_eq!(high.0, 3780, "right margin");
+            let [top, bottom] = if y_down { [low, high] } else { [high, low] };
+            assert_eq!([top.1, bottom.1], [380, 2560]);
+        }
+    }
+
+    #[test]
+    fn ticks_have_grid_mark_and_label() {
+        let mut sheet = Sheet::new([400, 300]);
+        let axes = axes(false);
+        let place = draw_axes(&mut sheet, &axes, 30.0);
+        let svg = sheet.document("t", "");
+        let has_line = |[a, b]: [Spot; 2]| {
+            let points = format!("points=\"{},{} {},{}\"", a.0, a.1, b.0, b.1);
+            assert!(svg.contains(&points), "{points} in {svg}");
+        };
+        assert_eq!((axes.x.ticks.len(), axes.y.ticks.len()), (3, 5));
+        for tick in &axes.x.ticks {
+            let (x, bottom) = place.spot([*tick, -1.0]);
+            has_line([(x, bottom), (x, 380)]);
+            has_line([(x, bottom), (x, bottom + 40)]);
+        }
+        for tick in &axes.y.ticks {
+            let (left, y) = place.spot([0.0, *tick]);
+            has_line([(left, y), (3780, y)]);
+            has_line([(left - 40, y), (left, y)]);
+        }
+        for label in [
+            "0",
+            "5",
+            "10",
+            "\u{2212}1.0",
+            "\u{2212}0.5",
+            "0.0",
+            "0.5",
+            "1.0",
+        ] {
+            assert!(svg.contains(&format!(">{label}</text>")), "{label}");
+        }
+        for name in [axes.x_label, axes.y_label] {
+            assert!(svg.contains(&format!(">{name}</text>")), "{name}");
+        }
+    }
 }

@@ -1,9 +1,8 @@
 //! Marks of events in plots over time: faults, occlusions, refused frames and the like.
 
-use super::canvas::{DrawingError, Sheet, Spot, TEXT, lettering, units, write_text};
+use super::canvas::TEXT;
 use super::chart::Place;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
+use super::sheet::{Anchor, Colour, Lettering, Sheet, Spot, Stroke, units};
 use std::collections::HashSet;
 
 /// Kind of an event. Each has a letter, so that colour alone carries no meaning.
@@ -58,20 +57,20 @@ impl MarkKind {
         }
     }
 
-    const fn colour(self) -> RGBColor {
+    const fn colour(self) -> Colour {
         match self {
-            Self::Fault => RGBColor(0xb4, 0x23, 0x18),
-            Self::Limit => RGBColor(0x8a, 0x4b, 0x08),
-            Self::Occlusion => RGBColor(0x5b, 0x5f, 0x97),
-            Self::Refused => RGBColor(0x9c, 0x5a, 0x9c),
-            Self::State => RGBColor(0x4a, 0x6f, 0x7c),
-            Self::Note => RGBColor(0x2e, 0x6f, 0x40),
+            Self::Fault => Colour::new(0xb4_23_18),
+            Self::Limit => Colour::new(0x8a_4b_08),
+            Self::Occlusion => Colour::new(0x5b_5f_97),
+            Self::Refused => Colour::new(0x9c_5a_9c),
+            Self::State => Colour::new(0x4a_6f_7c),
+            Self::Note => Colour::new(0x2e_6f_40),
         }
     }
 }
 
 /// Colours of marks, as [`super::canvas::shades`] takes them.
-pub(super) const SHADES: [(&str, RGBColor, &str); 6] = [
+pub(super) const SHADES: [(&str, Colour, &str); 6] = [
     ("mf", MarkKind::Fault.colour(), "#ff7b72"),
     ("ml", MarkKind::Limit.colour(), "#e0a458"),
     ("mo", MarkKind::Occlusion.colour(), "#a5a9e8"),
@@ -117,13 +116,7 @@ const SHADED: f64 = 3.0;
 
 /// Draws the marks that lie within the axes: `x` and `y` are the ends of both. Of several marks of
 /// one kind in one column of pixels, one is drawn.
-pub(super) fn draw(
-    sheet: &Sheet,
-    marks: &[Mark],
-    place: &Place,
-    x: [f64; 2],
-    y: [f64; 2],
-) -> Result<(), DrawingError> {
+pub(super) fn draw(sheet: &mut Sheet, marks: &[Mark], place: &Place, x: [f64; 2], y: [f64; 2]) {
     let top = place.spot([x[0], y[1]]).1;
     let bottom = place.spot([x[0], y[0]]).1;
     let mut letters: Vec<(MarkKind, i32)> = Vec::new();
@@ -135,23 +128,19 @@ pub(super) fn draw(
         if !drawn.insert((mark.kind, from / pixel, until / pixel)) {
             continue;
         }
-        let colour = mark.kind.colour();
         if until - from >= units(SHADED) {
-            let corners = [(from, top), (until, bottom)];
-            sheet.draw(&Rectangle::new(corners, colour.mix(0.12).filled()))?;
+            shade(sheet, mark.kind, [(from, top), (until, bottom)]);
         }
-        let line: Vec<Spot> = vec![(from, top), (from, bottom)];
-        sheet.draw(&PathElement::new(line, colour.mix(0.75).stroke_width(11)))?;
+        edge(sheet, mark.kind, [(from, top), (from, bottom)]);
         let near =
             |(kind, at): &(MarkKind, i32)| *kind == mark.kind && (from - at).abs() < units(LETTERS);
         if !letters.iter().any(near) {
             letters.push((mark.kind, from));
             let row = mark.kind as i32;
-            let at = (from + units(2.0), top + units(2.0 + 12.0 * f64::from(row)));
-            letter(sheet, mark.kind, at)?;
+            let at = (from + units(2.0), top + units(6.4 + 12.0 * f64::from(row)));
+            letter(sheet, mark.kind, at);
         }
     }
-    Ok(())
 }
 
 /// Returns true if a part of the mark lies between the ends of the axis.
@@ -159,17 +148,25 @@ pub(super) fn is_within(mark: &Mark, x: [f64; 2]) -> bool {
     mark.from <= x[1] && mark.until >= x[0]
 }
 
-fn letter(sheet: &Sheet, kind: MarkKind, at: Spot) -> Result<(), DrawingError> {
-    let font = lettering(TEXT - 2.0, kind.colour(), HPos::Left, VPos::Top);
-    write_text(sheet, kind.letter(), at, &font)
+/// Shades a span between two corners.
+fn shade(sheet: &mut Sheet, kind: MarkKind, corners: [Spot; 2]) {
+    sheet.rectangle(corners, kind.colour().faint(12));
+}
+
+/// Draws the line at the start of a mark.
+fn edge(sheet: &mut Sheet, kind: MarkKind, ends: [Spot; 2]) {
+    sheet.line(&ends, Stroke::solid(kind.colour().faint(75), 1.1));
+}
+
+fn letter(sheet: &mut Sheet, kind: MarkKind, at: Spot) {
+    let lettering = Lettering::new(kind.colour(), TEXT - 2.0, Anchor::Start);
+    sheet.text(kind.letter(), at, lettering);
 }
 
 /// Draws the sample of a kind in a legend, from `at` to the right.
-pub(super) fn sample(sheet: &Sheet, at: Spot, kind: MarkKind) -> Result<(), DrawingError> {
-    let (half, colour) = (units(6.0), kind.colour());
-    let corners = [(at.0, at.1 - half), (at.0 + units(16.0), at.1 + half)];
-    sheet.draw(&Rectangle::new(corners, colour.mix(0.12).filled()))?;
-    let line = vec![(at.0, at.1 - half), (at.0, at.1 + half)];
-    sheet.draw(&PathElement::new(line, colour.mix(0.75).stroke_width(11)))?;
-    letter(sheet, kind, (at.0 + units(4.0), at.1 - units(5.0)))
+pub(super) fn sample(sheet: &mut Sheet, at: Spot, kind: MarkKind) {
+    let (top, bottom) = (at.1 - units(6.0), at.1 + units(6.0));
+    shade(sheet, kind, [(at.0, top), (at.0 + units(16.0), bottom)]);
+    edge(sheet, kind, [(at.0, top), (at.0, bottom)]);
+    letter(sheet, kind, (at.0 + units(4.0), at.1));
 }

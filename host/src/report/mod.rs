@@ -7,8 +7,8 @@
 //!
 //! - A [`Table`] prints itself to a terminal ([`Table::to_text`]) and to the page from the same
 //!   cells.
-//! - A figure is drawn as SVG by `plotters`, in tenths of a pixel ([`Figure::to_svg`] also serves a
-//!   README).
+//! - A figure is one SVG document, written in tenths of a pixel; [`Figure::to_svg`] also serves a
+//!   README.
 //! - A value that is not a number leaves a gap; an empty series shows "no data".
 //!
 //! *Invariant:* nothing here measures or decides; a figure shows exactly the numbers it was given.
@@ -24,7 +24,7 @@
 //! let plot = LinePlot::new("Error over time", "time, s", "error, mm")
 //!     .series("X", Style::Line, [[0.0, 0.01], [1.0, 0.02]]);
 //! let page = Page::new("A run", "on the twin").section("Moves", "").table(table).plot(plot);
-//! assert!(page.to_html().unwrap().ends_with("</html>\n"));
+//! assert!(page.to_html().ends_with("</html>\n"));
 //! ```
 
 mod axis;
@@ -38,6 +38,7 @@ mod path3d;
 mod picture;
 mod plot;
 mod scatter;
+mod sheet;
 mod stroke;
 mod table;
 
@@ -54,24 +55,6 @@ pub use scatter::{Circle, Scatter};
 pub use stroke::Style;
 pub use table::{Cell, Emphasis, Table};
 
-use trinocular_rig::error::InputError;
-
-/// Reason for a report that could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The drawing library refused a figure.
-    #[error("figure \"{title}\" cannot be drawn: {reason}")]
-    Draw {
-        /// Title of the figure.
-        title: String,
-        /// Message of the drawing library.
-        reason: String,
-    },
-    /// The file cannot be written.
-    #[error(transparent)]
-    Write(#[from] InputError),
-}
-
 /// Any of the figures of a page.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Figure {
@@ -85,18 +68,16 @@ pub enum Figure {
 
 impl Figure {
     /// Returns the figure as one SVG document.
-    pub fn to_svg(&self) -> Result<String, Error> {
+    pub fn to_svg(&self) -> String {
         match self {
             Self::Line(plot) => plot.to_svg(),
             Self::Scatter(plot) => plot.to_svg(),
             Self::Path3d(plot) => plot.to_svg(),
         }
     }
-}
 
-impl Figure {
     /// Returns the figure for a page, whose script turns paths in space.
-    fn to_page_svg(&self) -> Result<String, Error> {
+    fn to_page_svg(&self) -> String {
         match self {
             Self::Path3d(plot) => plot.to_turnable_svg(),
             figure => figure.to_svg(),

@@ -4,8 +4,9 @@ use super::canvas;
 use super::mark;
 use super::markup::escape;
 use super::picture::Moment;
-use super::{Error, Figure, Table};
+use super::{Figure, Table};
 use std::fmt::Write as _;
+use trinocular_rig::error::InputError;
 use trinocular_rig::output::Output;
 
 /// A report under construction. Parts appear in the order in which they are added.
@@ -150,7 +151,7 @@ impl Page {
     }
 
     /// Returns the page as HTML.
-    pub fn to_html(&self) -> Result<String, Error> {
+    pub fn to_html(&self) -> String {
         let title = escape(&self.title);
         let shades = canvas::shades(&mark::SHADES);
         let mut html = format!(
@@ -165,7 +166,7 @@ impl Page {
         html.push_str("</header>\n");
         self.write_contents(&mut html);
         for part in &self.parts {
-            write_part(&mut html, part)?;
+            write_part(&mut html, part);
         }
         // The footer stays last: it is the mark by which the program knows its own pages.
         let _ = write!(
@@ -174,7 +175,7 @@ impl Page {
              </html>\n",
             env!("CARGO_PKG_VERSION")
         );
-        Ok(html)
+        html
     }
 
     /// Writes the table of contents of a page with at least two sections.
@@ -202,14 +203,13 @@ impl Page {
     /// Writes the page: the whole of it or, on any error, nothing.
     ///
     /// # Errors
-    /// If a figure cannot be drawn or the file cannot be written.
-    pub fn write(&self, output: Output) -> Result<(), Error> {
-        output.write(&self.to_html()?)?;
-        Ok(())
+    /// If the file cannot be written.
+    pub fn write(&self, output: Output) -> Result<(), InputError> {
+        output.write(self.to_html())
     }
 }
 
-fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
+fn write_part(html: &mut String, part: &Part) {
     match part {
         Part::Heading(Heading { text, id, is_part }) => {
             let level = if *is_part { "h3" } else { "h2" };
@@ -222,7 +222,7 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
         Part::Figures(figures) => {
             html.push_str("<div class=\"figures\">\n");
             for figure in figures {
-                let _ = writeln!(html, "<figure>{}</figure>", figure.to_page_svg()?);
+                let _ = writeln!(html, "<figure>{}</figure>", figure.to_page_svg());
             }
             html.push_str("</div>\n");
         }
@@ -258,7 +258,6 @@ fn write_part(html: &mut String, part: &Part) -> Result<(), Error> {
             html.push_str("</dl>\n");
         }
     }
-    Ok(())
 }
 
 /// Style sheet of the page. It holds no `<` and no `&`, so that the page is also well-formed XML.
@@ -291,14 +290,13 @@ mod tests {
 
     #[test]
     fn page_is_well_formed() {
-        assert_eq!(balance::fault(&page().to_html().unwrap()), None);
+        assert_eq!(balance::fault(&page().to_html()), None);
     }
 
     #[test]
     fn page_is_self_contained() {
         let html = page()
             .to_html()
-            .unwrap()
             .replace("http://www.w3.org/2000/svg", "")
             .replace("href=\"#", "")
             .replace("href=\"data:image/jpeg;base64,", "");
@@ -311,7 +309,7 @@ mod tests {
 
     #[test]
     fn parts_keep_their_order() {
-        let html = page().to_html().unwrap();
+        let html = page().to_html();
         let at = |text: &str| {
             html.find(text)
                 .unwrap_or_else(|| panic!("{text} is missing"))
@@ -333,7 +331,7 @@ mod tests {
             .subsection("Moves <1>", "")
             .subsection("\u{b5}", "")
             .section("Last", "");
-        let html = page.to_html().unwrap();
+        let html = page.to_html();
         assert_eq!(balance::fault(&html), None);
         let links: Vec<&str> = html
             .split("href=\"#")
@@ -349,7 +347,7 @@ mod tests {
     #[test]
     fn text_is_kept_for_copies() {
         let page = page().text("Data & more", "note", "\na,b\n\"<1>\",2\n");
-        let html = page.to_html().unwrap();
+        let html = page.to_html();
         assert_eq!(balance::fault(&html), None);
         assert!(
             html.contains("<pre>\n\na,b\n&quot;&lt;1&gt;&quot;,2\n</pre>"),
@@ -359,7 +357,7 @@ mod tests {
 
     #[test]
     fn every_colour_has_a_dark_form() {
-        let html = page().to_html().unwrap();
+        let html = page().to_html();
         assert!(html.contains("(prefers-color-scheme:dark)"));
         let drawn = html.split("</style>").nth(1).unwrap();
         let colours = ["fill", "stroke"].map(|part| {
@@ -376,6 +374,6 @@ mod tests {
 
     #[test]
     fn page_is_deterministic() {
-        assert_eq!(page().to_html().unwrap(), page().to_html().unwrap());
+        assert_eq!(page().to_html(), page().to_html());
     }
 }

@@ -1,18 +1,13 @@
 //! Paths and points in space without perspective, so that equal lengths along an axis look equal
 //! everywhere. The drawing has one direction; a script of the page turns it.
 
-use super::Error;
 use super::axis::{Axis, drawable};
-use super::canvas::{
-    self, AXIS, COLOURS, DrawingError, GRID, INK, SHADOW, SOFT_INK, Sheet, Spot, TEXT, UNIT,
-    document, drawn, lettering, pen, text_width, units, write_text,
-};
+use super::canvas::{AXIS, COLOURS, GRID, INK, SHADOW, SOFT_INK, TEXT, text_width, titled};
 use super::chart::draw_legend;
 use super::markup::escape;
 use super::plot::{Series, entries, looks, points, say_no_data, unbroken};
+use super::sheet::{Anchor, Lettering, Sheet, Spot, Stroke, UNIT, units};
 use super::stroke::{self, Look, Style};
-use plotters::prelude::{Circle, Color as _, PathElement};
-use plotters::style::text_anchor::{HPos, VPos};
 use serde_json::json;
 
 /// Positions in space. The box is as high as half its width for all ranges: depth moves are often
@@ -66,43 +61,36 @@ impl Path3d {
     }
 
     /// Returns the figure as one SVG document.
-    pub fn to_svg(&self) -> Result<String, Error> {
+    pub fn to_svg(&self) -> String {
         self.document(false)
     }
 
     /// Returns the figure with the data by which the script of a page turns it.
-    pub(super) fn to_turnable_svg(&self) -> Result<String, Error> {
+    pub(super) fn to_turnable_svg(&self) -> String {
         self.document(true)
     }
 
-    fn document(&self, turnable: bool) -> Result<String, Error> {
-        let mut top = 0.0;
-        let frame = drawn(&self.title, self.size_px, |sheet| {
-            canvas::frame(sheet, &self.title)?;
-            top = draw_legend(sheet, &entries(&self.series))?;
-            Ok(())
-        })?;
-        let mut data = String::new();
-        let scene = drawn(&self.title, self.size_px, |sheet| {
-            let view = View::new(self.axes(), sheet, top);
-            if turnable {
-                data = self.turning(&view);
-            }
-            self.draw(sheet, &view, top)
-        })?;
-        let attributes = match turnable {
-            true => format!(" class=\"turn\" data-scene=\"{}\"", escape(&data)),
+    fn document(&self, is_turnable: bool) -> String {
+        let mut sheet = titled(&self.title, self.size_px);
+        let top = draw_legend(&mut sheet, &entries(&self.series));
+        let view = View::new(self.axes(), &sheet, top);
+        // The script replaces this group.
+        sheet.group(|sheet| self.draw(sheet, &view, top));
+        let attributes = match is_turnable {
+            true => format!(
+                " class=\"turn\" data-scene=\"{}\"",
+                escape(&self.turning(&view))
+            ),
             false => String::new(),
         };
-        let inside = format!("{frame}<g>{scene}</g>");
-        Ok(document(&self.title, self.size_px, &inside, &attributes))
+        sheet.document(&self.title, &attributes)
     }
 
-    fn draw(&self, sheet: &Sheet, view: &View, top: f64) -> Result<(), DrawingError> {
-        view.draw_walls(sheet)?;
-        view.draw_labels(sheet, &self.labels)?;
+    fn draw(&self, sheet: &mut Sheet, view: &View, top: f64) {
+        view.draw_walls(sheet);
+        view.draw_labels(sheet, &self.labels);
         for series in &self.series {
-            view.draw_shadow(sheet, series)?;
+            view.draw_shadow(sheet, series);
         }
         for (series, look) in self.series.iter().zip(looks(&self.series)) {
             let runs = unbroken(series.points.iter().map(|point| view.visible(*point)));
@@ -110,11 +98,10 @@ impl Path3d {
                 Style::Steps => Style::Line,
                 style => style,
             };
-            stroke::draw(sheet, &runs, Look { style, ..look })?;
+            stroke::draw(sheet, &runs, Look { style, ..look });
         }
-        match points(&self.series).next() {
-            None => say_no_data(sheet, top),
-            Some(_) => Ok(()),
+        if points(&self.series).next().is_none() {
+            say_no_data(sheet, top);
         }
     }
 
@@ -193,8 +180,7 @@ struct View {
 
 impl View {
     fn new(axes: [Axis; 3], sheet: &Sheet, top: f64) -> Self {
-        let (width, height) = sheet.dim_in_pixel();
-        let (width, height) = (f64::from(width), f64::from(height));
+        let [width, height] = sheet.size().map(|side| side * UNIT);
         // Room for labels around the box, px.
         let (side, above, below) = (74.0 * UNIT, (top + 8.0) * UNIT, 58.0 * UNIT);
         let corners = (0..8)
@@ -229,33 +215,27 @@ impl View {
         seen.then(|| self.spot(self.unit(point)))
     }
 
-    fn line(
-        &self,
-        sheet: &Sheet,
-        ends: [[f64; 3]; 2],
-        style: plotters::style::ShapeStyle,
-    ) -> Result<(), DrawingError> {
-        let path = ends.map(|end| self.spot(end)).to_vec();
-        sheet.draw(&PathElement::new(path, style))
+    fn line(&self, sheet: &mut Sheet, ends: [[f64; 3]; 2], stroke: Stroke) {
+        sheet.line(&ends.map(|end| self.spot(end)), stroke);
     }
 
     /// Draws the floor and the two walls behind, with grid lines at the labels.
-    fn draw_walls(&self, sheet: &Sheet) -> Result<(), DrawingError> {
-        let grid = pen(GRID, 1.0);
+    fn draw_walls(&self, sheet: &mut Sheet) {
+        let grid = Stroke::solid(GRID, 1.0);
         for tick in self.ticks(0) {
-            self.line(sheet, [[tick, -1.0, -1.0], [tick, 1.0, -1.0]], grid)?;
-            self.line(sheet, [[tick, 1.0, -1.0], [tick, 1.0, 1.0]], grid)?;
+            self.line(sheet, [[tick, -1.0, -1.0], [tick, 1.0, -1.0]], grid);
+            self.line(sheet, [[tick, 1.0, -1.0], [tick, 1.0, 1.0]], grid);
         }
         for tick in self.ticks(1) {
-            self.line(sheet, [[-1.0, tick, -1.0], [1.0, tick, -1.0]], grid)?;
-            self.line(sheet, [[-1.0, tick, -1.0], [-1.0, tick, 1.0]], grid)?;
+            self.line(sheet, [[-1.0, tick, -1.0], [1.0, tick, -1.0]], grid);
+            self.line(sheet, [[-1.0, tick, -1.0], [-1.0, tick, 1.0]], grid);
         }
         for tick in self.ticks(2) {
-            self.line(sheet, [[-1.0, -1.0, tick], [-1.0, 1.0, tick]], grid)?;
-            self.line(sheet, [[-1.0, 1.0, tick], [1.0, 1.0, tick]], grid)?;
+            self.line(sheet, [[-1.0, -1.0, tick], [-1.0, 1.0, tick]], grid);
+            self.line(sheet, [[-1.0, 1.0, tick], [1.0, 1.0, tick]], grid);
         }
-        let soft = pen(SHADOW, 1.0);
-        let axis = pen(AXIS, 1.2);
+        let soft = Stroke::solid(SHADOW, 1.0);
+        let axis = Stroke::solid(AXIS, 1.2);
         for (ends, style) in [
             ([[-1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]], soft),
             ([[-1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]], soft),
@@ -267,9 +247,8 @@ impl View {
             ([[1.0, -1.0, -1.0], [1.0, 1.0, -1.0]], axis),
             ([[-1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]], axis),
         ] {
-            self.line(sheet, ends, style)?;
+            self.line(sheet, ends, style);
         }
-        Ok(())
     }
 
     /// Returns the labelled positions of axis `i`, from -1 to 1.
@@ -280,45 +259,39 @@ impl View {
             .map(|tick| (2.0 * axis.fraction(*tick) - 1.0).clamp(-1.0, 1.0))
     }
 
-    fn draw_labels(&self, sheet: &Sheet, names: &[String; 3]) -> Result<(), DrawingError> {
+    fn draw_labels(&self, sheet: &mut Sheet, names: &[String; 3]) {
         // Each axis: its edge as a function of the position along it, where labels go from there,
         // how they are held.
         let edges: [fn(f64) -> [f64; 3]; 3] =
             [|t| [t, -1.0, -1.0], |t| [1.0, t, -1.0], |t| [-1.0, -1.0, t]];
         let away = [[-6.0, 14.0], [9.0, 12.0], [-9.0, 0.0]];
-        let sides = [HPos::Right, HPos::Left, HPos::Right];
+        let sides = [Anchor::End, Anchor::Start, Anchor::End];
         for i in 0..3 {
-            let style = lettering(TEXT, SOFT_INK, sides[i], VPos::Center);
+            let lettering = Lettering::new(SOFT_INK, TEXT, sides[i]);
             for (at, tick) in self.ticks(i).zip(&self.axes[i].ticks) {
                 let edge = self.spot(edges[i](at));
                 let spot = (edge.0 + units(away[i][0]), edge.1 + units(away[i][1]));
-                write_text(sheet, &self.axes[i].label(*tick), spot, &style)?;
+                sheet.text(&self.axes[i].label(*tick), spot, lettering);
             }
         }
         let label = |i: usize| self.axes[i].label_length() as f64 * 0.62 * TEXT;
-        let ink = |side| lettering(TEXT, INK, side, VPos::Center);
+        let ink = |anchor| Lettering::new(INK, TEXT, anchor);
         let middle = self.spot(edges[0](0.0));
         let at = (middle.0 - units(18.0 + label(0)), middle.1 + units(34.0));
-        write_text(sheet, &names[0], at, &ink(HPos::Center))?;
+        sheet.text(&names[0], at, ink(Anchor::Middle));
         let middle = self.spot(edges[1](0.0));
-        let at = (
-            middle.0 + units(16.0 + 0.8 * label(1)),
-            middle.1 + units(34.0),
-        );
         // Keep the label within the right edge.
-        let last = sheet.dim_in_pixel().0 as i32 - units(text_width(&names[1], TEXT) + 6.0);
-        write_text(sheet, &names[1], (at.0.min(last), at.1), &ink(HPos::Left))?;
+        let last = units(sheet.size()[0] - text_width(&names[1], TEXT) - 6.0);
+        let x = middle.0 + units(16.0 + 0.8 * label(1));
+        let at = (x.min(last), middle.1 + units(34.0));
+        sheet.text(&names[1], at, ink(Anchor::Start));
         let end = self.spot(edges[2](1.0));
-        write_text(
-            sheet,
-            &names[2],
-            (end.0.max(units(8.0)), end.1 - units(14.0)),
-            &ink(HPos::Center),
-        )
+        let at = (end.0.max(units(8.0)), end.1 - units(14.0));
+        sheet.text(&names[2], at, ink(Anchor::Middle));
     }
 
     /// Draws the series on the floor in grey, which distinguishes depth from height.
-    fn draw_shadow(&self, sheet: &Sheet, series: &Series<3>) -> Result<(), DrawingError> {
+    fn draw_shadow(&self, sheet: &mut Sheet, series: &Series<3>) {
         let floor = |point: &[f64; 3]| {
             let seen = point.iter().all(|value| drawable(*value));
             let [x, y, _] = self.unit(*point);
@@ -327,14 +300,12 @@ impl View {
         for run in unbroken(series.points.iter().map(floor)) {
             if series.style == Style::Points || run.len() == 1 {
                 for spot in run {
-                    let dot = Circle::new(spot, units(1.6), SHADOW.filled());
-                    sheet.draw(&dot)?;
+                    sheet.circle(spot, 1.6, SHADOW);
                 }
             } else {
-                sheet.draw(&PathElement::new(stroke::thinned(&run), pen(SHADOW, 1.2)))?;
+                sheet.line(&stroke::thinned(&run), Stroke::solid(SHADOW, 1.2));
             }
         }
-        Ok(())
     }
 }
 
@@ -391,8 +362,7 @@ mod tests {
                 let none = points.iter().all(|point| !point[0].is_finite());
                 let svg = Path3d::new("a & b", LABELS)
                     .series("<path>", style, points)
-                    .to_svg()
-                    .unwrap();
+                    .to_svg();
                 assert_eq!(balance::fault(&svg), None, "{svg}");
                 assert!(!svg.contains("NaN"));
                 assert_eq!(svg.contains("no data"), none);
@@ -410,8 +380,7 @@ mod tests {
         ];
         let svg = Path3d::new("t", LABELS)
             .series("", Style::Points, points)
-            .to_svg()
-            .unwrap();
+            .to_svg();
         let numbers = |name: &str| -> Vec<f64> {
             let attribute = format!(" {name}=\"");
             let parts = svg.split(&attribute).skip(1);

@@ -1,15 +1,12 @@
 //! Plots of values over an axis, and the series of any figure.
 
-use super::Error;
 use super::axis::{Axis, drawable};
 use super::band::{self, Band};
-use super::canvas::{
-    DrawingError, SOFT_INK, Sheet, Spot, TEXT, UNIT, lettering, render, units, write_text,
-};
+use super::canvas::{SOFT_INK, TEXT, titled};
 use super::chart::{Axes, Entry, Place, Sample, draw_axes, draw_legend, ticks_for};
 use super::mark::{self, Mark, MarkKind};
+use super::sheet::{Anchor, Lettering, Sheet, Spot, units};
 use super::stroke::{self, Look, Style};
-use plotters::style::text_anchor::{HPos, VPos};
 
 /// Named points of a figure with `N` axes, in the axes' units.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -117,37 +114,37 @@ impl LinePlot {
     }
 
     /// Returns the plot as one SVG document.
-    pub fn to_svg(&self) -> Result<String, Error> {
-        render(&self.title, self.size_px, |sheet| {
-            let [width, height] = size(sheet);
-            let drawn = || self.bands.iter().flat_map(Band::drawable);
-            let x = points(&self.series).map(|point| point[0]);
-            let x = x.chain(drawn().map(|point| point[0]));
-            let x = Axis::around(x, ticks_for(width - 80.0));
-            let ends = [x.low, x.high];
-            let top = draw_legend(sheet, &self.legend(ends))?;
-            let y = points(&self.series).map(|point| point[1]);
-            let y = y.chain(drawn().flat_map(|[_, low, high]| [low, high]));
-            let y = Axis::around(
-                y.chain(self.y_include.iter().copied()),
-                ticks_for(1.4 * (height - top - 60.0)),
-            );
-            let y_ends = [y.low, y.high];
-            let axes = Axes {
-                x_label: &self.x_label,
-                y_label: &self.y_label,
-                x,
-                y,
-                equal: false,
-                y_down: false,
-            };
-            let place = draw_axes(sheet, &axes, top)?;
-            mark::draw(sheet, &self.marks, &place, ends, y_ends)?;
-            for band in &self.bands {
-                band::draw(sheet, band, &place)?;
-            }
-            draw_series(sheet, &self.series, &place, top)
-        })
+    pub fn to_svg(&self) -> String {
+        let mut sheet = titled(&self.title, self.size_px);
+        let [width, height] = sheet.size();
+        let drawn = || self.bands.iter().flat_map(Band::drawable);
+        let x = points(&self.series).map(|point| point[0]);
+        let x = x.chain(drawn().map(|point| point[0]));
+        let x = Axis::around(x, ticks_for(width - 80.0));
+        let ends = [x.low, x.high];
+        let top = draw_legend(&mut sheet, &self.legend(ends));
+        let y = points(&self.series).map(|point| point[1]);
+        let y = y.chain(drawn().flat_map(|[_, low, high]| [low, high]));
+        let y = Axis::around(
+            y.chain(self.y_include.iter().copied()),
+            ticks_for(1.4 * (height - top - 60.0)),
+        );
+        let y_ends = [y.low, y.high];
+        let axes = Axes {
+            x_label: &self.x_label,
+            y_label: &self.y_label,
+            x,
+            y,
+            equal: false,
+            y_down: false,
+        };
+        let place = draw_axes(&mut sheet, &axes, top);
+        mark::draw(&mut sheet, &self.marks, &place, ends, y_ends);
+        for band in &self.bands {
+            band::draw(&mut sheet, band, &place);
+        }
+        draw_series(&mut sheet, &self.series, &place, top);
+        sheet.document(&self.title, "")
     }
 
     /// Returns the legend: series, bands, and the kinds of marks between the ends of the axis.
@@ -183,11 +180,6 @@ pub(super) fn entries<const N: usize>(series: &[Series<N>]) -> Vec<Entry<'_>> {
     .collect()
 }
 
-fn size(sheet: &Sheet) -> [f64; 2] {
-    let (width, height) = sheet.dim_in_pixel();
-    [f64::from(width) / UNIT, f64::from(height) / UNIT]
-}
-
 /// Returns all drawable points.
 pub(super) fn points<const N: usize>(series: &[Series<N>]) -> impl Iterator<Item = [f64; N]> + '_ {
     let all = series
@@ -196,23 +188,17 @@ pub(super) fn points<const N: usize>(series: &[Series<N>]) -> impl Iterator<Item
     all.filter(|point| point.iter().all(|value| drawable(*value)))
 }
 
-pub(super) fn draw_series(
-    sheet: &Sheet,
-    series: &[Series<2>],
-    place: &Place,
-    top: f64,
-) -> Result<(), DrawingError> {
+pub(super) fn draw_series(sheet: &mut Sheet, series: &[Series<2>], place: &Place, top: f64) {
     for (series, look) in series.iter().zip(looks(series)) {
         let spots = series.points.iter().map(|point| {
             let seen = point.iter().all(|value| drawable(*value));
             seen.then(|| place.spot(*point))
         });
-        stroke::draw(sheet, &unbroken(spots), look)?;
+        stroke::draw(sheet, &unbroken(spots), look);
     }
     if points(series).next().is_none() {
-        say_no_data(sheet, top)?;
+        say_no_data(sheet, top);
     }
-    Ok(())
 }
 
 /// Splits the points at their gaps.
@@ -229,11 +215,11 @@ pub(super) fn unbroken(spots: impl Iterator<Item = Option<Spot>>) -> Vec<Vec<Spo
 }
 
 /// Writes "no data" in the middle of an empty figure.
-pub(super) fn say_no_data(sheet: &Sheet, top: f64) -> Result<(), DrawingError> {
-    let [width, height] = size(sheet);
-    let style = lettering(TEXT + 1.0, SOFT_INK, HPos::Center, VPos::Center);
+pub(super) fn say_no_data(sheet: &mut Sheet, top: f64) {
+    let [width, height] = sheet.size();
     let middle = (units(0.5 * width), units(0.5 * (top + height)));
-    write_text(sheet, "no data", middle, &style)
+    let lettering = Lettering::new(SOFT_INK, TEXT + 1.0, Anchor::Middle);
+    sheet.text("no data", middle, lettering);
 }
 
 #[cfg(test)]
@@ -241,8 +227,7 @@ mod tests {
     use super::super::markup::balance;
     use super::*;
 
-    fn checked(svg: Result<String, Error>) -> String {
-        let svg = svg.unwrap();
+    fn checked(svg: String) -> String {
         assert_eq!(balance::fault(&svg), None, "{svg}");
         assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");

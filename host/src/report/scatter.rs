@@ -1,15 +1,11 @@
 //! Plots of positions in a plane.
 
-use super::Error;
 use super::axis::{Axis, drawable};
-use super::canvas::{
-    AXIS, DrawingError, SOFT_INK, Sheet, Spot, TEXT, lettering, pen, render, units, write_text,
-};
+use super::canvas::{AXIS, SOFT_INK, TEXT, titled};
 use super::chart::{Axes, Place, draw_axes, draw_legend};
 use super::plot::{Series, draw_series, entries, points};
+use super::sheet::{Anchor, Lettering, Sheet, Spot, Stroke, units};
 use super::stroke::Style;
-use plotters::prelude::PathElement;
-use plotters::style::text_anchor::{HPos, VPos};
 
 /// A circle of a [`Scatter`]: a scale, a bound, a target.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,36 +98,36 @@ impl Scatter {
     }
 
     /// Returns the figure as one SVG document.
-    pub fn to_svg(&self) -> Result<String, Error> {
-        render(&self.title, self.size_px, |sheet| {
-            let top = draw_legend(sheet, &entries(&self.series))?;
-            let values = |i: usize| {
-                let circles = self.circles.iter().filter(|circle| whole(circle));
-                let ends = circles.flat_map(move |circle| {
-                    [
-                        circle.centre[i] - circle.radius,
-                        circle.centre[i] + circle.radius,
-                    ]
-                });
-                points(&self.series)
-                    .map(move |point| point[i])
-                    .chain(ends)
-                    .chain(self.include.iter().map(move |point| point[i]))
-            };
-            let axes = Axes {
-                x_label: &self.x_label,
-                y_label: &self.y_label,
-                x: Axis::around(values(0), 5),
-                y: Axis::around(values(1), 5),
-                equal: true,
-                y_down: self.y_down,
-            };
-            let place = draw_axes(sheet, &axes, top)?;
-            for circle in self.circles.iter().filter(|circle| whole(circle)) {
-                draw_circle(sheet, circle, &place)?;
-            }
-            draw_series(sheet, &self.series, &place, top)
-        })
+    pub fn to_svg(&self) -> String {
+        let mut sheet = titled(&self.title, self.size_px);
+        let top = draw_legend(&mut sheet, &entries(&self.series));
+        let values = |i: usize| {
+            let circles = self.circles.iter().filter(|circle| whole(circle));
+            let ends = circles.flat_map(move |circle| {
+                [
+                    circle.centre[i] - circle.radius,
+                    circle.centre[i] + circle.radius,
+                ]
+            });
+            points(&self.series)
+                .map(move |point| point[i])
+                .chain(ends)
+                .chain(self.include.iter().map(move |point| point[i]))
+        };
+        let axes = Axes {
+            x_label: &self.x_label,
+            y_label: &self.y_label,
+            x: Axis::around(values(0), 5),
+            y: Axis::around(values(1), 5),
+            equal: true,
+            y_down: self.y_down,
+        };
+        let place = draw_axes(&mut sheet, &axes, top);
+        for circle in self.circles.iter().filter(|circle| whole(circle)) {
+            draw_circle(&mut sheet, circle, &place);
+        }
+        draw_series(&mut sheet, &self.series, &place, top);
+        sheet.document(&self.title, "")
     }
 }
 
@@ -141,7 +137,7 @@ fn whole(circle: &Circle) -> bool {
         && circle.radius > 0.0
 }
 
-fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), DrawingError> {
+fn draw_circle(sheet: &mut Sheet, circle: &Circle, place: &Place) {
     let [x, y] = circle.centre;
     let turn = (0..=96).map(|i| f64::from(i) / 96.0 * std::f64::consts::TAU);
     let rim: Vec<Spot> = turn
@@ -157,9 +153,9 @@ fn draw_circle(sheet: &Sheet, circle: &Circle, place: &Place) -> Result<(), Draw
         .copied()
         .min_by_key(|spot| spot.1)
         .unwrap_or_default();
-    sheet.draw(&PathElement::new(rim, pen(AXIS, 1.4)))?;
-    let style = lettering(TEXT - 1.0, SOFT_INK, HPos::Center, VPos::Top);
-    write_text(sheet, &circle.name, (top.0, top.1 + units(5.0)), &style)
+    sheet.line(&rim, Stroke::solid(AXIS, 1.4));
+    let lettering = Lettering::new(SOFT_INK, TEXT - 1.0, Anchor::Middle);
+    sheet.text(&circle.name, (top.0, top.1 + units(10.0)), lettering);
 }
 
 #[cfg(test)]
@@ -170,7 +166,7 @@ mod tests {
     #[test]
     fn circle_is_round_and_inside() {
         let plot = Scatter::new("t", "x", "y").circle([5.0, -3.0], 2.0, "2 mm");
-        let svg = plot.to_svg().unwrap();
+        let svg = plot.to_svg();
         assert_eq!(balance::fault(&svg), None, "{svg}");
         let rim = svg
             .lines()

@@ -1,7 +1,7 @@
 //! Strokes of series in the plane of the sheet, for plots and for paths in space.
 
-use super::canvas::{DASHED, DrawingError, STROKES, Sheet, Spot, UNIT, colour, units};
-use plotters::prelude::*;
+use super::canvas::colour;
+use super::sheet::{Sheet, Spot, Stroke, UNIT, units};
 use std::collections::BTreeSet;
 
 /// Style of the connection between the points of a series.
@@ -30,8 +30,20 @@ impl Style {
     }
 }
 
+/// Strokes of curves: width and dashes, units.
+const STROKES: [(u32, &str); 6] = [
+    (22, ""),
+    (19, "90 40"),
+    (21, "24 34"),
+    (17, "100 34 24 34"),
+    (13, ""),
+    (16, "45 30"),
+];
+/// Stroke of a reference, a bound or the truth.
+const DASHED: (u32, &str) = (18, "70 50");
 /// Half the size of a marker, px.
 const MARKER: f64 = 3.6;
+
 /// Look of a series: curves that lie on each other differ in width and dashes, points in shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Look {
@@ -63,18 +75,19 @@ impl Look {
         }
     }
 
-    fn stroke(self) -> ShapeStyle {
-        ShapeStyle {
-            color: colour(self.index).to_rgba(),
-            filled: false,
-            stroke_width: self.pattern().0,
+    fn stroke(self) -> Stroke {
+        let (width, dashes) = self.pattern();
+        Stroke {
+            colour: colour(self.index),
+            width,
+            dashes,
         }
     }
 }
 
 /// Draws one series. `runs` are its unbroken stretches; a stretch of a single point gets a marker,
 /// because a line of one point is invisible.
-pub(super) fn draw(sheet: &Sheet, runs: &[Vec<Spot>], look: Look) -> Result<(), DrawingError> {
+pub(super) fn draw(sheet: &mut Sheet, runs: &[Vec<Spot>], look: Look) {
     let Look { style, index, .. } = look;
     for run in runs {
         if style.has_line() && run.len() > 1 {
@@ -83,7 +96,7 @@ pub(super) fn draw(sheet: &Sheet, runs: &[Vec<Spot>], look: Look) -> Result<(), 
             } else {
                 run.clone()
             };
-            sheet.draw(&PathElement::new(thinned(&path), look.stroke()))?;
+            sheet.line(&thinned(&path), look.stroke());
         }
     }
     let mut seen = BTreeSet::new();
@@ -92,43 +105,33 @@ pub(super) fn draw(sheet: &Sheet, runs: &[Vec<Spot>], look: Look) -> Result<(), 
             for spot in run {
                 // Markers closer than half a pixel are one marker.
                 if seen.insert((spot.0 / 5, spot.1 / 5)) {
-                    marker(sheet, *spot, index)?;
+                    marker(sheet, *spot, index);
                 }
             }
         }
     }
-    Ok(())
 }
 
 /// Draws the marker of series number `index`: shapes differ as well as colours.
-fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
-    let fill = colour(index).filled();
-    let r = units(MARKER);
-    let corner = |x: f64, y: f64| {
-        (
-            at.0 + (f64::from(r) * x) as i32,
-            at.1 + (f64::from(r) * y) as i32,
-        )
-    };
+fn marker(sheet: &mut Sheet, at: Spot, index: usize) {
+    let fill = colour(index);
+    let corner = |x: f64, y: f64| (at.0 + units(MARKER * x), at.1 + units(MARKER * y));
     match index % 4 {
-        0 => sheet.draw(&Circle::new(at, r, fill)),
-        1 => sheet.draw(&Polygon::new(
-            vec![
+        0 => sheet.circle(at, MARKER, fill),
+        1 => sheet.polygon(
+            &[
                 corner(0.0, -1.35),
                 corner(1.35, 0.0),
                 corner(0.0, 1.35),
                 corner(-1.35, 0.0),
             ],
             fill,
-        )),
-        2 => sheet.draw(&Rectangle::new(
-            [corner(-0.9, -0.9), corner(0.9, 0.9)],
+        ),
+        2 => sheet.rectangle([corner(-0.9, -0.9), corner(0.9, 0.9)], fill),
+        _ => sheet.polygon(
+            &[corner(0.0, -1.3), corner(1.2, 0.85), corner(-1.2, 0.85)],
             fill,
-        )),
-        _ => sheet.draw(&Polygon::new(
-            vec![corner(0.0, -1.3), corner(1.2, 0.85), corner(-1.2, 0.85)],
-            fill,
-        )),
+        ),
     }
 }
 
@@ -136,16 +139,14 @@ fn marker(sheet: &Sheet, at: Spot, index: usize) -> Result<(), DrawingError> {
 pub(super) const SAMPLE: f64 = 28.0;
 
 /// Draws the sample of a series in a legend, from `at` to the right.
-pub(super) fn sample(sheet: &Sheet, at: Spot, look: Look) -> Result<(), DrawingError> {
+pub(super) fn sample(sheet: &mut Sheet, at: Spot, look: Look) {
     let width = units(SAMPLE);
     if look.style.has_line() {
-        let line = vec![at, (at.0 + width, at.1)];
-        sheet.draw(&PathElement::new(line, look.stroke()))?;
+        sheet.line(&[at, (at.0 + width, at.1)], look.stroke());
     }
     if look.style.has_markers() {
-        marker(sheet, (at.0 + width / 2, at.1), look.index)?;
+        marker(sheet, (at.0 + width / 2, at.1), look.index);
     }
-    Ok(())
 }
 
 /// Converts points to steps: to the right first, then up or down.
@@ -200,16 +201,9 @@ mod tests {
     #[test]
     fn equal_curves_differ_in_stroke() {
         let looks = Look::all([Style::Dashed, Style::Line, Style::Line, Style::Steps]);
-        let widths: BTreeSet<u32> = looks
-            .iter()
-            .map(|look| look.stroke().stroke_width)
-            .collect();
-        assert_eq!(widths.len(), looks.len(), "{looks:?}");
-        assert_eq!(
-            looks[1].stroke().stroke_width,
-            STROKES[0].0,
-            "the first line is solid"
-        );
+        let patterns: BTreeSet<(u32, &str)> = looks.iter().map(|look| look.pattern()).collect();
+        assert_eq!(patterns.len(), looks.len(), "{looks:?}");
+        assert_eq!(looks[1].stroke().dashes, "", "the first line is solid");
     }
 
     #[test]

@@ -91,8 +91,9 @@ impl TrackReport {
             Err(failure) => format!("The run ended early: {}.", failure.chain()),
         };
         let (page, _) = page("Trinocular: track", &story, &note, &provenance);
-        let written = page.write(output).map_err(Failure::Report);
+        let written = page.write(output);
         let value = run?;
-        written.map(|()| value)
+        written?;
+        Ok(value)
     }
 }

@@ -196,7 +196,7 @@ mod tests {
             [means.rows.len(), spreads.rows.len(), ratios.rows.len()],
             [13, 13, 5]
         );
-        let html = validation.add_to(Page::new("", "")).to_html().unwrap();
+        let html = validation.add_to(Page::new("", "")).to_html();
         assert_eq!(html.matches("<svg").count(), 4);
         assert_eq!(html.matches(" bad\"").count(), 0);
         // One mark per row and judged column.
