@@ -79,6 +79,17 @@ impl Estimate {
         self.displacement_of([0.0; 3]).displacement_mm
     }
 
+    /// Returns where the target's point at `point_mm` goes, mm.
+    pub fn apply(&self, point_mm: [f64; 3]) -> [f64; 3] {
+        (Vector3::from(point_mm) + self.displacement(point_mm)).into()
+    }
+
+    fn displacement(&self, pivot_mm: [f64; 3]) -> Vector3<f64> {
+        let omega = self.cayley();
+        let arm = Vector3::from(pivot_mm) - Vector3::from(self.middle_mm);
+        cayley::half_inverse(&omega) * (Vector3::from(self.s_mm) + 2.0 * omega.cross(&arm))
+    }
+
     /// Returns the rotation vector: axis times angle, rad.
     pub fn rotation_rad(&self) -> [f64; 3] {
         cayley::vector(&self.cayley()).into()
@@ -123,7 +134,7 @@ impl Estimate {
         let omega = self.cayley();
         let half = cayley::half_inverse(&omega);
         let arm = Vector3::from(pivot_mm) - Vector3::from(self.middle_mm);
-        let displacement = half * (Vector3::from(self.s_mm) + 2.0 * omega.cross(&arm));
+        let displacement = self.displacement(pivot_mm);
         let lever = (2.0 * arm + displacement).cross_matrix();
         let mut derivative = Matrix3x6::zeros();
         derivative.fixed_view_mut::<3, 3>(0, 0).copy_from(&half);
