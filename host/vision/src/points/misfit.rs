@@ -207,14 +207,12 @@ fn displacement(cameras: &[Camera], points: &[Placed<'_>]) -> Vector3<f64> {
 }
 
 /// Returns the misfit of a row, at the keyframe or afterwards, whichever is larger.
-fn misfit(
-    camera: &Camera,
-    row: &Sighting,
-    position: Vector3<f64>,
-    motion: &Motion,
-) -> Misfit {
+fn misfit(camera: &Camera, row: &Sighting, position: Vector3<f64>, motion: &Motion) -> Misfit {
     let mut worst = Misfit::default();
-    for (instant, at) in [position.into(), motion.apply(position)].into_iter().enumerate() {
+    for (instant, at) in [position.into(), motion.apply(position)]
+        .into_iter()
+        .enumerate()
+    {
         let [x, y] = camera.project(at);
         let [dx, dy] = [row.pixels[instant][0] - x, row.pixels[instant][1] - y];
         let px = dx.hypot(dy);

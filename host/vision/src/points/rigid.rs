@@ -42,7 +42,10 @@ pub fn motion<'a>(rig: &Rig, points: impl Iterator<Item = &'a [Sighting]>) -> Op
             return None;
         };
         let pose = pose::plain(&geometry, &[a, b, c]).ok()?;
-        let score: f64 = judges.iter().map(|o| distance(&geometry, &pose, o).min(FAR)).sum();
+        let score: f64 = judges
+            .iter()
+            .map(|o| distance(&geometry, &pose, o).min(FAR))
+            .sum();
         Some((score, pose))
     });
     let (_, mut best) = samples.min_by(|(a, _), (b, _)| a.total_cmp(b))?;
