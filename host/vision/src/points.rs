@@ -416,6 +416,5 @@ fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
 }
 
 mod misfit;
-mod rigid;
 #[cfg(test)]
 mod tests;

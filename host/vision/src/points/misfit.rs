@@ -3,18 +3,21 @@
 //! Every point is triangulated from its pixels at the keyframe; one displacement of all points is
 //! fitted to the pixels afterwards. The fit minimises the sum of distances instead of their squares
 //! (iteratively reweighted least squares), so that a few wrong rows hardly change it. If the points
-//! turn, the motion is that of a rigid target instead ([`super::rigid`]). A row is doubtful if its
+//! turn, the motion is that of a rigid target instead ([`crate::rigid`]). A row is doubtful if its
 //! pixels are farther from the fit than [`DOUBTFUL`] times the typical distance.
 
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
-use trinocular_core::estimate::pose;
+use trinocular_core::estimate::pose::{self, Observation};
 use trinocular_core::rig::Camera;
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::Geometry;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 
-use super::{HEADER, Sighting, rigid};
+use super::{HEADER, Sighting};
+use crate::rigid;
 
 /// Least misfit of a doubtful row, in multiples of the typical misfit.
 const DOUBTFUL: f64 = 5.0;
@@ -94,7 +97,7 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     let mut motion = Motion::Displacement(displacement(cameras, &points));
     let mut typical_px = typical(&motion);
     if typical_px > NOISE_PX
-        && let Some(pose) = rigid::motion(&rig.rig, points.iter().map(|point| point.rows))
+        && let Some(pose) = rigid_motion(cameras, rig, &points)
     {
         let turned = Motion::Rigid(Box::new(pose));
         let turned_px = typical(&turned);
@@ -142,6 +145,24 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     }
     doubts.sort_by_key(|doubt| doubt.line);
     doubts
+}
+
+/// Fits one motion of all points as a rigid target.
+fn rigid_motion(
+    cameras: &[Camera],
+    rig: &RigFile,
+    points: &[Placed<'_>],
+) -> Option<pose::Estimate> {
+    let geometry = Geometry::new(&rig.rig).ok()?;
+    let observe = |point: &Placed<'_>| {
+        let rows = cameras.iter().zip(point.rows);
+        let view = |(camera, row): (&Camera, &Sighting)| {
+            View::from_pixels(camera, row.pixels[0], row.pixels[1])
+        };
+        Observation::new(&geometry, &rows.map(view).collect::<Vec<_>>())
+    };
+    let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
+    rigid::motion(&geometry, &observed)
 }
 
 /// Returns the position of a point at the keyframe, from the cameras in `used`; none if it is not

@@ -64,6 +64,30 @@ impl Estimate {
         }
     }
 
+    /// Creates the exact pose of a rotation by the Cayley vector `omega` that displaces the point at
+    /// `pivot_mm` by `displacement_mm`: a start for a search.
+    pub fn exact(omega: [f64; 3], pivot_mm: [f64; 3], displacement_mm: [f64; 3]) -> Self {
+        let displacement = Vector3::from(displacement_mm);
+        let s = displacement - Vector3::from(omega).cross(&displacement);
+        Self {
+            s_mm: s.into(),
+            omega,
+            middle_mm: pivot_mm,
+            centroid_mm: pivot_mm,
+            covariance: [[0.0; 6]; 6],
+            sigma: 0.0,
+        }
+    }
+
+    /// Returns the estimate with all variances multiplied by `factor`, for errors of neighbouring
+    /// points that are not independent.
+    pub fn inflated(self, factor: f64) -> Self {
+        Self {
+            covariance: self.covariance.map(|row| row.map(|value| factor * value)),
+            ..self
+        }
+    }
+
     fn cayley(&self) -> Vector3<f64> {
         self.omega.into()
     }

@@ -3,10 +3,7 @@
 //! Random sample consensus (Fischler and Bolles 1981): the pose of three points at a time, the one
 //! with the least sum of bounded distances, and then the pose of all points near it.
 
-use super::Sighting;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
-use trinocular_core::rig::Rig;
-use trinocular_core::sums::View;
 use trinocular_core::sums::centred::Geometry;
 use trinocular_rig::random::Random;
 
@@ -22,17 +19,8 @@ const NEAR: f64 = 5.0;
 /// Rounds of keeping the near points.
 const ROUNDS: usize = 3;
 
-/// Returns the pose that most points agree on; `None` if the points do not determine one.
-pub fn motion<'a>(rig: &Rig, points: impl Iterator<Item = &'a [Sighting]>) -> Option<Estimate> {
-    let geometry = Geometry::new(rig).ok()?;
-    let observe = |rows: &[Sighting]| {
-        let cameras = rig.cameras.iter().zip(rows);
-        let views: Vec<View> = cameras
-            .map(|(camera, row)| View::from_pixels(camera, row.pixels[0], row.pixels[1]))
-            .collect();
-        Observation::new(&geometry, &views)
-    };
-    let all: Vec<Observation> = points.filter_map(observe).collect();
+/// Returns the pose that most of the points agree on; `None` if the points do not determine one.
+pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
     let stride = all.len().div_ceil(MOST_JUDGES).max(1);
     let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
     let mut random = Random::seeded(all.len() as u64);
@@ -41,23 +29,23 @@ pub fn motion<'a>(rig: &Rig, points: impl Iterator<Item = &'a [Sighting]>) -> Op
         let [Some(a), Some(b), Some(c)] = sample else {
             return None;
         };
-        let pose = pose::plain(&geometry, &[a, b, c]).ok()?;
+        let pose = pose::plain(geometry, &[a, b, c]).ok()?;
         let score: f64 = judges
             .iter()
-            .map(|o| distance(&geometry, &pose, o).min(FAR))
+            .map(|o| distance(geometry, &pose, o).min(FAR))
             .sum();
         Some((score, pose))
     });
     let (_, mut best) = samples.min_by(|(a, _), (b, _)| a.total_cmp(b))?;
     for _ in 0..ROUNDS {
-        let off: Vec<f64> = all.iter().map(|o| distance(&geometry, &best, o)).collect();
+        let off: Vec<f64> = all.iter().map(|o| distance(geometry, &best, o)).collect();
         let mut sorted = off.clone();
         let (_, median, _) = sorted.select_nth_unstable_by(all.len() / 2, f64::total_cmp);
         // Without noise the distances are those of rounding.
         let limit = NEAR * median.max(1e-9);
         let near = all.iter().zip(&off).filter(|(_, off)| **off <= limit);
         let near: Vec<Observation> = near.map(|(observation, _)| *observation).collect();
-        best = pose::solve(&geometry, &near).unwrap_or(best);
+        best = pose::solve(geometry, &near).unwrap_or(best);
     }
     Some(best)
 }
