@@ -5,8 +5,9 @@ use std::fs;
 use serde_json::Value;
 use trinocular_core::rig::{Camera, Rig};
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::images::{Exposure, Pose, Scene, SceneSettings, Texture};
 
-use super::Desk;
+use super::{Desk, run};
 
 /// Six decimals are printed.
 const ROUNDED: f64 = 0.6e-6;
@@ -237,6 +238,64 @@ fn undetermined_rotation_is_named() {
         "{}",
         refused.stdout
     );
+}
+
+/// Writes rendered frame sets of a poster with these displacements and rotations.
+fn desk_of_images(poses: &[Pose]) -> Desk {
+    let (desk, rig) = (Desk::new(), Rig::paper());
+    let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default());
+    let scene = scene.expect("a scene in range");
+    for (number, pose) in poses.iter().enumerate() {
+        let exposures = [Exposure::of(*pose, 2.0); 3];
+        let seen = scene.render_exposures(&exposures, 0, number as u64);
+        for (name, image) in ["left", "middle", "right"].iter().zip(&seen.images) {
+            fs::create_dir_all(desk.path("views").join(name)).expect("a folder");
+            let mut pgm = format!("P5\n{} {}\n255\n", image.width, image.height).into_bytes();
+            pgm.extend_from_slice(&image.grey);
+            desk.write(&format!("views/{name}/{number}.pgm"), pgm);
+        }
+    }
+    desk
+}
+
+#[test]
+fn images_of_turning_target_are_measured() {
+    let pose = |relative_mm, turned_deg| Pose {
+        relative_mm,
+        turned_deg,
+    };
+    let (small, large) = ([0.3, 0.2, -0.4], [2.0, -5.0, 9.0]);
+    let desk = desk_of_images(&[
+        Pose::default(),
+        pose([3.0, -4.0, 5.0], small),
+        pose([-6.0, 2.0, -8.0], large),
+    ]);
+    let estimate = |more: &[&str]| {
+        let words = ["estimate", "views", "--rig", "rig.toml", "--json"];
+        run(desk.folder.path(), &[&words[..], more].concat())
+    };
+    let outcome = estimate(&["--rotation", "estimate", "--pivot", "0,0,850"]);
+    assert_eq!(
+        outcome.code,
+        Some(0),
+        "{}{}",
+        outcome.stdout,
+        outcome.stderr
+    );
+    let lines = outcome.json();
+    let moved = [[3.0, -4.0, 5.0], [-6.0, 2.0, -8.0]];
+    for ((line, moved), turned) in lines.iter().zip(moved).zip([small, large]) {
+        assert_close(&line["displacement_mm"], moved, 0.03, "displacement");
+        assert_close(&line["rotation_deg"], turned, 0.02, "rotation");
+        let sigma: [f64; 3] = numbers(&line["rotation_sigma_deg"]);
+        assert!(sigma.iter().all(|deg| *deg > 0.0 && *deg < 0.01), "{line}");
+    }
+    // The pivot is that of the keyframe for all frames.
+    let lines = estimate(&["--rotation", "estimate"]).json();
+    assert_eq!(lines[0]["pivot_mm"], lines[1]["pivot_mm"]);
+    // Without the option a turn is refused.
+    let refused = estimate(&[]);
+    assert_eq!(refused.code, Some(1), "{}", refused.stdout);
 }
 
 #[test]

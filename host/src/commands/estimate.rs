@@ -11,12 +11,13 @@ use clap::{Args, ValueEnum};
 use pose::{PoseOptions, Turn};
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
+use trinocular_core::rig::Rig;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
-use trinocular_vision::flow::{Flow, FlowSettings};
+use trinocular_vision::flow::{CameraRefusal, Flow, FlowSettings, remarks as camera_remarks};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::points;
@@ -296,23 +297,17 @@ fn run_captures<W: Write>(
             }
         };
         // A bad keyframe spoils every frame measured against it; they share its reason.
-        let measured = reference.clone().and_then(|()| {
-            let outcome = flow.measure(&capture);
-            outcome.map_err(|refusal| refusal.to_string())
-        });
-        match measured {
+        let seen = match &reference {
+            Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
+            Err(reason) => Err(reason.clone()),
+        };
+        match seen {
             Ok(seen) => {
-                printer.warnings = seen.remarks(&rig.names);
+                printer.warnings = camera_remarks(&seen.refused_cameras, &rig.names);
                 let absent = seen.refused_cameras.iter();
                 let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
                 printer.absent = names.collect();
-                let sums = Sums::of(&rig.rig, &seen);
-                let solution = sums.and_then(|sums| estimate(printer.method, &sums));
-                printer.solution(
-                    solution.map_err(|refusal| refusal.to_string()),
-                    seen.correspondences.len(),
-                    seen.rejected.total(),
-                )?;
+                printer.solution(seen.solution, seen.count, seen.rejected)?;
             }
             Err(reason) => printer.refusal(reason)?,
         }
@@ -321,6 +316,50 @@ fn run_captures<W: Write>(
         }
     }
     printer.finish()
+}
+
+/// What the images of one frame set give.
+struct Seen {
+    solution: Result<Solution, String>,
+    /// Numbers of points found and rejected.
+    count: usize,
+    rejected: usize,
+    refused_cameras: Vec<(usize, CameraRefusal)>,
+}
+
+impl Seen {
+    /// Measures a frame set, with the rotation of the target if it is demanded.
+    fn of(
+        options: &EstimateOptions,
+        flow: &mut Flow,
+        rig: &Rig,
+        capture: &FrameSet,
+        method: Method,
+    ) -> Result<Self, String> {
+        if options.pose.is_demanded() {
+            let seen = flow
+                .measure_pose(capture)
+                .map_err(|refusal| refusal.to_string())?;
+            let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
+            let count = seen.correspondences.len();
+            return Ok(Self {
+                solution: Ok(options.pose.solution(&seen.pose, centroid_mm, count)),
+                count,
+                rejected: seen.rejected.total(),
+                refused_cameras: seen.refused_cameras,
+            });
+        }
+        let seen = flow
+            .measure(capture)
+            .map_err(|refusal| refusal.to_string())?;
+        let solution = Sums::of(rig, &seen).and_then(|sums| estimate(method, &sums));
+        Ok(Self {
+            solution: solution.map_err(|refusal| refusal.to_string()),
+            count: seen.correspondences.len(),
+            rejected: seen.rejected.total(),
+            refused_cameras: seen.refused_cameras,
+        })
+    }
 }
 
 /// Prints frames as they come and counts them.

@@ -29,14 +29,16 @@ pub struct PoseOptions {
     /// Estimate the rotation of the target, or refuse a target that turns
     ///
     /// Without this option the rotation of a points CSV is estimated if the points determine it,
-    /// unless --method is given; a turn then is a warning. Images whose target turns are refused.
+    /// unless --method is given; a turn then is a warning. Images whose target turns are refused,
+    /// unless `estimate` is given: it measures turns to 15 degrees between two images.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
     /// Point of the target whose displacement is printed: centroid, or its x, y, z mm at the
     /// reference instant, in the axes and from the origin of the rig file [default: centroid]
     ///
-    /// The points of a target that turns move differently. centroid is the mean of all points.
+    /// The points of a target that turns move differently. centroid is the mean of all points at
+    /// the reference instant.
     #[arg(long, value_name = "centroid|X,Y,Z", allow_hyphen_values = true)]
     pivot: Option<Pivot>,
 }
@@ -143,19 +145,12 @@ impl PoseOptions {
                     method.name()
                 )));
             }
-            if !is_points {
-                return Err(Failure::Usage(
-                    "--rotation estimate takes a points CSV; match the points of the images and \
-                     give them, or leave the option out"
-                        .to_owned(),
-                ));
-            }
         }
-        let estimated = is_points && matches!(used, Use::Demanded | Use::Offered);
+        let estimated = used == Use::Demanded || is_points && used == Use::Offered;
         if self.pivot.is_some() && !estimated {
             return Err(Failure::Usage(
-                "--pivot: without a rotation all points of the target move alike; give a points \
-                 CSV and --rotation estimate"
+                "--pivot: without a rotation all points of the target move alike; give \
+                 --rotation estimate"
                     .to_owned(),
             ));
         }
@@ -185,14 +180,14 @@ impl PoseOptions {
         let seen = estimate(rig, points);
         let used = self.use_of(method);
         match (used, seen) {
-            (Use::Demanded, Ok((pose, count))) => self.solution(&pose, count),
+            (Use::Demanded, Ok((pose, count))) => Ok(self.solution(&pose, pose.centroid_mm, count)),
             (Use::Demanded, Err(refusal)) => {
                 Err(format!("{refusal}; without a rotation: --rotation refuse"))
             }
             (Use::Offered, seen) => {
                 let reason = match seen {
                     Ok((pose, count)) if is_determined(&pose) => {
-                        return self.solution(&pose, count);
+                        return Ok(self.solution(&pose, pose.centroid_mm, count));
                     }
                     Ok((pose, _)) => {
                         let sigma = pose.rotation_sigma_deg();
@@ -230,13 +225,20 @@ impl PoseOptions {
         }
     }
 
-    fn solution(&self, pose: &Estimate, points: usize) -> Result<Solution, String> {
+    /// Returns true if the rotation of images is to be measured.
+    pub fn is_demanded(&self) -> bool {
+        self.rotation == Some(Rotation::Estimate)
+    }
+
+    /// Returns a pose as it is printed. `centroid_mm` is the mean of the points at the reference
+    /// instant.
+    pub fn solution(&self, pose: &Estimate, centroid_mm: [f64; 3], points: usize) -> Solution {
         let pivot_mm = match self.pivot.unwrap_or_default() {
-            Pivot::Centroid => pose.centroid_mm,
+            Pivot::Centroid => centroid_mm,
             Pivot::Place(place) => place,
         };
         let moved = pose.displacement_of(pivot_mm);
-        Ok(Solution {
+        Solution {
             displacement_mm: moved.displacement_mm,
             sigma_mm: Some(moved.sigma_mm()),
             points,
@@ -246,7 +248,7 @@ impl PoseOptions {
                 pivot_mm: Some(pivot_mm),
                 is_significant: is_significant(pose),
             }),
-        })
+        }
     }
 }
 
