@@ -128,9 +128,9 @@ pub fn fit(geometry: &Geometry, observations: &[Observation], start: &Estimate) 
     pose
 }
 
-/// Returns the Cramér-Rao bound of displacement of the point at `pivot_mm` and of the rotation about
-/// its place after the motion, for points known exactly: 6 x 6, mm and rad, for the variance 1 of a
-/// normalised coordinate.
+/// Returns the Cramér-Rao bound of displacement of the point at `pivot_mm` and of the rotation
+/// about its place after the motion, for points known exactly: 6 x 6, mm and rad, for the variance
+/// 1 of a normalised coordinate.
 pub fn bound(
     geometry: &Geometry,
     exact: &[Observation],

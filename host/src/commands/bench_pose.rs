@@ -14,8 +14,8 @@ use trinocular::pose_study::{present, row};
 /// (12, -8, 10) mm and turn about a slanted axis. One row per target, noise and angle: the
 /// Cramér-Rao bound per axis, which is the least error of any unbiased estimator; the root mean
 /// square error over it, for the pose estimator of `estimate` and for the alignment of triangulated
-/// points (Kabsch), displacement and rotation; the mean of (error/sigma)², which is 1 where sigma is
-/// right.
+/// points (Kabsch), displacement and rotation; the mean of (error/sigma)², which is 1 where sigma
+/// is right.
 ///
 /// The exit code is 1 if a claim does not hold by more than chance: at most 1.06 times the bound,
 /// error²/sigma² between 0.8 and 1.3, bias at most 0.01 mm and 0.02 degrees.

@@ -138,13 +138,13 @@ impl PoseOptions {
     /// rotation is estimated unasked; `method` is the one that was given.
     pub fn check(&self, method: Option<Method>, is_points: bool) -> Result<(), Failure> {
         let used = self.use_of(method);
-        if self.rotation == Some(Rotation::Estimate) {
-            if let Some(method @ (Method::ClosedForm | Method::LeastSquares)) = method {
-                return Err(Failure::Usage(format!(
-                    "--rotation estimate: {} knows no rotation; use --method midpoint",
-                    method.name()
-                )));
-            }
+        if self.rotation == Some(Rotation::Estimate)
+            && let Some(method @ (Method::ClosedForm | Method::LeastSquares)) = method
+        {
+            return Err(Failure::Usage(format!(
+                "--rotation estimate: {} knows no rotation; use --method midpoint",
+                method.name()
+            )));
         }
         let estimated = used == Use::Demanded || is_points && used == Use::Offered;
         if self.pivot.is_some() && !estimated {

@@ -1,9 +1,10 @@
 //! Displacement and rotation of a rigid target.
 //!
 //! The search for a displacement, in images turned about z by one angle after another, finds where
-//! the points are, roughly. The pose that most of them agree on predicts every point again, with the window that a turned surface shows: each point has
-//! its own depth, and the surface through it is parallel to the plane of all points. The points are
-//! tracked again from there, twice, until their windows fit the pose.
+//! the points are, roughly. The pose that most of them agree on predicts every point again, with
+//! the window that a turned surface shows: each point has its own depth, and the surface through it
+//! is parallel to the plane of all points. The points are tracked again from there, twice, until
+//! their windows fit the pose.
 //!
 //! ```text
 //! search -> tracks -> consensus -> (turned windows -> tracks -> consensus) twice -> pose
@@ -180,8 +181,8 @@ impl Flow {
     /// needs no idea of them.
     ///
     /// # Errors
-    /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle that
-    /// does.
+    /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle
+    /// that does.
     fn rough_pose(
         &self,
         keyframe: &ActiveKeyframe<'_>,
@@ -369,7 +370,8 @@ struct RigidConsensus {
 }
 
 impl RigidConsensus {
-    /// Finds the inliers from the pose `start` on. Residuals up to `least_px` never make an outlier.
+    /// Finds the inliers from the pose `start` on. Residuals up to `least_px` never make an
+    /// outlier.
     fn of(geometry: &RigGeometry, tracks: &Tracks, start: Estimate, least_px: f64) -> Option<Self> {
         let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
         let observed: Vec<Option<Observation>> = tracks.points.iter().map(observe).collect();

@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Matrix3x6, SMatrix, Vector3};
 
 /// Motion of a rigid target between two instants, with its covariance.
 ///
-/// Positions are in the rig's axes, mm; rotations about these axes, right-handed (x right, y down, z
-/// away).
+/// Positions are in the rig's axes, mm; rotations about these axes, right-handed (x right, y down,
+/// z away).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Displacement `s` of the point whose mean of both instants is `middle_mm`, mm.
@@ -64,8 +64,8 @@ impl Estimate {
         }
     }
 
-    /// Creates the exact pose of a rotation by the Cayley vector `omega` that displaces the point at
-    /// `pivot_mm` by `displacement_mm`: a start for a search.
+    /// Creates the exact pose of a rotation by the Cayley vector `omega` that displaces the point
+    /// at `pivot_mm` by `displacement_mm`: a start for a search.
     pub fn exact(omega: [f64; 3], pivot_mm: [f64; 3], displacement_mm: [f64; 3]) -> Self {
         let displacement = Vector3::from(displacement_mm);
         let s = displacement - Vector3::from(omega).cross(&displacement);
@@ -97,8 +97,8 @@ impl Estimate {
         rows(&cayley::matrix(&self.cayley()))
     }
 
-    /// Returns the translation `t` of `p1 = R p0 + t`, mm: the displacement of the target's point at
-    /// the rig's origin.
+    /// Returns the translation `t` of `p1 = R p0 + t`, mm: the displacement of the target's point
+    /// at the rig's origin.
     pub fn translation_mm(&self) -> [f64; 3] {
         self.displacement_of([0.0; 3]).displacement_mm
     }
@@ -124,8 +124,8 @@ impl Estimate {
         self.rotation_rad().map(f64::to_degrees)
     }
 
-    /// Returns the covariance of the rotation, rad²: of the small rotation about the rig's axes that
-    /// leads from the true one to the estimate.
+    /// Returns the covariance of the rotation, rad²: of the small rotation about the rig's axes
+    /// that leads from the true one to the estimate.
     pub fn rotation_covariance_rad2(&self) -> [[f64; 3]; 3] {
         let derivative = cayley::derivative(&self.cayley());
         let omega = self.covariance().fixed_view::<3, 3>(3, 3).into_owned();

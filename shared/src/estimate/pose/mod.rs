@@ -11,10 +11,10 @@
 //! `s` is the displacement of the point of the target whose mean of both instants is `m`. For `ω =
 //! 0` this is the model of [`super::midpoint`], of which this estimator is the extension.
 //!
-//! A camera of the rig measures directions and inverse depth, not positions. [`Observation`] reduces
-//! the views of a point to `a = (α, β, ρ) = (X/Z, Y/Z, 1/Z)` about the mean camera, at either
-//! instant, and loses nothing. Multiplied by `ρ0 ρ1` the model becomes bilinear in `a0` and `a1`,
-//! so that the share of the noise in the sums is known exactly and can be removed.
+//! A camera of the rig measures directions and inverse depth, not positions. [`Observation`]
+//! reduces the views of a point to `a = (α, β, ρ) = (X/Z, Y/Z, 1/Z)` about the mean camera, at
+//! either instant, and loses nothing. Multiplied by `ρ0 ρ1` the model becomes bilinear in `a0` and
+//! `a1`, so that the share of the noise in the sums is known exactly and can be removed.
 //!
 //! # Passes
 //!
@@ -149,8 +149,8 @@ pub fn plain(geometry: &Geometry, observations: &[Observation]) -> Result<Estima
     ))
 }
 
-/// Estimates the pose with the weights of a target that does not turn and removes the noise's share:
-/// the first pass.
+/// Estimates the pose with the weights of a target that does not turn and removes the noise's
+/// share: the first pass.
 ///
 /// # Errors
 /// [`Refusal`], if the points do not determine a rotation.

@@ -14,9 +14,10 @@ const MOST_CORRELATION: f64 = 0.999_999;
 
 /// Variances of one normalised coordinate, dimensionless (px² over the squared focal length).
 ///
-/// Points that are matched anew at either instant have independent noise. Points that are *followed*
-/// from the keyframe share the error of their match between the cameras: the point of the surface
-/// that a window in one camera shows differs a little from that of another, at both instants alike.
+/// Points that are matched anew at either instant have independent noise. Points that are
+/// *followed* from the keyframe share the error of their match between the cameras: the point of
+/// the surface that a window in one camera shows differs a little from that of another, at both
+/// instants alike.
 ///
 /// ```
 /// use trinocular_core::estimate::pose::Noise;
@@ -94,8 +95,9 @@ impl Noise {
     }
 }
 
-/// Returns the variance of one normalised coordinate from the scale of the noise, which has `freedom`
-/// degrees of freedom, and from the weighted sum of squares of the residuals of `points` points.
+/// Returns the variance of one normalised coordinate from the scale of the noise, which has
+/// `freedom` degrees of freedom, and from the weighted sum of squares of the residuals of `points`
+/// points.
 ///
 /// Both are pooled, unless the residual is larger by more than chance: noise that all cameras share
 /// does not show in the misfit, and then the residual alone counts.

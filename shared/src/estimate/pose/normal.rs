@@ -47,8 +47,8 @@ impl Normal {
 
     /// Solves for `(s, ω)` and removes the share of noise with the variance `scale`.
     ///
-    /// The rest is always definite, because at most a quarter of the information in any direction is
-    /// removed.
+    /// The rest is always definite, because at most a quarter of the information in any direction
+    /// is removed.
     pub fn solve(&self, scale: f64) -> Result<Solution, Refusal> {
         let matrix: Matrix6 = self.sums.fixed_view::<6, 6>(0, 0).into();
         let right: Vector6 = self.sums.fixed_view::<6, 1>(0, 6).into();
